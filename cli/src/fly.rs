@@ -1,0 +1,361 @@
+//! `rotortwin fly`: one flight, in this process or in three.
+
+use crate::output;
+use crate::supervise::{self, Part};
+use clap::{Parser, ValueEnum};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rotortwin_campaign::pace::Pace;
+use rotortwin_plant::Scenario;
+use rotortwin_process::{LinkAddress, Supervisor};
+use rotortwin_sim::events::{Change, Progress, RunEvent};
+use rotortwin_sim::session::{self, SessionConfig};
+use rotortwin_store::run_folder::RunFolder;
+use rotortwin_store::summary::{Summary, load_summary, verdict_text};
+use rotortwin_wire::link::LinkTiming;
+use std::collections::BTreeSet;
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin fly`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// Scenario file, e.g. config/scenarios/reference-flight.toml
+    pub scenario: PathBuf,
+    /// How plant, controller and FDI engine are connected
+    #[arg(long, value_enum, default_value_t = LinkKind::Iceoryx2)]
+    pub link: LinkKind,
+    /// zenoh: the plant listens here, e.g. tcp/0.0.0.0:7447 [default: a free port of 127.0.0.1]
+    #[arg(long, value_name = "ENDPOINT", conflicts_with = "connect")]
+    pub listen: Option<String>,
+    /// zenoh: all processes connect to this router instead, e.g. tcp/10.0.0.1:7447
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Option<String>,
+    /// As fast as possible, or 400 steps per second of wall clock
+    #[arg(long, value_enum, default_value_t = PaceArg::Fast)]
+    pub pace: PaceArg,
+    /// Seed of all noise and random draws [default: the scenario's]
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Run folder to write; must not exist or be empty [default: runs/SCENARIO-SEED, with a number if that exists]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Do not start these processes: they join by themselves, with the command that is printed
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHO")]
+    pub external: Vec<External>,
+    /// Longest wait for both peers to join, ms [with --external: 10 min]
+    #[arg(long, value_name = "MS", default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    pub join_timeout: u64,
+    /// Longest wait for the answer of a peer that is alive, ms
+    #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    pub step_timeout: u64,
+    /// Steps that the FDI engine may trail behind the plant; 0: wait for each report
+    #[arg(long, value_name = "STEPS", default_value_t = LinkTiming::default().fdi_window, value_parser = clap::value_parser!(u64).range(0..=256))]
+    pub fdi_window: u64,
+    /// Run every process on this CPU
+    #[arg(long, value_name = "CPU")]
+    pub cpu: Option<usize>,
+    /// Print the summary as JSON, nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How the processes are connected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LinkKind {
+    /// Function calls in this process
+    InProcess,
+    /// Three processes, shared memory of this host
+    Iceoryx2,
+    /// Three processes, TCP
+    Zenoh,
+}
+
+/// How fast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PaceArg {
+    /// As fast as possible
+    Fast,
+    /// 400 Hz of wall clock
+    RealTime,
+}
+
+impl From<PaceArg> for Pace {
+    fn from(pace: PaceArg) -> Self {
+        match pace {
+            PaceArg::Fast => Self::Fast,
+            PaceArg::RealTime => Self::RealTime,
+        }
+    }
+}
+
+/// A process that somebody else starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum External {
+    /// The controller
+    Controller,
+    /// The FDI engine
+    Fdi,
+}
+
+impl External {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Controller => "controller",
+            Self::Fdi => "fdi",
+        }
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    let scenario = match Scenario::load(&args.scenario) {
+        Ok(scenario) => scenario,
+        Err(error) => return output::bad_input(error),
+    };
+    let address = match address(args) {
+        Ok(address) => address,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    let seed = args.seed.unwrap_or_else(|| scenario.seed());
+    if let Err(error) = rotortwin_plant::Simulation::new(&scenario, seed) {
+        return output::bad_input(error);
+    }
+    let folder = match args.out.clone().map_or_else(|| next_free_folder(scenario.name(), seed), Ok).and_then(|path| {
+        RunFolder::create(&path).map_err(|error| error.to_string())
+    }) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    let screen = Screen::new(args.json);
+    let config = SessionConfig {
+        scenario_path: args.scenario.clone(),
+        seed,
+        link_name: link_name(args.link).to_owned(),
+        pace: args.pace.into(),
+        run_id: new_run_id(),
+    };
+    let result = match address {
+        None => fly_here(&scenario, &config, &folder, &screen),
+        Some(address) => fly_in_processes(args, &scenario, &config, &address, &folder, &screen),
+    };
+    screen.close();
+    match result {
+        Ok(summary) => {
+            if args.json {
+                print!("{}", summary.to_json());
+            } else {
+                print!("{}", output::summary_text(&summary, Some(folder.path())));
+            }
+            output::exit_code(&summary)
+        }
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+fn link_name(link: LinkKind) -> &'static str {
+    match link {
+        LinkKind::InProcess => "in-process",
+        LinkKind::Iceoryx2 => "iceoryx2",
+        LinkKind::Zenoh => "zenoh",
+    }
+}
+
+/// Where the processes meet; `None`: there is only this one.
+fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
+    let endpoint_given = args.listen.is_some() || args.connect.is_some();
+    if args.link != LinkKind::Zenoh && endpoint_given {
+        return Err(format!("--listen and --connect belong to --link zenoh, the link is {}", link_name(args.link)));
+    }
+    if args.link == LinkKind::InProcess && !args.external.is_empty() {
+        return Err("--external needs separate processes; expected --link iceoryx2 or --link zenoh".to_owned());
+    }
+    let text = match (args.link, &args.listen, &args.connect) {
+        (LinkKind::InProcess, ..) => return Ok(None),
+        (LinkKind::Iceoryx2, ..) => "iceoryx2".to_owned(),
+        (LinkKind::Zenoh, Some(endpoint), _) => format!("zenoh:listen={endpoint}"),
+        (LinkKind::Zenoh, None, Some(endpoint)) => format!("zenoh:connect={endpoint}"),
+        (LinkKind::Zenoh, None, None) => format!("zenoh:listen=tcp/127.0.0.1:{}", free_port()?),
+    };
+    text.parse().map(Some).map_err(|error: rotortwin_process::LinkAddressError| error.to_string())
+}
+
+/// A TCP port of the loopback address that nobody listens on now.
+fn free_port() -> Result<u16, String> {
+    std::net::TcpListener::bind("127.0.0.1:0")
+        .and_then(|listener| listener.local_addr())
+        .map(|address| address.port())
+        .map_err(|error| format!("no free TCP port on 127.0.0.1: {error}"))
+}
+
+/// `runs/NAME-SEED`, or the first of `runs/NAME-SEED-2`, `-3`, … that does not exist.
+fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
+    let base = Path::new("runs").join(format!("{name}-{seed}"));
+    (1..10_000)
+        .map(|number| if number == 1 { base.clone() } else { base.with_file_name(format!("{name}-{seed}-{number}")) })
+        .find(|path| !path.exists())
+        .ok_or_else(|| format!("{} and 9998 numbered ones exist; name a folder with --out", base.display()))
+}
+
+/// A number that no other execution has: keyed hash of nothing, with a key that the standard library draws from the system.
+fn new_run_id() -> u64 {
+    use std::hash::{BuildHasher as _, Hasher as _};
+    std::collections::hash_map::RandomState::new().build_hasher().finish().max(1)
+}
+
+/// The whole flight in this process.
+fn fly_here(scenario: &Scenario, config: &SessionConfig, folder: &RunFolder, screen: &Screen) -> Result<Summary, String> {
+    let supervisor = Supervisor::watch(false).map_err(|error| format!("Ctrl-C cannot be handled: {error}"))?;
+    let mut link = session::in_process_link();
+    let mut stop = || session::stop_reason(&supervisor);
+    session::fly(scenario, config, &mut link, folder, &mut |event| screen.show(&event), &mut stop)
+        .map_err(|error| error.to_string())
+}
+
+/// The flight in three processes; this one watches.
+fn fly_in_processes(
+    args: &Args,
+    scenario: &Scenario,
+    config: &SessionConfig,
+    address: &LinkAddress,
+    folder: &RunFolder,
+    screen: &Screen,
+) -> Result<Summary, String> {
+    let external: BTreeSet<External> = args.external.iter().copied().collect();
+    let parts = parts(args, config, address, folder, &external);
+    if !external.is_empty() {
+        screen.line(&format!("Waiting for {} to join:", external.iter().map(|who| who.name()).collect::<Vec<_>>().join(" and ")));
+        for who in &external {
+            screen.line(&format!("  rotortwin {} --link {} --run-id {:016x}", who.name(), peer_address(address), config.run_id));
+        }
+    }
+    let start = std::time::Instant::now();
+    let ending = supervise::run(&parts, folder.path(), |event| screen.show(event)).map_err(|error| format!("{error:#}"))?;
+    match load_summary(folder.path()) {
+        Ok(summary) => Ok(summary),
+        // The plant could not write it: it died.
+        Err(_) => session::finalise_dead_plant(
+            scenario,
+            config,
+            folder,
+            &format!("the plant (rotortwin sim, process {}) {}", ending.plant_pid, supervise::exit_text(ending.plant)),
+            ending.plant_silence,
+            start.elapsed(),
+        )
+        .map_err(|error| error.to_string()),
+    }
+}
+
+/// The address that peers use: they connect where the plant listens.
+fn peer_address(address: &LinkAddress) -> LinkAddress {
+    match address {
+        LinkAddress::ZenohListen { endpoint } => LinkAddress::ZenohConnect { endpoint: endpoint.clone() },
+        other => other.clone(),
+    }
+}
+
+fn parts(args: &Args, config: &SessionConfig, address: &LinkAddress, folder: &RunFolder, external: &BTreeSet<External>) -> Vec<Part> {
+    let join_timeout = if external.is_empty() { args.join_timeout } else { args.join_timeout.max(600_000) };
+    let mut common = vec!["--run-id".to_owned(), format!("{:016x}", config.run_id)];
+    for (name, value) in [("--join-timeout", join_timeout), ("--step-timeout", args.step_timeout)] {
+        common.extend([name.to_owned(), value.to_string()]);
+    }
+    if let Some(cpu) = args.cpu {
+        common.extend(["--cpu".to_owned(), cpu.to_string()]);
+    }
+    let with = |first: Vec<String>| first.into_iter().chain(common.iter().cloned()).collect::<Vec<_>>();
+    let text = |value: &dyn std::fmt::Display| value.to_string();
+    let mut sim = vec![args.scenario.display().to_string(), "--out".to_owned(), folder.path().display().to_string()];
+    sim.extend(["--link".to_owned(), text(address), "--seed".to_owned(), text(&config.seed)]);
+    sim.extend(["--fdi-window".to_owned(), text(&args.fdi_window)]);
+    sim.extend(["--pace".to_owned(), if args.pace == PaceArg::Fast { "fast" } else { "real-time" }.to_owned()]);
+    let mut parts = vec![Part { name: "sim", args: with(sim) }];
+    for who in [External::Controller, External::Fdi] {
+        if !external.contains(&who) {
+            parts.push(Part { name: who.name(), args: with(vec!["--link".to_owned(), text(&peer_address(address))]) });
+        }
+    }
+    parts
+}
+
+/// The progress bar, and lines above it.
+struct Screen {
+    bar: ProgressBar,
+    quiet: bool,
+}
+
+impl Screen {
+    fn new(quiet: bool) -> Self {
+        let bar = ProgressBar::with_draw_target(None, if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() });
+        let style = ProgressStyle::with_template("{bar:28.cyan/blue} {percent:>3} %  {msg}").expect("the template is well formed");
+        bar.set_style(style.progress_chars("━╸─"));
+        Self { bar, quiet }
+    }
+
+    fn show(&self, event: &RunEvent) {
+        match event {
+            RunEvent::Waiting => self.bar.set_message("waiting for controller and FDI engine"),
+            RunEvent::Progress(progress) => {
+                self.bar.set_length(progress.step_count);
+                self.bar.set_position(progress.step);
+                self.bar.set_message(live_line(progress));
+            }
+            RunEvent::Change(change) => {
+                if let Some(text) = change_line(change) {
+                    self.line(&text);
+                }
+            }
+            RunEvent::Recording { .. } => self.bar.set_message("writing the run folder"),
+            RunEvent::Finished => {}
+        }
+    }
+
+    fn line(&self, text: &str) {
+        if self.quiet {
+            return;
+        }
+        if std::io::stderr().is_terminal() {
+            self.bar.println(text);
+        } else {
+            eprintln!("{text}");
+        }
+    }
+
+    fn close(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Time, battery, verdict.
+fn live_line(progress: &Progress) -> String {
+    format!(
+        "t {:5.1} s  {:5.2} V  {:4.1} %  truth: {}  T-test: {}  sequential: {}",
+        progress.sim_time_s,
+        progress.battery_voltage_v,
+        100.0 * progress.state_of_charge,
+        truth_text(progress.fault_label),
+        verdict_text(progress.t_test),
+        verdict_text(progress.sequential)
+    )
+}
+
+fn truth_text(fault_label: i32) -> String {
+    match fault_label {
+        0 => "healthy".to_owned(),
+        -1 => "several rotors faulty".to_owned(),
+        rotor => format!("rotor {rotor} faulty"),
+    }
+}
+
+/// One line about a change; none for the detector's state before it is calibrated.
+fn change_line(change: &Change) -> Option<String> {
+    match change {
+        Change::Truth { sim_time_s, fault_label } => Some(format!("t {sim_time_s:7.3} s  truth       {}", truth_text(*fault_label))),
+        Change::Verdict { sequential: -2, .. } => None,
+        Change::Verdict { sim_time_s, sequential: sequential @ 1.., probability, thrust_loss_n } => Some(format!(
+            "t {sim_time_s:7.3} s  sequential  rotor {sequential} (probability {probability:.4}, loses {thrust_loss_n:.3} N)"
+        )),
+        Change::Verdict { sim_time_s, sequential, .. } => Some(format!("t {sim_time_s:7.3} s  sequential  {}", verdict_text(*sequential))),
+    }
+}

@@ -1,0 +1,166 @@
+//! What people read: the verdict table, the facts of a run, one-sentence errors.
+
+use comfy_table::{CellAlignment, Table, presets};
+use rotortwin_store::summary::{Evaluator, Score, Status, Summary, verdict_text};
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Prints a sentence to standard error and gives exit code 2: bad input, nothing was written.
+pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
+    eprintln!("rotortwin: {sentence}");
+    ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
+}
+
+/// Prints a sentence to standard error and gives exit code 1: the run failed.
+pub fn failed(sentence: impl std::fmt::Display) -> ExitCode {
+    eprintln!("rotortwin: {sentence}");
+    ExitCode::from(rotortwin_process::EXIT_FAILED)
+}
+
+/// Exit code of a run that ended like this.
+pub fn exit_code(summary: &Summary) -> ExitCode {
+    match summary.status {
+        Status::Done => ExitCode::SUCCESS,
+        Status::Failed | Status::Canceled => ExitCode::from(rotortwin_process::EXIT_FAILED),
+    }
+}
+
+/// The whole result of a run as text.
+pub fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
+    let mut text = String::new();
+    let mut line = |content: String| {
+        text.push_str(&content);
+        text.push('\n');
+    };
+    line(headline(summary));
+    if !summary.intervals.is_empty() {
+        line(String::new());
+        line(verdict_table(summary).to_string());
+        line("share: evaluation windows of 62.5 ms with the right verdict; delay: from the start of the interval to the first right one".to_owned());
+    }
+    line(String::new());
+    for fact in facts(summary) {
+        line(fact);
+    }
+    if let Some(folder) = folder {
+        line(format!("Files        {}", folder.display()));
+        line("             report.html  telemetry.parquet  run.mcap  summary.json".to_owned());
+    }
+    text
+}
+
+fn headline(summary: &Summary) -> String {
+    let scenario = &summary.scenario;
+    let flown = format!("{} · {} · {:.2} s of flight, seed {}", scenario.name, scenario.vehicle, summary.simulated_s, summary.seed);
+    match (summary.status, &summary.failure) {
+        (Status::Done, _) => flown,
+        (Status::Canceled, _) => format!("{flown}\nCANCELED after {} steps", summary.steps),
+        (Status::Failed, Some(failure)) => format!("{flown}\nFAILED after {} steps: {}", summary.steps, failure.sentence),
+        (Status::Failed, None) => format!("{flown}\nFAILED after {} steps", summary.steps),
+    }
+}
+
+fn verdict_table(summary: &Summary) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+    let mut header = vec!["interval".to_owned(), "truth".to_owned()];
+    for evaluator in Evaluator::ALL {
+        header.extend([evaluator.title().to_owned(), "share".to_owned(), "delay".to_owned()]);
+    }
+    table.set_header(header);
+    for interval in &summary.intervals {
+        let mut row = vec![format!("{:.2}–{:.2} s", interval.start_s, interval.end_s), interval.description.clone()];
+        for evaluator in Evaluator::ALL {
+            row.extend(score_cells(interval.scores.of(evaluator), interval.windows));
+        }
+        table.add_row(row);
+    }
+    for column in [3, 4, 6, 7, 9, 10] {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
+}
+
+fn score_cells(score: &Score, windows: u64) -> [String; 3] {
+    if windows > 0 && score.not_ready == windows {
+        return ["–".to_owned(), "–".to_owned(), "–".to_owned()];
+    }
+    [
+        verdict_text(score.verdict_at_end),
+        score.share_right.map_or("–".to_owned(), |share| format!("{:.1} %", 100.0 * share)),
+        score.isolated_after_s.map_or("–".to_owned(), |delay| format!("{delay:.3} s")),
+    ]
+}
+
+fn facts(summary: &Summary) -> Vec<String> {
+    let mut facts = Vec::new();
+    if summary.steps > 0 {
+        let alarms: Vec<String> = Evaluator::ALL
+            .into_iter()
+            .filter(|evaluator| !summary.is_absent(*evaluator))
+            .map(|evaluator| format!("{} {}", evaluator.title(), summary.false_alarm_events(evaluator)))
+            .collect();
+        facts.push(format!("False alarms {}", alarms.join(", ")));
+    }
+    if Evaluator::ALL.into_iter().any(|evaluator| summary.is_absent(evaluator)) && summary.steps > 0 {
+        facts.push("Network      no trained network is loaded".to_owned());
+    }
+    if let Some(battery) = &summary.battery {
+        facts.push(format!(
+            "Battery      {:.1} → {:.1} %, {:.2} → {:.2} V",
+            100.0 * battery.state_of_charge_start,
+            100.0 * battery.state_of_charge_end,
+            battery.voltage_start_v,
+            battery.voltage_end_v
+        ));
+    }
+    if let Some(tracking) = &summary.tracking {
+        facts.push(format!("Tracking     {:.3} m rms, {:.3} m at worst", tracking.position_rms_m, tracking.position_max_m));
+    }
+    let mut speed = format!(
+        "Speed        {} steps in {:.2} s over {}: {} steps/s, {:.0} × real time",
+        summary.steps,
+        summary.wall_s,
+        summary.link,
+        thousands(summary.steps_per_s),
+        summary.simulated_s / summary.wall_s.max(1e-9)
+    );
+    if let Some(real_time) = &summary.real_time {
+        let _ = write!(
+            speed,
+            "\nReal time    start of step late by {:.0} µs (median), {:.0} µs (99 %), {:.0} µs (worst); {} of {} deadlines missed",
+            real_time.jitter_us_p50, real_time.jitter_us_p99, real_time.jitter_us_max, real_time.deadline_misses, summary.steps
+        );
+    }
+    facts.push(speed);
+    facts.push(format!("Run hash     {}", summary.run_hash));
+    facts
+}
+
+/// 123456.7 → "123 457".
+fn thousands(value: f64) -> String {
+    let digits = format!("{value:.0}");
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 && digit.is_ascii_digit() {
+            text.push(' ');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_thousands_are_grouped() {
+        assert_eq!(thousands(999.4), "999");
+        assert_eq!(thousands(1000.0), "1 000");
+        assert_eq!(thousands(1_234_567.0), "1 234 567");
+    }
+}

@@ -1,0 +1,68 @@
+//! `rotortwin replay`: fly a recorded run again and compare.
+
+use crate::output;
+use clap::Parser;
+use rotortwin_campaign::flight::{self, FlightEnd, NoObserver};
+use rotortwin_campaign::pace::Pace;
+use rotortwin_plant::{Documents, Scenario, Simulation};
+use rotortwin_sim::session;
+use rotortwin_store::summary::{Status, Summary, load_summary};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin replay`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// Run folder, or its summary.json
+    pub run: PathBuf,
+    /// Print the comparison as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Executes the recorded scenario again, in this process; exit code 0 if the run hash is the same, 1 if it differs.
+pub fn run(args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    let summary = match load_summary(&args.run) {
+        Ok(summary) => summary,
+        Err(error) => return output::bad_input(error),
+    };
+    if summary.status != Status::Done {
+        return output::bad_input(format!(
+            "{} is a run that was {}; only a run that was done can be flown again and compared",
+            args.run.display(),
+            summary.status.as_str()
+        ));
+    }
+    match replay(&summary) {
+        Ok(hash) => report(args, &summary, &hash),
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+fn replay(summary: &Summary) -> Result<String, String> {
+    let documents = Documents::from_toml("the recorded scenario", &summary.scenario.text).map_err(|error| error.to_string())?;
+    let scenario = Scenario::from_documents(&documents).map_err(|error| error.to_string())?;
+    let mut simulation = Simulation::new(&scenario, summary.seed).map_err(|error| error.to_string())?;
+    let setup = session::run_setup(&scenario, &simulation, 1);
+    let mut link = session::in_process_link();
+    let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
+    match outcome.end {
+        FlightEnd::Done => Ok(outcome.run_hash),
+        FlightEnd::Canceled => Err("the replay was canceled".to_owned()),
+        FlightEnd::Failed(failure) => Err(failure.sentence),
+    }
+}
+
+fn report(args: &Args, summary: &Summary, hash: &str) -> ExitCode {
+    let same = hash == summary.run_hash;
+    if args.json {
+        println!("{}", serde_json::json!({ "same": same, "recorded": summary.run_hash, "replayed": hash }));
+    } else if same {
+        println!("same: {} steps over {} and again in this process have the run hash {hash}", summary.steps, summary.link);
+    } else {
+        println!("DIFFERENT\n  recorded {} ({}, over {})", summary.run_hash, summary.program_version, summary.link);
+        println!("  replayed {hash} (rotortwin {}, in this process)", env!("CARGO_PKG_VERSION"));
+    }
+    if same { ExitCode::SUCCESS } else { ExitCode::from(rotortwin_process::EXIT_FAILED) }
+}

@@ -1,0 +1,53 @@
+//! `rotortwin show` and `rotortwin check`: what a run folder, or a scenario, says.
+
+use crate::output;
+use clap::Parser;
+use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_store::summary::load_summary;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin show`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// Run folder, or its summary.json
+    pub run: PathBuf,
+    /// Print the summary as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Prints the result of a recorded run; exit code 0 whether it failed or not: showing it worked.
+pub fn run(args: &Args) -> ExitCode {
+    match load_summary(&args.run) {
+        Ok(summary) if args.json => print!("{}", summary.to_json()),
+        Ok(summary) => print!("{}", output::summary_text(&summary, args.run.is_dir().then_some(args.run.as_path()))),
+        Err(error) => return output::bad_input(error),
+    }
+    ExitCode::SUCCESS
+}
+
+/// Arguments of `rotortwin check`.
+#[derive(Debug, Parser)]
+pub struct CheckArgs {
+    /// Scenario file
+    pub scenario: PathBuf,
+    /// Print the settings in effect as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Checks a scenario without flying it.
+pub fn check(args: &CheckArgs) -> ExitCode {
+    let checked = Scenario::load(&args.scenario)
+        .and_then(|scenario| Simulation::new(&scenario, scenario.seed()).map(|_| scenario));
+    match checked {
+        Ok(scenario) if args.json => match serde_json::to_string_pretty(scenario.documents()) {
+            Ok(json) => println!("{json}"),
+            Err(error) => return output::failed(error),
+        },
+        Ok(scenario) => print!("{}", scenario.documents().to_toml()),
+        Err(error) => return output::bad_input(error),
+    }
+    ExitCode::SUCCESS
+}

@@ -1,0 +1,207 @@
+//! Starts the processes of a run, watches them, and leaves nothing behind.
+//!
+//! ```text
+//!  rotortwin fly (this) ── spawns ──▶ sim, controller, fdi
+//!        ◀── events, a JSON line each, on the plant's standard output
+//! ```
+//! Who notices what:
+//!
+//! | What dies or stalls | Who notices | Who writes it down |
+//! |---|---|---|
+//! | controller, FDI engine | the plant, by its link | the plant |
+//! | a peer before it has joined | the supervisor, by the child's exit | the plant, which the supervisor tells |
+//! | the plant | the supervisor, by the child's exit; its peers, by their link | the supervisor |
+//! | the supervisor | the plant, by the end of its standard input; the kernel ends the peers | the plant |
+//!
+//! Children run in a process group of their own, so that Ctrl-C reaches the supervisor alone; it then asks the plant to end the run in
+//! order. Whatever remains after [`GRACE`] is killed.
+
+use anyhow::{Context, Result};
+use rotortwin_process::{StopRequest, request_line};
+use rotortwin_sim::events::RunEvent;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Write as _};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+/// How long the other processes may take to end by themselves once one of them has.
+const GRACE: Duration = Duration::from_millis(800);
+
+/// How often the children are looked after while no event comes.
+const POLL: Duration = Duration::from_millis(20);
+
+/// One process to start.
+pub struct Part {
+    /// `sim`, `controller` or `fdi`: the subcommand, and the name of its log.
+    pub name: &'static str,
+    /// Arguments after the subcommand.
+    pub args: Vec<String>,
+}
+
+/// How the processes ended.
+#[derive(Debug)]
+pub struct Ending {
+    /// How the plant ended.
+    pub plant: ExitStatus,
+    /// Process id that the plant had.
+    pub plant_pid: u32,
+    /// Time from the plant's last sign of life to the notice of its end.
+    pub plant_silence: Duration,
+}
+
+/// Runs the parts of one run until all have ended. `on_event` sees every event of the plant.
+///
+/// `log_dir` gets one log a process. The first part is the plant.
+pub fn run(parts: &[Part], log_dir: &Path, mut on_event: impl FnMut(&RunEvent)) -> Result<Ending> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&interrupted)).context("registering for Ctrl-C")?;
+    }
+    let mut plant = Process::spawn(&parts[0], log_dir, true)?;
+    let mut peers = Vec::new();
+    for part in &parts[1..] {
+        peers.push(Process::spawn(part, log_dir, false)?);
+    }
+    let events = read_events(&mut plant.child)?;
+    let mut joined = false;
+    let mut last_sign = Instant::now();
+
+    let plant_status = loop {
+        match events.recv_timeout(POLL) {
+            Ok(event) => {
+                last_sign = Instant::now();
+                // From here on the plant notices the death of a peer itself.
+                joined |= !matches!(event, RunEvent::Waiting);
+                on_event(&event);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            // The pipe closes a moment before the process can be reaped.
+            Err(RecvTimeoutError::Disconnected) => std::thread::sleep(Duration::from_millis(1)),
+        }
+        if let Some(status) = plant.child.try_wait().context("waiting for the plant")? {
+            events.try_iter().for_each(|event| on_event(&event));
+            break status;
+        }
+        if interrupted.load(Ordering::Relaxed) {
+            plant.request(&StopRequest::Cancel);
+        } else if !joined && let Some(request) = find_early_end(&mut peers)? {
+            plant.request(&request);
+        }
+    };
+    let plant_silence = last_sign.elapsed();
+    end_peers(&mut peers);
+    Ok(Ending { plant: plant_status, plant_pid: plant.child.id(), plant_silence })
+}
+
+/// One child.
+struct Process {
+    name: &'static str,
+    child: Child,
+    log: PathBuf,
+}
+
+impl Process {
+    fn spawn(part: &Part, log_dir: &Path, is_plant: bool) -> Result<Self> {
+        let program = std::env::current_exe().context("finding the program file of rotortwin")?;
+        let log = log_dir.join(format!("{}.log", part.name));
+        let log_file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
+        let mut command = Command::new(&program);
+        command.arg(part.name).args(&part.args).stderr(log_file).process_group(0);
+        if is_plant {
+            command.arg("--supervised").stdin(Stdio::piped()).stdout(Stdio::piped());
+        } else {
+            command.args(["--supervisor-pid", &std::process::id().to_string()]).stdin(Stdio::null()).stdout(Stdio::null());
+        }
+        let child =
+            command.spawn().with_context(|| format!("starting the {} process ({})", part.name, program.display()))?;
+        Ok(Self { name: part.name, child, log })
+    }
+
+    /// Asks the plant to stop; the first request counts.
+    fn request(&mut self, request: &StopRequest) {
+        let Some(line) = request_line(request) else { return };
+        // Taken, but not closed before it has been read: the end of the pipe would mean that this process is dead.
+        if let Some(stdin) = self.child.stdin.as_mut() {
+            if let Err(error) = stdin.write_all(line.as_bytes()) {
+                tracing::debug!(%error, "the plant does not take requests any more");
+            }
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        if !matches!(self.child.try_wait(), Ok(Some(_))) {
+            if let Err(error) = self.child.kill().and_then(|()| self.child.wait().map(|_| ())) {
+                tracing::warn!(name = self.name, %error, "could not end the process");
+            }
+        }
+    }
+}
+
+/// Events of the plant, read by a thread until its standard output closes.
+fn read_events(plant: &mut Child) -> Result<Receiver<RunEvent>> {
+    let stdout = plant.stdout.take().context("the plant's standard output is piped")?;
+    let (sender, receiver) = channel();
+    std::thread::Builder::new().name("plant-events".to_owned()).spawn(move || {
+        for line in BufReader::new(stdout).lines() {
+            let Ok(line) = line else { break };
+            match serde_json::from_str(&line) {
+                Ok(event) => {
+                    if sender.send(event).is_err() {
+                        break;
+                    }
+                }
+                Err(error) => tracing::warn!(%line, %error, "the plant printed something that is no event"),
+            }
+        }
+    })?;
+    Ok(receiver)
+}
+
+/// What to tell the plant of a peer that has ended although the run has not begun.
+fn find_early_end(peers: &mut [Process]) -> Result<Option<StopRequest>> {
+    for peer in peers {
+        if let Some(status) = peer.child.try_wait().with_context(|| format!("waiting for the {}", peer.name))? {
+            let words = last_line(&peer.log).map(|line| format!(": {line}")).unwrap_or_default();
+            return Ok(Some(StopRequest::Fail {
+                peer: peer.name.to_owned(),
+                sentence: format!("the {} process {} before it had joined{words}", peer.name, exit_text(status)),
+            }));
+        }
+    }
+    Ok(None)
+}
+
+/// Gives the peers [`GRACE`] to end by themselves, then kills them.
+fn end_peers(peers: &mut [Process]) {
+    let deadline = Instant::now() + GRACE;
+    while Instant::now() < deadline {
+        let all_ended = peers.iter_mut().all(|peer| matches!(peer.child.try_wait(), Ok(Some(_))));
+        if all_ended {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    // Dropping a process kills it.
+}
+
+/// "exit code 1" or "killed by signal 9".
+pub fn exit_text(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("ended with exit code {code}"),
+        (None, Some(signal)) => format!("was killed by signal {signal}"),
+        (None, None) => "ended in an unknown way".to_owned(),
+    }
+}
+
+/// Last non-empty line of a log.
+fn last_line(log: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(log).ok()?;
+    text.lines().rev().map(str::trim).find(|line| !line.is_empty()).map(str::to_owned)
+}

@@ -1,0 +1,170 @@
+//! How fast a run goes: as fast as its peers answer, or 400 steps per second of wall clock.
+//!
+//! The pace changes nothing in the simulated world. In real time each step is due at `start + k · period`; the report says how late
+//! the plant woke up (jitter) and how often the command of a step came after the next step was due (a missed deadline).
+
+use serde::{Deserialize, Serialize};
+use std::time::{Duration, Instant};
+
+/// How fast a run goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pace {
+    /// As fast as the peers answer.
+    Fast,
+    /// One step each 2.5 ms of wall clock.
+    RealTime,
+}
+
+/// Jitter and missed deadlines of a real-time run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RealTimeReport {
+    /// Period of the loop, µs.
+    pub period_us: f64,
+    /// Steps measured.
+    pub steps: u64,
+    /// Median lateness of the start of a step, µs.
+    pub jitter_p50_us: f64,
+    /// 99th percentile of the lateness, µs.
+    pub jitter_p99_us: f64,
+    /// Largest lateness, µs.
+    pub jitter_max_us: f64,
+    /// Median time from the start of a step to its command, µs.
+    pub answer_p50_us: f64,
+    /// 99th percentile of that time, µs.
+    pub answer_p99_us: f64,
+    /// Largest such time, µs.
+    pub answer_max_us: f64,
+    /// Steps whose command came after the next step was due.
+    pub deadline_misses: u64,
+}
+
+/// Holds a run to its pace and measures.
+pub struct Pacer {
+    pace: Pace,
+    period: Duration,
+    start: Instant,
+    step_started: Instant,
+    due: Instant,
+    lateness_ns: Vec<u64>,
+    answer_ns: Vec<u64>,
+    deadline_misses: u64,
+}
+
+impl Pacer {
+    /// A pacer whose first step is due now.
+    pub fn new(pace: Pace, period: Duration) -> Self {
+        let now = Instant::now();
+        Self {
+            pace,
+            period,
+            start: now,
+            step_started: now,
+            due: now,
+            lateness_ns: Vec::new(),
+            answer_ns: Vec::new(),
+            deadline_misses: 0,
+        }
+    }
+
+    /// Waits until `step` is due.
+    #[inline]
+    pub fn begin_step(&mut self, step: u64) {
+        if self.pace == Pace::RealTime {
+            self.wait_until_due(step);
+        }
+    }
+
+    fn wait_until_due(&mut self, step: u64) {
+        let since_start = u64::try_from(self.period.as_nanos())
+            .expect("a period is below 584 years")
+            .saturating_mul(step);
+        self.due = self.start + Duration::from_nanos(since_start);
+        let wait = self.due.saturating_duration_since(Instant::now());
+        if !wait.is_zero() {
+            std::thread::sleep(wait);
+        }
+        self.step_started = Instant::now();
+        self.lateness_ns
+            .push(nanoseconds(self.step_started.saturating_duration_since(self.due)));
+    }
+
+    /// Notes that the command of the present step is there.
+    #[inline]
+    pub fn end_step(&mut self) {
+        if self.pace == Pace::RealTime {
+            let now = Instant::now();
+            self.answer_ns.push(nanoseconds(now.duration_since(self.step_started)));
+            if now > self.due + self.period {
+                self.deadline_misses += 1;
+            }
+        }
+    }
+
+    /// The report, if the pace was real time and at least one step was flown.
+    pub fn report(mut self) -> Option<RealTimeReport> {
+        if self.lateness_ns.is_empty() {
+            return None;
+        }
+        self.lateness_ns.sort_unstable();
+        self.answer_ns.sort_unstable();
+        Some(RealTimeReport {
+            period_us: self.period.as_secs_f64() * 1e6,
+            steps: self.lateness_ns.len() as u64,
+            jitter_p50_us: quantile_us(&self.lateness_ns, 0.5),
+            jitter_p99_us: quantile_us(&self.lateness_ns, 0.99),
+            jitter_max_us: quantile_us(&self.lateness_ns, 1.0),
+            answer_p50_us: quantile_us(&self.answer_ns, 0.5),
+            answer_p99_us: quantile_us(&self.answer_ns, 0.99),
+            answer_max_us: quantile_us(&self.answer_ns, 1.0),
+            deadline_misses: self.deadline_misses,
+        })
+    }
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// Nearest-rank quantile of sorted nanoseconds, in µs; 0 of nothing.
+fn quantile_us(sorted_ns: &[u64], q: f64) -> f64 {
+    let Some(last) = sorted_ns.len().checked_sub(1) else {
+        return 0.0;
+    };
+    let rank = (q * sorted_ns.len() as f64).ceil() as usize;
+    sorted_ns[rank.saturating_sub(1).min(last)] as f64 / 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_quantiles_are_nearest_rank() {
+        let sorted: Vec<u64> = (1..=100).map(|i| i * 1000).collect();
+        assert_eq!(
+            (
+                quantile_us(&sorted, 0.5),
+                quantile_us(&sorted, 0.99),
+                quantile_us(&sorted, 1.0)
+            ),
+            (50.0, 99.0, 100.0)
+        );
+        assert_eq!(quantile_us(&[], 0.5), 0.0);
+    }
+
+    #[test]
+    fn scenario_real_time_is_neither_early_nor_skipped() {
+        let period = Duration::from_millis(2);
+        let mut pacer = Pacer::new(Pace::RealTime, period);
+        let start = Instant::now();
+        for step in 0..20 {
+            pacer.begin_step(step);
+            assert!(start.elapsed() + Duration::from_millis(1) >= period * u32::try_from(step).expect("small"));
+            pacer.end_step();
+        }
+        let report = pacer.report().expect("steps were flown");
+        assert_eq!(report.steps, 20);
+        assert!(report.jitter_p50_us <= report.jitter_p99_us && report.jitter_p99_us <= report.jitter_max_us);
+    }
+}

@@ -1,0 +1,51 @@
+//! Wrench to duties: pseudo-inverse, then thrust to duty, then the limits of a motor.
+
+use super::ThrustToDuty;
+use crate::MAX_ROTORS;
+use crate::geometry::Geometry;
+use crate::signals::MotorCommand;
+
+/// Duties for a wrench (Fz, Mx, My, Mz), and the bit mask of the rotors that were limited.
+///
+/// f = F⁺ w; u_i = clip(map(f_i), 0, 1). The limits are applied rotor by rotor, without redistribution.
+#[inline]
+pub(super) fn duties(
+    geometry: &Geometry,
+    map: &ThrustToDuty,
+    wrench: [f32; 4],
+    battery_voltage: f32,
+) -> (MotorCommand, u32) {
+    let thrust = geometry.allocate(wrench);
+    let rotor_count = geometry.rotor_count().min(MAX_ROTORS);
+    let mut command = MotorCommand::default();
+    let mut saturated = 0;
+    match map {
+        ThrustToDuty::Linear { full_thrust } => {
+            for k in 0..rotor_count {
+                let duty = thrust[k] / full_thrust;
+                command.duty[k] = limit_duty(duty);
+                saturated |= u32::from(!(0.0..=1.0).contains(&duty)) << k;
+            }
+        }
+        ThrustToDuty::InverseMap(map) => {
+            let full_thrust = map.thrust(1.0, battery_voltage);
+            for k in 0..rotor_count {
+                command.duty[k] = map.duty(thrust[k], battery_voltage);
+                saturated |= u32::from(!(0.0..=full_thrust).contains(&thrust[k])) << k;
+            }
+        }
+    }
+    (command, saturated)
+}
+
+/// Into \[0, 1\]; NaN becomes 0, which stops the rotor.
+#[inline]
+fn limit_duty(duty: f32) -> f32 {
+    if duty >= 1.0 {
+        1.0
+    } else if duty > 0.0 {
+        duty
+    } else {
+        0.0
+    }
+}

@@ -1,0 +1,368 @@
+//! Cascaded PID and control allocation (Table 5).
+//!
+//! ```text
+//!  Reference ─▶ position ──▶ thrust and attitude ──▶ attitude ──▶ allocation ──▶ MotorCommand
+//!                  ▲           setpoint  ▲              ▲             ▲
+//!  NavState ───────┴─────────────────────┴──────────────┘             └── battery voltage (inverse map only)
+//! ```
+//!
+//! One [`Controller::step`] per period, always with the same period: the outer loop turns the position error into an
+//! acceleration, the acceleration into a collective thrust and a roll and pitch setpoint; the inner loop turns the
+//! attitude error into an angular acceleration; the pseudo-inverse of the control effectiveness turns force and torques
+//! into rotor thrusts, and these into duties.
+//!
+//! Where the paper is silent: derivative action on measured velocity error and body rates; integrators updated after
+//! their use; tilt limited to [`ControllerConfig::tilt_limit`]; no anti-windup, no feed-forward, no filter.
+//!
+//! Limits: no take-off or landing logic, no arming, no failsafe. An input that cannot be true is not used: see
+//! [`ControlOutput::input_rejected`]. Euler angles, hence not for flight near ±90° pitch.
+
+mod allocation;
+mod attitude;
+mod pid;
+mod position;
+
+#[cfg(test)]
+mod closed_loop;
+
+use crate::geometry::Geometry;
+use crate::signals::{MotorCommand, NavState, Reference};
+use crate::thrust_map::ThrustMap;
+use crate::{MAX_ROTORS, frames::EulerAngles};
+pub use pid::PidGains;
+use pid::PidState;
+
+/// Inputs beyond this (m, m/s, rad, rad/s, V) cannot be true, and are kept from the integrators like NaN.
+pub const INPUT_LIMIT: f32 = 1e6;
+
+/// Largest tilt limit, 80°: keeps the attitude setpoint away from the singularity of the Euler angles.
+pub const MAX_TILT_LIMIT: f32 = 80.0 * core::f32::consts::PI / 180.0;
+
+/// Largest control period, s.
+pub const MAX_PERIOD: f32 = 1.0;
+
+/// Largest gain: keeps the sums of a flight far from overflow with any inputs within [`INPUT_LIMIT`].
+pub const MAX_GAIN: f32 = 1e6;
+
+/// How a thrust becomes a duty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one per controller, and nothing here allocates"
+)]
+pub enum ThrustToDuty {
+    /// u = f / `full_thrust`, whatever the battery voltage; the z integrator carries the offset.
+    Linear {
+        /// N at full duty: 12.0059 N in Table 5.
+        full_thrust: f32,
+    },
+    /// Inverse of Eq. 19 at the measured battery voltage.
+    InverseMap(ThrustMap),
+}
+
+/// What a [`Controller`] must know of the vehicle, and its gains.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ControllerConfig {
+    /// Rotor layout.
+    pub geometry: Geometry,
+    /// m, kg.
+    pub mass: f32,
+    /// J_x, J_y, J_z, kg·m², body.
+    pub inertia_body: [f32; 3],
+    /// g, m/s².
+    pub gravity: f32,
+    /// Time between two steps, s.
+    pub period: f32,
+    /// x, y, z of NED.
+    pub position_gains: [PidGains; 3],
+    /// Roll, pitch, yaw.
+    pub attitude_gains: [PidGains; 3],
+    /// Largest angle between the commanded thrust and the vertical, rad, up to [`MAX_TILT_LIMIT`]; 35° in the reference
+    /// flights.
+    pub tilt_limit: f32,
+    /// How a thrust becomes a duty.
+    pub thrust_to_duty: ThrustToDuty,
+}
+
+impl ControllerConfig {
+    fn check(&self) -> Result<(), ControllerConfigError> {
+        let positive = |value: f32, quantity| {
+            if value > 0.0 && value.is_finite() {
+                Ok(())
+            } else {
+                Err(ControllerConfigError::NotPositive { quantity })
+            }
+        };
+        positive(self.mass, "mass")?;
+        positive(self.inertia_body[0], "moment of inertia about x")?;
+        positive(self.inertia_body[1], "moment of inertia about y")?;
+        positive(self.inertia_body[2], "moment of inertia about z")?;
+        positive(self.gravity, "gravity")?;
+        positive(self.period, "control period")?;
+        if self.period > MAX_PERIOD {
+            return Err(ControllerConfigError::PeriodTooLong);
+        }
+        if !(self.tilt_limit > 0.0 && self.tilt_limit <= MAX_TILT_LIMIT) {
+            return Err(ControllerConfigError::TiltLimitOutOfRange);
+        }
+        let loops = [
+            (&self.position_gains, ["x", "y", "z"]),
+            (&self.attitude_gains, ["roll", "pitch", "yaw"]),
+        ];
+        for (gains, names) in loops {
+            for (k, axis) in gains.iter().zip(names) {
+                for gain in [k.proportional, k.integral, k.derivative] {
+                    if !(0.0..=MAX_GAIN).contains(&gain) {
+                        return Err(ControllerConfigError::GainOutOfRange { axis });
+                    }
+                }
+            }
+        }
+
+        let full_thrust = match self.thrust_to_duty {
+            ThrustToDuty::Linear { full_thrust } => {
+                positive(full_thrust, "thrust at full duty")?;
+                full_thrust
+            }
+            // Depends on the voltage, which is not known yet.
+            ThrustToDuty::InverseMap(_) => f32::INFINITY,
+        };
+        let hover_thrust = self.geometry.allocate([-self.mass * self.gravity, 0.0, 0.0, 0.0]);
+        for rotor in 0..self.geometry.rotor_count() {
+            if !(hover_thrust[rotor] > 0.0 && hover_thrust[rotor] < full_thrust) {
+                return Err(ControllerConfigError::HoverOutOfReach { rotor });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Result of one control step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ControlOutput {
+    /// Duties to hold until the next step, fraction, always in \[0, 1\].
+    pub command: MotorCommand,
+    /// φ_ref, θ_ref, ψ_ref, rad.
+    pub attitude_setpoint: EulerAngles,
+    /// T, the sum of the thrusts asked for, N.
+    pub collective_thrust: f32,
+    /// Bit k (from 0) is set if rotor k was asked for less than 0 or more than its full duty gives.
+    pub saturated_rotors: u32,
+    /// The state or the reference could not be true (NaN, infinite or beyond [`INPUT_LIMIT`]): all the rest of this
+    /// output repeats the last step's, and the integrators have not moved.
+    pub input_rejected: bool,
+    /// The battery voltage could not be true, and the last one that could was used in its place. Only where
+    /// [`ThrustToDuty::InverseMap`] needs a voltage; before there has been a usable one, the input is rejected.
+    pub voltage_substituted: bool,
+}
+
+/// Cascaded PID controller with control allocation: position, attitude, pseudo-inverse.
+///
+/// ```
+/// use rotortwin_flight_core::control::{Controller, ControllerConfig, PidGains, ThrustToDuty};
+/// use rotortwin_flight_core::geometry::Geometry;
+/// use rotortwin_flight_core::signals::{NavState, Reference};
+///
+/// let slow = PidGains { proportional: 4.98, integral: 2.08, derivative: 3.9 };
+/// let fast = PidGains { proportional: 242.0, integral: 720.0, derivative: 27.0 };
+/// let mut controller = Controller::new(ControllerConfig {
+///     geometry: Geometry::regular(6, 0.275, 0.016, core::f32::consts::FRAC_PI_6)?,
+///     mass: 1.55,
+///     inertia_body: [0.0266, 0.0266, 0.0498],
+///     gravity: 9.81,
+///     period: 0.0025,
+///     position_gains: [slow; 3],
+///     attitude_gains: [fast, fast, slow],
+///     tilt_limit: 0.61,
+///     thrust_to_duty: ThrustToDuty::Linear { full_thrust: 12.0059 },
+/// })?;
+/// controller.trim(0.38, 16.3);
+/// let output = controller.step(&NavState::default(), &Reference::default(), 16.3);
+/// assert!((output.command.duty[0] - 0.38).abs() < 1e-6);
+/// # Ok::<(), Box<dyn core::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Controller {
+    cfg: ControllerConfig,
+    tilt_limit_tan: f32,
+    position: PidState,
+    attitude: PidState,
+    last_output: ControlOutput,
+    /// Last usable battery voltage, V; `None` before the first, and with a map that needs none.
+    last_voltage: Option<f32>,
+}
+
+impl Controller {
+    /// A controller at rest: integrators zero, motors off until the first accepted step.
+    ///
+    /// Refuses, with the reason, what [`ControllerConfigError`] lists.
+    pub fn new(cfg: ControllerConfig) -> Result<Self, ControllerConfigError> {
+        cfg.check()?;
+        Ok(Self {
+            cfg,
+            tilt_limit_tan: libm::tan(f64::from(cfg.tilt_limit)) as f32,
+            position: PidState::default(),
+            attitude: PidState::default(),
+            last_output: ControlOutput::default(),
+            last_voltage: None,
+        })
+    }
+
+    /// As given to [`Controller::new`].
+    #[inline]
+    pub const fn config(&self) -> &ControllerConfig {
+        &self.cfg
+    }
+
+    /// Presets the z integrator for a start in trimmed hover: level, at the reference, it commands `hover_duty` on
+    /// average.
+    ///
+    /// Ki ∫e_z = g − T/m, T the sum of the thrusts that the controller's own map gives at that duty
+    ///
+    /// * `hover_duty`: fraction   * `battery_voltage`: V, used by [`ThrustToDuty::InverseMap`] only
+    ///
+    /// Also sets the command that is held should the very first input be rejected. Does nothing to the integrator if
+    /// its gain is zero, and nothing at all if a value is not usable (NaN, duty outside \[0, 1\], voltage too low).
+    pub fn trim(&mut self, hover_duty: f32, battery_voltage: f32) {
+        if !(0.0..=1.0).contains(&hover_duty) {
+            return;
+        }
+        let rotor_count = self.cfg.geometry.rotor_count();
+        let thrust = match &self.cfg.thrust_to_duty {
+            ThrustToDuty::Linear { full_thrust } => hover_duty * full_thrust,
+            ThrustToDuty::InverseMap(map) if is_voltage_usable(map, battery_voltage) => {
+                self.last_voltage = Some(battery_voltage);
+                map.thrust(hover_duty, battery_voltage)
+            }
+            ThrustToDuty::InverseMap(_) => return,
+        };
+        let collective_thrust = rotor_count as f32 * thrust;
+        let gain = self.cfg.position_gains[2].integral;
+        if gain > 0.0 {
+            self.position.integral[2] = (self.cfg.gravity - collective_thrust / self.cfg.mass) / gain;
+        }
+        self.last_output = ControlOutput {
+            collective_thrust,
+            ..ControlOutput::default()
+        };
+        self.last_output.command.duty[..rotor_count].fill(hover_duty);
+    }
+
+    /// One control step; hold the command for one period.
+    ///
+    /// * `nav`: sensed state   * `reference`: what to follow   * `battery_voltage`: V, used by
+    ///   [`ThrustToDuty::InverseMap`] only
+    ///
+    /// Never fails and never gives a duty outside \[0, 1\]; for inputs that cannot be true see
+    /// [`ControlOutput::input_rejected`].
+    #[inline]
+    pub fn step(&mut self, nav: &NavState, reference: &Reference, battery_voltage: f32) -> ControlOutput {
+        let voltage_substituted = match &self.cfg.thrust_to_duty {
+            ThrustToDuty::InverseMap(map) if is_voltage_usable(map, battery_voltage) => {
+                self.last_voltage = Some(battery_voltage);
+                false
+            }
+            ThrustToDuty::InverseMap(_) => true,
+            ThrustToDuty::Linear { .. } => false,
+        };
+        let voltage_missing = voltage_substituted && self.last_voltage.is_none();
+        if voltage_missing || !is_plausible(nav, reference) {
+            return ControlOutput {
+                input_rejected: true,
+                ..self.last_output
+            };
+        }
+        let cfg = &self.cfg;
+        let acceleration = position::acceleration_setpoint(&mut self.position, cfg, nav, reference);
+        let vector = position::thrust_vector(cfg, self.tilt_limit_tan, acceleration, &nav.attitude, reference.yaw);
+        let alpha = attitude::angular_acceleration_setpoint(&mut self.attitude, cfg, nav, &vector.attitude_setpoint);
+        let wrench = [
+            -vector.collective_thrust,
+            cfg.inertia_body[0] * alpha[0],
+            cfg.inertia_body[1] * alpha[1],
+            cfg.inertia_body[2] * alpha[2],
+        ];
+        // The linear map, which never has a last voltage, does not read it.
+        let voltage = self.last_voltage.unwrap_or(battery_voltage);
+        let (command, saturated_rotors) = allocation::duties(&cfg.geometry, &cfg.thrust_to_duty, wrench, voltage);
+        self.last_output = ControlOutput {
+            command,
+            attitude_setpoint: vector.attitude_setpoint,
+            collective_thrust: vector.collective_thrust,
+            saturated_rotors,
+            input_rejected: false,
+            voltage_substituted,
+        };
+        self.last_output
+    }
+}
+
+/// True for a voltage at which the map gives any thrust. Zero, as of a sensor that has dropped out, would ask for full
+/// duty.
+#[inline]
+fn is_voltage_usable(map: &ThrustMap, battery_voltage: f32) -> bool {
+    battery_voltage > map.voltage_offset() && battery_voltage <= INPUT_LIMIT
+}
+
+/// True if every component is a number within [`INPUT_LIMIT`].
+#[inline]
+fn is_plausible(nav: &NavState, reference: &Reference) -> bool {
+    // NaN compares false; no short circuit, so that the comparisons need no branches.
+    let triple = |v: [f32; 3]| (v[0].abs() <= INPUT_LIMIT) & (v[1].abs() <= INPUT_LIMIT) & (v[2].abs() <= INPUT_LIMIT);
+    let angles = [nav.attitude.roll, nav.attitude.pitch, nav.attitude.yaw];
+    triple(nav.position_ned.to_array())
+        & triple(nav.velocity_ned.to_array())
+        & triple(angles)
+        & triple(nav.body_rates.to_array())
+        & triple(reference.position_ned.to_array())
+        & triple(reference.velocity_ned.to_array())
+        & (reference.yaw.abs() <= INPUT_LIMIT)
+}
+
+/// Why a controller configuration is refused. Rotor indices count from 0, the text from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ControllerConfigError {
+    /// A quantity must be above zero and finite.
+    NotPositive {
+        /// In words.
+        quantity: &'static str,
+    },
+    /// Above [`MAX_PERIOD`].
+    PeriodTooLong,
+    /// Not above 0 and up to [`MAX_TILT_LIMIT`].
+    TiltLimitOutOfRange,
+    /// A gain is negative, NaN or above [`MAX_GAIN`].
+    GainOutOfRange {
+        /// In words.
+        axis: &'static str,
+    },
+    /// In hover the allocation asks a rotor for no thrust, for a negative one, or for more than full duty gives.
+    HoverOutOfReach {
+        /// From 0.
+        rotor: usize,
+    },
+}
+
+impl core::fmt::Display for ControllerConfigError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::NotPositive { quantity } => {
+                write!(out, "the {quantity} must be a positive, finite number")
+            }
+            Self::PeriodTooLong => {
+                write!(out, "the control period must be {MAX_PERIOD} s or less")
+            }
+            Self::TiltLimitOutOfRange => out.write_str("the tilt limit must be above 0 and at most 80 degrees"),
+            Self::GainOutOfRange { axis } => {
+                write!(out, "the gains of the {axis} axis must be numbers from 0 to {MAX_GAIN}")
+            }
+            Self::HoverOutOfReach { rotor } => {
+                write!(out, "rotor {} cannot give the thrust that hover asks of it", rotor + 1)
+            }
+        }
+    }
+}
+
+impl core::error::Error for ControllerConfigError {}
+
+const _: () = assert!(MAX_ROTORS <= 32, "saturated_rotors has a bit for every rotor");

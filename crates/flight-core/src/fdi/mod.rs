@@ -1,0 +1,450 @@
+//! Fault detection and isolation (§4, §5): which propeller has lost thrust, from inertial data, duty and battery voltage alone.
+//!
+//! ```text
+//!  Measurement ─▶ nominal_thrust ─▶ residual ─▶ window ─┬▶ t_test     ─┐
+//!       │                                               └▶ network    ─┼─▶ FdiOutput
+//!       └────────────────────────────────────────────────▶ sequential ─┘
+//! ```
+//!
+//! [`FdiEngine::step`] takes one sample (400 Hz) and returns the residuals and three verdicts, which change only at the end of a
+//! window (25 samples) and are held in between:
+//!
+//! * [`t_test`]: the paper's statistical test. * [`network`]: the paper's classifier, if weights are given.
+//! * [`sequential`]: decides over time with a self-calibrated model of the disturbances; the one to leave switched on.
+//!
+//! Rejected samples: a measurement with a NaN or infinity in it (state, voltage, or the duty of a used rotor) never enters any
+//! state. The observers coast on their last rate for that step, the windows wait, all verdicts are held, and
+//! [`FdiOutput::rejected_samples`] counts it. Values that are finite but absurd are not judged here.
+//!
+//! Glossary: *fault* is damage to a propeller, *failure* the loss of a rotor; *detect* says that something is wrong, *isolate*
+//! names the rotor; *baseline* is the healthy mean of a residual.
+
+pub mod network;
+pub mod nominal_thrust;
+pub mod residual;
+pub mod sequential;
+pub mod student_t;
+pub mod t_test;
+pub mod window;
+
+pub use network::{Network, NetworkError, NetworkWeights};
+pub use nominal_thrust::NominalThrust;
+pub use residual::Residuals;
+pub use sequential::{SequentialConfig, SequentialConfigError};
+pub use t_test::TTestConfig;
+
+use crate::MAX_ROTORS;
+use crate::geometry::Geometry;
+use crate::signals::Measurement;
+use crate::thrust_map::ThrustMap;
+use nominal_thrust::{NominalWrench, static_thrust};
+use residual::{BodyMomentum, RigidBody, WrenchObserver};
+use sequential::SequentialDetector;
+use t_test::TTest;
+use window::{Baseline, WrenchStatistics};
+
+/// What a detector says about the rotors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FaultVerdict {
+    /// Still calibrating, or the detector has no parameters.
+    #[default]
+    NotReady,
+    /// No fault.
+    Healthy,
+    /// One rotor has lost thrust.
+    Faulty {
+        /// From 0.
+        rotor: u8,
+    },
+    /// Something is wrong, but it fits no single rotor.
+    Unknown,
+}
+
+impl FaultVerdict {
+    /// The paper's number: 0 healthy, i rotor i (from 1), −1 unknown fault; −2 not ready.
+    #[inline]
+    pub const fn code(self) -> i32 {
+        match self {
+            Self::NotReady => -2,
+            Self::Unknown => -1,
+            Self::Healthy => 0,
+            Self::Faulty { rotor } => rotor as i32 + 1,
+        }
+    }
+}
+
+/// Everything that the FDI engine has to know about the healthy vehicle, and its tuning.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FdiConfig {
+    /// Rotor layout.
+    pub geometry: Geometry,
+    /// m, kg, above 0.
+    pub mass: f32,
+    /// Diagonal of J, kg·m², above 0, body.
+    pub inertia_body: [f32; 3],
+    /// g, m/s², above 0.
+    pub gravity: f32,
+    /// k_t, N·s/m, not negative; 0 in the paper.
+    pub linear_drag: f32,
+    /// k_r, N·m·s, not negative; 0 in the paper.
+    pub angular_drag: f32,
+    /// dt, s, from 0.1 ms to 50 ms; 2.5 ms in the paper.
+    pub period: f32,
+    /// Eq. 19 of a healthy propeller.
+    pub thrust_map: ThrustMap,
+    /// Rotor model of the residual generators; the sequential detector has its own.
+    pub nominal_thrust: NominalThrust,
+    /// h of H_i = h I, 1/s, above 0 and below 1/dt; 5 in the paper.
+    pub observer_gain: f32,
+    /// Samples per decision, from 2; 25 in the paper.
+    pub window_len: u16,
+    /// See [`TTestConfig`].
+    pub t_test: TTestConfig,
+    /// Trained classifier; without it the network's verdict stays [`FaultVerdict::NotReady`].
+    pub network: Option<Network>,
+    /// See [`SequentialConfig`].
+    pub sequential: SequentialConfig,
+}
+
+/// Why a configuration is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FdiConfigError {
+    /// A number is not finite or outside of its range.
+    OutOfRange {
+        /// Field of [`FdiConfig`].
+        field: &'static str,
+        /// The range, in words.
+        expected: &'static str,
+    },
+    /// The classifier was trained for another number of rotors.
+    NetworkRotorCount {
+        /// Of the vehicle.
+        vehicle: usize,
+        /// Of the network.
+        network: usize,
+    },
+}
+
+impl core::fmt::Display for FdiConfigError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::OutOfRange { field, expected } => {
+                write!(out, "FDI: {field} must be {expected}")
+            }
+            Self::NetworkRotorCount { vehicle, network } => write!(
+                out,
+                "FDI: the network was trained for {network} rotors, the vehicle has {vehicle}"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for FdiConfigError {}
+
+/// What one step gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FdiOutput {
+    /// r_i of this sample; held if it is rejected.
+    pub residuals: Residuals,
+    /// The 4-axis residual behind them (F_z, M_x, M_y, M_z), kg·m/s and kg·m²/s.
+    pub wrench_residual: [f32; 4],
+    /// Verdict of the T-test.
+    pub t_test: FaultVerdict,
+    /// Verdict of the network.
+    pub network: FaultVerdict,
+    /// Verdict of the sequential detector.
+    pub sequential: FaultVerdict,
+    /// Posterior probability of the sequential verdict, 0 to 1; 0 while it is not ready.
+    pub sequential_probability: f32,
+    /// Thrust lost by the rotor that the sequential detector names, at hover, N; 0 if it names none.
+    pub thrust_loss: f32,
+    /// True on the last sample of a window: the verdicts are new.
+    pub window_end: bool,
+    /// Samples rejected so far.
+    pub rejected_samples: u32,
+}
+
+/// Residual generators and the three detectors.
+#[derive(Clone, Copy, Debug)]
+pub struct FdiEngine {
+    config: FdiConfig,
+    body: RigidBody,
+    nominal: NominalWrench,
+    observer: WrenchObserver,
+    window: WrenchStatistics,
+    baseline: Baseline,
+    t_test: TTest,
+    sequential: SequentialDetector,
+    block_end: [u16; 8],
+    output: FdiOutput,
+}
+
+impl FdiEngine {
+    /// Checks the configuration and works out everything that does not change.
+    pub fn new(config: FdiConfig) -> Result<Self, FdiConfigError> {
+        let check = |ok: bool, field, expected| {
+            if ok {
+                Ok(())
+            } else {
+                Err(FdiConfigError::OutOfRange { field, expected })
+            }
+        };
+        let positive = |x: f32| x > 0.0 && x.is_finite();
+        let not_negative = |x: f32| x >= 0.0 && x.is_finite();
+        check(positive(config.mass), "mass", "above 0 kg")?;
+        check(
+            config.inertia_body.iter().all(|j| positive(*j)),
+            "inertia_body",
+            "above 0 kg·m² on each axis",
+        )?;
+        check(positive(config.gravity), "gravity", "above 0 m/s²")?;
+        check(
+            not_negative(config.linear_drag),
+            "linear_drag",
+            "0 N·s/m or more",
+        )?;
+        check(
+            not_negative(config.angular_drag),
+            "angular_drag",
+            "0 N·m·s or more",
+        )?;
+        check(
+            config.period >= 1e-4 && config.period <= 0.05,
+            "period",
+            "from 0.0001 to 0.05 s",
+        )?;
+        check(
+            config.observer_gain > 0.0 && config.observer_gain * config.period < 1.0,
+            "observer_gain",
+            "above 0 and below one over the period",
+        )?;
+        check(config.window_len >= 2, "window_len", "2 samples or more")?;
+        match config.nominal_thrust {
+            NominalThrust::Static => {}
+            NominalThrust::Lagged { time_constant } => check(
+                positive(time_constant),
+                "nominal_thrust.time_constant",
+                "above 0 s",
+            )?,
+            NominalThrust::Linear { full_thrust } => check(
+                positive(full_thrust),
+                "nominal_thrust.full_thrust",
+                "above 0 N",
+            )?,
+        }
+        let samples = |seconds: f32| {
+            let count = libm::roundf(seconds / config.period);
+            if count >= 0.0 && count < 1e9 {
+                Some(count as u32)
+            } else {
+                None
+            }
+        };
+        let (first, end) = match (
+            samples(config.t_test.baseline_start),
+            samples(config.t_test.baseline_end),
+        ) {
+            (Some(first), Some(end)) if first < end => (first, end),
+            _ => {
+                return Err(FdiConfigError::OutOfRange {
+                    field: "t_test.baseline_start and baseline_end",
+                    expected: "0 s or more, the end after the start",
+                });
+            }
+        };
+        let t_test = TTest::new(&config.t_test, config.window_len).ok_or(
+            FdiConfigError::OutOfRange {
+                field: "t_test.alpha_detect and alpha_isolate",
+                expected: "significances between 0 and 1",
+            },
+        )?;
+        if let Some(network) = &config.network {
+            if network.rotor_count() != config.geometry.rotor_count() {
+                return Err(FdiConfigError::NetworkRotorCount {
+                    vehicle: config.geometry.rotor_count(),
+                    network: network.rotor_count(),
+                });
+            }
+        }
+        let u = config.sequential.updates_per_window;
+        let mut block_end = [0; 8];
+        for k in 0..u {
+            block_end[usize::from(k)] =
+                (u32::from(config.window_len) * (u32::from(k) + 1) / u32::from(u)) as u16;
+        }
+        Ok(Self {
+            body: RigidBody {
+                mass: config.mass,
+                inertia_body: config.inertia_body,
+                gravity: config.gravity,
+                linear_drag: config.linear_drag,
+                angular_drag: config.angular_drag,
+            },
+            nominal: NominalWrench::new(config.nominal_thrust, config.period),
+            observer: WrenchObserver::new(config.observer_gain, config.period),
+            window: WrenchStatistics::default(),
+            baseline: Baseline::new(first, end),
+            t_test,
+            sequential: SequentialDetector::new(
+                &config.sequential,
+                &config.geometry,
+                config.mass,
+                config.gravity,
+                config.period,
+                config.window_len,
+            ),
+            block_end,
+            output: FdiOutput {
+                residuals: Residuals::default(),
+                wrench_residual: [0.0; 4],
+                t_test: FaultVerdict::NotReady,
+                network: FaultVerdict::NotReady,
+                sequential: FaultVerdict::NotReady,
+                sequential_probability: 0.0,
+                thrust_loss: 0.0,
+                window_end: false,
+                rejected_samples: 0,
+            },
+            config,
+        })
+    }
+
+    /// The configuration in use.
+    #[inline]
+    pub const fn config(&self) -> &FdiConfig {
+        &self.config
+    }
+
+    /// Diagnostics.
+    pub fn diag(&self) -> [f32; 16] {
+        self.sequential.diag
+    }
+
+    /// Takes in one sample. A fixed amount of work, no panic, no error: what cannot be used is rejected and counted.
+    #[inline]
+    pub fn step(&mut self, input: &Measurement) -> FdiOutput {
+        self.output.window_end = false;
+        let geometry = &self.config.geometry;
+        let rotor_count = geometry.rotor_count();
+        let usable = input.nav.is_finite()
+            && input.battery_voltage.is_finite()
+            && input.command.duty[..rotor_count].iter().all(|u| u.is_finite());
+        if !usable {
+            self.output.rejected_samples = self.output.rejected_samples.saturating_add(1);
+            self.observer.coast();
+            return self.output;
+        }
+
+        let thrust: [f32; MAX_ROTORS] = static_thrust(&self.config.thrust_map, rotor_count, input);
+        let static_wrench = geometry.wrench_from_thrust(&thrust);
+        let body = BodyMomentum::from_nav(&self.body, &input.nav);
+        let wrench = self.nominal.step(geometry, input, &static_wrench);
+        let residual = self.observer.step(&body, &wrench);
+        self.output.wrench_residual = residual;
+        self.output.residuals = Residuals::from_wrench(geometry, &residual);
+        let calibrated = self.baseline.mean();
+        self.baseline.push(&residual);
+        self.window.push(&residual);
+        self.sequential.step(&body, &static_wrench, &thrust);
+
+        let count = self.window.count() as u16;
+        if self.block_end.contains(&count) {
+            self.sequential.close_block();
+        }
+        if count >= self.config.window_len {
+            self.output.window_end = true;
+            if let Some(mean) = calibrated {
+                self.output.t_test = self.t_test.evaluate(geometry, &self.window, &mean);
+            }
+            if let Some(network) = &self.config.network {
+                let mean = Residuals::from_wrench(geometry, &self.window.mean());
+                self.output.network = network.evaluate(&mean);
+            }
+            self.sequential.decide();
+            let (verdict, probability, loss) = self.sequential.output();
+            self.output.sequential = verdict;
+            self.output.sequential_probability = probability;
+            self.output.thrust_loss = loss;
+            self.window.clear();
+        }
+        self.output
+    }
+}
+
+/// Reference vectors and the vehicle behind them, for the tests of this module.
+#[cfg(test)]
+mod test_vectors {
+    use super::*;
+    use crate::frames::{EulerAngles, Vec3};
+    use crate::signals::{MotorCommand, NavState};
+    use std::string::String;
+    use std::vec::Vec;
+
+    pub(super) const PERIOD: f32 = 0.0025;
+
+    fn text(file: &str) -> String {
+        let path = std::format!("{}/../../tests/vectors/{file}", env!("CARGO_MANIFEST_DIR"));
+        std::fs::read_to_string(path).expect("readable")
+    }
+
+    pub(super) fn json(file: &str) -> serde_json::Value {
+        serde_json::from_str(&text(file)).expect("JSON")
+    }
+
+    /// Rows without the header.
+    pub(super) fn csv(file: &str) -> Vec<Vec<f64>> {
+        text(file)
+            .lines()
+            .skip(1)
+            .map(|line| {
+                line.split(',')
+                    .map(|x| x.trim().parse().expect("number"))
+                    .collect()
+            })
+            .collect()
+    }
+
+    pub(super) fn hexa_x() -> Geometry {
+        Geometry::regular(6, 0.275, 0.016, core::f32::consts::FRAC_PI_6).expect("regular")
+    }
+
+    pub(super) fn blade_a() -> ThrustMap {
+        ThrustMap::new([-1.4310e-2, 4.6339e-3, 1.0350e-4, -1.7318e-7], 5.2859).expect("Table 1")
+    }
+
+    pub(super) fn body() -> RigidBody {
+        RigidBody {
+            mass: 1.55,
+            inertia_body: [0.0266, 0.0266, 0.0498],
+            gravity: 9.81,
+            linear_drag: 0.0,
+            angular_drag: 0.0,
+        }
+    }
+
+    pub(super) fn residual_input() -> Vec<Measurement> {
+        let rows = csv("resid_input.csv");
+        assert_eq!(rows.len(), 600);
+        rows.iter()
+            .map(|row| {
+                let v: Vec<f32> = row.iter().map(|x| *x as f32).collect();
+                let mut duty = [0.0; MAX_ROTORS];
+                duty[..6].copy_from_slice(&v[13..19]);
+                Measurement {
+                    nav: NavState {
+                        position_ned: Vec3::new(v[1], v[2], v[3]),
+                        velocity_ned: Vec3::new(v[4], v[5], v[6]),
+                        attitude: EulerAngles {
+                            roll: v[7],
+                            pitch: v[8],
+                            yaw: v[9],
+                        },
+                        body_rates: Vec3::new(v[10], v[11], v[12]),
+                    },
+                    command: MotorCommand { duty },
+                    battery_voltage: v[19],
+                }
+            })
+            .collect()
+    }
+}

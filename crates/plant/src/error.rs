@@ -1,0 +1,121 @@
+//! What can go wrong: a bad document before the flight ([`ConfigError`]), an impossible number during it ([`SimulationError`]).
+//!
+//! Both say everything in one sentence; neither is ever recovered from inside this crate.
+
+use std::fmt;
+
+/// A scenario, vehicle or blade document that cannot be flown.
+///
+/// Displays as one sentence that names file, line and key, and says what was expected:
+///
+/// ```text
+/// config/scenarios/hover.toml, line 12, key `fault[0].rotor`: expected a rotor from 1 to 6, got 7
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigError {
+    file: String,
+    line: Option<usize>,
+    key: Option<String>,
+    reason: String,
+}
+
+impl ConfigError {
+    pub(crate) fn new(file: &str, line: Option<usize>, key: Option<String>, reason: impl Into<String>) -> Self {
+        Self { file: file.to_owned(), line, key, reason: reason.into() }
+    }
+
+    /// The document, as the caller named it.
+    pub fn file(&self) -> &str {
+        &self.file
+    }
+
+    /// Line of the key, from 1; absent where the document as a whole is meant.
+    pub fn line(&self) -> Option<usize> {
+        self.line
+    }
+
+    /// Dotted path of the key, such as `fault[0].rotor` (list entries from 0).
+    pub fn key(&self) -> Option<&str> {
+        self.key.as_deref()
+    }
+
+    /// What was expected and what was found.
+    pub fn reason(&self) -> &str {
+        &self.reason
+    }
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(&self.file)?;
+        if let Some(line) = self.line {
+            write!(out, ", line {line}")?;
+        }
+        if let Some(key) = &self.key {
+            write!(out, ", key `{key}`")?;
+        }
+        write!(out, ": {}", self.reason)
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+/// A flight that cannot go on. The simulation stays at the step named and must not be advanced further.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum SimulationError {
+    /// The vehicle's state is no longer a number, for example after a controller drove it to absurd rates.
+    #[error("step {step}: {quantity} of the plant is not finite")]
+    NonFiniteState {
+        /// Step that the plant was to reach.
+        step: u64,
+        /// First quantity that is NaN or infinite.
+        quantity: &'static str,
+    },
+    /// The controller sent NaN or an infinite duty.
+    #[error("step {step}: the duty commanded to rotor {rotor} is not finite")]
+    NonFiniteDuty {
+        /// Step at whose start the command was to be held.
+        step: u64,
+        /// Rotor, from 1.
+        rotor: usize,
+    },
+    /// The flight has reached its planned duration.
+    #[error("step {step}: the flight is over, no further command is taken")]
+    FlightOver {
+        /// Last step of the flight.
+        step: u64,
+    },
+}
+
+/// A value that a document must not hold: the key relative to the document, and the sentence about it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Refusal {
+    pub(crate) key: String,
+    pub(crate) reason: String,
+}
+
+impl Refusal {
+    pub(crate) fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self { key: key.into(), reason: reason.into() }
+    }
+
+    /// The same refusal, seen from the table `prefix` that holds the key.
+    pub(crate) fn under(mut self, prefix: &str) -> Self {
+        self.key = if self.key.is_empty() { prefix.to_owned() } else { format!("{prefix}.{}", self.key) };
+        self
+    }
+}
+
+/// Refuses a number that is NaN, infinite or outside `[min, max]`.
+pub(crate) fn in_range(key: &str, value: f64, min: f64, max: f64, unit: &str) -> Result<(), Refusal> {
+    if value >= min && value <= max {
+        return Ok(());
+    }
+    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    Err(Refusal::new(key, format!("expected a number from {min} to {max}{unit}, got {value}")))
+}
+
+/// [`in_range`] for every entry of a list.
+pub(crate) fn all_in_range(key: &str, values: &[f64], min: f64, max: f64, unit: &str) -> Result<(), Refusal> {
+    values.iter().enumerate().try_for_each(|(i, &value)| in_range(&format!("{key}[{i}]"), value, min, max, unit))
+}

@@ -1,0 +1,351 @@
+//! Invariants of the plant: conservation, independence of streams, defined behaviour at the edges.
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::signals::MotorCommand;
+
+use crate::error::SimulationError;
+use crate::random::{NormalStream, RandomStream};
+use crate::rigid_body::{Quaternion, RigidBodyState};
+use crate::scenario::Scenario;
+use crate::simulation::{PlantState, SensedSample, Simulation, TruthSample};
+use crate::vector::{Vector3, cross};
+
+/// Relative drift over 1 s of a tumbling body at up to 6 rad/s: the fourth-order error of 400 steps of 2.5 ms.
+const CONSERVATION_TOLERANCE: f64 = 1e-8;
+/// A few roundings of a normalisation.
+const UNIT_TOLERANCE: f64 = 4e-16;
+
+const HOVER: &str = "\
+name = 'hover'
+description = 'for properties'
+vehicle = '../vehicles/f550.toml'
+duration_s = 5.0
+trajectory = { kind = 'hover', position_ned_m = [0.0, 0.0, -5.0] }
+";
+
+fn scenario(more: &str) -> Scenario {
+    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
+    Scenario::parse(&format!("{HOVER}{more}"), base).unwrap()
+}
+
+fn simulation(more: &str, seed: u64) -> Simulation {
+    Simulation::new(&scenario(more), seed).unwrap()
+}
+
+/// A command that shakes the vehicle a little.
+fn command(sim: &Simulation) -> MotorCommand {
+    let wobble = (sim.step_count() % 7) as f32 * 0.002;
+    MotorCommand { duty: std::array::from_fn(|i| sim.hover_duty() + if i % 2 == 0 { wobble } else { -wobble }) }
+}
+
+/// Flies `steps` steps in open loop; all samples.
+fn fly(sim: &mut Simulation, steps: usize) -> Vec<(SensedSample, TruthSample)> {
+    (0..steps)
+        .map(|_| {
+            let sample = (sim.sense(), *sim.truth());
+            let command = command(sim);
+            sim.advance(&command).unwrap();
+            sample
+        })
+        .collect()
+}
+
+fn rotated(q: Quaternion, v: Vector3) -> Vector3 {
+    let [w, x, y, z] = q.0;
+    let t = cross([x, y, z], v).map(|c| 2.0 * c);
+    let u = cross([x, y, z], t);
+    [0, 1, 2].map(|i| v[i] + w * t[i] + u[i])
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn prop_free_fall_conserves(rates in prop::array::uniform3(-6.0..6.0f64), velocity in prop::array::uniform3(-5.0..5.0f64),
+                                euler in prop::array::uniform3(-1.5..1.5f64)) {
+        let mut sim = simulation("mismatch = { preset = 'none' }\ninitial = { start = 'motors-off' }", 1);
+        sim.set_state(PlantState {
+            body: RigidBodyState {
+                position_ned: [0.0, 0.0, -5.0],
+                velocity_ned: velocity,
+                ned_from_body: Quaternion::from_euler(euler),
+                body_rates: rates,
+            },
+            thrust: [0.0; MAX_ROTORS],
+            state_of_charge: 0.9,
+        });
+        let inertia = [0.0266, 0.0266, 0.0498];
+        let invariants = |sim: &Simulation| {
+            let (body, truth) = (sim.state().body, sim.truth());
+            let momentum = [0, 1, 2].map(|i| inertia[i] * truth.body_rates_rad_s[i]);
+            let spin: f64 = (0..3).map(|i| 0.5 * momentum[i] * truth.body_rates_rad_s[i]).sum();
+            let speed: f64 = truth.velocity_ned_m_s.iter().map(|v| 0.5 * 1.55 * v * v).sum();
+            (spin, speed - 1.55 * 9.81 * truth.position_ned_m[2], rotated(body.ned_from_body, momentum))
+        };
+        let start = invariants(&sim);
+        for _ in 0..400 {
+            sim.advance(&MotorCommand::default()).unwrap();
+            let [w, x, y, z] = sim.state().body.ned_from_body.0;
+            prop_assert!(((w * w + x * x + y * y + z * z).sqrt() - 1.0).abs() <= UNIT_TOLERANCE);
+        }
+        let end = invariants(&sim);
+        prop_assert!((end.0 - start.0).abs() <= CONSERVATION_TOLERANCE * start.0.max(1e-3), "{start:?} {end:?}");
+        prop_assert!((end.1 - start.1).abs() <= CONSERVATION_TOLERANCE * 100.0, "{start:?} {end:?}");
+        for i in 0..3 {
+            prop_assert!((end.2[i] - start.2[i]).abs() <= CONSERVATION_TOLERANCE, "{start:?} {end:?}");
+        }
+    }
+
+    #[test]
+    fn prop_euler_angles_round_trip(roll in -3.1..3.1f64, pitch in -1.5..1.5f64, yaw in -3.1..3.1f64) {
+        let back = Quaternion::from_euler([roll, pitch, yaw]).to_euler();
+        // asin loses half of the digits towards ±90° of pitch: 1e-16 over cos(1.5).
+        for (a, b) in back.iter().zip([roll, pitch, yaw]) {
+            prop_assert!((a - b).abs() < 1e-13, "{back:?}");
+        }
+        let down = rotated(Quaternion::from_euler([roll, pitch, yaw]), [0.0, 0.0, 1.0]);
+        // Third column of Eq. 2.
+        let expected = [
+            roll.sin() * yaw.sin() + roll.cos() * yaw.cos() * pitch.sin(),
+            roll.cos() * yaw.sin() * pitch.sin() - yaw.cos() * roll.sin(),
+            roll.cos() * pitch.cos(),
+        ];
+        for i in 0..3 {
+            prop_assert!((down[i] - expected[i]).abs() < 1e-15);
+            prop_assert!((Quaternion::from_euler([roll, pitch, yaw]).down_axis()[i] - expected[i]).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn prop_any_command_keeps_thrust_in_bounds(duty in prop::array::uniform16(-2.0..3.0f32), seed in 0u64..1000) {
+        let mut sim = simulation("mismatch = { preset = 'realistic' }", seed);
+        for _ in 0..200 {
+            sim.advance(&MotorCommand { duty }).unwrap();
+            let truth = sim.truth();
+            prop_assert!(truth.rotor_thrust_n[..6].iter().all(|f| (0.0..14.0).contains(f)), "{truth:?}");
+            prop_assert!(truth.rotor_thrust_n[6..].iter().all(|f| *f == 0.0));
+            prop_assert!(truth.battery_voltage_v <= truth.open_circuit_voltage_v && truth.battery_current_a >= 0.0);
+        }
+    }
+}
+
+#[test]
+fn prop_same_seed_same_bits() {
+    let more = "mismatch = { preset = 'realistic' }\nwind = { gust_rms_m_s = 1.0 }";
+    let flight = |seed| fly(&mut simulation(more, seed), 400);
+    assert_eq!(flight(3), flight(3));
+    assert_ne!(flight(3), flight(4));
+}
+
+#[test]
+fn prop_sensing_or_not_makes_no_difference() {
+    let mut asked = simulation("", 1);
+    let mut silent = simulation("", 1);
+    for _ in 0..100 {
+        let command = command(&asked);
+        assert_eq!(asked.sense(), asked.sense());
+        asked.advance(&command).unwrap();
+        silent.advance(&command).unwrap();
+    }
+    assert_eq!(asked.sense(), silent.sense());
+}
+
+#[test]
+fn prop_streams_are_independent() {
+    let plain = fly(&mut simulation("", 1), 300);
+    // Voltage noise draws from another stream: everything else keeps its bits.
+    for (a, b) in plain.iter().zip(fly(&mut simulation("sensors = { battery_voltage_noise_v = 0.1 }", 1), 300)) {
+        assert_eq!((a.0.nav, a.1), (b.0.nav, b.1));
+        assert_ne!(a.0.battery_voltage, b.0.battery_voltage);
+    }
+    // The same is true of the noise of a sensor whose neighbour fails.
+    let failing = "[[sensor_fault]]\ntime_s = 0.0\nsensor = 'velocity'\nbias_si = [1.0, 0.0, 0.0]";
+    for (a, b) in plain.iter().zip(fly(&mut simulation(failing, 1), 300)) {
+        assert_eq!((a.0.nav.position_ned, a.0.nav.body_rates, a.1), (b.0.nav.position_ned, b.0.nav.body_rates, b.1));
+    }
+    // Drawing a further parameter leaves the others as they were.
+    let more = simulation("mismatch = { preset = 'realistic' }", 1);
+    assert_eq!(more.mismatch().rotor_bias_n, simulation("", 1).mismatch().rotor_bias_n);
+}
+
+#[test]
+fn prop_padding_leaves_the_bits() {
+    let wide = |sim: &mut Simulation| {
+        let mut samples = Vec::new();
+        for _ in 0..100 {
+            let command = command(sim).duty.map(f64::from);
+            sim.advance_padded(&command).unwrap();
+            samples.push(*sim.truth());
+        }
+        samples
+    };
+    let narrow: Vec<TruthSample> = fly(&mut simulation("", 1), 101).into_iter().skip(1).map(|s| s.1).collect();
+    assert_eq!(narrow, wide(&mut simulation("", 1)));
+}
+
+/// Frozen from the first build. A change of these bits changes every recorded run; a machine with other bits breaks replay.
+#[test]
+fn regress_bits() {
+    let mut stream = RandomStream::new(1, "sensor/position");
+    assert_eq!([stream.unit(), stream.unit()].map(f64::to_bits), [4603780903849626813, 4604582580771558830]);
+    let normals = NormalStream::new(1, "sensor/position").next3();
+    assert_eq!(normals.map(f64::to_bits), [13831319547862698151, 13831153020128251303, 13824708827427435301]);
+    let (sensed, truth) = fly(&mut simulation("mismatch = { preset = 'realistic' }", 1), 401).pop().unwrap();
+    assert_eq!(truth.position_ned_m.map(f64::to_bits), [4597586135360668172, 13828116815536925373, 13840300921955828127]);
+    assert_eq!(truth.attitude_rad.map(f64::to_bits), [13828107545849938811, 13821584052420334350, 4594719733928913173]);
+    assert_eq!(sensed.nav.body_rates.to_array().map(f32::to_bits), [3216331480, 3205720439, 1037974010]);
+}
+
+#[test]
+fn val_normals_are_normal() {
+    const COUNT: usize = 4_000_000;
+    let mut stream = NormalStream::new(7, "test");
+    let mut moments = [0.0; 4];
+    let mut tails = [0usize; 5];
+    for _ in 0..COUNT {
+        let x = stream.next();
+        for (power, moment) in moments.iter_mut().enumerate() {
+            *moment += x.powi(power as i32 + 1);
+        }
+        for (tail, count) in tails.iter_mut().enumerate() {
+            *count += usize::from(x > tail as f64);
+        }
+    }
+    let moments = moments.map(|sum| sum / COUNT as f64);
+    // Standard errors of the moments of a normal: √1, √2, √15, √96 over √COUNT; four of them.
+    let bound = |variance: f64| 4.0 * (variance / COUNT as f64).sqrt();
+    for ((moment, expected), variance) in moments.iter().zip([0.0, 1.0, 0.0, 3.0]).zip([1.0, 2.0, 15.0, 96.0]) {
+        assert!((moment - expected).abs() < bound(variance), "moments {moments:?}");
+    }
+    // P(x > 0 … 4), from tables of the normal distribution; the last reaches beyond the ziggurat's tail at 3.65.
+    for (count, share) in tails.iter().zip([0.5, 0.158_655_3, 0.022_750_13, 0.001_349_898, 3.167_124e-5]) {
+        let expected = share * COUNT as f64;
+        assert!((*count as f64 - expected).abs() < 4.0 * expected.sqrt(), "tails {tails:?}");
+    }
+}
+
+#[test]
+fn val_gusts_have_their_rms_and_memory() {
+    let mut text = HOVER.replace("5.0\n", "2000.0\n");
+    text.push_str("mismatch = { linear_drag_kg_s = 0.01 }\nwind = { mean_ned_m_s = [2.0, 0.0, 0.0], gust_rms_m_s = 1.5 }");
+    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
+    let mut sim = Simulation::new(&Scenario::parse(&text, base).unwrap(), 5).unwrap();
+    let gusts: Vec<f64> = (0..800_000)
+        .map(|_| {
+            sim.advance(&MotorCommand::default()).unwrap();
+            sim.truth().wind_ned_m_s[1]
+        })
+        .collect();
+    let mean_product = |lag: usize| {
+        gusts[lag..].iter().zip(&gusts).map(|(a, b)| a * b).sum::<f64>() / (gusts.len() - lag) as f64
+    };
+    // 2000 s hold about 500 independent samples of a process with a memory of 2 s: 4 standard errors of a variance are 25 %.
+    assert!((mean_product(0) / 2.25 - 1.0).abs() < 0.25, "variance {}", mean_product(0));
+    let correlation = mean_product(800) / mean_product(0);
+    assert!((correlation - (-1.0f64).exp()).abs() < 0.16, "correlation over 2 s {correlation}");
+}
+
+#[test]
+fn val_wind_carries_a_falling_vehicle() {
+    let more = "mismatch = { preset = 'none', linear_drag_kg_s = 5.0 }\nwind = { mean_ned_m_s = [3.0, -2.0, 0.0] }\n\
+                initial = { start = 'motors-off' }";
+    let mut sim = simulation(more, 1);
+    for _ in 0..2000 {
+        sim.advance(&MotorCommand::default()).unwrap();
+    }
+    // Terminal velocity: wind plus m g/k_t downwards, after 16 time constants m/k_t.
+    let expected = [3.0, -2.0, 1.55 * 9.81 / 5.0];
+    for (got, expected) in sim.truth().velocity_ned_m_s.iter().zip(expected) {
+        assert!((got - expected).abs() < 1e-6, "{:?}", sim.truth());
+    }
+}
+
+#[test]
+fn val_impossible_numbers_are_named() {
+    let mut sim = simulation("", 1);
+    let mut duty = [0.4; MAX_ROTORS];
+    duty[4] = f32::NAN;
+    assert_eq!(
+        sim.advance(&MotorCommand { duty }).unwrap_err().to_string(),
+        "step 0: the duty commanded to rotor 5 is not finite"
+    );
+    let mut state = *sim.state();
+    state.body.body_rates = [1e200, 1e200, 1e200];
+    sim.set_state(state);
+    let error = sim.advance(&MotorCommand::default()).unwrap_err();
+    assert_eq!(error, SimulationError::NonFiniteState { step: 1, quantity: "the body rates" });
+    let mut sim = simulation("", 1);
+    fly(&mut sim, 2000);
+    assert!(sim.done());
+    assert_eq!(sim.advance(&MotorCommand::default()), Err(SimulationError::FlightOver { step: 2000 }));
+}
+
+#[test]
+fn val_empty_battery_lets_the_vehicle_fall() {
+    let mut sim = simulation("initial = { state_of_charge = 0.9 }", 1);
+    let mut state = *sim.state();
+    state.state_of_charge = 1e-4;
+    sim.set_state(state);
+    let duty = [sim.hover_duty(); MAX_ROTORS];
+    while !sim.done() {
+        sim.advance(&MotorCommand { duty }).unwrap();
+    }
+    let truth = sim.truth();
+    assert_eq!((truth.state_of_charge, truth.battery_voltage_v, truth.battery_current_a), (0.0, 0.0, 0.0));
+    assert!(truth.rotor_thrust_n.iter().all(|f| *f < 1e-9), "{truth:?}");
+    assert!(truth.velocity_ned_m_s[2] > 10.0, "{truth:?}");
+}
+
+#[test]
+fn val_thrust_loss_steps_ramps_and_is_labelled() {
+    let more = "mismatch = { preset = 'none' }\n\
+                fault = [{ time_s = 1.0, rotor = 2, thrust_loss_percent = 10.0 },\n\
+                         { time_s = 2.0, rotor = 2, thrust_loss_percent = 30.0, ramp_s = 1.0 },\n\
+                         { time_s = 2.5, rotor = 4, blade = 'c' },\n\
+                         { time_s = 3.5, rotor = 2, thrust_loss_percent = 0.0 },\n\
+                         { time_s = 4.0, rotor = 1, rotor_lost = true }]";
+    let truth = fly(&mut simulation(more, 1), 2000);
+    let at = |t: f64| &truth[(t * 400.0) as usize].1;
+    let loss = |t: f64| at(t).rotor_thrust_loss[1];
+    assert_eq!((loss(0.9975), loss(1.0), loss(1.9975)), (0.0, 0.1, 0.1));
+    assert!((loss(2.4975) - 0.2).abs() < 1e-12 && loss(2.9975) == 0.3 && loss(3.25) == 0.3);
+    assert_eq!((at(0.5).fault_label, at(1.0).fault_label, at(2.5).fault_label), (0, 2, -1));
+    assert_eq!((at(2.5).rotor_blade[3], at(3.5).fault_label, at(3.5).faulty_rotors), (3, 4, 0b1000));
+    assert_eq!(at(4.0).rotor_thrust_loss[0], 1.0);
+    // Held at hover duty the thrust follows the loss through the lag of 0.05 s; 0.9 s later nothing is left of it.
+    let healthy = at(0.9975).rotor_thrust_n[4];
+    assert!((at(1.9).rotor_thrust_n[1] / at(1.9).rotor_thrust_n[5] - 0.9).abs() < 0.02);
+    assert!(at(4.9).rotor_thrust_n[0] < 1e-6 * healthy);
+}
+
+#[test]
+fn val_sensor_faults_do_what_they_say() {
+    let exact = "sensors = { position_noise_m = 0, velocity_noise_m_s = 0, attitude_noise_rad = 0, body_rates_noise_rad_s = 0 }\n";
+    let faults = "[[sensor_fault]]\ntime_s = 0.5\nend_s = 1.0\nsensor = 'body-rates'\nbias_si = [0.5, 0.0, -0.25]\n\
+                  [[sensor_fault]]\ntime_s = 0.5\nsensor = 'velocity'\ndelay_s = 0.05\n\
+                  [[sensor_fault]]\ntime_s = 0.5\nend_s = 1.0\nsensor = 'position'\nstuck = true\n\
+                  [[sensor_fault]]\ntime_s = 0.5\nend_s = 1.0\nsensor = 'battery-voltage'\ndropout_probability = 0.5";
+    let samples = fly(&mut simulation(&format!("{exact}{faults}"), 1), 600);
+    let mut lost = 0;
+    for (k, (sensed, truth)) in samples.iter().enumerate() {
+        let active = (200..400).contains(&k);
+        let nav = &sensed.nav;
+        let bias = if active { [0.5, 0.0, -0.25] } else { [0.0; 3] };
+        let rates = [0, 1, 2].map(|i| (truth.body_rates_rad_s[i] + bias[i]) as f32);
+        assert_eq!(nav.body_rates.to_array(), rates, "step {k}");
+        let delayed = &samples[if k >= 200 { k - 20 } else { k }].1;
+        assert_eq!(nav.velocity_ned.to_array(), delayed.velocity_ned_m_s.map(|v| v as f32), "step {k}");
+        let held = &samples[if active { 200 } else { k }].1;
+        assert_eq!(nav.position_ned.to_array(), held.position_ned_m.map(|p| p as f32), "step {k}");
+        let stale = sensed.stale_sensors;
+        assert!(stale == 0 || (active && stale == 0b10000), "step {k}: only dropouts are flagged");
+        let voltage = if stale == 0 { truth.battery_voltage_v as f32 } else { samples[k - 1].0.battery_voltage };
+        assert_eq!(sensed.battery_voltage, voltage, "step {k}");
+        lost += usize::from(stale != 0);
+    }
+    // 200 samples at one half: 100 ± 4 standard deviations of 7.
+    assert!((72..=128).contains(&lost), "{lost} samples lost");
+}

@@ -1,0 +1,430 @@
+//! Scenario documents: which vehicle flies what, with which faults, seen by which controller and detector settings.
+//!
+//! A scenario names its vehicle document, that one its blade document, each by a path relative to itself. [`Scenario::load`] reads
+//! and checks all three as a whole; what it returns can be flown. [`Documents`] is the effective configuration with every default
+//! filled in: it serialises to one TOML text that [`Documents::from_toml`] reads back to the same bits.
+
+use std::path::Path;
+
+use rotortwin_flight_core::control::Controller;
+use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_flight_core::thrust_map::ThrustMap;
+use serde::{Deserialize, Serialize};
+
+use crate::blades::{Blade, BladeSet};
+use crate::document::Document;
+use crate::environment::WindModel;
+use crate::error::{ConfigError, Refusal, in_range};
+use crate::faults::{FaultEntry, FaultPlan};
+use crate::mismatch::MismatchModel;
+use crate::sensor_faults::{SensorFaultEntry, SensorFaultPlan};
+use crate::sensors::SensorModel;
+use crate::trajectory::Trajectory;
+use crate::vehicle::VehicleModel;
+use crate::{nearest_step, simulation};
+
+/// Longest flight, s.
+const MAX_DURATION_S: f64 = 86_400.0;
+
+/// A scenario document as written, defaults filled in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScenarioDocument {
+    /// Name shown to people and used for run folders.
+    pub name: String,
+    /// What the flight shows.
+    pub description: String,
+    /// Path of the vehicle document, relative to the scenario document.
+    pub vehicle: String,
+    /// Length of the flight, s; rounded to steps of 2.5 ms.
+    pub duration_s: f64,
+    /// Seed of every random stream, unless the caller gives another.
+    #[serde(default = "first_seed")]
+    pub seed: u64,
+    /// Runge–Kutta steps per 2.5 ms.
+    #[serde(default = "one")]
+    pub integrator_substeps: u32,
+    /// State at take-over.
+    #[serde(default)]
+    pub initial: Initial,
+    /// What to follow.
+    pub trajectory: Trajectory,
+    /// Gains of the controller.
+    #[serde(default)]
+    pub controller: ControllerSettings,
+    /// Settings of the detectors.
+    #[serde(default)]
+    pub fdi: FdiSettings,
+    /// How far the true vehicle is from its document.
+    #[serde(default)]
+    pub mismatch: MismatchModel,
+    /// Sensor noise.
+    #[serde(default)]
+    pub sensors: SensorModel,
+    /// Wind; still air if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wind: Option<WindModel>,
+    /// Propeller faults and failures.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fault: Vec<FaultEntry>,
+    /// Sensor faults.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensor_fault: Vec<SensorFaultEntry>,
+}
+
+fn first_seed() -> u64 {
+    1
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// `[initial]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Initial {
+    /// SoC at the start, fraction.
+    pub state_of_charge: f64,
+    /// State of the rotors.
+    pub start: Start,
+}
+
+impl Default for Initial {
+    fn default() -> Self {
+        Self { state_of_charge: 0.9, start: Start::Trimmed }
+    }
+}
+
+/// How a flight begins; always in the air, at rest at the first point of the trajectory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Start {
+    /// Rotors at hover thrust, z integrator of the controller preset.
+    Trimmed,
+    /// Rotors at rest, integrators at 0: the vehicle drops before it climbs.
+    MotorsOff,
+}
+
+/// `[controller]`: cascaded PID (Table 5); outputs are accelerations.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ControllerSettings {
+    /// North: 1/s², 1/s³, 1/s.
+    pub position_x: Gains,
+    /// East.
+    pub position_y: Gains,
+    /// Down.
+    pub position_z: Gains,
+    /// φ: 1/s², 1/s³, 1/s.
+    pub roll: Gains,
+    /// θ.
+    pub pitch: Gains,
+    /// ψ.
+    pub yaw: Gains,
+    /// Largest tilt of the commanded thrust, degrees.
+    pub tilt_limit_deg: f64,
+    /// How a thrust becomes a duty.
+    pub thrust_to_duty: ThrustToDutyMap,
+}
+
+impl Default for ControllerSettings {
+    /// Table 5; 35° and the linear map, where the paper is silent.
+    fn default() -> Self {
+        let slow = Gains { proportional: 4.98, integral: 2.08, derivative: 3.90 };
+        let fast = Gains { proportional: 242.0, integral: 720.0, derivative: 27.0 };
+        Self {
+            position_x: slow,
+            position_y: slow,
+            position_z: slow,
+            roll: fast,
+            pitch: fast,
+            yaw: slow,
+            tilt_limit_deg: 35.0,
+            thrust_to_duty: ThrustToDutyMap::Linear,
+        }
+    }
+}
+
+/// Gains of one PID loop.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gains {
+    /// K_p, 1/s².
+    pub proportional: f64,
+    /// K_i, 1/s³.
+    pub integral: f64,
+    /// K_d, 1/s.
+    pub derivative: f64,
+}
+
+/// How the controller turns a thrust into a duty.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ThrustToDutyMap {
+    /// u = f / `rotors.full_thrust_n`.
+    Linear,
+    /// Inverse of Eq. 19 at the measured voltage.
+    InverseMap,
+}
+
+/// `[fdi]`: residual generators and detectors (Table 5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FdiSettings {
+    /// Samples of 2.5 ms per decision.
+    pub window_samples: u16,
+    /// h of H_i = h I, 1/s.
+    pub observer_gain_1_s: f64,
+    /// Rotor model of the residual generators.
+    pub nominal_thrust: NominalThrustModel,
+    /// α_FD of the T-test.
+    pub alpha_detect: f64,
+    /// α_FDI of the T-test.
+    pub alpha_isolate: f64,
+    /// Start of the detectors' calibration, s.
+    pub calibration_start_s: f64,
+    /// End of the calibration, s; verdicts follow.
+    pub calibration_end_s: f64,
+}
+
+impl Default for FdiSettings {
+    /// Table 5; calibration from 2 s to 10 s.
+    fn default() -> Self {
+        Self {
+            window_samples: 25,
+            observer_gain_1_s: 5.0,
+            nominal_thrust: NominalThrustModel::Static,
+            alpha_detect: 1e-10,
+            alpha_isolate: 1e-8,
+            calibration_start_s: 2.0,
+            calibration_end_s: 10.0,
+        }
+    }
+}
+
+/// Rotor model of the residual generators.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NominalThrustModel {
+    /// Eq. 19 at once, as in the paper.
+    Static,
+    /// Eq. 19 through the vehicle's lag.
+    Lagged,
+    /// `rotors.full_thrust_n` times duty: no battery compensation, as in the paper's ablation.
+    Linear,
+}
+
+impl FdiSettings {
+    fn check(&self) -> Result<(), Refusal> {
+        in_range("window_samples", f64::from(self.window_samples), 2.0, 4000.0, "")?;
+        in_range("observer_gain_1_s", self.observer_gain_1_s, 0.01, 399.0, "1/s")?;
+        in_range("alpha_detect", self.alpha_detect, 1e-300, 0.5, "")?;
+        in_range("alpha_isolate", self.alpha_isolate, 1e-300, 0.5, "")?;
+        in_range("calibration_start_s", self.calibration_start_s, 0.0, 3600.0, "s")?;
+        in_range("calibration_end_s", self.calibration_end_s, 0.0, 3600.0, "s")?;
+        if nearest_step(self.calibration_end_s) <= nearest_step(self.calibration_start_s) {
+            let reason = format!(
+                "expected an end of the calibration after its start at {} s, got {} s",
+                self.calibration_start_s, self.calibration_end_s
+            );
+            return Err(Refusal::new("calibration_end_s", reason));
+        }
+        Ok(())
+    }
+}
+
+impl ScenarioDocument {
+    /// Length of the flight in steps.
+    pub fn duration_steps(&self) -> u64 {
+        nearest_step(self.duration_s)
+    }
+
+    fn check(&self, vehicle: &VehicleModel) -> Result<(), Refusal> {
+        if self.name.trim().is_empty() {
+            return Err(Refusal::new("name", "expected a name"));
+        }
+        in_range("duration_s", self.duration_s, crate::STEP_S, MAX_DURATION_S, "s")?;
+        in_range("integrator_substeps", f64::from(self.integrator_substeps), 1.0, 1000.0, "")?;
+        in_range("initial.state_of_charge", self.initial.state_of_charge, 0.01, 1.0, "")?;
+        self.trajectory.check().map_err(|r| r.under("trajectory"))?;
+        self.controller.check().map_err(|r| r.under("controller"))?;
+        self.fdi.check().map_err(|r| r.under("fdi"))?;
+        self.mismatch.check().map_err(|r| r.under("mismatch"))?;
+        self.sensors.check().map_err(|r| r.under("sensors"))?;
+        if let Some(wind) = &self.wind {
+            let drag = vehicle.body.linear_drag_kg_s + self.mismatch.magnitudes().linear_drag_kg_s;
+            wind.check(drag).map_err(|r| r.under("wind"))?;
+        }
+        Ok(())
+    }
+}
+
+impl ControllerSettings {
+    fn check(&self) -> Result<(), Refusal> {
+        let loops = [
+            ("position_x", &self.position_x),
+            ("position_y", &self.position_y),
+            ("position_z", &self.position_z),
+            ("roll", &self.roll),
+            ("pitch", &self.pitch),
+            ("yaw", &self.yaw),
+        ];
+        for (name, gains) in loops {
+            in_range(&format!("{name}.proportional"), gains.proportional, 0.0, 1e5, "1/s²")?;
+            in_range(&format!("{name}.integral"), gains.integral, 0.0, 1e5, "1/s³")?;
+            in_range(&format!("{name}.derivative"), gains.derivative, 0.0, 1e5, "1/s")?;
+        }
+        in_range("tilt_limit_deg", self.tilt_limit_deg, 1.0, 80.0, "degrees")
+    }
+}
+
+/// The effective configuration: all documents of a scenario, defaults filled in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Documents {
+    /// The scenario.
+    pub scenario: ScenarioDocument,
+    /// Its vehicle.
+    pub vehicle: VehicleModel,
+    /// The vehicle's blades.
+    pub blades: BladeSet,
+}
+
+impl Documents {
+    /// One TOML text. Numbers are written so that they read back to the same bits.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("documents hold nothing that TOML cannot")
+    }
+
+    /// Reads a text of [`Documents::to_toml`]; `name` is what errors call it.
+    pub fn from_toml(name: &str, text: &str) -> Result<Self, ConfigError> {
+        Document::from_text(name, text)?.parse()
+    }
+}
+
+/// A scenario that has been checked as a whole and can be flown.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    documents: Documents,
+    pub(crate) fault_plan: FaultPlan,
+    pub(crate) sensor_fault_plan: SensorFaultPlan,
+}
+
+impl Scenario {
+    /// Reads and checks the scenario at `path` with its vehicle and blades.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
+        Self::load_with(path, &[])
+    }
+
+    /// [`Scenario::load`] with keys of the scenario document set before it is checked: `key=value`, the key a dotted path, the
+    /// value in TOML (a bare word counts as text), such as `initial.state_of_charge=0.4`.
+    pub fn load_with(path: impl AsRef<Path>, overrides: &[&str]) -> Result<Self, ConfigError> {
+        let path = path.as_ref();
+        let document = Document::read(path)?;
+        let directory = path.parent().unwrap_or(Path::new(""));
+        Self::resolve(document.with_overrides(overrides)?, directory)
+    }
+
+    /// As [`Scenario::load`], from a text; the vehicle's path is relative to `directory`.
+    pub fn parse(text: &str, directory: impl AsRef<Path>) -> Result<Self, ConfigError> {
+        Self::resolve(Document::from_text("scenario", text)?, directory.as_ref())
+    }
+
+    /// Checks documents that are in memory already, such as those of a recorded run.
+    pub fn from_documents(documents: &Documents) -> Result<Self, ConfigError> {
+        let text = |value: Result<String, toml::ser::Error>| value.expect("documents hold nothing that TOML cannot");
+        let render = |name: &str, text: String| Document::from_text(name, text);
+        Self::assemble(
+            &render("scenario", text(toml::to_string(&documents.scenario)))?,
+            &render("vehicle", text(toml::to_string(&documents.vehicle)))?,
+            &render("blades", text(toml::to_string(&documents.blades)))?,
+        )
+    }
+
+    fn resolve(scenario: Document, directory: &Path) -> Result<Self, ConfigError> {
+        let parsed: ScenarioDocument = scenario.parse()?;
+        let vehicle_path = directory.join(&parsed.vehicle);
+        let vehicle = scenario.follow("vehicle", &vehicle_path)?;
+        let parsed: VehicleModel = vehicle.parse()?;
+        let blades_path = vehicle_path.parent().unwrap_or(Path::new("")).join(&parsed.rotors.blades);
+        let blades = vehicle.follow("rotors.blades", &blades_path)?;
+        Self::assemble(&scenario, &vehicle, &blades)
+    }
+
+    fn assemble(scenario: &Document, vehicle: &Document, blades: &Document) -> Result<Self, ConfigError> {
+        let documents =
+            Documents { scenario: scenario.parse()?, vehicle: vehicle.parse()?, blades: blades.parse()? };
+        documents.blades.check().map_err(|r| blades.refuse(r))?;
+        documents.vehicle.check(&documents.blades).map_err(|r| vehicle.refuse(r))?;
+        let nominal = &documents.vehicle.rotors.nominal_blade;
+        let blade = documents.blades.blade[nominal];
+        ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
+            .map_err(|error| blades.refuse(Refusal::new(format!("blade.{nominal}"), error.to_string())))?;
+
+        let document = &documents.scenario;
+        let refuse = |refusal| scenario.refuse(refusal);
+        document.check(&documents.vehicle).map_err(refuse)?;
+        let duration_steps = document.duration_steps();
+        let rotor_count = documents.vehicle.rotor_count();
+        let fault_plan = FaultPlan::new(&document.fault, rotor_count, &documents.blades, nominal, duration_steps)
+            .map_err(refuse)?;
+        let sensor_fault_plan = SensorFaultPlan::new(&document.sensor_fault, duration_steps).map_err(refuse)?;
+        let checked = Self { documents, fault_plan, sensor_fault_plan };
+        simulation::trim(&checked).map_err(refuse)?;
+        Controller::new(checked.controller_config())
+            .map_err(|error| refuse(Refusal::new("controller", error.to_string())))?;
+        FdiEngine::new(checked.fdi_config()).map_err(|error| refuse(Refusal::new("fdi", error.to_string())))?;
+        Ok(checked)
+    }
+
+    /// The effective configuration.
+    pub fn documents(&self) -> &Documents {
+        &self.documents
+    }
+
+    /// The scenario document, defaults filled in.
+    pub fn document(&self) -> &ScenarioDocument {
+        &self.documents.scenario
+    }
+
+    /// The nominal vehicle.
+    pub fn vehicle(&self) -> &VehicleModel {
+        &self.documents.vehicle
+    }
+
+    /// The blades that rotors can carry.
+    pub fn blades(&self) -> &BladeSet {
+        &self.documents.blades
+    }
+
+    /// The blade of a healthy rotor.
+    pub fn nominal_blade(&self) -> &Blade {
+        &self.documents.blades.blade[&self.documents.vehicle.rotors.nominal_blade]
+    }
+
+    /// Name shown to people.
+    pub fn name(&self) -> &str {
+        &self.documents.scenario.name
+    }
+
+    /// Seed to use where the caller gives none.
+    pub fn seed(&self) -> u64 {
+        self.documents.scenario.seed
+    }
+
+    /// Length of the flight in steps.
+    pub fn duration_steps(&self) -> u64 {
+        self.documents.scenario.duration_steps()
+    }
+
+    /// Whether rotors and controller start trimmed.
+    pub fn starts_trimmed(&self) -> bool {
+        self.documents.scenario.initial.start == Start::Trimmed
+    }
+
+    /// Fault onsets, (step, rotor from 0), in time order.
+    pub fn fault_onsets(&self) -> impl Iterator<Item = (u64, usize)> + '_ {
+        self.fault_plan.onset_steps()
+    }
+}

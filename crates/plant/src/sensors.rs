@@ -1,0 +1,171 @@
+//! Sensors: the true state plus white Gaussian noise (Table 4), then the sensor faults of the scenario.
+//!
+//! The paper's sensors are the outputs of an estimator, so position, velocity, attitude and body rates are measured directly;
+//! the accelerometer of Table 4 is used by no algorithm and not simulated. Each sensor has its own noise stream; noise is drawn at
+//! every step, faulty or not, so that a sensor fault changes nothing but its own sensor.
+
+use rotortwin_flight_core::frames::{EulerAngles, Vec3};
+use rotortwin_flight_core::signals::NavState;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Refusal, in_range};
+use crate::random::NormalStream;
+use crate::sensor_faults::{SensorFaultBank, SensorFaultPlan};
+use crate::vector::Vector3;
+
+/// Sensors, in the order of the bits of `SensedSample::stale_sensors`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sensor {
+    /// p_F, m, NED.
+    Position,
+    /// ṗ_F, m/s, NED.
+    Velocity,
+    /// η, rad.
+    Attitude,
+    /// ω, rad/s, body.
+    #[doc(alias = "gyro")]
+    BodyRates,
+    /// V_batt, V.
+    BatteryVoltage,
+}
+
+/// Number of [`Sensor`]s.
+pub(crate) const SENSORS: usize = 5;
+
+impl Sensor {
+    /// Every sensor, in bit order.
+    pub const ALL: [Self; SENSORS] =
+        [Self::Position, Self::Velocity, Self::Attitude, Self::BodyRates, Self::BatteryVoltage];
+
+    /// Numbers that the sensor gives: 3, or 1 for the voltage.
+    pub fn width(self) -> usize {
+        if self == Self::BatteryVoltage { 1 } else { 3 }
+    }
+
+    pub(crate) fn index(self) -> usize {
+        self as usize
+    }
+
+    fn stream(self) -> &'static str {
+        ["sensor/position", "sensor/velocity", "sensor/attitude", "sensor/body-rates", "sensor/battery-voltage"]
+            [self.index()]
+    }
+}
+
+/// `[sensors]` of a scenario: standard deviations of the noise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorModel {
+    /// m, each axis.
+    pub position_noise_m: f64,
+    /// m/s, each axis.
+    pub velocity_noise_m_s: f64,
+    /// rad, each angle.
+    pub attitude_noise_rad: f64,
+    /// rad/s, each axis.
+    pub body_rates_noise_rad_s: f64,
+    /// V.
+    pub battery_voltage_noise_v: f64,
+    /// Constant error of the voltage measurement, V; any drawn bias of `[mismatch]` comes on top.
+    pub battery_voltage_bias_v: f64,
+}
+
+impl Default for SensorModel {
+    /// Table 4; an exact voltage measurement.
+    fn default() -> Self {
+        Self {
+            position_noise_m: 7.848e-4,
+            velocity_noise_m_s: 0.0078,
+            attitude_noise_rad: 5.5192e-4,
+            body_rates_noise_rad_s: 0.0055,
+            battery_voltage_noise_v: 0.0,
+            battery_voltage_bias_v: 0.0,
+        }
+    }
+}
+
+impl SensorModel {
+    /// No noise at all.
+    pub fn exact() -> Self {
+        Self {
+            position_noise_m: 0.0,
+            velocity_noise_m_s: 0.0,
+            attitude_noise_rad: 0.0,
+            body_rates_noise_rad_s: 0.0,
+            ..Self::default()
+        }
+    }
+
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
+        in_range("position_noise_m", self.position_noise_m, 0.0, 10.0, "m")?;
+        in_range("velocity_noise_m_s", self.velocity_noise_m_s, 0.0, 10.0, "m/s")?;
+        in_range("attitude_noise_rad", self.attitude_noise_rad, 0.0, 1.0, "rad")?;
+        in_range("body_rates_noise_rad_s", self.body_rates_noise_rad_s, 0.0, 10.0, "rad/s")?;
+        in_range("battery_voltage_noise_v", self.battery_voltage_noise_v, 0.0, 5.0, "V")?;
+        in_range("battery_voltage_bias_v", self.battery_voltage_bias_v, -5.0, 5.0, "V")
+    }
+}
+
+/// Readings of all sensors, indexed by [`Sensor`]; the voltage stands in the first place of its row.
+pub(crate) type Readings = [Vector3; SENSORS];
+
+/// All sensors of one flight.
+#[derive(Debug, Clone)]
+pub(crate) struct SensorSuite {
+    deviation: [f64; SENSORS],
+    noise: [NormalStream; SENSORS],
+    voltage_bias: f64,
+    faults: SensorFaultBank,
+}
+
+impl SensorSuite {
+    pub(crate) fn new(
+        model: &SensorModel,
+        extra_voltage_noise: f64,
+        extra_voltage_bias: f64,
+        faults: &SensorFaultPlan,
+        seed: u64,
+    ) -> Self {
+        let voltage_noise = model.battery_voltage_noise_v;
+        let voltage_noise = (voltage_noise * voltage_noise + extra_voltage_noise * extra_voltage_noise).sqrt();
+        Self {
+            deviation: [
+                model.position_noise_m,
+                model.velocity_noise_m_s,
+                model.attitude_noise_rad,
+                model.body_rates_noise_rad_s,
+                voltage_noise,
+            ],
+            noise: Sensor::ALL.map(|sensor| NormalStream::new(seed, sensor.stream())),
+            voltage_bias: model.battery_voltage_bias_v + extra_voltage_bias,
+            faults: SensorFaultBank::new(faults, seed),
+        }
+    }
+
+    /// What the sensors say of `truth` at `step`, which must be one after the step before; and the bit mask of stale sensors.
+    #[inline]
+    pub(crate) fn measure(&mut self, step: u64, truth: &Readings) -> (NavState, f32, u32) {
+        let mut readings = *truth;
+        for sensor in 0..SENSORS - 1 {
+            let (deviation, noise) = (self.deviation[sensor], self.noise[sensor].next3());
+            for (reading, n) in readings[sensor].iter_mut().zip(noise) {
+                *reading += deviation * n;
+            }
+        }
+        let voltage = SENSORS - 1;
+        readings[voltage][0] += self.voltage_bias;
+        if self.deviation[voltage] > 0.0 {
+            readings[voltage][0] += self.deviation[voltage] * self.noise[voltage].next();
+        }
+        let stale = if self.faults.is_empty() { 0 } else { self.faults.corrupt(step, &mut readings) };
+        let [position, velocity, attitude, body_rates, voltage] = readings.map(|row| row.map(|x| x as f32));
+        let nav = NavState {
+            position_ned: Vec3::from_array(position),
+            velocity_ned: Vec3::from_array(velocity),
+            attitude: EulerAngles { roll: attitude[0], pitch: attitude[1], yaw: attitude[2] },
+            body_rates: Vec3::from_array(body_rates),
+        };
+        (nav, voltage[0], stale)
+    }
+}

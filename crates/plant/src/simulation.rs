@@ -1,0 +1,479 @@
+//! The simulation: one flight, stepped at 400 Hz.
+//!
+//! ```text
+//!  loop:  sense() ─▶ SensedSample of step k ─▶ (controller) ─▶ advance(command) ─▶ step k + 1
+//! ```
+//!
+//! A command is held over the step and acts at once. Faults set in at the start of the step named by their time. Rigid body, rotor
+//! thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by default, the
+//! battery voltage being solved at every stage; wind and disturbances are held over the step.
+//!
+//! Limits: no ground, no take-off, no gyroscopic torque of the rotors, no link or computation delay.
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::signals::{MotorCommand, NavState, Reference};
+use serde::Serialize;
+
+use crate::battery::{Battery, BatteryOutput};
+use crate::environment::Environment;
+use crate::error::{ConfigError, Refusal, SimulationError};
+use crate::faults::FaultSchedule;
+use crate::mismatch::MismatchDraw;
+use crate::powertrain::{Powertrain, RotorTruth, sum_of_powers};
+use crate::rigid_body::{Quaternion, RigidBody, RigidBodyRate, RigidBodyState};
+use crate::scenario::Scenario;
+use crate::sensors::{Readings, SensorSuite};
+use crate::trajectory::ReferenceGenerator;
+use crate::vector::Vector3;
+use crate::{STEP_NS, STEP_S};
+
+/// What controller and detector get at the start of a step.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SensedSample {
+    /// Step number, from 0.
+    pub step: u64,
+    /// Simulated time of the step's start, ns.
+    pub sim_time_ns: u64,
+    /// Sensed state.
+    pub nav: NavState,
+    /// What to follow.
+    pub reference: Reference,
+    /// Sensed V_batt, V.
+    pub battery_voltage: f32,
+    /// Sensors whose sample was lost and whose last value is repeated: bit 0 position, 1 velocity, 2 attitude, 3 body rates,
+    /// 4 battery voltage.
+    pub stale_sensors: u32,
+}
+
+/// The truth at the start of a step. Entries past the rotor count are 0.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct TruthSample {
+    /// Step number, from 0.
+    pub step: u64,
+    /// Simulated time, ns.
+    pub sim_time_ns: u64,
+    /// p_F, m, NED.
+    pub position_ned_m: [f64; 3],
+    /// ṗ_F, m/s, NED.
+    pub velocity_ned_m_s: [f64; 3],
+    /// η = (φ, θ, ψ), rad.
+    pub attitude_rad: [f64; 3],
+    /// ω, rad/s, body.
+    pub body_rates_rad_s: [f64; 3],
+    /// f_i, N.
+    pub rotor_thrust_n: [f64; MAX_ROTORS],
+    /// SoC, fraction.
+    pub state_of_charge: f64,
+    /// V_oc, V.
+    pub open_circuit_voltage_v: f64,
+    /// V_batt, V, without sensor error.
+    pub battery_voltage_v: f64,
+    /// i_batt, A, discharge positive.
+    pub battery_current_a: f64,
+    /// w, m/s, NED, over the coming step.
+    pub wind_ned_m_s: [f64; 3],
+    /// Rotors that are not healthy over the coming step: bit 0 is rotor 1.
+    pub faulty_rotors: u32,
+    /// 0 healthy, the rotor from 1 if exactly one is faulty, −1 if several are.
+    pub fault_label: i32,
+    /// Mounted blade: 0 nominal, else 1 + its place in the alphabetical order of names.
+    pub rotor_blade: [i32; MAX_ROTORS],
+    /// Lost share of the thrust, fraction; 1 is a lost rotor.
+    pub rotor_thrust_loss: [f64; MAX_ROTORS],
+}
+
+/// Hover of the nominal vehicle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Trim {
+    thrust: [f64; MAX_ROTORS],
+    /// Duty for the mean thrust, fraction.
+    duty: f64,
+}
+
+/// Hover of the nominal vehicle at the initial charge, or the reason why there is none.
+pub(crate) fn trim(scenario: &Scenario) -> Result<Trim, Refusal> {
+    let vehicle = scenario.vehicle();
+    let placements = vehicle.rotors.layout.placements();
+    let weight = vehicle.body.mass_kg * vehicle.body.gravity_m_s2;
+    // Least-norm thrusts for (−m g, 0, 0, 0): Fᵀ (F Fᵀ)⁻¹ w, in f64.
+    let columns: Vec<nalgebra::Vector4<f64>> = placements
+        .iter()
+        .map(|p| {
+            let [mx, my, mz] = p.torque_arm([0.0; 3], 1.0);
+            nalgebra::Vector4::new(-1.0, mx, my, mz)
+        })
+        .collect();
+    let gram = columns.iter().fold(nalgebra::Matrix4::zeros(), |sum, column| sum + column * column.transpose());
+    let inverse = gram.try_inverse().ok_or_else(|| Refusal::new("vehicle", "this layout cannot be balanced"))?;
+    let multiplier = inverse * nalgebra::Vector4::new(-weight, 0.0, 0.0, 0.0);
+    let mut thrust = [0.0; MAX_ROTORS];
+    for (f, column) in thrust.iter_mut().zip(&columns) {
+        *f = column.dot(&multiplier);
+    }
+    let charge = scenario.document().initial.state_of_charge;
+    let battery = Battery::new(&vehicle.battery);
+    let power = battery.power_coefficient() * sum_of_powers(&thrust);
+    let voltage = battery.output(charge, power).battery_voltage;
+    for (i, &f) in thrust[..placements.len()].iter().enumerate() {
+        let most = scenario.nominal_blade().lift(1.0, voltage);
+        if !(f > 0.0 && f < most) {
+            let reason = format!(
+                "this vehicle cannot hover at a charge of {charge}: rotor {} would have to lift {f:.3} N, it lifts 0 to {most:.3} N",
+                i + 1
+            );
+            return Err(Refusal::new("vehicle", reason));
+        }
+    }
+    let mean = weight / placements.len() as f64;
+    let duty = scenario.nominal_blade().duty(mean, voltage);
+    let duty = duty.ok_or_else(|| Refusal::new("vehicle", "this vehicle cannot hover: no duty lifts its weight"))?;
+    Ok(Trim { thrust, duty })
+}
+
+/// Integrated state.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PlantState {
+    pub(crate) body: RigidBodyState,
+    pub(crate) thrust: [f64; MAX_ROTORS],
+    pub(crate) state_of_charge: f64,
+}
+
+/// One flight.
+#[derive(Debug, Clone)]
+pub struct Simulation {
+    rotor_count: usize,
+    duration_steps: u64,
+    substeps: u32,
+    hover_duty: f32,
+    mismatch: MismatchDraw,
+    body: RigidBody,
+    powertrain: Powertrain,
+    battery: Battery,
+    environment: Environment,
+    faults: FaultSchedule,
+    reference: ReferenceGenerator,
+    sensors: SensorSuite,
+    state: PlantState,
+    truth: TruthSample,
+    sensed: SensedSample,
+    /// Step to which `sensed` belongs, if it has been measured.
+    sensed_step: Option<u64>,
+}
+
+impl Simulation {
+    /// The flight of `scenario` with the random numbers of `seed`, at step 0.
+    pub fn new(scenario: &Scenario, seed: u64) -> Result<Self, ConfigError> {
+        let (document, vehicle) = (scenario.document(), scenario.vehicle());
+        let magnitudes = document.mismatch.magnitudes();
+        let mismatch = MismatchDraw::new(&magnitudes, seed);
+        let trim = trim(scenario).map_err(|r| ConfigError::new(scenario.name(), None, Some(r.key), r.reason))?;
+        let placements = vehicle.rotors.layout.placements();
+        let rotors = placements
+            .iter()
+            .enumerate()
+            .map(|(i, placement)| RotorTruth {
+                blade: *scenario.nominal_blade(),
+                gain: mismatch.rotor_gain[i],
+                bias: mismatch.rotor_bias_n[i],
+                thrust_loss: 0.0,
+                torque_arm: placement.torque_arm(mismatch.centre_of_mass_m, mismatch.moment_ratio),
+            })
+            .collect();
+        let body = &vehicle.body;
+        let inertia = [0, 1, 2].map(|i| body.inertia_body_kg_m2[i] * mismatch.inertia[i]);
+        let (position_ned, yaw) = document.trajectory.pose(0.0);
+        let mut simulation = Self {
+            rotor_count: placements.len(),
+            duration_steps: document.duration_steps(),
+            substeps: document.integrator_substeps,
+            hover_duty: trim.duty as f32,
+            body: RigidBody::new(
+                body.mass_kg * mismatch.mass,
+                inertia,
+                body.gravity_m_s2,
+                body.linear_drag_kg_s + magnitudes.linear_drag_kg_s,
+                body.angular_drag_nms,
+            ),
+            powertrain: Powertrain::new(rotors, vehicle.rotors.thrust_lag_s * mismatch.thrust_lag),
+            battery: Battery::new(&vehicle.battery),
+            environment: Environment::new(document.wind.as_ref(), magnitudes.disturbance(), seed),
+            faults: FaultSchedule::new(scenario.fault_plan.clone()),
+            reference: ReferenceGenerator::new(document.trajectory.clone()),
+            sensors: SensorSuite::new(
+                &document.sensors,
+                magnitudes.battery_voltage_noise_v,
+                mismatch.battery_voltage_bias_v,
+                &scenario.sensor_fault_plan,
+                seed,
+            ),
+            mismatch,
+            state: PlantState {
+                body: RigidBodyState {
+                    position_ned,
+                    velocity_ned: [0.0; 3],
+                    ned_from_body: Quaternion::from_euler([0.0, 0.0, yaw]),
+                    body_rates: [0.0; 3],
+                },
+                thrust: if scenario.starts_trimmed() { trim.thrust } else { [0.0; MAX_ROTORS] },
+                state_of_charge: document.initial.state_of_charge,
+            },
+            truth: TruthSample::default(),
+            sensed: SensedSample::default(),
+            sensed_step: None,
+        };
+        simulation.faults.apply(0, &mut simulation.powertrain);
+        simulation.record_faults();
+        simulation.record_truth(0);
+        Ok(simulation)
+    }
+
+    /// What the sensors say at the start of the current step. Calling it again within the step gives the same sample.
+    pub fn sense(&mut self) -> SensedSample {
+        let step = self.truth.step;
+        if self.sensed_step != Some(step) {
+            let truth = &self.truth;
+            let readings: Readings = [
+                truth.position_ned_m,
+                truth.velocity_ned_m_s,
+                truth.attitude_rad,
+                truth.body_rates_rad_s,
+                [truth.battery_voltage_v, 0.0, 0.0],
+            ];
+            let (nav, battery_voltage, stale_sensors) = self.sensors.measure(step, &readings);
+            self.sensed = SensedSample {
+                step,
+                sim_time_ns: truth.sim_time_ns,
+                nav,
+                reference: self.reference.now,
+                battery_voltage,
+                stale_sensors,
+            };
+            self.sensed_step = Some(step);
+        }
+        self.sensed
+    }
+
+    /// The truth at the start of the current step.
+    pub fn truth(&self) -> &TruthSample {
+        &self.truth
+    }
+
+    /// Holds `command` over the current step and moves to the next. Duties outside \[0, 1\] are limited to it, as an ESC does.
+    ///
+    /// # Errors
+    /// See [`SimulationError`]; the simulation then stays where it was found wrong and must not be used further.
+    pub fn advance(&mut self, command: &MotorCommand) -> Result<(), SimulationError> {
+        self.advance_duty(&command.duty.map(f64::from))
+    }
+
+    /// [`Simulation::advance`] with duties in f64.
+    pub(crate) fn advance_duty(&mut self, duty: &[f64; MAX_ROTORS]) -> Result<(), SimulationError> {
+        let step = self.truth.step;
+        if self.done() {
+            return Err(SimulationError::FlightOver { step });
+        }
+        let mut limited = [0.0; MAX_ROTORS];
+        for rotor in 0..self.rotor_count {
+            if !duty[rotor].is_finite() {
+                return Err(SimulationError::NonFiniteDuty { step, rotor: rotor + 1 });
+            }
+            limited[rotor] = duty[rotor].clamp(0.0, 1.0);
+        }
+        if !self.battery.is_connected() {
+            limited = [0.0; MAX_ROTORS];
+        }
+        // Every step is sensed, whether anyone asks or not: the noise of a step belongs to that step.
+        self.sense();
+        self.powertrain.hold(&limited);
+        match self.rotor_count {
+            ..=4 => self.integrate::<4>(),
+            5..=6 => self.integrate::<6>(),
+            7..=8 => self.integrate::<8>(),
+            _ => self.integrate::<MAX_ROTORS>(),
+        }
+        self.check_state(step + 1)?;
+        if self.state.state_of_charge <= 0.0 {
+            self.state.state_of_charge = 0.0;
+            self.battery.disconnect();
+        }
+        self.environment.advance();
+        if self.faults.apply(step + 1, &mut self.powertrain) {
+            self.record_faults();
+        }
+        self.reference.advance(step + 1);
+        self.record_truth(step + 1);
+        Ok(())
+    }
+
+    /// True once the planned duration has been flown.
+    pub fn done(&self) -> bool {
+        self.truth.step >= self.duration_steps
+    }
+
+    /// Current step, from 0.
+    pub fn step_count(&self) -> u64 {
+        self.truth.step
+    }
+
+    /// Rotors of the vehicle.
+    pub fn rotor_count(&self) -> usize {
+        self.rotor_count
+    }
+
+    /// Duty, fraction, at which the nominal vehicle hovers at the initial charge: for `Controller::trim`.
+    pub fn hover_duty(&self) -> f32 {
+        self.hover_duty
+    }
+
+    /// How this flight's vehicle differs from its document.
+    pub fn mismatch(&self) -> &MismatchDraw {
+        &self.mismatch
+    }
+
+    /// Starts from another state.
+    #[cfg(test)]
+    pub(crate) fn set_state(&mut self, state: PlantState) {
+        self.state = state;
+        self.record_truth(0);
+    }
+
+    /// The integrated state.
+    #[cfg(test)]
+    pub(crate) fn state(&self) -> &PlantState {
+        &self.state
+    }
+
+    /// [`Simulation::advance_duty`] in the widest arrays.
+    #[cfg(test)]
+    pub(crate) fn advance_padded(&mut self, duty: &[f64; MAX_ROTORS]) -> Result<(), SimulationError> {
+        let rotor_count = std::mem::replace(&mut self.rotor_count, MAX_ROTORS);
+        let mut padded = [0.0; MAX_ROTORS];
+        padded[..rotor_count].copy_from_slice(&duty[..rotor_count]);
+        let result = self.advance_duty(&padded);
+        self.rotor_count = rotor_count;
+        result
+    }
+
+    /// Gives the rotors other lift biases, N.
+    #[cfg(test)]
+    pub(crate) fn set_rotor_bias(&mut self, bias: &[f64]) {
+        for (i, &bias) in bias.iter().enumerate() {
+            self.powertrain.rotor_mut(i).bias = bias;
+        }
+    }
+
+    /// Right-hand side of the whole plant for rotors padded to `N`.
+    #[inline(always)]
+    fn rate<const N: usize>(
+        &self,
+        body: &RigidBodyState,
+        thrust: &[f64; N],
+        state_of_charge: f64,
+    ) -> (RigidBodyRate, [f64; N], f64) {
+        let power = self.battery.power_coefficient() * sum_of_powers(thrust);
+        let battery = self.battery.output(state_of_charge, power);
+        let (total, torque) = self.powertrain.wrench(thrust);
+        (
+            self.body.rate(body, total, torque, self.environment.now()),
+            self.powertrain.rate(thrust, battery.battery_voltage),
+            self.battery.charge_rate(battery.battery_current),
+        )
+    }
+
+    /// One step of 2.5 ms.
+    fn integrate<const N: usize>(&mut self) {
+        let h = STEP_S / f64::from(self.substeps);
+        let mut body = self.state.body;
+        let mut charge = self.state.state_of_charge;
+        let mut thrust = [0.0; N];
+        thrust.copy_from_slice(&self.state.thrust[..N]);
+        let moved = |thrust: &[f64; N], rate: &[f64; N], h: f64| {
+            let mut result = [0.0; N];
+            for i in 0..N {
+                result[i] = thrust[i] + h * rate[i];
+            }
+            result
+        };
+        for _ in 0..self.substeps {
+            let half = 0.5 * h;
+            let (b1, f1, c1) = self.rate(&body, &thrust, charge);
+            let (b2, f2, c2) = self.rate(&body.moved(&b1, half), &moved(&thrust, &f1, half), charge + half * c1);
+            let (b3, f3, c3) = self.rate(&body.moved(&b2, half), &moved(&thrust, &f2, half), charge + half * c2);
+            let (b4, f4, c4) = self.rate(&body.moved(&b3, h), &moved(&thrust, &f3, h), charge + h * c3);
+            body = body.moved(&RigidBodyRate::runge_kutta_mean(&[b1, b2, b3, b4]), h);
+            body.ned_from_body = body.ned_from_body.normalized();
+            for i in 0..N {
+                thrust[i] += h * ((f1[i] + 2.0 * (f2[i] + f3[i]) + f4[i]) * (1.0 / 6.0));
+            }
+            charge += h * ((c1 + 2.0 * (c2 + c3) + c4) * (1.0 / 6.0));
+        }
+        self.state.body = body;
+        self.state.state_of_charge = charge;
+        self.state.thrust[..N].copy_from_slice(&thrust);
+    }
+
+    /// Refuses a state that is not a number.
+    #[inline]
+    fn check_state(&self, step: u64) -> Result<(), SimulationError> {
+        let PlantState { body, thrust, state_of_charge } = &self.state;
+        let sum = |v: &Vector3| v[0] + v[1] + v[2];
+        let q = body.ned_from_body.0;
+        // One NaN or infinity anywhere leaves no finite sum.
+        let total = sum(&body.position_ned)
+            + sum(&body.velocity_ned)
+            + sum(&body.body_rates)
+            + (q[0] + q[1] + q[2] + q[3])
+            + thrust[..self.rotor_count].iter().sum::<f64>()
+            + state_of_charge;
+        if total.is_finite() {
+            return Ok(());
+        }
+        let bad = |values: &[f64]| !values.iter().all(|x| x.is_finite());
+        let quantity = if bad(thrust) {
+            "a rotor thrust"
+        } else if bad(&[*state_of_charge]) {
+            "the state of charge"
+        } else if bad(&body.body_rates) {
+            "the body rates"
+        } else if bad(&q) {
+            "the attitude"
+        } else if bad(&body.velocity_ned) {
+            "the velocity"
+        } else {
+            "the position"
+        };
+        Err(SimulationError::NonFiniteState { step, quantity })
+    }
+
+    fn record_truth(&mut self, step: u64) {
+        let PlantState { body, thrust, state_of_charge } = &self.state;
+        let power = self.battery.power_coefficient() * sum_of_powers(thrust);
+        let BatteryOutput { open_circuit_voltage, battery_voltage, battery_current } =
+            self.battery.output(*state_of_charge, power);
+        let truth = &mut self.truth;
+        truth.step = step;
+        truth.sim_time_ns = step * STEP_NS;
+        truth.position_ned_m = body.position_ned;
+        truth.velocity_ned_m_s = body.velocity_ned;
+        truth.attitude_rad = body.ned_from_body.to_euler();
+        truth.body_rates_rad_s = body.body_rates;
+        truth.rotor_thrust_n = *thrust;
+        truth.state_of_charge = *state_of_charge;
+        truth.open_circuit_voltage_v = open_circuit_voltage;
+        truth.battery_voltage_v = battery_voltage;
+        truth.battery_current_a = battery_current;
+        truth.wind_ned_m_s = self.environment.now().wind_ned;
+    }
+
+    fn record_faults(&mut self) {
+        let truth = &mut self.truth;
+        truth.faulty_rotors = self.faults.faulty_rotors();
+        truth.fault_label = match truth.faulty_rotors {
+            0 => 0,
+            mask if mask.is_power_of_two() => mask.trailing_zeros() as i32 + 1,
+            _ => -1,
+        };
+        truth.rotor_blade = self.faults.blade_code;
+        truth.rotor_thrust_loss = self.faults.thrust_loss;
+    }
+}

@@ -1,0 +1,351 @@
+//! The numbers of a flight, computed from its telemetry: intervals of the fault schedule, verdict table, residual statistics,
+//! tracking, battery.
+//!
+//! One pass over the rows; the summary, the report and every other table take their numbers from here.
+//!
+//! * **Interval**: a stretch, as long as possible, in which `fault_label`, all `rotor_condition_i` and `sensor_faults` stay the same.
+//! * **Window**: verdicts are counted where `window_end` is 1; between window ends they are held and not counted. A window that
+//!   straddles the onset of a fault counts in the interval in which it ends, although part of its samples are older.
+//! * **False alarm**: a window with a fault verdict (a rotor or "unknown") that ends while no rotor is faulty. Windows in a row
+//!   are one event, also across two intervals without a fault.
+
+use crate::spool::{Chunk, SpoolHeader};
+use crate::summary::{BatteryUse, Evaluator, Interval, Tracking};
+use crate::telemetry::{Column, HEALTHY, NOT_READY, UNKNOWN};
+
+/// Observers with the paper's gain of 5 /s have forgotten the state before after this, s.
+const SETTLE_S: f64 = 1.0;
+
+/// Place of a column; the schema was checked when the spool was opened.
+pub(crate) fn column(columns: &[Column], name: &str) -> usize {
+    columns.iter().position(|column| column.name == name).expect("the schema has this column for every rotor count")
+}
+
+/// What [`Analysis`] finds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Findings {
+    /// Absent if there is no row.
+    pub tracking: Option<Tracking>,
+    /// Absent if there is no row.
+    pub battery: Option<BatteryUse>,
+    /// In order of time, without gaps.
+    pub intervals: Vec<Interval>,
+}
+
+/// Sums of one stretch of residual samples.
+#[derive(Clone, Debug, Default)]
+struct Moments {
+    count: u64,
+    /// Per component: sum of (x − shift), sum of (x − shift)², shift = first sample.
+    sums: Vec<[f64; 3]>,
+}
+
+impl Moments {
+    fn new(components: usize) -> Self {
+        Self { count: 0, sums: vec![[0.0; 3]; components] }
+    }
+
+    #[inline]
+    fn push(&mut self, samples: impl Iterator<Item = f64>) {
+        let first = self.count == 0;
+        for (sums, sample) in self.sums.iter_mut().zip(samples) {
+            if first {
+                sums[2] = sample;
+            }
+            let centred = sample - sums[2];
+            sums[0] += centred;
+            sums[1] += centred * centred;
+        }
+        self.count += 1;
+    }
+
+    fn mean(&self, component: usize) -> f64 {
+        let [sum, _, shift] = self.sums[component];
+        shift + sum / self.count.max(1) as f64
+    }
+
+    fn deviation(&self, component: usize) -> f64 {
+        let count = self.count as f64;
+        let [sum, squares, _] = self.sums[component];
+        if self.count < 2 { 0.0 } else { ((squares - sum * sum / count) / (count - 1.0)).max(0.0).sqrt() }
+    }
+}
+
+/// What makes two rows belong to the same interval.
+#[derive(Clone, Debug, PartialEq)]
+struct Key {
+    label: i32,
+    conditions: Vec<i32>,
+    sensor_faults: u64,
+}
+
+/// The interval that is being read.
+struct Open {
+    key: Key,
+    interval: Interval,
+    rows: u64,
+    squared_distance: f64,
+    all: Moments,
+    settled: Moments,
+    settled_from_s: f64,
+}
+
+/// Places of the columns that are read.
+struct Places {
+    time: usize,
+    label: usize,
+    faulty: usize,
+    conditions: usize,
+    sensor_faults: usize,
+    residuals: usize,
+    verdicts: [usize; 3],
+    window_end: usize,
+    reference: usize,
+    position: usize,
+    attitude: usize,
+    setpoint: usize,
+    reference_yaw: usize,
+    charge: usize,
+    voltage: usize,
+    current: usize,
+}
+
+/// Reads rows, chunk by chunk, and gives [`Findings`].
+pub struct Analysis {
+    header: SpoolHeader,
+    places: Places,
+    step_s: f64,
+    open: Option<Open>,
+    done: Vec<Interval>,
+    /// Per evaluator: the window before this one was a false alarm.
+    alarm: [bool; 3],
+    rows: u64,
+    last_s: f64,
+    squared_position: [f64; 3],
+    squared_attitude: [f64; 3],
+    largest_distance: f64,
+    battery: BatteryUse,
+}
+
+impl Analysis {
+    /// For a spool with this header and schema.
+    pub fn new(header: &SpoolHeader, columns: &[Column]) -> Self {
+        let place = |name: &str| column(columns, name);
+        Self {
+            header: header.clone(),
+            places: Places {
+                time: place("time_s"),
+                label: place("fault_label"),
+                faulty: place("faulty_rotors"),
+                conditions: place("rotor_condition_1"),
+                sensor_faults: place("sensor_faults"),
+                residuals: place("residual_1_arm_nms"),
+                verdicts: Evaluator::ALL.map(|evaluator| place(evaluator.column())),
+                window_end: place("window_end"),
+                reference: place("reference_north_m"),
+                position: place("true_position_north_m"),
+                attitude: place("true_roll_rad"),
+                setpoint: place("roll_setpoint_rad"),
+                reference_yaw: place("reference_yaw_rad"),
+                charge: place("true_state_of_charge"),
+                voltage: place("true_battery_voltage_v"),
+                current: place("battery_current_a"),
+            },
+            step_s: header.step_ns as f64 / 1e9,
+            open: None,
+            done: Vec::new(),
+            alarm: [false; 3],
+            rows: 0,
+            last_s: 0.0,
+            squared_position: [0.0; 3],
+            squared_attitude: [0.0; 3],
+            largest_distance: 0.0,
+            battery: BatteryUse { voltage_min_v: f64::INFINITY, ..BatteryUse::default() },
+        }
+    }
+
+    /// Reads the next rows.
+    pub fn push(&mut self, chunk: &Chunk) {
+        for row in 0..chunk.len {
+            self.push_row(chunk, row);
+        }
+    }
+
+    fn push_row(&mut self, chunk: &Chunk, row: usize) {
+        let at = |place: usize| chunk.columns[place][row];
+        let rotors = self.header.rotor_count;
+        let time = at(self.places.time);
+
+        let same = self.open.as_ref().is_some_and(|open| {
+            open.key.label == at(self.places.label) as i32
+                && open.key.sensor_faults == at(self.places.sensor_faults) as u64
+                && (0..rotors).all(|i| open.key.conditions[i] == at(self.places.conditions + i) as i32)
+        });
+        if !same {
+            self.close(time);
+            let key = Key {
+                label: at(self.places.label) as i32,
+                conditions: (0..rotors).map(|i| at(self.places.conditions + i) as i32).collect(),
+                sensor_faults: at(self.places.sensor_faults) as u64,
+            };
+            self.open = Some(self.begin(key, at(self.places.faulty) as u64, time));
+        }
+        let open = self.open.as_mut().expect("opened above");
+
+        let mut squared = 0.0;
+        for axis in 0..3 {
+            let error = at(self.places.position + axis) - at(self.places.reference + axis);
+            self.squared_position[axis] += error * error;
+            squared += error * error;
+        }
+        self.largest_distance = self.largest_distance.max(squared.sqrt());
+        open.squared_distance += squared;
+        let targets = [at(self.places.setpoint), at(self.places.setpoint + 1), at(self.places.reference_yaw)];
+        for (axis, target) in targets.into_iter().enumerate() {
+            let error = wrapped(at(self.places.attitude + axis) - target);
+            self.squared_attitude[axis] += error * error;
+        }
+
+        let (charge, voltage) = (at(self.places.charge), at(self.places.voltage));
+        if self.rows == 0 {
+            self.battery.state_of_charge_start = charge;
+            self.battery.voltage_start_v = voltage;
+        }
+        self.battery.state_of_charge_end = charge;
+        self.battery.voltage_end_v = voltage;
+        self.battery.voltage_min_v = self.battery.voltage_min_v.min(voltage);
+        self.battery.charge_ah += at(self.places.current) * self.step_s / 3600.0;
+
+        let samples = (0..3 * rotors).map(|component| at(self.places.residuals + component));
+        open.all.push(samples.clone());
+        if time >= open.settled_from_s {
+            open.settled.push(samples);
+        }
+
+        let window_end = at(self.places.window_end) > 0.5;
+        open.interval.windows += u64::from(window_end);
+        for (slot, evaluator) in Evaluator::ALL.into_iter().enumerate() {
+            let verdict = at(self.places.verdicts[slot]) as i32;
+            let score = open.interval.scores.of_mut(evaluator);
+            score.verdict_at_end = verdict;
+            if !window_end {
+                continue;
+            }
+            let label = open.interval.fault_label;
+            match verdict {
+                NOT_READY => score.not_ready += 1,
+                UNKNOWN => score.unknown += 1,
+                HEALTHY => score.healthy += 1,
+                rotor => score.other_rotor += u64::from(rotor != label),
+            }
+            if verdict == open.interval.expected_verdict {
+                score.right += 1;
+                if label != HEALTHY && score.isolated_after_s.is_none() {
+                    score.isolated_after_s = Some(time - open.interval.start_s);
+                }
+            }
+            let alarm = label == HEALTHY && verdict != HEALTHY && verdict != NOT_READY;
+            score.false_alarm_windows += u64::from(alarm);
+            score.false_alarm_events += u64::from(alarm && !self.alarm[slot]);
+            self.alarm[slot] = alarm;
+        }
+        open.rows += 1;
+        self.rows += 1;
+        self.last_s = time;
+    }
+
+    fn begin(&self, key: Key, faulty: u64, start_s: f64) -> Open {
+        let components = 3 * self.header.rotor_count;
+        let interval = Interval {
+            start_s,
+            fault_label: key.label,
+            faulty_rotors: (0..self.header.rotor_count as u32).filter(|i| faulty >> i & 1 == 1).map(|i| i + 1).collect(),
+            description: self.describe(&key, faulty),
+            sensor_faults: self.sensor_faults(key.sensor_faults),
+            expected_verdict: key.label,
+            ..Interval::default()
+        };
+        Open {
+            key,
+            interval,
+            rows: 0,
+            squared_distance: 0.0,
+            all: Moments::new(components),
+            settled: Moments::new(components),
+            settled_from_s: start_s + SETTLE_S,
+        }
+    }
+
+    fn sensor_faults(&self, mask: u64) -> Vec<String> {
+        let name = |bit: usize| match self.header.sensor_faults.get(bit) {
+            Some(name) => name.clone(),
+            None => format!("sensor fault {}", bit + 1),
+        };
+        (0..u64::BITS as usize).filter(|bit| mask >> bit & 1 == 1).map(name).collect()
+    }
+
+    fn describe(&self, key: &Key, faulty: u64) -> String {
+        let mut parts = Vec::new();
+        for (i, code) in key.conditions.iter().enumerate() {
+            if *code == 0 && faulty >> i & 1 == 0 {
+                continue;
+            }
+            let condition = match self.header.conditions.get(code) {
+                Some(name) => name.clone(),
+                None if *code == 0 => "faulty".to_owned(),
+                None => format!("condition {code}"),
+            };
+            parts.push(format!("rotor {}: {condition}", i + 1));
+        }
+        if parts.is_empty() { "healthy".to_owned() } else { parts.join(", ") }
+    }
+
+    /// Ends the open interval at `end_s`.
+    fn close(&mut self, end_s: f64) {
+        let Some(Open { mut interval, rows, squared_distance, all, settled, settled_from_s, .. }) = self.open.take() else {
+            return;
+        };
+        interval.end_s = end_s;
+        interval.position_rms_m = (squared_distance / rows.max(1) as f64).sqrt();
+        let long = end_s - interval.start_s > 2.0 * SETTLE_S;
+        interval.residuals_from_s = if long { settled_from_s } else { interval.start_s };
+        let moments = if long { settled } else { all };
+        let table = |value: &dyn Fn(usize) -> f64| {
+            (0..self.header.rotor_count).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]).collect()
+        };
+        interval.residual_means_nms = table(&|component| moments.mean(component));
+        interval.residual_deviations_nms = table(&|component| moments.deviation(component));
+        for evaluator in Evaluator::ALL {
+            let windows = interval.windows;
+            let score = interval.scores.of_mut(evaluator);
+            let ready = windows - score.not_ready;
+            score.share_right = (ready > 0).then(|| score.right as f64 / ready as f64);
+        }
+        self.done.push(interval);
+    }
+
+    /// What the rows gave.
+    pub fn finish(mut self) -> Findings {
+        self.close(self.last_s + self.step_s);
+        if self.rows == 0 {
+            return Findings::default();
+        }
+        let rms = |squares: f64| (squares / self.rows as f64).sqrt();
+        Findings {
+            tracking: Some(Tracking {
+                position_rms_m: rms(self.squared_position.iter().sum()),
+                position_max_m: self.largest_distance,
+                position_rms_ned_m: self.squared_position.map(rms),
+                attitude_rms_rad: self.squared_attitude.map(rms),
+            }),
+            battery: Some(self.battery),
+            intervals: self.done,
+        }
+    }
+}
+
+/// An angle in [−π, π).
+fn wrapped(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    (angle + PI).rem_euclid(TAU) - PI
+}

@@ -1,0 +1,100 @@
+//! What can go wrong with a run folder; each error is one sentence that names the file.
+
+use std::path::{Path, PathBuf};
+
+/// Error of this crate.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The operating system refused.
+    #[error("{}: {action}: {source}", path.display())]
+    Io {
+        /// File or folder.
+        path: PathBuf,
+        /// What was being done, "cannot …".
+        action: &'static str,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The folder for a new run has something in it.
+    #[error("{}: the folder is not empty; name a new or empty one for this run", path.display())]
+    FolderNotEmpty {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The path for a new run folder is a file.
+    #[error("{}: this is not a folder; name a new or empty folder for this run", path.display())]
+    NotAFolder {
+        /// The path.
+        path: PathBuf,
+    },
+    /// There is no run here.
+    #[error("{}: no run here ({expected} is missing)", path.display())]
+    NoRun {
+        /// The folder.
+        path: PathBuf,
+        /// The file that was expected.
+        expected: &'static str,
+    },
+    /// The run of this folder ended without being finished: only its spool is there.
+    #[error("{}: this run was interrupted before it could be written; only its spool is left", path.display())]
+    Interrupted {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The file is not a spool that this program can read.
+    #[error("{}: not a telemetry spool: {reason}", path.display())]
+    NotASpool {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A rotor count that no row can hold.
+    #[error("a run cannot be recorded with {count} rotors; 1 to {max} are possible", max = crate::telemetry::MAX_ROTORS)]
+    RotorCount {
+        /// The count.
+        count: usize,
+    },
+    /// The summary is not what this program writes.
+    #[error("{}: not a summary that this program can read: {source}", path.display())]
+    Summary {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// A summary of another format version.
+    #[error("{}: summary format {found}; this program reads format {expected}", path.display())]
+    SummaryVersion {
+        /// The file.
+        path: PathBuf,
+        /// Version in the file.
+        found: u64,
+        /// Version that is read.
+        expected: u32,
+    },
+    /// Parquet could not be written.
+    #[error("{}: cannot write Parquet: {source}", path.display())]
+    Parquet {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: parquet::errors::ParquetError,
+    },
+    /// MCAP could not be written.
+    #[error("{}: cannot write MCAP: {source}", path.display())]
+    Mcap {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: mcap::McapError,
+    },
+}
+
+/// `map_err` helper: an I/O error with its file and what was being done.
+pub(crate) fn io<'a>(path: &'a Path, action: &'static str) -> impl FnOnce(std::io::Error) -> StoreError + 'a {
+    move |source| StoreError::Io { path: path.to_path_buf(), action, source }
+}
+
+/// Result of this crate.
+pub type Result<T> = std::result::Result<T, StoreError>;

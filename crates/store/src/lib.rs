@@ -1,0 +1,38 @@
+//! What a run leaves behind: a folder that other programs can open and that explains itself.
+//!
+//! ```text
+//! step by step                at the end of the run, done or failed
+//! TelemetryRow ─▶ spool ─┬─▶ telemetry.parquet   every column in full        (parquet)
+//!                        ├─▶ run.mcap            for Foxglove, Lichtblick    (mcap)
+//!                        ├─▶ report.html         the paper's figures         (report)
+//!                        ├─▶ figures/*.svg       the same for documents      (figures)
+//!                        └─▶ summary.json        facts, verdict table        (analysis, summary)
+//! ```
+//!
+//! [`RunFolder`] makes the folder, [`SpoolWriter`] takes the rows, [`finalise`] writes the rest. The crate knows no link, no
+//! scenario and no clock: facts about those come in as text and numbers.
+
+pub mod analysis;
+pub mod error;
+mod figures;
+mod mcap;
+mod parquet;
+mod plots;
+mod report;
+pub mod run_folder;
+pub mod spool;
+pub mod summary;
+pub mod telemetry;
+
+pub use error::{Result, StoreError};
+pub use run_folder::{Outputs, RunFolder, finalise};
+pub use spool::{SpoolHeader, SpoolReader, SpoolWriter};
+pub use summary::{Summary, load_summary};
+pub use telemetry::{Column, Kind, TelemetryRow, TruthRow, telemetry_columns};
+
+#[cfg(test)]
+extern crate self as rotortwin_store;
+#[cfg(test)]
+#[path = "../tests/synthetic/mod.rs"]
+#[expect(unreachable_pub, reason = "shared with the tests and examples, where it is a module of its own")]
+mod synthetic;

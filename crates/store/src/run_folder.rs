@@ -1,0 +1,274 @@
+//! The folder of one run: made before the first step, completed after the last.
+//!
+//! ```text
+//! RunFolder::create ─▶ telemetry.spool grows ─▶ finalise ─▶ telemetry.parquet, run.mcap, report.html, figures/, summary.json
+//! ```
+//!
+//! Every file is written under a temporary name and renamed when it is whole, `summary.json` last: a folder with a summary is
+//! complete. A run that failed is finalised like any other, with as many rows as it has, also none.
+//!
+//! Nothing is synchronised to the disk; a loss of power may cost the latest files.
+
+use crate::analysis::{Analysis, Findings};
+use crate::error::{Result, StoreError, io};
+use crate::figures;
+use crate::mcap::McapSink;
+use crate::parquet::ParquetSink;
+use crate::plots::Plots;
+use crate::report;
+use crate::spool::SpoolReader;
+use crate::summary::{SUMMARY_VERSION, Summary};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// All columns of all steps.
+pub const TELEMETRY_FILE: &str = "telemetry.parquet";
+/// The run as streams.
+pub const MCAP_FILE: &str = "run.mcap";
+/// Facts and numbers.
+pub const SUMMARY_FILE: &str = "summary.json";
+/// What to look at first.
+pub const REPORT_FILE: &str = "report.html";
+/// Folder of the figures as SVG.
+pub const FIGURES_FOLDER: &str = "figures";
+/// Working file while the run goes on.
+pub const SPOOL_FILE: &str = "telemetry.spool";
+
+/// The folder of one run.
+#[derive(Clone, Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    created: bool,
+}
+
+impl RunFolder {
+    /// Makes the folder, with its parents.
+    ///
+    /// Refuses a path that is a file or a folder with something in it, so that no run is ever mixed with another or overwritten.
+    /// Call it only when the input is known to be good: then nothing half-written is left behind by bad input.
+    pub fn create(path: &Path) -> Result<Self> {
+        let created = match std::fs::read_dir(path) {
+            Ok(mut entries) => {
+                if entries.next().is_some() {
+                    return Err(StoreError::FolderNotEmpty { path: path.to_path_buf() });
+                }
+                false
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                std::fs::create_dir_all(path).map_err(io(path, "cannot create the folder of the run"))?;
+                true
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
+                return Err(StoreError::NotAFolder { path: path.to_path_buf() });
+            }
+            Err(error) => return Err(io(path, "cannot read the folder of the run")(error)),
+        };
+        Ok(Self { path: path.to_path_buf(), created })
+    }
+
+    /// A folder that somebody else made for this run, e.g. the supervisor of the process that flies it.
+    pub fn open(path: &Path) -> Result<Self> {
+        if !path.is_dir() {
+            return Err(StoreError::NotAFolder { path: path.to_path_buf() });
+        }
+        Ok(Self { path: path.to_path_buf(), created: false })
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where the spool stands while the run goes on.
+    pub fn spool_path(&self) -> PathBuf {
+        self.path.join(SPOOL_FILE)
+    }
+
+    /// Undoes [`create`](Self::create): removes the spool, and the folder if it was made here and nothing else is in it.
+    pub fn discard(self) -> Result<()> {
+        let spool = self.spool_path();
+        match std::fs::remove_file(&spool) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(io(&spool, "cannot remove the spool")(error));
+            }
+            _ => {}
+        }
+        if self.created {
+            std::fs::remove_dir(&self.path).map_err(io(&self.path, "cannot remove the folder of the run"))?;
+        }
+        Ok(())
+    }
+}
+
+/// What [`finalise`] wrote.
+#[derive(Clone, Debug)]
+pub struct Outputs {
+    /// The summary, completed.
+    pub summary: Summary,
+    /// `telemetry.parquet`; absent if the run ended before its spool was made.
+    pub telemetry: Option<PathBuf>,
+    /// `run.mcap`; absent as above.
+    pub mcap: Option<PathBuf>,
+    /// `report.html`.
+    pub report: PathBuf,
+    /// `summary.json`.
+    pub summary_file: PathBuf,
+    /// `figures/*.svg`; none if there is no row.
+    pub figures: Vec<PathBuf>,
+}
+
+/// Writes everything that a run leaves behind and removes its spool.
+///
+/// * `summary`: the facts of the run; all that can be computed from the telemetry is computed here
+/// * `descriptor`: encoded `FileDescriptorSet` of `proto/rotortwin/v1`, for `run.mcap`
+///
+/// The spool's writer must be finished or dropped before. If this fails, the spool stays and it can be called again.
+pub fn finalise(folder: &RunFolder, mut summary: Summary, descriptor: &[u8]) -> Result<Outputs> {
+    let path = folder.path();
+    summary.schema_version = SUMMARY_VERSION;
+    if summary.run.is_empty() {
+        summary.run = path.file_name().map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned());
+    }
+    let spool_path = folder.spool_path();
+    let (mut telemetry, mut mcap) = (None, None);
+    let mut plots = None;
+    if spool_path.exists() {
+        let mut spool = SpoolReader::open(&spool_path)?;
+        let header = spool.header().clone();
+        let columns = spool.columns().to_vec();
+        summary.rotor_count = header.rotor_count;
+        summary.conditions = header.conditions.clone();
+        summary.steps = spool.rows();
+        summary.simulated_s = spool.rows() as f64 * header.step_ns as f64 / 1e9;
+        summary.steps_per_s = if summary.wall_s > 0.0 { spool.rows() as f64 / summary.wall_s } else { 0.0 };
+
+        let parquet_file = PartFile::create(path, TELEMETRY_FILE)?;
+        let mcap_file = PartFile::create(path, MCAP_FILE)?;
+        let mut parquet_sink = ParquetSink::new(parquet_file.writer()?, &parquet_file.target, &header, &columns, &summary)?;
+        let mut mcap_sink =
+            McapSink::new(mcap_file.writer()?, &mcap_file.target, &header, &columns, &summary, descriptor)?;
+        let mut analysis = Analysis::new(&header, &columns);
+        let mut drawn = Plots::new(&header, &columns, spool.rows());
+        spool.for_each_chunk(|chunk| {
+            analysis.push(chunk);
+            drawn.push(chunk);
+            parquet_sink.push(chunk)?;
+            mcap_sink.push(chunk)
+        })?;
+        parquet_file.keep(parquet_sink.finish()?)?;
+        mcap_file.keep(mcap_sink.finish()?)?;
+        let Findings { tracking, battery, intervals } = analysis.finish();
+        summary.tracking = tracking;
+        summary.battery = battery;
+        summary.intervals = intervals;
+        telemetry = Some(path.join(TELEMETRY_FILE));
+        mcap = Some(path.join(MCAP_FILE));
+        drawn.finish();
+        plots = (spool.rows() > 0).then_some(drawn);
+    }
+
+    let figures = match &plots {
+        Some(plots) => write_figures(path, plots, &summary)?,
+        None => Vec::new(),
+    };
+    let report = write_text(path, REPORT_FILE, &report::render(&summary, plots.as_ref()))?;
+    let summary_file = write_text(path, SUMMARY_FILE, &summary.to_json())?;
+    match std::fs::remove_file(&spool_path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(io(&spool_path, "cannot remove the spool")(error));
+        }
+        _ => {}
+    }
+    Ok(Outputs { summary, telemetry, mcap, report, summary_file, figures })
+}
+
+fn write_figures(path: &Path, plots: &Plots, summary: &Summary) -> Result<Vec<PathBuf>> {
+    let folder = path.join(FIGURES_FOLDER);
+    std::fs::create_dir_all(&folder).map_err(io(&folder, "cannot create the folder of the figures"))?;
+    figures::render(plots, summary).into_iter().map(|(name, svg)| write_text(&folder, &name, &svg)).collect()
+}
+
+fn write_text(folder: &Path, name: &str, text: &str) -> Result<PathBuf> {
+    let part = PartFile::create(folder, name)?;
+    let mut writer = part.writer()?;
+    writer.write_all(text.as_bytes()).map_err(io(&part.target, "cannot write the file"))?;
+    let target = part.target.clone();
+    part.keep(writer)?;
+    Ok(target)
+}
+
+/// A file under a temporary name; removed unless it is kept.
+struct PartFile {
+    part: PathBuf,
+    target: PathBuf,
+    kept: bool,
+}
+
+impl PartFile {
+    fn create(folder: &Path, name: &str) -> Result<Self> {
+        let part = folder.join(format!(".{name}.part"));
+        File::create(&part).map_err(io(&part, "cannot create the file"))?;
+        Ok(Self { part, target: folder.join(name), kept: false })
+    }
+
+    fn writer(&self) -> Result<BufWriter<File>> {
+        let file = File::options().write(true).open(&self.part).map_err(io(&self.part, "cannot open the file"))?;
+        Ok(BufWriter::with_capacity(1 << 18, file))
+    }
+
+    fn keep(mut self, mut writer: BufWriter<File>) -> Result<()> {
+        writer.flush().map_err(io(&self.target, "cannot write the file"))?;
+        drop(writer);
+        std::fs::rename(&self.part, &self.target).map_err(io(&self.target, "cannot rename the finished file"))?;
+        self.kept = true;
+        Ok(())
+    }
+}
+
+impl Drop for PartFile {
+    fn drop(&mut self) {
+        if !self.kept {
+            // Best effort: the error that led here is the one to be told.
+            drop(std::fs::remove_file(&self.part));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_folder_with_something_in_it_is_refused_and_left_alone() {
+        let base = tempfile::tempdir().unwrap();
+        let message = |path: &Path| RunFolder::create(path).unwrap_err().to_string();
+        std::fs::write(base.path().join("notes.txt"), "mine").unwrap();
+        assert!(message(base.path()).contains("not empty"));
+        assert!(message(&base.path().join("notes.txt")).contains("not a folder"));
+        assert!(message(&base.path().join("notes.txt/run")).contains("not a folder"));
+        assert_eq!(std::fs::read_dir(base.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn val_discard_leaves_nothing_but_what_was_there() {
+        let base = tempfile::tempdir().unwrap();
+        let path = base.path().join("runs/one");
+        let folder = RunFolder::create(&path).unwrap();
+        std::fs::write(folder.spool_path(), "x").unwrap();
+        folder.discard().unwrap();
+        assert!(!path.exists());
+
+        let empty = base.path().join("mine");
+        std::fs::create_dir(&empty).unwrap();
+        RunFolder::create(&empty).unwrap().discard().unwrap();
+        assert!(empty.exists());
+    }
+
+    #[test]
+    fn val_unfinished_part_is_removed() {
+        let base = tempfile::tempdir().unwrap();
+        drop(PartFile::create(base.path(), "x").unwrap());
+        assert_eq!(std::fs::read_dir(base.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,438 @@
+//! `summary.json`: what a run was, how it ended and what it gave, for people and programs.
+//!
+//! Whoever executed the run fills in the facts (scenario, seed, status, hashes, wall time); the numbers of the flight are computed
+//! from the spool by [`analysis`](crate::analysis), so that the command line, the report and later programs all show the same ones.
+//!
+//! A number that is not finite (a flight that diverged) is `null` in the file and NaN in the type.
+//!
+//! Times are seconds of simulated time since the start of the run, unless the name says `wall`.
+
+use crate::error::{Result, StoreError, io};
+use crate::run_folder::SUMMARY_FILE;
+use crate::telemetry::{HEALTHY, NOT_READY, UNKNOWN};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Format of `summary.json`; changes whenever a field changes its meaning or goes.
+pub const SUMMARY_VERSION: u32 = 1;
+
+/// `null` is how JSON has NaN.
+fn number<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}
+
+/// As [`number`], for three of them.
+fn triple<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<[f64; 3], D::Error> {
+    let values: [Option<f64>; 3] = Deserialize::deserialize(deserializer)?;
+    Ok(values.map(|value| value.unwrap_or(f64::NAN)))
+}
+
+/// As [`number`], for a table.
+fn table<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<[f64; 3]>, D::Error> {
+    let rows: Vec<[Option<f64>; 3]> = Deserialize::deserialize(deserializer)?;
+    Ok(rows.into_iter().map(|row| row.map(|value| value.unwrap_or(f64::NAN))).collect())
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// All steps were executed.
+    #[default]
+    Done,
+    /// It ended early; [`Summary::failure`] says why.
+    Failed,
+    /// Somebody stopped it.
+    Canceled,
+}
+
+impl Status {
+    /// As it stands in the file.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Failed => "failed",
+            Self::Canceled => "canceled",
+        }
+    }
+}
+
+/// Why a run failed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Who failed: `controller`, `fdi`, `plant`, or the program itself.
+    pub peer: String,
+    /// Last step that was complete.
+    pub step: u64,
+    /// How long the peer had been silent in wall time, ms; 0 if it did not fail by silence.
+    pub silence_ms: u64,
+    /// The whole story in one sentence.
+    pub sentence: String,
+}
+
+/// The scenario as it was flown.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ScenarioRecord {
+    /// Its name.
+    pub name: String,
+    /// File it was read from, as it was named on the command line.
+    pub path: String,
+    /// Name of the vehicle.
+    #[serde(default)]
+    pub vehicle: String,
+    /// The effective configuration (TOML), defaults and command line included: enough to fly it again.
+    pub text: String,
+}
+
+/// How well a run kept to the wall clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RealTime {
+    /// Length of a step, ms.
+    pub period_ms: f64,
+    /// Median lateness of a step against the wall clock, µs.
+    pub jitter_us_p50: f64,
+    /// 99 % of the steps were less late than this, µs.
+    pub jitter_us_p99: f64,
+    /// Worst lateness, µs.
+    pub jitter_us_max: f64,
+    /// Steps whose answer came after the next step was due.
+    pub deadline_misses: u64,
+}
+
+/// How well the flight followed what it was asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tracking {
+    /// Root mean square of the distance between true and reference position, m.
+    #[serde(deserialize_with = "number")]
+    pub position_rms_m: f64,
+    /// Largest such distance, m.
+    #[serde(deserialize_with = "number")]
+    pub position_max_m: f64,
+    /// Root mean square per axis (north, east, down), m.
+    #[serde(deserialize_with = "triple")]
+    pub position_rms_ned_m: [f64; 3],
+    /// Root mean square of true roll and pitch against their setpoints and of true yaw against its reference, rad.
+    #[serde(deserialize_with = "triple")]
+    pub attitude_rms_rad: [f64; 3],
+}
+
+/// What the flight took from the battery.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BatteryUse {
+    /// State of charge at the first step, fraction.
+    #[serde(deserialize_with = "number")]
+    pub state_of_charge_start: f64,
+    /// State of charge at the last step, fraction.
+    #[serde(deserialize_with = "number")]
+    pub state_of_charge_end: f64,
+    /// True terminal voltage at the first step, V.
+    #[serde(deserialize_with = "number")]
+    pub voltage_start_v: f64,
+    /// True terminal voltage at the last step, V.
+    #[serde(deserialize_with = "number")]
+    pub voltage_end_v: f64,
+    /// Lowest true terminal voltage, V.
+    #[serde(deserialize_with = "number")]
+    pub voltage_min_v: f64,
+    /// Charge drawn, A h.
+    #[serde(deserialize_with = "number")]
+    pub charge_ah: f64,
+}
+
+/// Who gives a verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Evaluator {
+    /// §5.3.
+    TTest,
+    /// Sequential detector.
+    Sequential,
+    /// §5.2.
+    Network,
+}
+
+impl Evaluator {
+    /// All of them, in the order of every table.
+    pub const ALL: [Self; 3] = [Self::TTest, Self::Sequential, Self::Network];
+
+    /// For people.
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::TTest => "T-test",
+            Self::Sequential => "Sequential detector",
+            Self::Network => "Neural network",
+        }
+    }
+
+    /// Its column in the telemetry.
+    pub const fn column(self) -> &'static str {
+        match self {
+            Self::TTest => "verdict_t_test",
+            Self::Sequential => "verdict_sequential",
+            Self::Network => "verdict_network",
+        }
+    }
+}
+
+/// What one evaluator said in one interval; counts are evaluation windows that end in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Windows without a verdict yet.
+    pub not_ready: u64,
+    /// Windows with the expected verdict.
+    pub right: u64,
+    /// `right` over the windows with a verdict; absent if there is none.
+    pub share_right: Option<f64>,
+    /// Windows with the verdict "healthy".
+    pub healthy: u64,
+    /// Windows with the verdict "unknown fault".
+    pub unknown: u64,
+    /// Windows that name a rotor that is not the one faulty rotor.
+    pub other_rotor: u64,
+    /// From the start of the interval to the end of the first window with the right verdict, s; absent if there is none, and in
+    /// intervals without a fault.
+    pub isolated_after_s: Option<f64>,
+    /// Windows with a fault verdict although no rotor is faulty.
+    pub false_alarm_windows: u64,
+    /// Uninterrupted series of such windows.
+    pub false_alarm_events: u64,
+    /// Code of the verdict in force at the end of the interval.
+    pub verdict_at_end: i32,
+}
+
+/// One [`Score`] per evaluator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Of the T-test.
+    pub t_test: Score,
+    /// Of the sequential detector.
+    pub sequential: Score,
+    /// Of the trained network.
+    pub network: Score,
+}
+
+impl Scores {
+    /// The score of one evaluator.
+    pub const fn of(&self, evaluator: Evaluator) -> &Score {
+        match evaluator {
+            Evaluator::TTest => &self.t_test,
+            Evaluator::Sequential => &self.sequential,
+            Evaluator::Network => &self.network,
+        }
+    }
+
+    pub(crate) const fn of_mut(&mut self, evaluator: Evaluator) -> &mut Score {
+        match evaluator {
+            Evaluator::TTest => &mut self.t_test,
+            Evaluator::Sequential => &mut self.sequential,
+            Evaluator::Network => &mut self.network,
+        }
+    }
+}
+
+/// A stretch of the flight in which the condition of every rotor and sensor stays the same, as long as possible.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// First step, s.
+    pub start_s: f64,
+    /// End of its last step, s.
+    pub end_s: f64,
+    /// 0 no rotor faulty, i rotor i, −1 several.
+    pub fault_label: i32,
+    /// Numbers of the faulty rotors, from 1.
+    pub faulty_rotors: Vec<u32>,
+    /// In words: "healthy", "rotor 3: blade b".
+    pub description: String,
+    /// Names of the sensor faults in force.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensor_faults: Vec<String>,
+    /// The verdict that is right here: equal to the fault label (several faulty rotors match no single one: "unknown fault").
+    pub expected_verdict: i32,
+    /// Evaluation windows that end here. One that began earlier counts here, too.
+    pub windows: u64,
+    /// What the evaluators said.
+    pub scores: Scores,
+    /// Root mean square of the distance between true and reference position, m.
+    #[serde(deserialize_with = "number")]
+    pub position_rms_m: f64,
+    /// Start of the span that the residual statistics are taken over: the first second, in which the observers settle, is left
+    /// out of intervals longer than two seconds.
+    pub residuals_from_s: f64,
+    /// Mean of each residual (rotors × arm, lever, yaw), N m s.
+    #[serde(deserialize_with = "table")]
+    pub residual_means_nms: Vec<[f64; 3]>,
+    /// Standard deviation of each residual sample, N m s.
+    #[serde(deserialize_with = "table")]
+    pub residual_deviations_nms: Vec<[f64; 3]>,
+}
+
+/// The content of `summary.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// [`SUMMARY_VERSION`]; set by [`finalise`](crate::run_folder::finalise).
+    pub schema_version: u32,
+    /// Name of the run, by default that of its folder.
+    pub run: String,
+    /// How it ended.
+    pub status: Status,
+    /// Why it failed; present only if it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
+    /// Hash over all samples of the run: equal for equal scenario, seed and program, whatever the link and pace.
+    pub run_hash: String,
+    /// Content hash of the vehicle model that was flown.
+    pub model_hash: String,
+    /// Program and version, e.g. "rotortwin 0.1.0".
+    pub program_version: String,
+    /// What was flown.
+    pub scenario: ScenarioRecord,
+    /// Seed of all noise.
+    pub seed: u64,
+    /// How the processes were connected: `in-process`, `iceoryx2`, `zenoh`.
+    pub link: String,
+    /// `fast` or `real-time`.
+    pub pace: String,
+    /// When the run started, RFC 3339; empty if it was not noted.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub started_at: String,
+    /// Wall time of the run, s.
+    pub wall_s: f64,
+    /// How well it kept to the wall clock; absent at pace `fast`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub real_time: Option<RealTime>,
+
+    /// Steps that were executed and recorded. This and all that follows is computed from the telemetry.
+    pub steps: u64,
+    /// Simulated time, s.
+    pub simulated_s: f64,
+    /// `steps / wall_s`.
+    pub steps_per_s: f64,
+    /// Rotors of the vehicle.
+    pub rotor_count: usize,
+    /// Meaning of the codes in `rotor_condition_i`.
+    #[serde(default)]
+    pub conditions: BTreeMap<i32, String>,
+    /// How well the flight followed its reference; absent if there is no step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<Tracking>,
+    /// What it took from the battery; absent if there is no step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub battery: Option<BatteryUse>,
+    /// The fault schedule as it was flown, with what the evaluators said.
+    #[serde(default)]
+    pub intervals: Vec<Interval>,
+}
+
+impl Summary {
+    /// False alarms (events) of one evaluator over the whole run.
+    pub fn false_alarm_events(&self, evaluator: Evaluator) -> u64 {
+        self.intervals.iter().map(|interval| interval.scores.of(evaluator).false_alarm_events).sum()
+    }
+
+    /// True if the evaluator never gave a verdict, e.g. because no network is loaded.
+    pub fn is_absent(&self, evaluator: Evaluator) -> bool {
+        self.intervals.iter().all(|interval| interval.scores.of(evaluator).not_ready == interval.windows)
+    }
+
+    /// As it stands in the file.
+    pub fn to_json(&self) -> String {
+        let mut json = serde_json::to_string_pretty(self).expect("a summary of strings and numbers is JSON");
+        json.push('\n');
+        json
+    }
+}
+
+/// A verdict code in words.
+pub fn verdict_text(code: i32) -> String {
+    match code {
+        NOT_READY => "not ready".to_owned(),
+        UNKNOWN => "unknown fault".to_owned(),
+        HEALTHY => "healthy".to_owned(),
+        rotor => format!("rotor {rotor}"),
+    }
+}
+
+/// Reads the summary of a run: `path` is its folder or the file itself.
+pub fn load_summary(path: &Path) -> Result<Summary> {
+    let is_folder = path.is_dir();
+    let file = if is_folder { path.join(SUMMARY_FILE) } else { path.to_path_buf() };
+    let text = match std::fs::read_to_string(&file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let interrupted = is_folder && path.join(crate::run_folder::SPOOL_FILE).exists();
+            return Err(if interrupted {
+                StoreError::Interrupted { path: path.to_path_buf() }
+            } else {
+                StoreError::NoRun { path: path.to_path_buf(), expected: SUMMARY_FILE }
+            });
+        }
+        other => other.map_err(io(&file, "cannot read the summary"))?,
+    };
+    let bad = |source| StoreError::Summary { path: file.clone(), source };
+    // The version first: a summary of another format would otherwise be reported as a missing field.
+    let value: serde_json::Value = serde_json::from_str(&text).map_err(bad)?;
+    if let Some(found) = value.get("schema_version").and_then(serde_json::Value::as_u64)
+        && found != u64::from(SUMMARY_VERSION)
+    {
+        return Err(StoreError::SummaryVersion { path: file, found, expected: SUMMARY_VERSION });
+    }
+    serde_json::from_value(value).map_err(bad)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_summary_round_trip() {
+        let folder = tempfile::tempdir().unwrap();
+        let summary = Summary {
+            schema_version: SUMMARY_VERSION,
+            seed: u64::MAX,
+            status: Status::Failed,
+            failure: Some(Failure { peer: "fdi".into(), step: 7, silence_ms: 900, sentence: "fdi fell silent".into() }),
+            conditions: BTreeMap::from([(1, "blade b".to_owned())]),
+            intervals: vec![Interval { start_s: 0.1, residual_means_nms: vec![[0.1, 0.2, 0.3]; 6], ..Interval::default() }],
+            ..Summary::default()
+        };
+        std::fs::write(folder.path().join(SUMMARY_FILE), summary.to_json()).unwrap();
+        assert_eq!(load_summary(folder.path()).unwrap(), summary);
+        assert_eq!(load_summary(&folder.path().join(SUMMARY_FILE)).unwrap(), summary);
+    }
+
+    #[test]
+    fn val_numbers_that_are_not_finite_come_back_as_nan() {
+        let folder = tempfile::tempdir().unwrap();
+        let interval = Interval {
+            position_rms_m: f64::INFINITY,
+            residual_means_nms: vec![[f64::NAN, 1.0, 2.0]],
+            ..Interval::default()
+        };
+        let tracking = Tracking { position_rms_ned_m: [f64::NAN, 1.0, 2.0], ..Tracking::default() };
+        let summary = Summary {
+            schema_version: SUMMARY_VERSION,
+            tracking: Some(tracking),
+            intervals: vec![interval],
+            ..Summary::default()
+        };
+        std::fs::write(folder.path().join(SUMMARY_FILE), summary.to_json()).unwrap();
+        let read = load_summary(folder.path()).unwrap();
+        assert!(read.intervals[0].position_rms_m.is_nan());
+        assert!(read.intervals[0].residual_means_nms[0][0].is_nan());
+        assert_eq!(read.intervals[0].residual_means_nms[0][1..], [1.0, 2.0]);
+        assert!(read.tracking.unwrap().position_rms_ned_m[0].is_nan());
+    }
+
+    #[test]
+    fn val_what_is_no_summary_is_refused_with_a_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = |folder: &Path| load_summary(folder).unwrap_err().to_string();
+        assert!(message(folder.path()).contains("no run here"));
+        std::fs::write(folder.path().join(crate::run_folder::SPOOL_FILE), "").unwrap();
+        assert!(message(folder.path()).contains("interrupted"));
+        let file = folder.path().join(SUMMARY_FILE);
+        std::fs::write(&file, "{\"schema_version\": 99}").unwrap();
+        assert!(message(folder.path()).contains("format 99"));
+        std::fs::write(&file, "{").unwrap();
+        assert!(message(folder.path()).contains("not a summary"));
+    }
+}

@@ -1,0 +1,442 @@
+//! TCP between hosts (or on one): zenoh publish-subscribe, prost messages.
+//!
+//! ```text
+//!  key (rotortwin/v1/{run_id}/…)    from                 to                 payload
+//!  sensors                          plant                controller, fdi    SensorFrame
+//!  command                          controller           plant, fdi         MotorCommand
+//!  report                           fdi                  plant              FdiReport
+//!  join, ready                      peers                plant              Join, Ready
+//!  setup/controller, setup/fdi      plant                that peer          Setup
+//!  finish                           plant                peers              Finish
+//!  alive/plant, …/controller, …/fdi that process         all                liveliness token
+//! ```
+//! Who meets whom is said explicitly, nothing is searched for: either the plant listens and the peers connect to it (it routes
+//! for them, no other program is needed), or all connect to a router. Scouting, gossip and the admin space are off.
+//!
+//! A process that dies takes its TCP connection with it; the router then withdraws its liveliness token, and the others know
+//! within milliseconds. A host that vanishes without closing its connections shows after the lease of 2 s, or as silence.
+//!
+//! # Limits
+//! No authentication and no encryption: listen on the loopback interface or in a network that you trust. Sending wakes the
+//! receiver, so there is nothing to gain from batches. A few times slower than shared memory.
+
+use super::LinkError;
+use super::endpoint::{Delivery, Endpoint, Packet, malformed};
+use crate::convert::ConvertError;
+use crate::frames::{CommandFrame, FdiReport, SensorFrame};
+use crate::proto::{self, Finish, Join, Ready, Role, Setup, setup::Parameters};
+use prost::Message;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use zenoh::Wait as _;
+use zenoh::config::EndPoint;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::sample::SampleKind;
+
+/// The name of this transport in errors.
+const TRANSPORT: &str = "zenoh";
+
+/// How this process reaches the others.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Attachment {
+    /// It waits for them and routes between them: the plant, where there is no router.
+    Listen,
+    /// It connects to whoever listens: the peers, and everybody where there is a router.
+    Connect,
+}
+
+/// Where the processes of a run meet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ZenohOptions {
+    /// "tcp/address:port", the same for all processes of a run.
+    pub endpoint: String,
+    /// How this process uses it.
+    pub attachment: Attachment,
+    /// How long a connecting process tries.
+    pub connect_timeout: Duration,
+}
+
+impl ZenohOptions {
+    /// Listens on `endpoint`.
+    pub fn listen(endpoint: impl Into<String>) -> Self {
+        Self { endpoint: endpoint.into(), attachment: Attachment::Listen, connect_timeout: Duration::from_secs(5) }
+    }
+
+    /// Connects to `endpoint`, for up to 5 s.
+    pub fn connect(endpoint: impl Into<String>) -> Self {
+        Self { attachment: Attachment::Connect, ..Self::listen(endpoint) }
+    }
+
+    /// "tcp/127.0.0.1:port" with a port that was free a moment ago.
+    pub fn free_loopback_endpoint() -> std::io::Result<String> {
+        let listener = std::net::TcpListener::bind(("127.0.0.1", 0))?;
+        Ok(format!("tcp/{}", listener.local_addr()?))
+    }
+
+    fn config(&self) -> Result<zenoh::Config, LinkError> {
+        let malformed = |reason: String| LinkError::Transport {
+            transport: TRANSPORT,
+            action: format!("reading the endpoint {:?}", self.endpoint),
+            reason,
+        };
+        self.endpoint
+            .parse::<EndPoint>()
+            .map_err(|error| malformed(format!("{error}; expected something like \"tcp/127.0.0.1:7447\"")))?;
+        if !self.endpoint.starts_with("tcp/") {
+            return Err(malformed("only \"tcp/address:port\" is supported".to_owned()));
+        }
+        let listens = self.attachment == Attachment::Listen;
+        let (listen, connect) = if listens { (Some(&self.endpoint), None) } else { (None, Some(&self.endpoint)) };
+        let list = |endpoint: Option<&String>| endpoint.map_or_else(|| "[]".to_owned(), |it| format!("[{it:?}]"));
+        let timeout = self.connect_timeout.as_millis().max(1);
+        let mut config = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", if listens { "\"router\"" } else { "\"client\"" }.to_owned()),
+            ("listen/endpoints", list(listen)),
+            ("listen/exit_on_failure", "true".to_owned()),
+            ("connect/endpoints", list(connect)),
+            ("connect/timeout_ms", timeout.to_string()),
+            ("connect/exit_on_failure", "true".to_owned()),
+            // The other side may start a moment later.
+            ("connect/retry", "{ period_init_ms: 20, period_max_ms: 200, period_increase_factor: 1.5 }".to_owned()),
+            ("scouting/multicast/enabled", "false".to_owned()),
+            ("scouting/gossip/enabled", "false".to_owned()),
+            ("adminspace/enabled", "false".to_owned()),
+            ("transport/link/protocols", "[\"tcp\"]".to_owned()),
+            ("transport/link/tx/lease", "2000".to_owned()),
+        ] {
+            config.insert_json5(key, &value).map_err(|error| failed(&format!("setting {key} to {value}"), error))?;
+        }
+        Ok(config)
+    }
+}
+
+fn failed(action: &str, reason: impl std::fmt::Display) -> LinkError {
+    LinkError::Transport { transport: TRANSPORT, action: action.to_owned(), reason: reason.to_string() }
+}
+
+/// What a key carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Topic {
+    Join,
+    Setup,
+    Ready,
+    Sensors,
+    Command,
+    Report,
+    Finish,
+}
+
+/// Filled by zenoh's threads, emptied by ours.
+#[derive(Debug, Default)]
+struct Inbox {
+    state: Mutex<InboxState>,
+    arrival: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct InboxState {
+    packets: VecDeque<(Topic, Vec<u8>)>,
+    /// By [`slot`]: whose token was withdrawn.
+    gone: [bool; 3],
+    /// Something changed since the last wait.
+    is_news: bool,
+}
+
+impl Inbox {
+    fn lock(&self) -> MutexGuard<'_, InboxState> {
+        // No code can panic while it holds the lock.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn change(&self, change: impl FnOnce(&mut InboxState)) {
+        let mut state = self.lock();
+        change(&mut state);
+        state.is_news = true;
+        drop(state);
+        self.arrival.notify_one();
+    }
+}
+
+/// Place of a role in an array.
+fn slot(role: Role) -> Option<usize> {
+    match role {
+        Role::Plant => Some(0),
+        Role::Controller => Some(1),
+        Role::Fdi => Some(2),
+        Role::Unspecified => None,
+    }
+}
+
+fn slug(role: Role) -> &'static str {
+    match role {
+        Role::Plant => "plant",
+        Role::Controller => "controller",
+        Role::Fdi => "fdi",
+        Role::Unspecified => "nobody",
+    }
+}
+
+/// One process's session.
+#[derive(Debug)]
+pub struct ZenohEndpoint {
+    role: Role,
+    run_id: u64,
+    options: ZenohOptions,
+    prefix: String,
+    inbox: Arc<Inbox>,
+    /// For the topic that this role sends in each step.
+    publisher: Publisher<'static>,
+    /// Rotors of the vehicle, from the Setup that passed.
+    rotor_count: usize,
+    subscribers: Vec<Subscriber<()>>,
+    token: Option<LivelinessToken>,
+    session: zenoh::Session,
+}
+
+impl ZenohEndpoint {
+    /// Joins the network as `role` of the run `run_id`. Fails, naming the endpoint, if nobody answers there in time.
+    pub fn new(role: Role, run_id: u64, options: ZenohOptions) -> Result<Self, LinkError> {
+        let config = options.config()?;
+        let session = zenoh::open(config).wait().map_err(|error| {
+            let action = match options.attachment {
+                Attachment::Listen => format!("listening on {}", options.endpoint),
+                Attachment::Connect => {
+                    format!("connecting to {} for {} ms", options.endpoint, options.connect_timeout.as_millis())
+                }
+            };
+            // zenoh's own text names source files of zenoh.
+            tracing::debug!("{action}: {error}");
+            let reason = match options.attachment {
+                Attachment::Listen => "the address is not one of this host, or is taken",
+                Attachment::Connect => "nobody answers there",
+            };
+            failed(&action, reason)
+        })?;
+        let prefix = format!("rotortwin/v1/{run_id:016x}");
+        let inbox = Arc::new(Inbox::default());
+        let own_setup = format!("setup/{}", slug(role));
+        let (sends, receives): (&str, &[(&str, Topic)]) = match role {
+            Role::Plant => (
+                "sensors",
+                &[
+                    ("command", Topic::Command),
+                    ("report", Topic::Report),
+                    ("join", Topic::Join),
+                    ("ready", Topic::Ready),
+                ],
+            ),
+            Role::Controller => {
+                ("command", &[("sensors", Topic::Sensors), (&own_setup, Topic::Setup), ("finish", Topic::Finish)])
+            }
+            Role::Fdi => (
+                "report",
+                &[
+                    ("sensors", Topic::Sensors),
+                    ("command", Topic::Command),
+                    (&own_setup, Topic::Setup),
+                    ("finish", Topic::Finish),
+                ],
+            ),
+            Role::Unspecified => return Err(failed("creating an endpoint", "a role is needed")),
+        };
+        let mut subscribers = Vec::new();
+        for &(key, topic) in receives {
+            let inbox = Arc::clone(&inbox);
+            let subscriber = session
+                .declare_subscriber(format!("{prefix}/{key}"))
+                .callback(move |sample| {
+                    let bytes = sample.payload().to_bytes().into_owned();
+                    inbox.change(|state| state.packets.push_back((topic, bytes)));
+                })
+                .wait()
+                .map_err(|error| failed(&format!("subscribing to {key}"), error))?;
+            subscribers.push(subscriber);
+        }
+        let lives = {
+            let inbox = Arc::clone(&inbox);
+            session
+                .liveliness()
+                .declare_subscriber(format!("{prefix}/alive/*"))
+                .history(true)
+                .callback(move |sample| {
+                    let key = sample.key_expr().as_str();
+                    let name = key.rsplit('/').next().unwrap_or(key);
+                    let who = [Role::Plant, Role::Controller, Role::Fdi].into_iter().find(|role| slug(*role) == name);
+                    if let Some(slot) = who.and_then(slot) {
+                        inbox.change(|state| state.gone[slot] = sample.kind() == SampleKind::Delete);
+                    }
+                })
+                .wait()
+                .map_err(|error| failed("watching who is alive", error))?
+        };
+        subscribers.push(lives);
+        let publisher = session
+            .declare_publisher(format!("{prefix}/{sends}"))
+            .congestion_control(CongestionControl::Block)
+            .priority(Priority::RealTime)
+            .express(true)
+            .wait()
+            .map_err(|error| failed(&format!("publishing {sends}"), error))?;
+        let token = session
+            .liveliness()
+            .declare_token(format!("{prefix}/alive/{}", slug(role)))
+            .wait()
+            .map_err(|error| failed("telling that it is alive", error))?;
+        Ok(Self {
+            role,
+            run_id,
+            options,
+            prefix,
+            inbox,
+            publisher,
+            rotor_count: 0,
+            subscribers,
+            token: Some(token),
+            session,
+        })
+    }
+
+    fn put(&self, key: &str, bytes: Vec<u8>, congestion: CongestionControl) -> Result<Delivery, LinkError> {
+        self.session
+            .put(format!("{}/{key}", self.prefix), bytes)
+            .congestion_control(congestion)
+            .priority(Priority::RealTime)
+            .express(true)
+            .wait()
+            .map_err(|error| failed(&format!("sending {key}"), error))?;
+        Ok(Delivery::Complete)
+    }
+
+    /// A message of the 400 Hz loop.
+    fn publish(&self, bytes: Vec<u8>) -> Result<Delivery, LinkError> {
+        self.publisher.put(bytes).wait().map_err(|error| failed("sending a frame", error))?;
+        Ok(Delivery::Complete)
+    }
+
+    fn decode(&mut self, topic: Topic, bytes: &[u8]) -> Result<Packet, LinkError> {
+        let rotor_count = self.rotor_count;
+        match topic {
+            Topic::Sensors => {
+                let message: proto::SensorFrame = parse(bytes, "SensorFrame", Role::Plant)?;
+                let frame = SensorFrame::try_from(&message);
+                Ok(Packet::Sensors(frame.map_err(|error| malformed(Role::Plant, step(&message.stamp), &error))?))
+            }
+            Topic::Command => {
+                let message: proto::MotorCommand = parse(bytes, "MotorCommand", Role::Controller)?;
+                let frame = CommandFrame::from_proto(&message, rotor_count);
+                Ok(Packet::Command(frame.map_err(|error| malformed(Role::Controller, step(&message.stamp), &error))?))
+            }
+            Topic::Report => {
+                let message: proto::FdiReport = parse(bytes, "FdiReport", Role::Fdi)?;
+                let frame = FdiReport::from_proto(&message, rotor_count);
+                Ok(Packet::Report(frame.map_err(|error| malformed(Role::Fdi, step(&message.stamp), &error))?))
+            }
+            Topic::Join => Ok(Packet::Join(parse(bytes, "Join", Role::Unspecified)?)),
+            Topic::Setup => {
+                let setup: Setup = parse(bytes, "Setup", Role::Plant)?;
+                self.learn(&setup);
+                Ok(Packet::Setup(Box::new(setup)))
+            }
+            Topic::Ready => Ok(Packet::Ready(parse(bytes, "Ready", Role::Unspecified)?)),
+            Topic::Finish => Ok(Packet::Finish(parse(bytes, "Finish", Role::Plant)?)),
+        }
+    }
+
+    fn learn(&mut self, setup: &Setup) {
+        self.rotor_count = match &setup.parameters {
+            Some(Parameters::Controller(parameters)) => parameters.rotors.len(),
+            Some(Parameters::Fdi(parameters)) => parameters.rotors.len(),
+            None => self.rotor_count,
+        };
+    }
+}
+
+fn step(stamp: &Option<proto::Stamp>) -> u64 {
+    stamp.as_ref().map_or(0, |stamp| stamp.step)
+}
+
+fn parse<M: Message + Default>(bytes: &[u8], message: &'static str, sender: Role) -> Result<M, LinkError> {
+    M::decode(bytes)
+        .map_err(|error| malformed(sender, 0, &ConvertError::Malformed { message, reason: error.to_string() }))
+}
+
+impl Endpoint for ZenohEndpoint {
+    fn role(&self) -> Role {
+        self.role
+    }
+
+    fn run_id(&self) -> u64 {
+        self.run_id
+    }
+
+    fn transport(&self) -> &'static str {
+        TRANSPORT
+    }
+
+    fn address(&self) -> String {
+        format!("zenoh at {}", self.options.endpoint)
+    }
+
+    fn send(&mut self, packet: &Packet) -> Result<Delivery, LinkError> {
+        let block = CongestionControl::Block;
+        match packet {
+            Packet::Sensors(frame) => self.publish(proto::SensorFrame::from(frame).encode_to_vec()),
+            Packet::Command(frame) => self.publish(frame.to_proto(self.rotor_count).encode_to_vec()),
+            Packet::Report(frame) => self.publish(frame.to_proto(self.rotor_count).encode_to_vec()),
+            Packet::Join(message) => self.put("join", message.encode_to_vec(), block),
+            Packet::Ready(message) => self.put("ready", message.encode_to_vec(), block),
+            Packet::Setup(message) => {
+                self.learn(message);
+                self.put(&format!("setup/{}", slug(message.role())), message.encode_to_vec(), block)
+            }
+            // The last word must not wait for a peer that takes nothing.
+            Packet::Finish(message) => self.put("finish", message.encode_to_vec(), CongestionControl::Drop),
+        }
+    }
+
+    fn wake(&mut self, _role: Role) -> Result<(), LinkError> {
+        // Sending has woken it.
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Result<Option<Packet>, LinkError> {
+        let next = self.inbox.lock().packets.pop_front();
+        next.map(|(topic, bytes)| self.decode(topic, &bytes)).transpose()
+    }
+
+    fn wait(&mut self, at_most: Duration) -> Result<(), LinkError> {
+        let mut state = self.inbox.lock();
+        if state.packets.is_empty() && !state.is_news {
+            state = self.inbox.arrival.wait_timeout(state, at_most).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        state.is_news = false;
+        Ok(())
+    }
+
+    fn is_gone(&mut self, role: Role, _thorough: bool) -> bool {
+        slot(role).is_some_and(|slot| self.inbox.lock().gone[slot])
+    }
+}
+
+/// Says goodbye: the others know at once that this end is gone.
+impl Drop for ZenohEndpoint {
+    fn drop(&mut self) {
+        if let Some(token) = self.token.take()
+            && let Err(error) = token.undeclare().wait()
+        {
+            tracing::debug!("withdrawing the liveliness token: {error}");
+        }
+        for subscriber in self.subscribers.drain(..) {
+            if let Err(error) = subscriber.undeclare().wait() {
+                tracing::debug!("ending a subscription: {error}");
+            }
+        }
+        if let Err(error) = self.session.close().wait() {
+            tracing::debug!("closing the session: {error}");
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Our own controller and FDI engine, as the peers of a link. They hold no truth and no scenario: only what the hand-shake brings.
+
+use rotortwin_flight_core::control::Controller;
+use rotortwin_flight_core::fdi::FdiEngine;
+use crate::frames::{CommandFrame, FdiReport, SensorFrame};
+use crate::link::{ControllerPeer, FdiPeer};
+use crate::proto::{ControllerSetup, FdiSetup};
+use crate::setup;
+
+/// The cascaded PID controller of `flight-core` (Table 5).
+#[derive(Default)]
+pub struct PidPeer {
+    controller: Option<Controller>,
+}
+
+impl ControllerPeer for PidPeer {
+    fn setup(&mut self, parameters: &ControllerSetup) -> Result<(), String> {
+        let (config, trim) = setup::controller_config(parameters)?;
+        let mut controller = Controller::new(config).map_err(|error| error.to_string())?;
+        if let Some(trim) = trim {
+            controller.trim(trim.duty, trim.battery_voltage);
+        }
+        self.controller = Some(controller);
+        Ok(())
+    }
+
+    #[inline]
+    fn step(&mut self, sensors: &SensorFrame) -> CommandFrame {
+        let controller = self
+            .controller
+            .as_mut()
+            .expect("the link calls setup before the first step");
+        let output = controller.step(&sensors.nav(), &sensors.reference(), sensors.battery_voltage_v);
+        let setpoint = output.attitude_setpoint;
+        CommandFrame {
+            stamp: sensors.stamp,
+            duty: output.command.duty,
+            attitude_setpoint_rad: [setpoint.roll, setpoint.pitch, setpoint.yaw],
+            saturated_rotors: output.saturated_rotors,
+        }
+    }
+}
+
+/// Residual generators, T-test, network and sequential detector of `flight-core`.
+#[derive(Default)]
+pub struct FdiEnginePeer {
+    engine: Option<Box<FdiEngine>>,
+}
+
+impl FdiPeer for FdiEnginePeer {
+    fn setup(&mut self, parameters: &FdiSetup) -> Result<(), String> {
+        let config = setup::fdi_config(parameters)?;
+        self.engine = Some(Box::new(FdiEngine::new(config).map_err(|error| error.to_string())?));
+        Ok(())
+    }
+
+    #[inline]
+    fn step(&mut self, sensors: &SensorFrame, command: &CommandFrame) -> FdiReport {
+        let engine = self
+            .engine
+            .as_mut()
+            .expect("the link calls setup before the first step");
+        let output = engine.step(&command.measurement(sensors));
+        FdiReport {
+            stamp: sensors.stamp,
+            residuals_nms: output.residuals.component,
+            wrench_residual: output.wrench_residual,
+            t_test: output.t_test.code(),
+            network: output.network.code(),
+            sequential: output.sequential.code(),
+            sequential_probability: output.sequential_probability,
+            thrust_loss_n: output.thrust_loss,
+            window_end: u32::from(output.window_end),
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! The controller process: takes sensors and reference, gives motor commands, over any link.
+//!
+//! It holds no vehicle and no scenario; everything it needs comes with the hand-shake. To fly a controller of your own instead, speak
+//! the messages of `proto/rotortwin/v1` (or implement [`rotortwin_wire::link::ControllerPeer`]) and start the run with
+//! `rotortwin fly … --external controller`.
+
+use clap::Parser;
+use rotortwin_process::PeerArgs;
+use rotortwin_wire::peers::PidPeer;
+use std::process::ExitCode;
+
+/// The PID controller process of a run.
+#[derive(Debug, Parser)]
+#[command(name = "rotortwin-controller", version)]
+pub struct Args {
+    /// Which run, where, how long to wait.
+    #[command(flatten)]
+    pub peer: PeerArgs,
+}
+
+/// Serves one run; exit code 0 if it ended well, 1 if it failed.
+pub fn run(args: Args) -> ExitCode {
+    args.peer.serve_controller("rotortwin-controller", &mut PidPeer::default())
+}

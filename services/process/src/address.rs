@@ -1,0 +1,127 @@
+//! Where the processes of a run meet.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Where the processes of a run meet, as people write it.
+///
+/// * `iceoryx2` or `iceoryx2:DOMAIN`: shared memory of this host. Runs in different domains do not see each other.
+/// * `zenoh:listen=ENDPOINT`: the plant listens there and routes between its peers; they connect.
+/// * `zenoh:connect=ENDPOINT`: everybody connects there: the plant of the form above, or a zenoh router.
+///
+/// An endpoint is zenoh's, e.g. `tcp/127.0.0.1:7447`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LinkAddress {
+    /// Shared memory of this host.
+    Iceoryx2 {
+        /// Letters, digits, `-` and `_`.
+        domain: String,
+    },
+    /// TCP; the plant listens.
+    ZenohListen {
+        /// zenoh endpoint.
+        endpoint: String,
+    },
+    /// TCP; everybody connects.
+    ZenohConnect {
+        /// zenoh endpoint.
+        endpoint: String,
+    },
+}
+
+impl LinkAddress {
+    /// `iceoryx2` or `zenoh`.
+    pub fn transport(&self) -> &'static str {
+        match self {
+            Self::Iceoryx2 { .. } => "iceoryx2",
+            Self::ZenohListen { .. } | Self::ZenohConnect { .. } => "zenoh",
+        }
+    }
+}
+
+/// Domain of runs that name none.
+const DEFAULT_DOMAIN: &str = "default";
+
+/// What is wrong with an address.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the link '{given}' is not understood: {reason}; expected iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT with an endpoint such as tcp/127.0.0.1:7447")]
+pub struct LinkAddressError {
+    given: String,
+    reason: &'static str,
+}
+
+impl FromStr for LinkAddress {
+    type Err = LinkAddressError;
+
+    fn from_str(given: &str) -> Result<Self, Self::Err> {
+        let refuse = |reason| Err(LinkAddressError { given: given.to_owned(), reason });
+        let endpoint = |text: &str| {
+            let is_endpoint = text.split_once('/').is_some_and(|(protocol, rest)| {
+                protocol == "tcp" && rest.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+            });
+            if is_endpoint { Ok(text.to_owned()) } else { Err("no tcp/HOST:PORT endpoint") }
+        };
+        match given.split_once(':') {
+            None if given == "iceoryx2" => Ok(Self::Iceoryx2 { domain: DEFAULT_DOMAIN.to_owned() }),
+            Some(("iceoryx2", domain)) => {
+                let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+                if domain.is_empty() || domain.len() > 32 || !domain.chars().all(plain) {
+                    return refuse("a domain has 1 to 32 letters, digits, '-' and '_'");
+                }
+                Ok(Self::Iceoryx2 { domain: domain.to_owned() })
+            }
+            Some(("zenoh", rest)) => match rest.split_once('=') {
+                Some(("listen", text)) => match endpoint(text) {
+                    Ok(endpoint) => Ok(Self::ZenohListen { endpoint }),
+                    Err(reason) => refuse(reason),
+                },
+                Some(("connect", text)) => match endpoint(text) {
+                    Ok(endpoint) => Ok(Self::ZenohConnect { endpoint }),
+                    Err(reason) => refuse(reason),
+                },
+                _ => refuse("zenoh needs listen= or connect="),
+            },
+            _ => refuse("no such link"),
+        }
+    }
+}
+
+impl fmt::Display for LinkAddress {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Iceoryx2 { domain } => write!(out, "iceoryx2:{domain}"),
+            Self::ZenohListen { endpoint } => write!(out, "zenoh:listen={endpoint}"),
+            Self::ZenohConnect { endpoint } => write!(out, "zenoh:connect={endpoint}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_addresses_round_trip() {
+        for text in ["iceoryx2:default", "iceoryx2:bench_2", "zenoh:listen=tcp/127.0.0.1:7447", "zenoh:connect=tcp/[::1]:1"] {
+            assert_eq!(text.parse::<LinkAddress>().expect("well formed").to_string(), text);
+        }
+        assert_eq!("iceoryx2".parse(), Ok(LinkAddress::Iceoryx2 { domain: "default".to_owned() }));
+    }
+
+    #[test]
+    fn val_nonsense_is_refused_with_the_reason() {
+        for (text, reason) in [
+            ("", "no such link"),
+            ("iceoryx", "no such link"),
+            ("iceoryx2:", "a domain has"),
+            ("iceoryx2:a/b", "a domain has"),
+            ("zenoh", "no such link"),
+            ("zenoh:tcp/1.2.3.4:5", "needs listen= or connect="),
+            ("zenoh:listen=1.2.3.4:5", "no tcp/HOST:PORT"),
+            ("zenoh:connect=tcp/host:99999", "no tcp/HOST:PORT"),
+        ] {
+            let error = text.parse::<LinkAddress>().expect_err(text).to_string();
+            assert!(error.contains(reason), "{text}: {error}");
+        }
+    }
+}

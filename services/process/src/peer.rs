@@ -1,0 +1,138 @@
+//! What a controller or FDI process is told on its command line, and how it serves a run.
+
+use crate::{EXIT_FAILED, LinkAddress, Supervisor};
+use clap::Args;
+use rotortwin_wire::link::endpoint::{PeerOptions, serve_controller, serve_fdi};
+use rotortwin_wire::link::iox2::{Iox2Endpoint, Iox2Options};
+use rotortwin_wire::link::zenoh::{ZenohEndpoint, ZenohOptions};
+use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, LinkTiming};
+use rotortwin_wire::proto::Role;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// Which run, where, how long to wait.
+#[derive(Clone, Debug, Args)]
+pub struct PeerArgs {
+    /// Where the plant is met: iceoryx2, iceoryx2:DOMAIN or zenoh:connect=ENDPOINT
+    #[arg(long)]
+    pub link: LinkAddress,
+    /// Run to join, as `rotortwin fly --external` prints it
+    #[arg(long, value_name = "HEX", value_parser = parse_run_id)]
+    pub run_id: u64,
+    /// Longest wait for the plant, ms
+    #[arg(long, value_name = "MS", default_value_t = 10_000)]
+    pub join_timeout: u64,
+    /// Longest wait of the plant for the answer to one step, ms; the plant's own silence may last one and a half times as long
+    #[arg(long, value_name = "MS", default_value_t = 5_000)]
+    pub step_timeout: u64,
+    /// Run on this CPU
+    #[arg(long, value_name = "CPU")]
+    pub cpu: Option<usize>,
+    /// End with this parent process
+    #[arg(long, hide = true)]
+    pub supervisor_pid: Option<u32>,
+}
+
+impl PeerArgs {
+    /// Serves one run as its controller; the number of steps if it ended well.
+    pub fn serve_controller(&self, program: &str, controller: &mut impl ControllerPeer) -> ExitCode {
+        self.serve(program, Role::Controller, |endpoint, options| match endpoint {
+            AnyEndpoint::Iox2(mut endpoint) => serve_controller(&mut endpoint, controller, options),
+            AnyEndpoint::Zenoh(mut endpoint) => serve_controller(&mut endpoint, controller, options),
+        })
+    }
+
+    /// Serves one run as its FDI engine.
+    pub fn serve_fdi(&self, program: &str, fdi: &mut impl FdiPeer) -> ExitCode {
+        self.serve(program, Role::Fdi, |endpoint, options| match endpoint {
+            AnyEndpoint::Iox2(mut endpoint) => serve_fdi(&mut endpoint, fdi, options),
+            AnyEndpoint::Zenoh(mut endpoint) => serve_fdi(&mut endpoint, fdi, options),
+        })
+    }
+
+    fn serve(
+        &self,
+        program: &str,
+        role: Role,
+        serve: impl FnOnce(AnyEndpoint, &PeerOptions) -> Result<u64, LinkError>,
+    ) -> ExitCode {
+        crate::start_logging();
+        if let Err(sentence) = self.settle() {
+            eprintln!("{program}: {sentence}");
+            return ExitCode::from(EXIT_FAILED);
+        }
+        let timing = self.timing();
+        let options = PeerOptions::new(format!("{program} {}", env!("CARGO_PKG_VERSION")), &timing);
+        match AnyEndpoint::open(&self.link, role, self.run_id).and_then(|endpoint| serve(endpoint, &options)) {
+            Ok(steps) => {
+                tracing::info!(steps, "the run is over");
+                ExitCode::SUCCESS
+            }
+            Err(error) => {
+                eprintln!("{program}: {error}");
+                ExitCode::from(EXIT_FAILED)
+            }
+        }
+    }
+
+    fn settle(&self) -> Result<(), String> {
+        if let Some(pid) = self.supervisor_pid {
+            Supervisor::end_with_parent(pid).map_err(|error| error.to_string())?;
+        }
+        self.cpu.map_or(Ok(()), pin_to_cpu)
+    }
+
+    fn timing(&self) -> LinkTiming {
+        LinkTiming {
+            join: Duration::from_millis(self.join_timeout),
+            step: Duration::from_millis(self.step_timeout),
+            ..LinkTiming::default()
+        }
+    }
+}
+
+/// Runs this process on one CPU only.
+pub fn pin_to_cpu(cpu: usize) -> Result<(), String> {
+    let cpus = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut set = rustix::thread::CpuSet::new();
+    if cpu < rustix::thread::CpuSet::MAX_CPU {
+        set.set(cpu);
+    }
+    rustix::thread::sched_setaffinity(None, &set)
+        .map_err(|error| format!("cannot run on CPU {cpu}, this machine offers {cpus}: {error}"))
+}
+
+/// A run id as it is printed: up to 16 hexadecimal digits, not 0.
+pub fn parse_run_id(text: &str) -> Result<u64, String> {
+    match u64::from_str_radix(text, 16) {
+        Ok(run_id) if run_id != 0 => Ok(run_id),
+        _ => Err("expected up to 16 hexadecimal digits, not all 0".to_owned()),
+    }
+}
+
+/// One process's end of any link between processes.
+pub enum AnyEndpoint {
+    /// Shared memory.
+    Iox2(Iox2Endpoint),
+    /// TCP.
+    Zenoh(ZenohEndpoint),
+}
+
+impl AnyEndpoint {
+    /// Opens the end of `role` at `address`.
+    pub fn open(address: &LinkAddress, role: Role, run_id: u64) -> Result<Self, LinkError> {
+        match address {
+            LinkAddress::Iceoryx2 { domain } => {
+                let mut options = Iox2Options::default();
+                options.prefix.push_str(&format!("{domain}_"));
+                Iox2Endpoint::new(role, run_id, options).map(Self::Iox2)
+            }
+            LinkAddress::ZenohListen { endpoint } => {
+                ZenohEndpoint::new(role, run_id, ZenohOptions::listen(endpoint.clone())).map(Self::Zenoh)
+            }
+            LinkAddress::ZenohConnect { endpoint } => {
+                ZenohEndpoint::new(role, run_id, ZenohOptions::connect(endpoint.clone())).map(Self::Zenoh)
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! The process that started this one: what it may ask for, and what happens when it dies.
+//!
+//! The plant of a supervised run has a pipe from its supervisor on standard input. A line on it ends the run: `cancel`, or
+//! `fail WHO SENTENCE` for something that only the supervisor could see. The end of the pipe means that the supervisor is dead,
+//! whatever killed it. The controller and the FDI engine have nothing to save: the kernel ends them with their parent.
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::io::BufRead as _;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Why this process is to end its run early.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StopRequest {
+    /// The user asked for it.
+    Cancel,
+    /// Something failed that the supervisor saw.
+    Fail {
+        /// `controller` or `fdi`.
+        peer: String,
+        /// What happened.
+        sentence: String,
+    },
+    /// The supervisor is dead.
+    Orphaned,
+}
+
+/// Watches for requests to stop.
+#[derive(Clone, Debug, Default)]
+pub struct Supervisor {
+    stop: Arc<AtomicBool>,
+    request: Arc<Mutex<Option<StopRequest>>>,
+}
+
+impl Supervisor {
+    /// Turns SIGINT and SIGTERM into a request to stop; with `supervised` set also reads standard input for requests.
+    pub fn watch(supervised: bool) -> std::io::Result<Self> {
+        let supervisor = Self::default();
+        signal_hook::flag::register(SIGTERM, Arc::clone(&supervisor.stop))?;
+        signal_hook::flag::register(SIGINT, Arc::clone(&supervisor.stop))?;
+        if supervised {
+            let reader = supervisor.clone();
+            std::thread::Builder::new().name("supervisor".to_owned()).spawn(move || reader.read_requests())?;
+        }
+        Ok(supervisor)
+    }
+
+    /// Lets the kernel end this process when the process with this id, its parent, dies.
+    pub fn end_with_parent(parent_pid: u32) -> std::io::Result<()> {
+        rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))?;
+        // It may have died before the line above.
+        let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().unsigned_abs());
+        if parent != Some(parent_pid) {
+            return Err(std::io::Error::other(format!("process {parent_pid}, which started this one, is gone")));
+        }
+        Ok(())
+    }
+
+    fn read_requests(&self) {
+        let mut line = String::new();
+        let request = match std::io::stdin().lock().read_line(&mut line) {
+            Ok(0) | Err(_) => StopRequest::Orphaned,
+            Ok(_) => parse_request(line.trim_end()),
+        };
+        *self.request.lock().unwrap_or_else(PoisonError::into_inner) = Some(request);
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Set once there is a reason to stop; for waits that are to end early.
+    pub fn stop_flag(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+
+    /// The reason to stop, if there is one. A signal without words is a cancellation.
+    #[inline]
+    pub fn stop_request(&self) -> Option<StopRequest> {
+        if !self.stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        let request = self.request.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(request.clone().unwrap_or(StopRequest::Cancel))
+    }
+}
+
+/// The line that asks for `request`; none for [`StopRequest::Orphaned`], which is the end of the pipe.
+pub fn request_line(request: &StopRequest) -> Option<String> {
+    match request {
+        StopRequest::Cancel => Some("cancel\n".to_owned()),
+        StopRequest::Fail { peer, sentence } => Some(format!("fail {peer} {}\n", sentence.replace('\n', " "))),
+        StopRequest::Orphaned => None,
+    }
+}
+
+fn parse_request(line: &str) -> StopRequest {
+    match line.strip_prefix("fail ").and_then(|rest| rest.split_once(' ')) {
+        Some((peer, sentence)) => StopRequest::Fail { peer: peer.to_owned(), sentence: sentence.to_owned() },
+        None => StopRequest::Cancel,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_requests_survive_the_pipe() {
+        for request in [
+            StopRequest::Cancel,
+            StopRequest::Fail { peer: "controller".to_owned(), sentence: "was killed by signal 9".to_owned() },
+        ] {
+            let line = request_line(&request).expect("these two have lines");
+            assert_eq!(parse_request(line.trim_end()), request);
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! What a run says of itself while it goes on: one JSON object a line on the plant's standard output.
+
+use serde::{Deserialize, Serialize};
+
+/// One event of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum RunEvent {
+    /// The link is being opened: the peers are waited for.
+    Waiting,
+    /// Step 0 is about to be flown, or the flight goes on.
+    Progress(Progress),
+    /// Something worth a line happened.
+    Change(Change),
+    /// The flight is over and its folder is being written.
+    Recording {
+        /// Complete steps.
+        steps: u64,
+    },
+    /// The folder is written. The summary in it says how the run ended.
+    Finished,
+}
+
+/// How far the flight is, and what it shows.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Complete steps.
+    pub step: u64,
+    /// Steps of the whole flight.
+    pub step_count: u64,
+    /// Simulated time of the last complete step, s.
+    pub sim_time_s: f64,
+    /// Measured voltage, V.
+    pub battery_voltage_v: f32,
+    /// True state of charge, fraction.
+    pub state_of_charge: f64,
+    /// Truth: 0 no fault, i rotor i, −1 several.
+    pub fault_label: i32,
+    /// Verdict codes: −2 not ready, −1 unknown, 0 healthy, i rotor i.
+    pub t_test: i32,
+    /// As `t_test`.
+    pub network: i32,
+    /// As `t_test`.
+    pub sequential: i32,
+}
+
+/// Something worth a line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "what", rename_all = "kebab-case")]
+pub enum Change {
+    /// The truth changed: a fault began or ended.
+    Truth {
+        /// s.
+        sim_time_s: f64,
+        /// 0 no fault, i rotor i, −1 several.
+        fault_label: i32,
+    },
+    /// The sequential detector changed its verdict.
+    Verdict {
+        /// s.
+        sim_time_s: f64,
+        /// Verdict code.
+        sequential: i32,
+        /// Probability that it gives to it, fraction.
+        probability: f32,
+        /// Estimated loss of thrust, N.
+        thrust_loss_n: f32,
+    },
+}

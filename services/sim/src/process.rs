@@ -1,0 +1,143 @@
+//! The plant as a process of its own: arguments, signals, events on standard output.
+
+use crate::events::RunEvent;
+use crate::session::{self, SessionConfig};
+use clap::Parser;
+use rotortwin_campaign::pace::Pace;
+use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_process::{AnyEndpoint, EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, parse_run_id, pin_to_cpu, start_logging};
+use rotortwin_store::run_folder::RunFolder;
+use rotortwin_store::summary::{Status, Summary};
+use rotortwin_wire::link::endpoint::{Endpoint, EndpointLink};
+use rotortwin_wire::link::LinkTiming;
+use rotortwin_wire::proto::Role;
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// The plant process of a run.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "rotortwin-sim", version)]
+pub struct Args {
+    /// Scenario file
+    pub scenario: PathBuf,
+    /// Run folder to write; must not exist or be empty
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Where the peers are met: iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT
+    #[arg(long)]
+    pub link: LinkAddress,
+    /// Identity of this run
+    #[arg(long, value_name = "HEX", value_parser = parse_run_id)]
+    pub run_id: u64,
+    /// Seed of all noise and random draws [default: the scenario's]
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// fast or real-time
+    #[arg(long, default_value = "fast", value_parser = parse_pace)]
+    pub pace: Pace,
+    /// Longest wait for both peers to join, ms
+    #[arg(long, value_name = "MS", default_value_t = 10_000)]
+    pub join_timeout: u64,
+    /// Longest wait for the answer of a peer that is alive, ms
+    #[arg(long, value_name = "MS", default_value_t = 5_000)]
+    pub step_timeout: u64,
+    /// Steps that the FDI engine may trail behind
+    #[arg(long, value_name = "STEPS", default_value_t = LinkTiming::default().fdi_window)]
+    pub fdi_window: u64,
+    /// Run on this CPU
+    #[arg(long, value_name = "CPU")]
+    pub cpu: Option<usize>,
+    /// Take requests on standard input; its end means that the supervisor is dead
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+fn parse_pace(text: &str) -> Result<Pace, String> {
+    match text {
+        "fast" => Ok(Pace::Fast),
+        "real-time" => Ok(Pace::RealTime),
+        _ => Err("expected fast or real-time".to_owned()),
+    }
+}
+
+/// Flies one scenario; exit code 0 if the flight was done, 1 if it failed, 2 for bad input.
+pub fn run(args: Args) -> ExitCode {
+    start_logging();
+    let (scenario, seed) = match checked_scenario(&args) {
+        Ok(pair) => pair,
+        Err(sentence) => return complain(sentence, EXIT_BAD_INPUT),
+    };
+    // The supervisor has made the folder, and keeps its logs in it.
+    let folder = match if args.supervised { RunFolder::open(&args.out) } else { RunFolder::create(&args.out) } {
+        Ok(folder) => folder,
+        Err(error) => return complain(error, EXIT_BAD_INPUT),
+    };
+    match fly(&args, &scenario, seed, &folder) {
+        Ok(summary) if summary.status == Status::Done => ExitCode::SUCCESS,
+        Ok(summary) => match summary.failure {
+            Some(failure) => complain(failure.sentence, EXIT_FAILED),
+            None => complain("the run was canceled", EXIT_FAILED),
+        },
+        Err(sentence) => complain(sentence, EXIT_FAILED),
+    }
+}
+
+fn complain(sentence: impl std::fmt::Display, code: u8) -> ExitCode {
+    eprintln!("rotortwin-sim: {sentence}");
+    ExitCode::from(code)
+}
+
+fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
+    args.cpu.map_or(Ok(()), pin_to_cpu)?;
+    let scenario = Scenario::load(&args.scenario).map_err(|error| error.to_string())?;
+    let seed = args.seed.unwrap_or_else(|| scenario.seed());
+    Simulation::new(&scenario, seed).map_err(|error| error.to_string())?;
+    Ok((scenario, seed))
+}
+
+fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Result<Summary, String> {
+    let supervisor = Supervisor::watch(args.supervised).map_err(|error| format!("requests to stop cannot be taken: {error}"))?;
+    let config = SessionConfig {
+        scenario_path: args.scenario.clone(),
+        seed,
+        link_name: args.link.transport().to_owned(),
+        pace: args.pace,
+        run_id: args.run_id,
+    };
+    let timing = LinkTiming {
+        join: Duration::from_millis(args.join_timeout),
+        step: Duration::from_millis(args.step_timeout),
+        fdi_window: args.fdi_window,
+        // At 400 Hz of wall clock there is time to answer each step, and people look on.
+        fdi_batch: if args.pace == Pace::RealTime { 1 } else { LinkTiming::default().fdi_batch },
+    };
+    match AnyEndpoint::open(&args.link, Role::Plant, args.run_id) {
+        Ok(AnyEndpoint::Iox2(endpoint)) => fly_over(endpoint, timing, scenario, &config, folder, &supervisor),
+        Ok(AnyEndpoint::Zenoh(endpoint)) => fly_over(endpoint, timing, scenario, &config, folder, &supervisor),
+        Err(error) => session::never_opened(scenario, &config, folder, &error).map_err(|error| error.to_string()),
+    }
+}
+
+fn fly_over(
+    endpoint: impl Endpoint,
+    timing: LinkTiming,
+    scenario: &Scenario,
+    config: &SessionConfig,
+    folder: &RunFolder,
+    supervisor: &Supervisor,
+) -> Result<Summary, String> {
+    let mut link = EndpointLink::new(endpoint, timing).with_stop(supervisor.stop_flag());
+    let mut stop = || session::stop_reason(supervisor);
+    session::fly(scenario, config, &mut link, folder, &mut print_event, &mut stop).map_err(|error| error.to_string())
+}
+
+/// One line of JSON on standard output. A reader that is gone is no reason to end the run: its death shows elsewhere.
+fn print_event(event: RunEvent) {
+    let Ok(line) = serde_json::to_string(&event) else { return };
+    let mut out = std::io::stdout().lock();
+    if let Err(error) = writeln!(out, "{line}").and_then(|()| out.flush()) {
+        tracing::debug!(%error, "nobody reads the events");
+    }
+}

@@ -1,0 +1,156 @@
+//! Samples of a flight into the telemetry spool, and into the events that a supervisor shows.
+
+use crate::conditions::ConditionSchedule;
+use crate::events::{Change, Progress, RunEvent};
+use rotortwin_campaign::flight::{FlightObserver, Sample, StopReason};
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_store::StoreError;
+use rotortwin_store::spool::SpoolWriter;
+use rotortwin_store::telemetry::{TelemetryRow, TruthRow};
+use std::time::{Duration, Instant};
+
+/// Wall-clock time between two progress events.
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
+
+/// The wall clock is looked at once every so many steps: reading it costs a tenth of a step.
+const STEPS_PER_CLOCK_READING: u64 = 64;
+
+/// Records a flight and reports on it.
+pub struct Recorder<'a> {
+    spool: SpoolWriter,
+    step_count: u64,
+    conditions: ConditionSchedule,
+    row: TelemetryRow,
+    emit: &'a mut dyn FnMut(RunEvent),
+    stop: &'a mut dyn FnMut() -> Option<StopReason>,
+    last_progress: Instant,
+    last_label: i32,
+    last_sequential: Option<i32>,
+}
+
+impl<'a> Recorder<'a> {
+    /// A recorder into `spool`; `emit` takes the events, `stop` says whether the run is to end early.
+    pub fn new(
+        spool: SpoolWriter,
+        step_count: u64,
+        conditions: ConditionSchedule,
+        emit: &'a mut dyn FnMut(RunEvent),
+        stop: &'a mut dyn FnMut() -> Option<StopReason>,
+    ) -> Self {
+        Self {
+            spool,
+            step_count,
+            conditions,
+            row: TelemetryRow::default(),
+            emit,
+            stop,
+            last_progress: Instant::now(),
+            last_label: 0,
+            last_sequential: None,
+        }
+    }
+
+    /// Completes the spool.
+    pub fn finish(self) -> Result<u64, StoreError> {
+        self.spool.finish()
+    }
+
+    fn report_changes(&mut self, sample: &Sample) {
+        let sim_time_s = sample.sensors.stamp.sim_time_ns as f64 * 1e-9;
+        let label = sample.truth.fault_label;
+        if label != self.last_label {
+            self.last_label = label;
+            (self.emit)(RunEvent::Change(Change::Truth { sim_time_s, fault_label: label }));
+        }
+        let sequential = sample.report.sequential;
+        if self.last_sequential != Some(sequential) {
+            self.last_sequential = Some(sequential);
+            (self.emit)(RunEvent::Change(Change::Verdict {
+                sim_time_s,
+                sequential,
+                probability: sample.report.sequential_probability,
+                thrust_loss_n: sample.report.thrust_loss_n,
+            }));
+        }
+    }
+
+    fn report_progress(&mut self, sample: &Sample) {
+        let step = sample.sensors.stamp.step + 1;
+        let last = step == self.step_count;
+        if !last && (step % STEPS_PER_CLOCK_READING != 0 || self.last_progress.elapsed() < PROGRESS_INTERVAL) {
+            return;
+        }
+        self.last_progress = Instant::now();
+        (self.emit)(RunEvent::Progress(Progress {
+            step,
+            step_count: self.step_count,
+            sim_time_s: sample.sensors.stamp.sim_time_ns as f64 * 1e-9,
+            battery_voltage_v: sample.sensors.battery_voltage_v,
+            state_of_charge: sample.truth.state_of_charge,
+            fault_label: sample.truth.fault_label,
+            t_test: sample.report.t_test,
+            network: sample.report.network,
+            sequential: sample.report.sequential,
+        }));
+    }
+}
+
+impl FlightObserver for Recorder<'_> {
+    fn sample(&mut self, sample: &Sample) -> Result<(), String> {
+        let conditions = self.conditions.at(sample.sensors.stamp.step);
+        fill_row(&mut self.row, sample, conditions);
+        self.spool.push(&self.row).map_err(|error| error.to_string())?;
+        self.report_changes(sample);
+        self.report_progress(sample);
+        Ok(())
+    }
+
+    #[inline]
+    fn stop_requested(&mut self) -> Option<StopReason> {
+        (self.stop)()
+    }
+}
+
+/// One sample as a row of telemetry.
+fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, sensor_faults): ([i32; MAX_ROTORS], u32)) {
+    let Sample { sensors, command, report, truth } = sample;
+    *row = TelemetryRow {
+        step: sensors.stamp.step,
+        sim_time_ns: sensors.stamp.sim_time_ns,
+        position_ned_m: sensors.position_ned_m,
+        velocity_ned_m_s: sensors.velocity_ned_m_s,
+        attitude_rad: sensors.attitude_rad,
+        body_rates_rad_s: sensors.body_rates_rad_s,
+        duty: command.duty,
+        battery_voltage_v: sensors.battery_voltage_v,
+        battery_current_a: truth.battery_current_a,
+        reference_position_ned_m: sensors.reference_position_ned_m,
+        reference_velocity_ned_m_s: sensors.reference_velocity_ned_m_s,
+        reference_yaw_rad: sensors.reference_yaw_rad,
+        truth: TruthRow {
+            position_ned_m: truth.position_ned_m,
+            velocity_ned_m_s: truth.velocity_ned_m_s,
+            attitude_rad: truth.attitude_rad,
+            body_rates_rad_s: truth.body_rates_rad_s,
+            thrust_n: truth.rotor_thrust_n,
+            state_of_charge: truth.state_of_charge,
+            open_circuit_voltage_v: truth.open_circuit_voltage_v,
+            battery_voltage_v: truth.battery_voltage_v,
+            wind_ned_m_s: truth.wind_ned_m_s,
+        },
+        fault_label: truth.fault_label,
+        faulty_rotors: truth.faulty_rotors,
+        rotor_condition,
+        sensor_faults,
+        attitude_setpoint_rad: command.attitude_setpoint_rad,
+        saturated_rotors: command.saturated_rotors,
+        residuals_nms: report.residuals_nms,
+        wrench_residual: report.wrench_residual,
+        t_test: report.t_test,
+        network: report.network,
+        sequential: report.sequential,
+        sequential_probability: report.sequential_probability,
+        thrust_loss_n: report.thrust_loss_n,
+        window_end: report.window_end != 0,
+    };
+}

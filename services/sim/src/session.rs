@@ -1,0 +1,201 @@
+//! One run from its scenario to its folder, over any link.
+
+use crate::conditions::ConditionSchedule;
+use crate::events::RunEvent;
+use crate::recorder::Recorder;
+use rotortwin_campaign::flight::{self, FlightEnd, FlightOutcome, StopReason};
+use rotortwin_campaign::pace::{Pace, RealTimeReport};
+use rotortwin_campaign::run_hash;
+use rotortwin_plant::{STEP_NS, Scenario, Simulation};
+use rotortwin_process::{StopRequest, Supervisor};
+use rotortwin_store::StoreError;
+use rotortwin_store::run_folder::RunFolder;
+use rotortwin_store::spool::{SpoolHeader, SpoolReader, SpoolWriter};
+use rotortwin_store::summary::{Failure, RealTime, ScenarioRecord, Status, Summary};
+use rotortwin_wire::link::in_process::InProcessLink;
+use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
+use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
+use rotortwin_wire::proto::FILE_DESCRIPTOR_SET;
+use rotortwin_wire::setup::{self, Trim};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// What identifies one execution of a scenario.
+#[derive(Clone, Debug)]
+pub struct SessionConfig {
+    /// File of the scenario, as it was named.
+    pub scenario_path: PathBuf,
+    /// Seed of all noise.
+    pub seed: u64,
+    /// `in-process`, `iceoryx2` or `zenoh`.
+    pub link_name: String,
+    /// How fast.
+    pub pace: Pace,
+    /// Identity of this execution, never 0.
+    pub run_id: u64,
+}
+
+/// Our own controller and FDI engine, called in this process.
+pub fn in_process_link() -> InProcessLink<PidPeer, FdiEnginePeer> {
+    InProcessLink::new(PidPeer::default(), FdiEnginePeer::default())
+}
+
+/// What a stop request means to the flight.
+#[inline]
+pub fn stop_reason(supervisor: &Supervisor) -> Option<StopReason> {
+    supervisor.stop_request().map(|request| match request {
+        StopRequest::Cancel => StopReason::Canceled,
+        StopRequest::Fail { peer, sentence } => StopReason::Failed(flight::Failure::of(&peer, sentence)),
+        StopRequest::Orphaned => StopReason::Failed(flight::Failure::of("supervisor", "the supervisor (rotortwin fly) died; the plant ended the run")),
+    })
+}
+
+/// What the peers of a run are told before step 0. `simulation` is at its first step.
+pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> RunSetup {
+    let trim = scenario.starts_trimmed().then(|| Trim {
+        duty: simulation.hover_duty(),
+        battery_voltage: simulation.truth().battery_voltage_v as f32,
+    });
+    RunSetup {
+        run_id,
+        scenario: scenario.name().to_owned(),
+        model_hash: model_hash(scenario),
+        step_count: scenario.duration_steps(),
+        controller: setup::controller_setup(&scenario.controller_config(), trim),
+        fdi: setup::fdi_setup(&scenario.fdi_config(), None),
+    }
+}
+
+/// Content hash of the vehicle and the blades that are flown.
+fn model_hash(scenario: &Scenario) -> String {
+    let documents = scenario.documents();
+    let json = serde_json::to_vec(&(&documents.vehicle, &documents.blades)).expect("documents of text and numbers are JSON");
+    run_hash::content_hash(&json)
+}
+
+/// Flies `scenario` over `link` and writes its run folder, whatever happens to the peers.
+///
+/// `emit` takes the events; `stop` is asked before each step whether to end early. An error means that the folder could not be
+/// written; a failed flight is a summary with status `failed`.
+pub fn fly(
+    scenario: &Scenario,
+    config: &SessionConfig,
+    link: &mut impl PlantLink,
+    folder: &RunFolder,
+    emit: &mut dyn FnMut(RunEvent),
+    stop: &mut dyn FnMut() -> Option<StopReason>,
+) -> Result<Summary, StoreError> {
+    let mut simulation = Simulation::new(scenario, config.seed).expect("the scenario was tried with this seed before");
+    let conditions = ConditionSchedule::new(scenario);
+    let header = SpoolHeader {
+        rotor_count: simulation.rotor_count(),
+        step_ns: STEP_NS,
+        conditions: conditions.descriptions().clone(),
+        sensor_faults: conditions.sensor_fault_names().to_vec(),
+    };
+    let spool = SpoolWriter::create(&folder.spool_path(), &header)?;
+    emit(RunEvent::Waiting);
+    let setup = run_setup(scenario, &simulation, config.run_id);
+    let mut recorder = Recorder::new(spool, simulation.step_count(), conditions, emit, stop);
+    let outcome = flight::fly(&mut simulation, link, &setup, config.pace, &mut recorder);
+    recorder.finish()?;
+    emit(RunEvent::Recording { steps: outcome.steps });
+    let summary = finalise(folder, summary_of(scenario, config, &outcome))?;
+    emit(RunEvent::Finished);
+    Ok(summary)
+}
+
+fn summary_of(scenario: &Scenario, config: &SessionConfig, outcome: &FlightOutcome) -> Summary {
+    let (status, failure) = match &outcome.end {
+        FlightEnd::Done => (Status::Done, None),
+        FlightEnd::Canceled => (Status::Canceled, None),
+        FlightEnd::Failed(reason) => (Status::Failed, Some(failure(reason, outcome.steps))),
+    };
+    Summary {
+        status,
+        failure,
+        run_hash: outcome.run_hash.clone(),
+        wall_s: outcome.wall.as_secs_f64(),
+        real_time: outcome.real_time.as_ref().map(real_time),
+        ..blank_summary(scenario, config)
+    }
+}
+
+/// A summary with everything that is known before the flight.
+fn blank_summary(scenario: &Scenario, config: &SessionConfig) -> Summary {
+    Summary {
+        model_hash: model_hash(scenario),
+        program_version: format!("rotortwin {}", env!("CARGO_PKG_VERSION")),
+        scenario: ScenarioRecord {
+            name: scenario.name().to_owned(),
+            path: config.scenario_path.display().to_string(),
+            vehicle: scenario.vehicle().name.clone(),
+            text: scenario.documents().to_toml(),
+        },
+        seed: config.seed,
+        link: config.link_name.clone(),
+        pace: match config.pace {
+            Pace::Fast => "fast".to_owned(),
+            Pace::RealTime => "real-time".to_owned(),
+        },
+        ..Summary::default()
+    }
+}
+
+fn real_time(report: &RealTimeReport) -> RealTime {
+    RealTime {
+        period_ms: report.period_us / 1e3,
+        jitter_us_p50: report.jitter_p50_us,
+        jitter_us_p99: report.jitter_p99_us,
+        jitter_us_max: report.jitter_max_us,
+        deadline_misses: report.deadline_misses,
+    }
+}
+
+fn failure(failure: &flight::Failure, steps: u64) -> Failure {
+    Failure {
+        peer: failure.peer.clone(),
+        step: failure.last_step.unwrap_or_else(|| steps.saturating_sub(1)),
+        silence_ms: u64::try_from(failure.silence.as_millis()).unwrap_or(u64::MAX),
+        sentence: failure.sentence.clone(),
+    }
+}
+
+/// Writes the summary of a run whose link could not be opened.
+pub fn never_opened(scenario: &Scenario, config: &SessionConfig, folder: &RunFolder, error: &LinkError) -> Result<Summary, StoreError> {
+    let mut summary = blank_summary(scenario, config);
+    summary.status = Status::Failed;
+    summary.failure = Some(failure(&flight::Failure::from(error), 0));
+    finalise(folder, summary)
+}
+
+/// Writes what can be told of a run whose plant died: the rows that had reached the spool, and who is to blame.
+pub fn finalise_dead_plant(
+    scenario: &Scenario,
+    config: &SessionConfig,
+    folder: &RunFolder,
+    how: &str,
+    silence: Duration,
+    wall: Duration,
+) -> Result<Summary, StoreError> {
+    let mut summary = blank_summary(scenario, config);
+    let rows = SpoolReader::open(&folder.spool_path()).map_or(0, |spool| spool.rows());
+    let after = match rows.checked_sub(1) {
+        Some(step) => format!("after step {step}"),
+        None => "before its first step".to_owned(),
+    };
+    summary.status = Status::Failed;
+    summary.wall_s = wall.as_secs_f64();
+    summary.failure = Some(Failure {
+        peer: "plant".to_owned(),
+        step: rows.saturating_sub(1),
+        silence_ms: u64::try_from(silence.as_millis()).unwrap_or(u64::MAX),
+        sentence: format!("{how} {after}: silent for {} ms", silence.as_millis()),
+    });
+    finalise(folder, summary)
+}
+
+
+fn finalise(folder: &RunFolder, summary: Summary) -> Result<Summary, StoreError> {
+    rotortwin_store::finalise(folder, summary, FILE_DESCRIPTOR_SET).map(|outputs| outputs.summary)
+}

@@ -1,0 +1,63 @@
+//! Rust code from `proto/`, without a `protoc` binary. The result is committed; `--check` says whether it is up to date.
+
+use anyhow::{Context, Result, bail};
+use prost::Message as _;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Where the generated files stand, relative to the root.
+const TARGET: &str = "crates/wire/src/proto";
+
+/// File name → content of everything that is generated.
+fn generate(root: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
+    let include = root.join("proto");
+    let mut sources: Vec<_> = std::fs::read_dir(include.join("rotortwin/v1"))
+        .context("reading proto/rotortwin/v1")?
+        .collect::<std::io::Result<Vec<_>>>()?
+        .into_iter()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "proto"))
+        .collect();
+    sources.sort();
+    let descriptors = protox::compile(&sources, [&include]).context("compiling proto/rotortwin/v1")?;
+    let out = std::env::temp_dir().join(format!("rotortwin-codegen-{}", std::process::id()));
+    std::fs::create_dir_all(&out)?;
+    prost_build::Config::new()
+        .out_dir(&out)
+        .btree_map(["."])
+        .compile_fds(descriptors.clone())
+        .context("generating Rust code")?;
+    let code = std::fs::read(out.join("rotortwin.v1.rs"))?;
+    std::fs::remove_dir_all(&out)?;
+    // Descriptors without source positions: comments would make the file three times as large.
+    let mut descriptors = descriptors;
+    for file in &mut descriptors.file {
+        file.source_code_info = None;
+    }
+    Ok(BTreeMap::from([
+        ("rotortwin.v1.rs".to_owned(), code),
+        ("descriptor.bin".to_owned(), descriptors.encode_to_vec()),
+    ]))
+}
+
+/// Writes the generated files.
+pub fn write(root: &Path) -> Result<()> {
+    let target = root.join(TARGET);
+    std::fs::create_dir_all(&target)?;
+    for (name, content) in generate(root)? {
+        std::fs::write(target.join(&name), content)?;
+        println!("{TARGET}/{name}");
+    }
+    Ok(())
+}
+
+/// Fails if a generated file is not what `proto/` gives.
+pub fn check(root: &Path) -> Result<()> {
+    for (name, content) in generate(root)? {
+        let path = root.join(TARGET).join(&name);
+        if std::fs::read(&path).ok().as_ref() != Some(&content) {
+            bail!("{TARGET}/{name} is not what proto/ gives; run `cargo xtask codegen` and commit the result");
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,53 @@
+//! Repository tasks: `cargo xtask <task>`. Needs nothing that is not in the workspace.
+
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+
+mod bench;
+mod check;
+mod codegen;
+mod thumb;
+
+const USAGE: &str = "usage: cargo xtask TASK
+
+  check             what the gate asks of the tree: format, lints, generated code, house rules, no_std build
+  codegen [--check] Rust code from proto/ (--check: only say whether it is up to date)
+  thumb             build flight-core for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
+  bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link";
+
+fn main() -> Result<()> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let args: Vec<&str> = args.iter().map(String::as_str).collect();
+    let root = root()?;
+    match args.as_slice() {
+        ["check"] => check::run(&root),
+        ["codegen"] => codegen::write(&root),
+        ["codegen", "--check"] => codegen::check(&root),
+        ["thumb"] => thumb::run(&root),
+        ["bench"] => bench::run(&root, false),
+        ["bench", "--quick"] => bench::run(&root, true),
+        _ => bail!("{USAGE}"),
+    }
+}
+
+/// The repository root, from the place of this package.
+fn root() -> Result<PathBuf> {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().map(Path::to_path_buf).context("xtask stands in the repository root")
+}
+
+/// A `cargo` command in the repository root.
+fn cargo(root: &Path) -> std::process::Command {
+    let mut command = std::process::Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(root);
+    command
+}
+
+/// Runs a command; its words go to the terminal. An error names what was being done.
+fn run(what: &str, command: &mut std::process::Command) -> Result<()> {
+    println!("-- {what}");
+    let status = command.status().with_context(|| format!("{what}: cannot start {:?}", command.get_program()))?;
+    if !status.success() {
+        bail!("{what} failed ({status})");
+    }
+    Ok(())
+}
