@@ -19,50 +19,50 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
-pub struct Args {
+pub(crate) struct Args {
     /// Scenario file, e.g. config/scenarios/reference-flight.toml
-    pub scenario: PathBuf,
+    pub(crate) scenario: PathBuf,
     /// How plant, controller and FDI engine are connected
     #[arg(long, value_enum, default_value_t = LinkKind::Iceoryx2)]
-    pub link: LinkKind,
+    pub(crate) link: LinkKind,
     /// zenoh: the plant listens here, e.g. tcp/0.0.0.0:7447 [default: a free port of 127.0.0.1]
     #[arg(long, value_name = "ENDPOINT", conflicts_with = "connect")]
-    pub listen: Option<String>,
+    pub(crate) listen: Option<String>,
     /// zenoh: all processes connect to this router instead, e.g. tcp/10.0.0.1:7447
     #[arg(long, value_name = "ENDPOINT")]
-    pub connect: Option<String>,
+    pub(crate) connect: Option<String>,
     /// As fast as possible, or 400 steps per second of wall clock
     #[arg(long, value_enum, default_value_t = PaceArg::Fast)]
-    pub pace: PaceArg,
+    pub(crate) pace: PaceArg,
     /// Seed of all noise and random draws [default: the scenario's]
     #[arg(long)]
-    pub seed: Option<u64>,
+    pub(crate) seed: Option<u64>,
     /// Run folder to write; must not exist or be empty [default: runs/SCENARIO-SEED, with a number if that exists]
     #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Do not start these processes: they join by themselves, with the command that is printed
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHO")]
-    pub external: Vec<External>,
+    pub(crate) external: Vec<External>,
     /// Longest wait for both peers to join, ms [with --external: 10 min]
     #[arg(long, value_name = "MS", default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
-    pub join_timeout: u64,
+    pub(crate) join_timeout: u64,
     /// Longest wait for the answer of a peer that is alive, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
-    pub step_timeout: u64,
+    pub(crate) step_timeout: u64,
     /// Steps that the FDI engine may trail behind the plant; 0: wait for each report
     #[arg(long, value_name = "STEPS", default_value_t = LinkTiming::default().fdi_window, value_parser = clap::value_parser!(u64).range(0..=256))]
-    pub fdi_window: u64,
+    pub(crate) fdi_window: u64,
     /// Run every process on this CPU
     #[arg(long, value_name = "CPU")]
-    pub cpu: Option<usize>,
+    pub(crate) cpu: Option<usize>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
-    pub json: bool,
+    pub(crate) json: bool,
 }
 
 /// How the processes are connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum LinkKind {
+pub(crate) enum LinkKind {
     /// Function calls in this process
     InProcess,
     /// Three processes, shared memory of this host
@@ -73,7 +73,7 @@ pub enum LinkKind {
 
 /// How fast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum PaceArg {
+pub(crate) enum PaceArg {
     /// As fast as possible
     Fast,
     /// 400 Hz of wall clock
@@ -91,7 +91,7 @@ impl From<PaceArg> for Pace {
 
 /// A process that somebody else starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
-pub enum External {
+pub(crate) enum External {
     /// The controller
     Controller,
     /// The FDI engine
@@ -108,7 +108,7 @@ impl External {
 }
 
 /// Runs the command.
-pub fn run(args: &Args) -> ExitCode {
+pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let scenario = match Scenario::load(&args.scenario) {
         Ok(scenario) => scenario,

@@ -7,19 +7,19 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// Prints a sentence to standard error and gives exit code 2: bad input, nothing was written.
-pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
+pub(crate) fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
     eprintln!("rotortwin: {sentence}");
     ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
 }
 
 /// Prints a sentence to standard error and gives exit code 1: the run failed.
-pub fn failed(sentence: impl std::fmt::Display) -> ExitCode {
+pub(crate) fn failed(sentence: impl std::fmt::Display) -> ExitCode {
     eprintln!("rotortwin: {sentence}");
     ExitCode::from(rotortwin_process::EXIT_FAILED)
 }
 
 /// Exit code of a run that ended like this.
-pub fn exit_code(summary: &Summary) -> ExitCode {
+pub(crate) fn exit_code(summary: &Summary) -> ExitCode {
     match summary.status {
         Status::Done => ExitCode::SUCCESS,
         Status::Failed | Status::Canceled => ExitCode::from(rotortwin_process::EXIT_FAILED),
@@ -27,7 +27,7 @@ pub fn exit_code(summary: &Summary) -> ExitCode {
 }
 
 /// The whole result of a run as text.
-pub fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
+pub(crate) fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
     let mut text = String::new();
     let mut line = |content: String| {
         text.push_str(&content);

@@ -12,16 +12,16 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin replay`.
 #[derive(Debug, Parser)]
-pub struct Args {
+pub(crate) struct Args {
     /// Run folder, or its summary.json
-    pub run: PathBuf,
+    pub(crate) run: PathBuf,
     /// Print the comparison as JSON
     #[arg(long)]
-    pub json: bool,
+    pub(crate) json: bool,
 }
 
 /// Executes the recorded scenario again, in this process; exit code 0 if the run hash is the same, 1 if it differs.
-pub fn run(args: &Args) -> ExitCode {
+pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let summary = match load_summary(&args.run) {
         Ok(summary) => summary,

@@ -9,16 +9,16 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin show`.
 #[derive(Debug, Parser)]
-pub struct Args {
+pub(crate) struct Args {
     /// Run folder, or its summary.json
-    pub run: PathBuf,
+    pub(crate) run: PathBuf,
     /// Print the summary as JSON
     #[arg(long)]
-    pub json: bool,
+    pub(crate) json: bool,
 }
 
 /// Prints the result of a recorded run; exit code 0 whether it failed or not: showing it worked.
-pub fn run(args: &Args) -> ExitCode {
+pub(crate) fn run(args: &Args) -> ExitCode {
     match load_summary(&args.run) {
         Ok(summary) if args.json => print!("{}", summary.to_json()),
         Ok(summary) => print!("{}", output::summary_text(&summary, args.run.is_dir().then_some(args.run.as_path()))),
@@ -29,16 +29,16 @@ pub fn run(args: &Args) -> ExitCode {
 
 /// Arguments of `rotortwin check`.
 #[derive(Debug, Parser)]
-pub struct CheckArgs {
+pub(crate) struct CheckArgs {
     /// Scenario file
-    pub scenario: PathBuf,
+    pub(crate) scenario: PathBuf,
     /// Print the settings in effect as JSON
     #[arg(long)]
-    pub json: bool,
+    pub(crate) json: bool,
 }
 
 /// Checks a scenario without flying it.
-pub fn check(args: &CheckArgs) -> ExitCode {
+pub(crate) fn check(args: &CheckArgs) -> ExitCode {
     let checked = Scenario::load(&args.scenario)
         .and_then(|scenario| Simulation::new(&scenario, scenario.seed()).map(|_| scenario));
     match checked {

@@ -36,28 +36,28 @@ const GRACE: Duration = Duration::from_millis(800);
 const POLL: Duration = Duration::from_millis(20);
 
 /// One process to start.
-pub struct Part {
+pub(crate) struct Part {
     /// `sim`, `controller` or `fdi`: the subcommand, and the name of its log.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// Arguments after the subcommand.
-    pub args: Vec<String>,
+    pub(crate) args: Vec<String>,
 }
 
 /// How the processes ended.
 #[derive(Debug)]
-pub struct Ending {
+pub(crate) struct Ending {
     /// How the plant ended.
-    pub plant: ExitStatus,
+    pub(crate) plant: ExitStatus,
     /// Process id that the plant had.
-    pub plant_pid: u32,
+    pub(crate) plant_pid: u32,
     /// Time from the plant's last sign of life to the notice of its end.
-    pub plant_silence: Duration,
+    pub(crate) plant_silence: Duration,
 }
 
 /// Runs the parts of one run until all have ended. `on_event` sees every event of the plant.
 ///
 /// `log_dir` gets one log a process. The first part is the plant.
-pub fn run(parts: &[Part], log_dir: &Path, mut on_event: impl FnMut(&RunEvent)) -> Result<Ending> {
+pub(crate) fn run(parts: &[Part], log_dir: &Path, mut on_event: impl FnMut(&RunEvent)) -> Result<Ending> {
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).context("registering for Ctrl-C")?;
@@ -192,7 +192,7 @@ fn end_peers(peers: &mut [Process]) {
 }
 
 /// "exit code 1" or "killed by signal 9".
-pub fn exit_text(status: ExitStatus) -> String {
+pub(crate) fn exit_text(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("ended with exit code {code}"),
         (None, Some(signal)) => format!("was killed by signal {signal}"),

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail};
 use std::path::Path;
 
 /// Format, generated code, house rules, lints, `no_std` build; stops at the first that fails.
-pub fn run(root: &Path) -> Result<()> {
+pub(crate) fn run(root: &Path) -> Result<()> {
     run_steps(root)?;
     println!("-- the tree is in order");
     Ok(())

@@ -41,7 +41,7 @@ fn generate(root: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
 }
 
 /// Writes the generated files.
-pub fn write(root: &Path) -> Result<()> {
+pub(crate) fn write(root: &Path) -> Result<()> {
     let target = root.join(TARGET);
     std::fs::create_dir_all(&target)?;
     for (name, content) in generate(root)? {
@@ -52,7 +52,7 @@ pub fn write(root: &Path) -> Result<()> {
 }
 
 /// Fails if a generated file is not what `proto/` gives.
-pub fn check(root: &Path) -> Result<()> {
+pub(crate) fn check(root: &Path) -> Result<()> {
     for (name, content) in generate(root)? {
         let path = root.join(TARGET).join(&name);
         if std::fs::read(&path).ok().as_ref() != Some(&content) {

@@ -8,7 +8,7 @@ use std::process::Command;
 const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Finds or installs a toolchain for the target, then builds.
-pub fn run(root: &Path) -> Result<()> {
+pub(crate) fn run(root: &Path) -> Result<()> {
     let output = Command::new("tools/thumb-toolchain.sh")
         .current_dir(root)
         .stderr(std::process::Stdio::inherit())

@@ -1,35 +1,72 @@
-//! Cost of the plant alone: nanoseconds per sense-and-advance step, hovering duty held, best of several flights.
-use std::time::Instant;
-use rotortwin_flight_core::signals::MotorCommand;
-use rotortwin_plant::{Scenario, Simulation};
+//! What one step of 2.5 ms costs on one core: plant and sensors alone, with the controller, with controller and detectors.
+//!
+//! `cargo run --release -p rotortwin-plant --example step_cost config/scenarios/reference-flight.toml`
+//!
+//! Best of several flights; the machine's other work shows in the rest.
 
-fn main() {
-    let path = std::env::args().nth(1).expect("usage: step_cost SCENARIO");
-    let scenario = Scenario::load(&path).unwrap_or_else(|e| panic!("{e}"));
-    let mut best = [f64::INFINITY; 3];
-    for round in 0..20 {
-        let mut sim = Simulation::new(&scenario, round).expect("checked");
-        let command = MotorCommand { duty: [sim.hover_duty(); 16] };
-        let start = Instant::now();
-        let mut check = 0.0;
-        while !sim.done() {
-            check += sim.sense().nav.position_ned.x;
-            sim.advance(&command).expect("finite");
+use std::time::Instant;
+
+use rotortwin_flight_core::control::Controller;
+use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_flight_core::signals::{Measurement, MotorCommand};
+use rotortwin_plant::{ConfigError, Scenario, Simulation};
+
+const FLIGHTS: u64 = 15;
+
+/// Which parts of the loop run.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+enum Loop {
+    Plant,
+    Controller,
+    Detectors,
+}
+
+/// Nanoseconds per step of one flight.
+fn flight(scenario: &Scenario, seed: u64, parts: Loop) -> Result<f64, ConfigError> {
+    let mut sim = Simulation::new(scenario, seed)?;
+    let mut controller = Controller::new(scenario.controller_config()).expect("checked with the scenario");
+    let mut fdi = FdiEngine::new(scenario.fdi_config()).expect("checked with the scenario");
+    controller.trim(sim.hover_duty(), sim.sense().battery_voltage);
+    let mut command = MotorCommand {
+        duty: [sim.hover_duty(); _],
+    };
+    let start = Instant::now();
+    let mut windows = 0;
+    while !sim.done() {
+        let sample = sim.sense();
+        if parts >= Loop::Controller {
+            command = controller
+                .step(&sample.nav, &sample.reference, sample.battery_voltage)
+                .command;
         }
-        best[0] = best[0].min(start.elapsed().as_secs_f64() * 1e9 / sim.step_count() as f64);
-        std::hint::black_box(check);
-        let mut cfg = rotortwin_flight_core::control::Controller::new(scenario.controller_config()).expect("checked");
-        let mut sim = Simulation::new(&scenario, round).expect("checked");
-        let first = sim.sense();
-        cfg.trim(sim.hover_duty(), first.battery_voltage);
-        let start = Instant::now();
-        while !sim.done() {
-            let s = sim.sense();
-            let out = cfg.step(&s.nav, &s.reference, s.battery_voltage);
-            sim.advance(&out.command).expect("finite");
+        if parts >= Loop::Detectors {
+            let measurement = Measurement {
+                nav: sample.nav,
+                command,
+                battery_voltage: sample.battery_voltage,
+            };
+            windows += u64::from(fdi.step(&measurement).window_end);
         }
-        best[1] = best[1].min(start.elapsed().as_secs_f64() * 1e9 / sim.step_count() as f64);
-        if round == 0 { println!("{:?}", sim.truth()); }
+        sim.advance(&command)
+            .expect("the controller keeps the vehicle in the air");
     }
-    println!("open {:.0} ns, closed {:.0} ns", best[0], best[1]);
+    std::hint::black_box(windows);
+    Ok(start.elapsed().as_secs_f64() * 1e9 / sim.step_count() as f64)
+}
+
+fn main() -> Result<(), ConfigError> {
+    let path = std::env::args().nth(1).expect("usage: step_cost SCENARIO");
+    let scenario = Scenario::load(path)?;
+    for (name, parts) in [
+        ("plant and sensors", Loop::Plant),
+        ("+ controller", Loop::Controller),
+        ("+ detectors", Loop::Detectors),
+    ] {
+        let mut best = f64::INFINITY;
+        for seed in 0..FLIGHTS {
+            best = best.min(flight(&scenario, seed, parts)?);
+        }
+        println!("{name:20} {best:6.0} ns a step, {:5.2} M steps/s", 1e3 / best);
+    }
+    Ok(())
 }

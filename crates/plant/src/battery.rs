@@ -28,7 +28,13 @@ impl BatteryModel {
         in_range("cells", f64::from(self.cells), 1.0, 24.0, "")?;
         in_range("capacity_ah", self.capacity_ah, 0.05, 1000.0, "Ah")?;
         in_range("internal_resistance_ohm", self.internal_resistance_ohm, 0.0, 1.0, "Ω")?;
-        in_range("power_coefficient_w_per_n15", self.power_coefficient_w_per_n15, 0.0, 1000.0, "W/N^1.5")?;
+        in_range(
+            "power_coefficient_w_per_n15",
+            self.power_coefficient_w_per_n15,
+            0.0,
+            1000.0,
+            "W/N^1.5",
+        )?;
         let chart = &self.cell_open_circuit_voltage_v;
         all_in_range("cell_open_circuit_voltage_v", chart, 1.0, 5.0, "V")?;
         if !(2..=101).contains(&chart.len()) {
@@ -36,7 +42,10 @@ impl BatteryModel {
             return Err(Refusal::new("cell_open_circuit_voltage_v", reason));
         }
         if let Some(i) = chart.windows(2).position(|pair| pair[1] < pair[0]) {
-            let reason = format!("expected a voltage that never falls with charge, it does at {}", chart[i + 1]);
+            let reason = format!(
+                "expected a voltage that never falls with charge, it does at {}",
+                chart[i + 1]
+            );
             return Err(Refusal::new(format!("cell_open_circuit_voltage_v[{}]", i + 1), reason));
         }
         Ok(())
@@ -74,7 +83,12 @@ impl Battery {
         let chart = &model.cell_open_circuit_voltage_v;
         let cells = f64::from(model.cells);
         let knots = (0..chart.len())
-            .map(|i| (cells * chart[i], chart.get(i + 1).map_or(0.0, |next| cells * (next - chart[i]))))
+            .map(|i| {
+                (
+                    cells * chart[i],
+                    chart.get(i + 1).map_or(0.0, |next| cells * (next - chart[i])),
+                )
+            })
             .collect();
         Self {
             knots,
@@ -124,9 +138,17 @@ impl Battery {
         };
         let battery_voltage = 0.5 * (open_circuit_voltage + root);
         if self.connected {
-            BatteryOutput { open_circuit_voltage, battery_voltage, battery_current: power / battery_voltage }
+            BatteryOutput {
+                open_circuit_voltage,
+                battery_voltage,
+                battery_current: power / battery_voltage,
+            }
         } else {
-            BatteryOutput { open_circuit_voltage, battery_voltage: 0.0, battery_current: 0.0 }
+            BatteryOutput {
+                open_circuit_voltage,
+                battery_voltage: 0.0,
+                battery_current: 0.0,
+            }
         }
     }
 

@@ -56,7 +56,11 @@ impl Blade {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if self.lift(middle, voltage) < thrust { low = middle } else { high = middle }
+            if self.lift(middle, voltage) < thrust {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         Some(high)
     }
@@ -76,7 +80,10 @@ impl BladeSet {
     /// Position of a blade in the alphabetical order of names, from 0. The mounted blade's code in the truth is this number
     /// plus 1, and 0 for the nominal blade.
     pub fn code(&self, name: &str) -> Option<i32> {
-        self.blade.keys().position(|key| key == name).and_then(|i| i32::try_from(i).ok())
+        self.blade
+            .keys()
+            .position(|key| key == name)
+            .and_then(|i| i32::try_from(i).ok())
     }
 
     /// Names, in the order of [`BladeSet::code`].
@@ -90,9 +97,21 @@ impl BladeSet {
         }
         for (name, blade) in &self.blade {
             for (i, &coefficient) in blade.coefficients.iter().enumerate() {
-                in_range(&format!("blade.{name}.coefficients[{i}]"), coefficient, -1.0, 1.0, "N/V")?;
+                in_range(
+                    &format!("blade.{name}.coefficients[{i}]"),
+                    coefficient,
+                    -1.0,
+                    1.0,
+                    "N/V",
+                )?;
             }
-            in_range(&format!("blade.{name}.voltage_offset_v"), blade.voltage_offset_v, -50.0, 50.0, "V")?;
+            in_range(
+                &format!("blade.{name}.voltage_offset_v"),
+                blade.voltage_offset_v,
+                -50.0,
+                50.0,
+                "V",
+            )?;
             let rising = (10..=100).all(|percent| {
                 let duty = f64::from(percent) / 100.0;
                 blade.raw_lift_per_volt(duty) > blade.raw_lift_per_volt(duty - 0.01)

@@ -31,7 +31,11 @@ impl Document {
         if text.len() as u64 > MAX_DOCUMENT_BYTES {
             return Err(too_large(&name, text.len() as u64));
         }
-        Ok(Self { name, text, as_written: true })
+        Ok(Self {
+            name,
+            text,
+            as_written: true,
+        })
     }
 
     pub(crate) fn read(path: &Path) -> Result<Self, ConfigError> {
@@ -56,13 +60,18 @@ impl Document {
         let mut table: toml::Table = self.parse()?;
         for text in overrides {
             let refuse = |reason: &str| ConfigError::new(&self.name, None, None, format!("{reason}, got `{text}`"));
-            let (key, value) = text.split_once('=').ok_or_else(|| refuse("expected an override key=value"))?;
+            let (key, value) = text
+                .split_once('=')
+                .ok_or_else(|| refuse("expected an override key=value"))?;
             let value = format!("v = {value}")
                 .parse::<toml::Table>()
                 .ok()
                 .and_then(|mut parsed| parsed.remove("v"))
                 .unwrap_or_else(|| toml::Value::String(value.trim().to_owned()));
-            let (holder, last) = key.trim().rsplit_once('.').map_or((None, key.trim()), |(h, l)| (Some(h), l));
+            let (holder, last) = key
+                .trim()
+                .rsplit_once('.')
+                .map_or((None, key.trim()), |(h, l)| (Some(h), l));
             let mut target = &mut table;
             for part in holder.iter().flat_map(|h| h.split('.')) {
                 target = target
@@ -74,7 +83,11 @@ impl Document {
             target.insert(last.to_owned(), value);
         }
         let text = toml::to_string(&table).expect("a table that was parsed can be written");
-        Ok(Self { name: self.name, text, as_written: false })
+        Ok(Self {
+            name: self.name,
+            text,
+            as_written: false,
+        })
     }
 
     /// Reads the document at `path`, which the value of `key` names; a failure is told where the key stands.
@@ -93,13 +106,19 @@ impl Document {
 
     /// Gives a refused value its file and line.
     pub(crate) fn refuse(&self, refusal: Refusal) -> ConfigError {
-        let line = self.span_of(&refusal.key).filter(|_| self.as_written).map(|span| self.line_at(span.start));
+        let line = self
+            .span_of(&refusal.key)
+            .filter(|_| self.as_written)
+            .map(|span| self.line_at(span.start));
         let key = (!refusal.key.is_empty()).then_some(refusal.key);
         ConfigError::new(&self.name, line, key, refusal.reason)
     }
 
     fn line_at(&self, offset: usize) -> usize {
-        1 + self.text.as_bytes()[..offset.min(self.text.len())].iter().filter(|&&byte| byte == b'\n').count()
+        1 + self.text.as_bytes()[..offset.min(self.text.len())]
+            .iter()
+            .filter(|&&byte| byte == b'\n')
+            .count()
     }
 
     /// Where the longest existing prefix of the dotted path `key` stands.
@@ -111,13 +130,19 @@ impl Document {
         for part in key.split(['.', '[']) {
             if let Some(index) = part.strip_suffix(']') {
                 let index = index.parse::<usize>().ok();
-                let Some(value) = array.take().zip(index).and_then(|(a, i): (&DeArray<'_>, usize)| a.get(i)) else {
+                let Some(value) = array
+                    .take()
+                    .zip(index)
+                    .and_then(|(a, i): (&DeArray<'_>, usize)| a.get(i))
+                else {
                     break;
                 };
                 found = Some(value.span());
                 (table, array) = (value.get_ref().as_table(), value.get_ref().as_array());
             } else {
-                let Some((name, value)) = table.take().and_then(|t| t.iter().find(|(name, _)| name.get_ref() == part))
+                let Some((name, value)) = table
+                    .take()
+                    .and_then(|t| t.iter().find(|(name, _)| name.get_ref() == part))
                 else {
                     break;
                 };
@@ -134,7 +159,9 @@ impl Document {
         let span = error.span();
         let mut line = span.as_ref().map(|s| self.line_at(s.start));
         let Ok(root) = DeTable::parse(&self.text) else {
-            let found = span.and_then(|s| self.text.get(s)).filter(|t| !t.is_empty() && !t.contains('\n') && t.len() < 40);
+            let found = span
+                .and_then(|s| self.text.get(s))
+                .filter(|t| !t.is_empty() && !t.contains('\n') && t.len() < 40);
             let found = found.map_or(String::new(), |text| format!(" at `{text}`"));
             let reason = format!("expected valid TOML: {}{found}", one_line(message));
             return ConfigError::new(&self.name, line, None, reason);
@@ -168,7 +195,9 @@ impl Document {
     /// Extends `path` to the value whose removal changes the complaint.
     fn search<T: DeserializeOwned>(&self, path: &mut Vec<String>, message: &str) {
         let whole_list = message.starts_with("invalid length");
-        let Ok(root) = self.text.parse::<toml::Table>() else { return };
+        let Ok(root) = self.text.parse::<toml::Table>() else {
+            return;
+        };
         let mut root = toml::Value::Table(root);
         loop {
             let Some(holder) = at(&mut root, path) else { return };
@@ -339,20 +368,33 @@ fn reword(message: &str) -> (Option<&str>, String) {
     }
     if let Some(rest) = message.strip_prefix("invalid type: ") {
         let (found, expected) = rest.split_once(", expected ").unwrap_or((rest, "another type"));
-        return (None, format!("expected {}, got {}", plain_type(expected), one_line(found)));
+        return (
+            None,
+            format!("expected {}, got {}", plain_type(expected), one_line(found)),
+        );
     }
     if let Some(rest) = message.strip_prefix("invalid length ") {
         let (found, expected) = rest.split_once(", expected ").unwrap_or((rest, "another length"));
-        let expected = expected.split_whitespace().find(|word| word.parse::<usize>().is_ok()).unwrap_or(expected);
+        let expected = expected
+            .split_whitespace()
+            .find(|word| word.parse::<usize>().is_ok())
+            .unwrap_or(expected);
         return (None, format!("expected a list of {expected}, got {found}"));
     }
     if let Some(rest) = message.strip_prefix("invalid value: ") {
         let (found, expected) = rest.split_once(", expected ").unwrap_or((rest, "another value"));
-        return (None, format!("expected {}, got {}", plain_type(expected), one_line(found)));
+        return (
+            None,
+            format!("expected {}, got {}", plain_type(expected), one_line(found)),
+        );
     }
     if message.starts_with("unknown variant") {
         let expected: Vec<&str> = message.split('`').skip(3).step_by(2).collect();
-        let reason = format!("expected one of {}, got `{}`", expected.join(", "), quoted.unwrap_or_default());
+        let reason = format!(
+            "expected one of {}, got `{}`",
+            expected.join(", "),
+            quoted.unwrap_or_default()
+        );
         return (None, reason);
     }
     (None, one_line(message))
@@ -361,7 +403,12 @@ fn reword(message: &str) -> (Option<&str>, String) {
 /// The expected key whose name agrees with `name` but for the unit at its end.
 fn same_stem<'a>(name: &str, expected: &[&'a str]) -> Option<&'a str> {
     let stem = name.split('_').next().filter(|stem| stem.len() > 2)?;
-    let shared = |candidate: &str| name.split('_').zip(candidate.split('_')).take_while(|(a, b)| a == b).count();
+    let shared = |candidate: &str| {
+        name.split('_')
+            .zip(candidate.split('_'))
+            .take_while(|(a, b)| a == b)
+            .count()
+    };
     let best = expected.iter().copied().max_by_key(|candidate| shared(candidate))?;
     (best.split('_').next() == Some(stem)).then_some(best)
 }

@@ -37,7 +37,10 @@ impl WindModel {
         in_range("gust_rms_m_s", self.gust_rms_m_s, 0.0, 30.0, "m/s")?;
         in_range("gust_correlation_s", self.gust_correlation_s, 0.01, 1000.0, "s")?;
         if self.mean_ned_m_s == [0.0; 3] && self.gust_rms_m_s == 0.0 {
-            return Err(Refusal::new("", "expected some wind, mean and gusts are both 0: leave the section out"));
+            return Err(Refusal::new(
+                "",
+                "expected some wind, mean and gusts are both 0: leave the section out",
+            ));
         }
         if linear_drag == 0.0 {
             let reason = "wind cannot have an effect on this vehicle: its linear drag is 0, so no air force acts on it; give \
@@ -65,12 +68,17 @@ impl GaussMarkov {
         }
         let mut noise = NormalStream::new(seed, stream);
         let decay = libm::exp(-STEP_S / correlation_s);
-        let value = noise.next3().map(|n| rms * n);
-        Some(Self { value, decay, kick: rms * (1.0 - decay * decay).sqrt(), noise })
+        let value = noise.sample3().map(|n| rms * n);
+        Some(Self {
+            value,
+            decay,
+            kick: rms * (1.0 - decay * decay).sqrt(),
+            noise,
+        })
     }
 
     fn advance(&mut self) {
-        let noise = self.noise.next3();
+        let noise = self.noise.sample3();
         for (value, n) in self.value.iter_mut().zip(noise) {
             *value = self.decay * *value + self.kick * n;
         }
@@ -97,7 +105,11 @@ pub(crate) struct Environment {
 
 impl Environment {
     pub(crate) fn new(wind: Option<&WindModel>, disturbance: Disturbance, seed: u64) -> Self {
-        let Disturbance { force_rms, torque_rms, correlation_s } = disturbance;
+        let Disturbance {
+            force_rms,
+            torque_rms,
+            correlation_s,
+        } = disturbance;
         let mut environment = Self {
             mean_wind: wind.map_or([0.0; 3], |w| w.mean_ned_m_s),
             gust: wind.and_then(|w| GaussMarkov::new(w.gust_rms_m_s, w.gust_correlation_s, seed, "wind/gust")),
@@ -118,7 +130,10 @@ impl Environment {
     #[inline]
     pub(crate) fn advance(&mut self) {
         let mut moving = false;
-        for process in [&mut self.gust, &mut self.force, &mut self.torque].into_iter().flatten() {
+        for process in [&mut self.gust, &mut self.force, &mut self.torque]
+            .into_iter()
+            .flatten()
+        {
             process.advance();
             moving = true;
         }

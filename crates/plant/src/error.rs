@@ -21,7 +21,12 @@ pub struct ConfigError {
 
 impl ConfigError {
     pub(crate) fn new(file: &str, line: Option<usize>, key: Option<String>, reason: impl Into<String>) -> Self {
-        Self { file: file.to_owned(), line, key, reason: reason.into() }
+        Self {
+            file: file.to_owned(),
+            line,
+            key,
+            reason: reason.into(),
+        }
     }
 
     /// The document, as the caller named it.
@@ -96,12 +101,19 @@ pub(crate) struct Refusal {
 
 impl Refusal {
     pub(crate) fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
-        Self { key: key.into(), reason: reason.into() }
+        Self {
+            key: key.into(),
+            reason: reason.into(),
+        }
     }
 
     /// The same refusal, seen from the table `prefix` that holds the key.
     pub(crate) fn under(mut self, prefix: &str) -> Self {
-        self.key = if self.key.is_empty() { prefix.to_owned() } else { format!("{prefix}.{}", self.key) };
+        self.key = if self.key.is_empty() {
+            prefix.to_owned()
+        } else {
+            format!("{prefix}.{}", self.key)
+        };
         self
     }
 }
@@ -111,11 +123,21 @@ pub(crate) fn in_range(key: &str, value: f64, min: f64, max: f64, unit: &str) ->
     if value >= min && value <= max {
         return Ok(());
     }
-    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    Err(Refusal::new(key, format!("expected a number from {min} to {max}{unit}, got {value}")))
+    let unit = if unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {unit}")
+    };
+    Err(Refusal::new(
+        key,
+        format!("expected a number from {min} to {max}{unit}, got {value}"),
+    ))
 }
 
 /// [`in_range`] for every entry of a list.
 pub(crate) fn all_in_range(key: &str, values: &[f64], min: f64, max: f64, unit: &str) -> Result<(), Refusal> {
-    values.iter().enumerate().try_for_each(|(i, &value)| in_range(&format!("{key}[{i}]"), value, min, max, unit))
+    values
+        .iter()
+        .enumerate()
+        .try_for_each(|(i, &value)| in_range(&format!("{key}[{i}]"), value, min, max, unit))
 }

@@ -72,7 +72,14 @@ impl FaultPlan {
             let prefix = format!("fault[{i}]");
             let entry = &entries[i];
             let fault = entry
-                .plan(rotor_count, blades, nominal_blade, duration_steps, &mut mounted, &mut loss)
+                .plan(
+                    rotor_count,
+                    blades,
+                    nominal_blade,
+                    duration_steps,
+                    &mut mounted,
+                    &mut loss,
+                )
                 .map_err(|r| r.under(&prefix))?;
             let same = |other: &&PlannedFault| {
                 let same_kind = std::mem::discriminant(&other.action) == std::mem::discriminant(&fault.action);
@@ -106,12 +113,20 @@ impl FaultEntry {
         let step = nearest_step(self.time_s);
         if step >= duration_steps {
             let duration_s = duration_steps as f64 / STEP_RATE_HZ;
-            let reason = format!("this fault cannot have an effect: it sets in at {} s, the flight ends at {duration_s} s", self.time_s);
+            let reason = format!(
+                "this fault cannot have an effect: it sets in at {} s, the flight ends at {duration_s} s",
+                self.time_s
+            );
             return Err(Refusal::new("time_s", reason));
         }
         let rotor = match self.rotor as usize {
             number if (1..=rotor_count).contains(&number) => number - 1,
-            number => return Err(Refusal::new("rotor", format!("expected a rotor from 1 to {rotor_count}, got {number}"))),
+            number => {
+                return Err(Refusal::new(
+                    "rotor",
+                    format!("expected a rotor from 1 to {rotor_count}, got {number}"),
+                ));
+            }
         };
         if loss[rotor] == 1.0 {
             let reason = format!("this fault cannot have an effect: rotor {} was lost before", self.rotor);
@@ -125,14 +140,24 @@ impl FaultEntry {
             (Some(name), None, None) => {
                 let Some(&blade) = blades.blade.get(name) else {
                     let names = blades.names().collect::<Vec<_>>().join(", ");
-                    return Err(Refusal::new("blade", format!("expected one of the blades {names}, got {name}")));
+                    return Err(Refusal::new(
+                        "blade",
+                        format!("expected one of the blades {names}, got {name}"),
+                    ));
                 };
                 if mounted[rotor] == *name {
-                    let reason = format!("this fault cannot have an effect: rotor {} carries blade {name} already", self.rotor);
+                    let reason = format!(
+                        "this fault cannot have an effect: rotor {} carries blade {name} already",
+                        self.rotor
+                    );
                     return Err(Refusal::new("blade", reason));
                 }
                 mounted[rotor].clone_from(name);
-                let code = if name == nominal_blade { 0 } else { blades.code(name).map_or(0, |code| code + 1) };
+                let code = if name == nominal_blade {
+                    0
+                } else {
+                    blades.code(name).map_or(0, |code| code + 1)
+                };
                 Action::Mount { blade, code }
             }
             (None, Some(percent), None) => {
@@ -148,16 +173,30 @@ impl FaultEntry {
                 let ramp_s = self.ramp_s.unwrap_or(0.0);
                 in_range("ramp_s", ramp_s, 0.0, 1e6, "s")?;
                 loss[rotor] = share;
-                Action::Lose { loss: share, ramp_steps: nearest_step(ramp_s) }
+                Action::Lose {
+                    loss: share,
+                    ramp_steps: nearest_step(ramp_s),
+                }
             }
             (None, None, Some(true)) => {
                 loss[rotor] = 1.0;
-                Action::Lose { loss: 1.0, ramp_steps: 0 }
+                Action::Lose {
+                    loss: 1.0,
+                    ramp_steps: 0,
+                }
             }
             (None, None, Some(false)) => {
-                return Err(Refusal::new("rotor_lost", "this fault cannot have an effect: expected true, got false"));
+                return Err(Refusal::new(
+                    "rotor_lost",
+                    "this fault cannot have an effect: expected true, got false",
+                ));
             }
-            _ => return Err(Refusal::new("", "expected exactly one of blade, thrust_loss_percent, rotor_lost")),
+            _ => {
+                return Err(Refusal::new(
+                    "",
+                    "expected exactly one of blade, thrust_loss_percent, rotor_lost",
+                ));
+            }
         };
         Ok(PlannedFault { step, rotor, action })
     }
@@ -186,7 +225,13 @@ pub(crate) struct FaultSchedule {
 
 impl FaultSchedule {
     pub(crate) fn new(plan: FaultPlan) -> Self {
-        Self { plan, next: 0, ramps: Vec::new(), blade_code: [0; MAX_ROTORS], thrust_loss: [0.0; MAX_ROTORS] }
+        Self {
+            plan,
+            next: 0,
+            ramps: Vec::new(),
+            blade_code: [0; MAX_ROTORS],
+            thrust_loss: [0.0; MAX_ROTORS],
+        }
     }
 
     /// Brings the rotors into the condition of `step`; true if any has changed.
@@ -214,7 +259,12 @@ impl FaultSchedule {
                     // A step is a ramp of one step: it is complete when the step named in the plan is integrated.
                     let steps = (*ramp_steps).max(1);
                     let per_step = (loss - self.thrust_loss[fault.rotor]) / steps as f64;
-                    self.ramps.push(Ramp { rotor: fault.rotor, per_step, target: *loss, steps_left: steps });
+                    self.ramps.push(Ramp {
+                        rotor: fault.rotor,
+                        per_step,
+                        target: *loss,
+                        steps_left: steps,
+                    });
                 }
             }
         }

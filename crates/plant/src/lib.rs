@@ -17,6 +17,23 @@
 //! Controller and detector never see this crate's truth: they get `flight-core`'s `NavState` and, through
 //! [`Scenario::controller_config`], the nominal vehicle.
 //!
+//! ```no_run
+//! use rotortwin_flight_core::control::Controller;
+//! use rotortwin_plant::{Scenario, Simulation};
+//!
+//! let scenario = Scenario::load("config/scenarios/reference-flight.toml")?;
+//! let mut sim = Simulation::new(&scenario, scenario.seed())?;
+//! let mut controller = Controller::new(scenario.controller_config())?;
+//! controller.trim(sim.hover_duty(), sim.sense().battery_voltage);
+//! while !sim.done() {
+//!     let sample = sim.sense();
+//!     let output = controller.step(&sample.nav, &sample.reference, sample.battery_voltage);
+//!     sim.advance(&output.command)?;
+//! }
+//! println!("charge left: {:.1} %", 100.0 * sim.truth().state_of_charge);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Conventions: SI units, radians, NED world, FRD body, ZYX Euler angles; rotors are numbered from 1 in documents and texts, from
 //! 0 in arrays. Equation and table numbers are those of the paper.
 

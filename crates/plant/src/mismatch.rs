@@ -108,7 +108,10 @@ impl MismatchMagnitudes {
         disturbance_correlation_s: 2.0,
         linear_drag_kg_s: 0.0,
     };
-    const PAPER: Self = Self { rotor_bias_n: 0.010756, ..Self::NONE };
+    const PAPER: Self = Self {
+        rotor_bias_n: 0.010756,
+        ..Self::NONE
+    };
     const REALISTIC: Self = Self {
         rotor_gain: 0.005,
         thrust_lag: 0.20,
@@ -144,8 +147,12 @@ impl MismatchModel {
             battery_voltage_bias_v: self.battery_voltage_bias_v.unwrap_or(preset.battery_voltage_bias_v),
             battery_voltage_noise_v: self.battery_voltage_noise_v.unwrap_or(preset.battery_voltage_noise_v),
             disturbance_force_rms_n: self.disturbance_force_rms_n.unwrap_or(preset.disturbance_force_rms_n),
-            disturbance_torque_rms_nm: self.disturbance_torque_rms_nm.unwrap_or(preset.disturbance_torque_rms_nm),
-            disturbance_correlation_s: self.disturbance_correlation_s.unwrap_or(preset.disturbance_correlation_s),
+            disturbance_torque_rms_nm: self
+                .disturbance_torque_rms_nm
+                .unwrap_or(preset.disturbance_torque_rms_nm),
+            disturbance_correlation_s: self
+                .disturbance_correlation_s
+                .unwrap_or(preset.disturbance_correlation_s),
             linear_drag_kg_s: self.linear_drag_kg_s.unwrap_or(preset.linear_drag_kg_s),
         }
     }
@@ -162,8 +169,20 @@ impl MismatchModel {
         in_range("battery_voltage_bias_v", m.battery_voltage_bias_v, 0.0, 5.0, "V")?;
         in_range("battery_voltage_noise_v", m.battery_voltage_noise_v, 0.0, 5.0, "V")?;
         in_range("disturbance_force_rms_n", m.disturbance_force_rms_n, 0.0, 100.0, "N")?;
-        in_range("disturbance_torque_rms_nm", m.disturbance_torque_rms_nm, 0.0, 10.0, "N·m")?;
-        in_range("disturbance_correlation_s", m.disturbance_correlation_s, 0.01, 1000.0, "s")?;
+        in_range(
+            "disturbance_torque_rms_nm",
+            m.disturbance_torque_rms_nm,
+            0.0,
+            10.0,
+            "N·m",
+        )?;
+        in_range(
+            "disturbance_correlation_s",
+            m.disturbance_correlation_s,
+            0.01,
+            1000.0,
+            "s",
+        )?;
         in_range("linear_drag_kg_s", m.linear_drag_kg_s, 0.0, 10.0, "kg/s")
     }
 }

@@ -37,9 +37,9 @@ impl Scenario {
             attitude_gains: [&controller.roll, &controller.pitch, &controller.yaw].map(gains),
             tilt_limit: controller.tilt_limit_deg.to_radians() as f32,
             thrust_to_duty: match controller.thrust_to_duty {
-                ThrustToDutyMap::Linear => {
-                    ThrustToDuty::Linear { full_thrust: vehicle.rotors.full_thrust_n as f32 }
-                }
+                ThrustToDutyMap::Linear => ThrustToDuty::Linear {
+                    full_thrust: vehicle.rotors.full_thrust_n as f32,
+                },
                 ThrustToDutyMap::InverseMap => ThrustToDuty::InverseMap(self.thrust_map()),
             },
         }
@@ -62,10 +62,12 @@ impl Scenario {
             thrust_map: self.thrust_map(),
             nominal_thrust: match fdi.nominal_thrust {
                 NominalThrustModel::Static => NominalThrust::Static,
-                NominalThrustModel::Lagged => NominalThrust::Lagged { time_constant: rotor_time_constant },
-                NominalThrustModel::Linear => {
-                    NominalThrust::Linear { full_thrust: vehicle.rotors.full_thrust_n as f32 }
-                }
+                NominalThrustModel::Lagged => NominalThrust::Lagged {
+                    time_constant: rotor_time_constant,
+                },
+                NominalThrustModel::Linear => NominalThrust::Linear {
+                    full_thrust: vehicle.rotors.full_thrust_n as f32,
+                },
             },
             observer_gain: fdi.observer_gain_1_s as f32,
             window_len: fdi.window_samples,

@@ -38,7 +38,9 @@ fn simulation(more: &str, seed: u64) -> Simulation {
 /// A command that shakes the vehicle a little.
 fn command(sim: &Simulation) -> MotorCommand {
     let wobble = (sim.step_count() % 7) as f32 * 0.002;
-    MotorCommand { duty: std::array::from_fn(|i| sim.hover_duty() + if i % 2 == 0 { wobble } else { -wobble }) }
+    MotorCommand {
+        duty: std::array::from_fn(|i| sim.hover_duty() + if i % 2 == 0 { wobble } else { -wobble }),
+    }
 }
 
 /// Flies `steps` steps in open loop; all samples.
@@ -157,14 +159,20 @@ fn prop_sensing_or_not_makes_no_difference() {
 fn prop_streams_are_independent() {
     let plain = fly(&mut simulation("", 1), 300);
     // Voltage noise draws from another stream: everything else keeps its bits.
-    for (a, b) in plain.iter().zip(fly(&mut simulation("sensors = { battery_voltage_noise_v = 0.1 }", 1), 300)) {
+    for (a, b) in plain.iter().zip(fly(
+        &mut simulation("sensors = { battery_voltage_noise_v = 0.1 }", 1),
+        300,
+    )) {
         assert_eq!((a.0.nav, a.1), (b.0.nav, b.1));
         assert_ne!(a.0.battery_voltage, b.0.battery_voltage);
     }
     // The same is true of the noise of a sensor whose neighbour fails.
     let failing = "[[sensor_fault]]\ntime_s = 0.0\nsensor = 'velocity'\nbias_si = [1.0, 0.0, 0.0]";
     for (a, b) in plain.iter().zip(fly(&mut simulation(failing, 1), 300)) {
-        assert_eq!((a.0.nav.position_ned, a.0.nav.body_rates, a.1), (b.0.nav.position_ned, b.0.nav.body_rates, b.1));
+        assert_eq!(
+            (a.0.nav.position_ned, a.0.nav.body_rates, a.1),
+            (b.0.nav.position_ned, b.0.nav.body_rates, b.1)
+        );
     }
     // Drawing a further parameter leaves the others as they were.
     let more = simulation("mismatch = { preset = 'realistic' }", 1);
@@ -182,7 +190,11 @@ fn prop_padding_leaves_the_bits() {
         }
         samples
     };
-    let narrow: Vec<TruthSample> = fly(&mut simulation("", 1), 101).into_iter().skip(1).map(|s| s.1).collect();
+    let narrow: Vec<TruthSample> = fly(&mut simulation("", 1), 101)
+        .into_iter()
+        .skip(1)
+        .map(|s| s.1)
+        .collect();
     assert_eq!(narrow, wide(&mut simulation("", 1)));
 }
 
@@ -190,13 +202,30 @@ fn prop_padding_leaves_the_bits() {
 #[test]
 fn regress_bits() {
     let mut stream = RandomStream::new(1, "sensor/position");
-    assert_eq!([stream.unit(), stream.unit()].map(f64::to_bits), [4603780903849626813, 4604582580771558830]);
-    let normals = NormalStream::new(1, "sensor/position").next3();
-    assert_eq!(normals.map(f64::to_bits), [13831319547862698151, 13831153020128251303, 13824708827427435301]);
-    let (sensed, truth) = fly(&mut simulation("mismatch = { preset = 'realistic' }", 1), 401).pop().unwrap();
-    assert_eq!(truth.position_ned_m.map(f64::to_bits), [4597586135360668172, 13828116815536925373, 13840300921955828127]);
-    assert_eq!(truth.attitude_rad.map(f64::to_bits), [13828107545849938811, 13821584052420334350, 4594719733928913173]);
-    assert_eq!(sensed.nav.body_rates.to_array().map(f32::to_bits), [3216331480, 3205720439, 1037974010]);
+    assert_eq!(
+        [stream.unit(), stream.unit()].map(f64::to_bits),
+        [4603780903849626813, 4604582580771558830]
+    );
+    let normals = NormalStream::new(1, "sensor/position").sample3();
+    assert_eq!(
+        normals.map(f64::to_bits),
+        [13831319547862698151, 13831153020128251303, 13824708827427435301]
+    );
+    let (sensed, truth) = fly(&mut simulation("mismatch = { preset = 'realistic' }", 1), 401)
+        .pop()
+        .unwrap();
+    assert_eq!(
+        truth.position_ned_m.map(f64::to_bits),
+        [4597586135360668172, 13828116815536925373, 13840300921955828127]
+    );
+    assert_eq!(
+        truth.attitude_rad.map(f64::to_bits),
+        [13828107545849938811, 13821584052420334350, 4594719733928913173]
+    );
+    assert_eq!(
+        sensed.nav.body_rates.to_array().map(f32::to_bits),
+        [3216331480, 3205720439, 1037974010]
+    );
 }
 
 #[test]
@@ -206,7 +235,7 @@ fn val_normals_are_normal() {
     let mut moments = [0.0; 4];
     let mut tails = [0usize; 5];
     for _ in 0..COUNT {
-        let x = stream.next();
+        let x = stream.sample();
         for (power, moment) in moments.iter_mut().enumerate() {
             *moment += x.powi(power as i32 + 1);
         }
@@ -221,16 +250,24 @@ fn val_normals_are_normal() {
         assert!((moment - expected).abs() < bound(variance), "moments {moments:?}");
     }
     // P(x > 0 … 4), from tables of the normal distribution; the last reaches beyond the ziggurat's tail at 3.65.
-    for (count, share) in tails.iter().zip([0.5, 0.158_655_3, 0.022_750_13, 0.001_349_898, 3.167_124e-5]) {
+    for (count, share) in tails
+        .iter()
+        .zip([0.5, 0.158_655_3, 0.022_750_13, 0.001_349_898, 3.167_124e-5])
+    {
         let expected = share * COUNT as f64;
-        assert!((*count as f64 - expected).abs() < 4.0 * expected.sqrt(), "tails {tails:?}");
+        assert!(
+            (*count as f64 - expected).abs() < 4.0 * expected.sqrt(),
+            "tails {tails:?}"
+        );
     }
 }
 
 #[test]
 fn val_gusts_have_their_rms_and_memory() {
     let mut text = HOVER.replace("5.0\n", "2000.0\n");
-    text.push_str("mismatch = { linear_drag_kg_s = 0.01 }\nwind = { mean_ned_m_s = [2.0, 0.0, 0.0], gust_rms_m_s = 1.5 }");
+    text.push_str(
+        "mismatch = { linear_drag_kg_s = 0.01 }\nwind = { mean_ned_m_s = [2.0, 0.0, 0.0], gust_rms_m_s = 1.5 }",
+    );
     let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
     let mut sim = Simulation::new(&Scenario::parse(&text, base).unwrap(), 5).unwrap();
     let gusts: Vec<f64> = (0..800_000)
@@ -239,13 +276,19 @@ fn val_gusts_have_their_rms_and_memory() {
             sim.truth().wind_ned_m_s[1]
         })
         .collect();
-    let mean_product = |lag: usize| {
-        gusts[lag..].iter().zip(&gusts).map(|(a, b)| a * b).sum::<f64>() / (gusts.len() - lag) as f64
-    };
+    let mean_product =
+        |lag: usize| gusts[lag..].iter().zip(&gusts).map(|(a, b)| a * b).sum::<f64>() / (gusts.len() - lag) as f64;
     // 2000 s hold about 500 independent samples of a process with a memory of 2 s: 4 standard errors of a variance are 25 %.
-    assert!((mean_product(0) / 2.25 - 1.0).abs() < 0.25, "variance {}", mean_product(0));
+    assert!(
+        (mean_product(0) / 2.25 - 1.0).abs() < 0.25,
+        "variance {}",
+        mean_product(0)
+    );
     let correlation = mean_product(800) / mean_product(0);
-    assert!((correlation - (-1.0f64).exp()).abs() < 0.16, "correlation over 2 s {correlation}");
+    assert!(
+        (correlation - (-1.0f64).exp()).abs() < 0.16,
+        "correlation over 2 s {correlation}"
+    );
 }
 
 #[test]
@@ -276,11 +319,20 @@ fn val_impossible_numbers_are_named() {
     state.body.body_rates = [1e200, 1e200, 1e200];
     sim.set_state(state);
     let error = sim.advance(&MotorCommand::default()).unwrap_err();
-    assert_eq!(error, SimulationError::NonFiniteState { step: 1, quantity: "the body rates" });
+    assert_eq!(
+        error,
+        SimulationError::NonFiniteState {
+            step: 1,
+            quantity: "the body rates"
+        }
+    );
     let mut sim = simulation("", 1);
     fly(&mut sim, 2000);
     assert!(sim.done());
-    assert_eq!(sim.advance(&MotorCommand::default()), Err(SimulationError::FlightOver { step: 2000 }));
+    assert_eq!(
+        sim.advance(&MotorCommand::default()),
+        Err(SimulationError::FlightOver { step: 2000 })
+    );
 }
 
 #[test]
@@ -294,7 +346,10 @@ fn val_empty_battery_lets_the_vehicle_fall() {
         sim.advance(&MotorCommand { duty }).unwrap();
     }
     let truth = sim.truth();
-    assert_eq!((truth.state_of_charge, truth.battery_voltage_v, truth.battery_current_a), (0.0, 0.0, 0.0));
+    assert_eq!(
+        (truth.state_of_charge, truth.battery_voltage_v, truth.battery_current_a),
+        (0.0, 0.0, 0.0)
+    );
     assert!(truth.rotor_thrust_n.iter().all(|f| *f < 1e-9), "{truth:?}");
     assert!(truth.velocity_ned_m_s[2] > 10.0, "{truth:?}");
 }
@@ -312,8 +367,14 @@ fn val_thrust_loss_steps_ramps_and_is_labelled() {
     let loss = |t: f64| at(t).rotor_thrust_loss[1];
     assert_eq!((loss(0.9975), loss(1.0), loss(1.9975)), (0.0, 0.1, 0.1));
     assert!((loss(2.4975) - 0.2).abs() < 1e-12 && loss(2.9975) == 0.3 && loss(3.25) == 0.3);
-    assert_eq!((at(0.5).fault_label, at(1.0).fault_label, at(2.5).fault_label), (0, 2, -1));
-    assert_eq!((at(2.5).rotor_blade[3], at(3.5).fault_label, at(3.5).faulty_rotors), (3, 4, 0b1000));
+    assert_eq!(
+        (at(0.5).fault_label, at(1.0).fault_label, at(2.5).fault_label),
+        (0, 2, -1)
+    );
+    assert_eq!(
+        (at(2.5).rotor_blade[3], at(3.5).fault_label, at(3.5).faulty_rotors),
+        (3, 4, 0b1000)
+    );
     assert_eq!(at(4.0).rotor_thrust_loss[0], 1.0);
     // Held at hover duty the thrust follows the loss through the lag of 0.05 s; 0.9 s later nothing is left of it.
     let healthy = at(0.9975).rotor_thrust_n[4];
@@ -337,12 +398,27 @@ fn val_sensor_faults_do_what_they_say() {
         let rates = [0, 1, 2].map(|i| (truth.body_rates_rad_s[i] + bias[i]) as f32);
         assert_eq!(nav.body_rates.to_array(), rates, "step {k}");
         let delayed = &samples[if k >= 200 { k - 20 } else { k }].1;
-        assert_eq!(nav.velocity_ned.to_array(), delayed.velocity_ned_m_s.map(|v| v as f32), "step {k}");
+        assert_eq!(
+            nav.velocity_ned.to_array(),
+            delayed.velocity_ned_m_s.map(|v| v as f32),
+            "step {k}"
+        );
         let held = &samples[if active { 200 } else { k }].1;
-        assert_eq!(nav.position_ned.to_array(), held.position_ned_m.map(|p| p as f32), "step {k}");
+        assert_eq!(
+            nav.position_ned.to_array(),
+            held.position_ned_m.map(|p| p as f32),
+            "step {k}"
+        );
         let stale = sensed.stale_sensors;
-        assert!(stale == 0 || (active && stale == 0b10000), "step {k}: only dropouts are flagged");
-        let voltage = if stale == 0 { truth.battery_voltage_v as f32 } else { samples[k - 1].0.battery_voltage };
+        assert!(
+            stale == 0 || (active && stale == 0b10000),
+            "step {k}: only dropouts are flagged"
+        );
+        let voltage = if stale == 0 {
+            truth.battery_voltage_v as f32
+        } else {
+            samples[k - 1].0.battery_voltage
+        };
         assert_eq!(sensed.battery_voltage, voltage, "step {k}");
         lost += usize::from(stale != 0);
     }

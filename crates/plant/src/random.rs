@@ -35,7 +35,10 @@ static ZIGGURAT: LazyLock<Ziggurat> = LazyLock::new(|| {
     for i in 2..LAYERS {
         edge[i] = (-2.0 * libm::log(LAYER_AREA / edge[i - 1] + bell(edge[i - 1]))).sqrt();
     }
-    Ziggurat { edge, height: edge.map(bell) }
+    Ziggurat {
+        edge,
+        height: edge.map(bell),
+    }
 });
 
 /// A named stream of random bits.
@@ -47,11 +50,16 @@ pub struct RandomStream {
 impl RandomStream {
     /// The stream `name` of the run `seed`. Names longer than 24 bytes are a programming error and panic.
     pub fn new(seed: u64, name: &str) -> Self {
-        assert!(name.len() <= MAX_NAME_BYTES, "stream name `{name}` is longer than {MAX_NAME_BYTES} bytes");
+        assert!(
+            name.len() <= MAX_NAME_BYTES,
+            "stream name `{name}` is longer than {MAX_NAME_BYTES} bytes"
+        );
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
         key[8..8 + name.len()].copy_from_slice(name.as_bytes());
-        Self { generator: ChaCha8Rng::from_seed(key) }
+        Self {
+            generator: ChaCha8Rng::from_seed(key),
+        }
     }
 
     /// Uniform in \[0, 1), a multiple of 2⁻⁵³.
@@ -112,12 +120,16 @@ pub struct NormalStream {
 impl NormalStream {
     /// The stream `name` of the run `seed`; see [`RandomStream::new`].
     pub fn new(seed: u64, name: &str) -> Self {
-        Self { stream: RandomStream::new(seed, name), ready: [0.0; BATCH], next: BATCH }
+        Self {
+            stream: RandomStream::new(seed, name),
+            ready: [0.0; BATCH],
+            next: BATCH,
+        }
     }
 
     /// One standard normal.
     #[inline]
-    pub fn next(&mut self) -> f64 {
+    pub fn sample(&mut self) -> f64 {
         if self.next >= BATCH {
             self.refill();
         }
@@ -127,7 +139,7 @@ impl NormalStream {
 
     /// Three standard normals. A stream is read either by ones or by threes.
     #[inline]
-    pub fn next3(&mut self) -> [f64; 3] {
+    pub fn sample3(&mut self) -> [f64; 3] {
         if self.next + 3 > BATCH {
             self.refill();
         }

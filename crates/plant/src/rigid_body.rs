@@ -41,14 +41,23 @@ impl Quaternion {
     #[inline]
     pub fn down_axis(self) -> Vector3 {
         let [w, x, y, z] = self.0;
-        [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
+        [
+            2.0 * (x * z + w * y),
+            2.0 * (y * z - w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ]
     }
 
     /// q̇ = ½ q ⊗ (0, ω), ω in body axes, rad/s.
     #[inline]
     fn rate(self, body_rates: Vector3) -> [f64; 4] {
         let ([w, x, y, z], [p, q, r]) = (self.0, body_rates.map(|rate| 0.5 * rate));
-        [-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p]
+        [
+            -x * p - y * q - z * r,
+            w * p + y * r - z * q,
+            w * q + z * p - x * r,
+            w * r + x * q - y * p,
+        ]
     }
 
     /// Scaled back to length 1; NaN stays NaN.
@@ -119,13 +128,23 @@ impl RigidBody {
 
     /// Right-hand side of Eq. 1 for a rotor force of `thrust` N along −e₃ and a rotor torque in N·m, body.
     #[inline(always)]
-    pub(crate) fn rate(&self, s: &RigidBodyState, thrust: f64, torque: Vector3, around: &Surroundings) -> RigidBodyRate {
+    pub(crate) fn rate(
+        &self,
+        s: &RigidBodyState,
+        thrust: f64,
+        torque: Vector3,
+        around: &Surroundings,
+    ) -> RigidBodyRate {
         let down = s.ned_from_body.down_axis();
         let force = |i: usize| {
             around.force_ned[i] - self.linear_drag * (s.velocity_ned[i] - around.wind_ned[i]) - thrust * down[i]
         };
         let omega = s.body_rates;
-        let momentum = [self.inertia[0] * omega[0], self.inertia[1] * omega[1], self.inertia[2] * omega[2]];
+        let momentum = [
+            self.inertia[0] * omega[0],
+            self.inertia[1] * omega[1],
+            self.inertia[2] * omega[2],
+        ];
         let gyroscopic = cross(omega, momentum);
         let spin_up = |i: usize| {
             (torque[i] + around.torque_body[i] - self.angular_drag * omega[i] - gyroscopic[i]) * self.per_inertia[i]

@@ -92,7 +92,10 @@ pub struct Initial {
 
 impl Default for Initial {
     fn default() -> Self {
-        Self { state_of_charge: 0.9, start: Start::Trimmed }
+        Self {
+            state_of_charge: 0.9,
+            start: Start::Trimmed,
+        }
     }
 }
 
@@ -131,8 +134,16 @@ pub struct ControllerSettings {
 impl Default for ControllerSettings {
     /// Table 5; 35° and the linear map, where the paper is silent.
     fn default() -> Self {
-        let slow = Gains { proportional: 4.98, integral: 2.08, derivative: 3.90 };
-        let fast = Gains { proportional: 242.0, integral: 720.0, derivative: 27.0 };
+        let slow = Gains {
+            proportional: 4.98,
+            integral: 2.08,
+            derivative: 3.90,
+        };
+        let fast = Gains {
+            proportional: 242.0,
+            integral: 720.0,
+            derivative: 27.0,
+        };
         Self {
             position_x: slow,
             position_y: slow,
@@ -245,7 +256,13 @@ impl ScenarioDocument {
             return Err(Refusal::new("name", "expected a name"));
         }
         in_range("duration_s", self.duration_s, crate::STEP_S, MAX_DURATION_S, "s")?;
-        in_range("integrator_substeps", f64::from(self.integrator_substeps), 1.0, 1000.0, "")?;
+        in_range(
+            "integrator_substeps",
+            f64::from(self.integrator_substeps),
+            1.0,
+            1000.0,
+            "",
+        )?;
         in_range("initial.state_of_charge", self.initial.state_of_charge, 0.01, 1.0, "")?;
         self.trajectory.check().map_err(|r| r.under("trajectory"))?;
         self.controller.check().map_err(|r| r.under("controller"))?;
@@ -347,16 +364,25 @@ impl Scenario {
         let vehicle_path = directory.join(&parsed.vehicle);
         let vehicle = scenario.follow("vehicle", &vehicle_path)?;
         let parsed: VehicleModel = vehicle.parse()?;
-        let blades_path = vehicle_path.parent().unwrap_or(Path::new("")).join(&parsed.rotors.blades);
+        let blades_path = vehicle_path
+            .parent()
+            .unwrap_or(Path::new(""))
+            .join(&parsed.rotors.blades);
         let blades = vehicle.follow("rotors.blades", &blades_path)?;
         Self::assemble(&scenario, &vehicle, &blades)
     }
 
     fn assemble(scenario: &Document, vehicle: &Document, blades: &Document) -> Result<Self, ConfigError> {
-        let documents =
-            Documents { scenario: scenario.parse()?, vehicle: vehicle.parse()?, blades: blades.parse()? };
+        let documents = Documents {
+            scenario: scenario.parse()?,
+            vehicle: vehicle.parse()?,
+            blades: blades.parse()?,
+        };
         documents.blades.check().map_err(|r| blades.refuse(r))?;
-        documents.vehicle.check(&documents.blades).map_err(|r| vehicle.refuse(r))?;
+        documents
+            .vehicle
+            .check(&documents.blades)
+            .map_err(|r| vehicle.refuse(r))?;
         let nominal = &documents.vehicle.rotors.nominal_blade;
         let blade = documents.blades.blade[nominal];
         ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
@@ -367,10 +393,14 @@ impl Scenario {
         document.check(&documents.vehicle).map_err(refuse)?;
         let duration_steps = document.duration_steps();
         let rotor_count = documents.vehicle.rotor_count();
-        let fault_plan = FaultPlan::new(&document.fault, rotor_count, &documents.blades, nominal, duration_steps)
-            .map_err(refuse)?;
+        let fault_plan =
+            FaultPlan::new(&document.fault, rotor_count, &documents.blades, nominal, duration_steps).map_err(refuse)?;
         let sensor_fault_plan = SensorFaultPlan::new(&document.sensor_fault, duration_steps).map_err(refuse)?;
-        let checked = Self { documents, fault_plan, sensor_fault_plan };
+        let checked = Self {
+            documents,
+            fault_plan,
+            sensor_fault_plan,
+        };
         simulation::trim(&checked).map_err(refuse)?;
         Controller::new(checked.controller_config())
             .map_err(|error| refuse(Refusal::new("controller", error.to_string())))?;

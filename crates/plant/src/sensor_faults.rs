@@ -79,7 +79,9 @@ impl SensorFaultPlan {
     pub(crate) fn new(entries: &[SensorFaultEntry], duration_steps: u64) -> Result<Self, Refusal> {
         let mut plan: Vec<PlannedFault> = Vec::with_capacity(entries.len());
         for (i, entry) in entries.iter().enumerate() {
-            let fault = entry.plan(duration_steps).map_err(|r| r.under(&format!("sensor_fault[{i}]")))?;
+            let fault = entry
+                .plan(duration_steps)
+                .map_err(|r| r.under(&format!("sensor_fault[{i}]")))?;
             for earlier in plan.iter().filter(|other| other.sensor == fault.sensor) {
                 let overlap = fault.first_step < earlier.end_step && earlier.first_step < fault.end_step;
                 if overlap && earlier.kind.order() == fault.kind.order() {
@@ -121,10 +123,18 @@ impl SensorFaultEntry {
             }
         };
         if end_step <= first_step {
-            let reason = format!("this fault cannot have an effect: expected an end after its onset at {} s", self.time_s);
+            let reason = format!(
+                "this fault cannot have an effect: expected an end after its onset at {} s",
+                self.time_s
+            );
             return Err(Refusal::new("end_s", reason));
         }
-        Ok(PlannedFault { sensor: self.sensor, first_step, end_step, kind: self.kind(first_step)? })
+        Ok(PlannedFault {
+            sensor: self.sensor,
+            first_step,
+            end_step,
+            kind: self.kind(first_step)?,
+        })
     }
 
     fn kind(&self, first_step: u64) -> Result<Kind, Refusal> {
@@ -132,19 +142,27 @@ impl SensorFaultEntry {
         match kinds {
             (Some(bias), None, None, None) => {
                 if bias.len() != self.sensor.width() {
-                    let reason = format!("expected a list of {} for this sensor, got {}", self.sensor.width(), bias.len());
+                    let reason = format!(
+                        "expected a list of {} for this sensor, got {}",
+                        self.sensor.width(),
+                        bias.len()
+                    );
                     return Err(Refusal::new("bias_si", reason));
                 }
                 all_in_range("bias_si", bias, -1e6, 1e6, "")?;
                 if bias.iter().all(|&b| b == 0.0) {
-                    return Err(Refusal::new("bias_si", "this fault cannot have an effect: the bias is 0"));
+                    return Err(Refusal::new(
+                        "bias_si",
+                        "this fault cannot have an effect: the bias is 0",
+                    ));
                 }
                 Ok(Kind::Bias(std::array::from_fn(|i| bias.get(i).copied().unwrap_or(0.0))))
             }
             (None, Some(true), None, None) => Ok(Kind::Stuck),
-            (None, Some(false), None, None) => {
-                Err(Refusal::new("stuck", "this fault cannot have an effect: expected true, got false"))
-            }
+            (None, Some(false), None, None) => Err(Refusal::new(
+                "stuck",
+                "this fault cannot have an effect: expected true, got false",
+            )),
             (None, None, Some(probability), None) => {
                 in_range("dropout_probability", probability, 0.0, 1.0, "")?;
                 if probability == 0.0 {
@@ -160,11 +178,17 @@ impl SensorFaultEntry {
             (None, None, None, Some(delay_s)) => {
                 in_range("delay_s", delay_s, 0.0, MAX_DELAY_S, "s")?;
                 match nearest_step(delay_s) {
-                    0 => Err(Refusal::new("delay_s", "this fault cannot have an effect: less than half a step of 2.5 ms")),
+                    0 => Err(Refusal::new(
+                        "delay_s",
+                        "this fault cannot have an effect: less than half a step of 2.5 ms",
+                    )),
                     steps => Ok(Kind::Delay { steps }),
                 }
             }
-            _ => Err(Refusal::new("", "expected exactly one of bias_si, stuck, dropout_probability, delay_s")),
+            _ => Err(Refusal::new(
+                "",
+                "expected exactly one of bias_si, stuck, dropout_probability, delay_s",
+            )),
         }
     }
 }

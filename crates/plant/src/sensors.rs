@@ -35,8 +35,13 @@ pub(crate) const SENSORS: usize = 5;
 
 impl Sensor {
     /// Every sensor, in bit order.
-    pub const ALL: [Self; SENSORS] =
-        [Self::Position, Self::Velocity, Self::Attitude, Self::BodyRates, Self::BatteryVoltage];
+    pub const ALL: [Self; SENSORS] = [
+        Self::Position,
+        Self::Velocity,
+        Self::Attitude,
+        Self::BodyRates,
+        Self::BatteryVoltage,
+    ];
 
     /// Numbers that the sensor gives: 3, or 1 for the voltage.
     pub fn width(self) -> usize {
@@ -48,8 +53,13 @@ impl Sensor {
     }
 
     fn stream(self) -> &'static str {
-        ["sensor/position", "sensor/velocity", "sensor/attitude", "sensor/body-rates", "sensor/battery-voltage"]
-            [self.index()]
+        [
+            "sensor/position",
+            "sensor/velocity",
+            "sensor/attitude",
+            "sensor/body-rates",
+            "sensor/battery-voltage",
+        ][self.index()]
     }
 }
 
@@ -101,7 +111,13 @@ impl SensorModel {
         in_range("position_noise_m", self.position_noise_m, 0.0, 10.0, "m")?;
         in_range("velocity_noise_m_s", self.velocity_noise_m_s, 0.0, 10.0, "m/s")?;
         in_range("attitude_noise_rad", self.attitude_noise_rad, 0.0, 1.0, "rad")?;
-        in_range("body_rates_noise_rad_s", self.body_rates_noise_rad_s, 0.0, 10.0, "rad/s")?;
+        in_range(
+            "body_rates_noise_rad_s",
+            self.body_rates_noise_rad_s,
+            0.0,
+            10.0,
+            "rad/s",
+        )?;
         in_range("battery_voltage_noise_v", self.battery_voltage_noise_v, 0.0, 5.0, "V")?;
         in_range("battery_voltage_bias_v", self.battery_voltage_bias_v, -5.0, 5.0, "V")
     }
@@ -148,7 +164,7 @@ impl SensorSuite {
     pub(crate) fn measure(&mut self, step: u64, truth: &Readings) -> (NavState, f32, u32) {
         let mut readings = *truth;
         for sensor in 0..SENSORS - 1 {
-            let (deviation, noise) = (self.deviation[sensor], self.noise[sensor].next3());
+            let (deviation, noise) = (self.deviation[sensor], self.noise[sensor].sample3());
             for (reading, n) in readings[sensor].iter_mut().zip(noise) {
                 *reading += deviation * n;
             }
@@ -156,14 +172,22 @@ impl SensorSuite {
         let voltage = SENSORS - 1;
         readings[voltage][0] += self.voltage_bias;
         if self.deviation[voltage] > 0.0 {
-            readings[voltage][0] += self.deviation[voltage] * self.noise[voltage].next();
+            readings[voltage][0] += self.deviation[voltage] * self.noise[voltage].sample();
         }
-        let stale = if self.faults.is_empty() { 0 } else { self.faults.corrupt(step, &mut readings) };
+        let stale = if self.faults.is_empty() {
+            0
+        } else {
+            self.faults.corrupt(step, &mut readings)
+        };
         let [position, velocity, attitude, body_rates, voltage] = readings.map(|row| row.map(|x| x as f32));
         let nav = NavState {
             position_ned: Vec3::from_array(position),
             velocity_ned: Vec3::from_array(velocity),
-            attitude: EulerAngles { roll: attitude[0], pitch: attitude[1], yaw: attitude[2] },
+            attitude: EulerAngles {
+                roll: attitude[0],
+                pitch: attitude[1],
+                yaw: attitude[2],
+            },
             body_rates: Vec3::from_array(body_rates),
         };
         (nav, voltage[0], stale)

@@ -103,8 +103,12 @@ pub(crate) fn trim(scenario: &Scenario) -> Result<Trim, Refusal> {
             nalgebra::Vector4::new(-1.0, mx, my, mz)
         })
         .collect();
-    let gram = columns.iter().fold(nalgebra::Matrix4::zeros(), |sum, column| sum + column * column.transpose());
-    let inverse = gram.try_inverse().ok_or_else(|| Refusal::new("vehicle", "this layout cannot be balanced"))?;
+    let gram = columns.iter().fold(nalgebra::Matrix4::zeros(), |sum, column| {
+        sum + column * column.transpose()
+    });
+    let inverse = gram
+        .try_inverse()
+        .ok_or_else(|| Refusal::new("vehicle", "this layout cannot be balanced"))?;
     let multiplier = inverse * nalgebra::Vector4::new(-weight, 0.0, 0.0, 0.0);
     let mut thrust = [0.0; MAX_ROTORS];
     for (f, column) in thrust.iter_mut().zip(&columns) {
@@ -214,7 +218,11 @@ impl Simulation {
                     ned_from_body: Quaternion::from_euler([0.0, 0.0, yaw]),
                     body_rates: [0.0; 3],
                 },
-                thrust: if scenario.starts_trimmed() { trim.thrust } else { [0.0; MAX_ROTORS] },
+                thrust: if scenario.starts_trimmed() {
+                    trim.thrust
+                } else {
+                    [0.0; MAX_ROTORS]
+                },
                 state_of_charge: document.initial.state_of_charge,
             },
             truth: TruthSample::default(),
@@ -415,7 +423,11 @@ impl Simulation {
     /// Refuses a state that is not a number.
     #[inline]
     fn check_state(&self, step: u64) -> Result<(), SimulationError> {
-        let PlantState { body, thrust, state_of_charge } = &self.state;
+        let PlantState {
+            body,
+            thrust,
+            state_of_charge,
+        } = &self.state;
         let sum = |v: &Vector3| v[0] + v[1] + v[2];
         let q = body.ned_from_body.0;
         // One NaN or infinity anywhere leaves no finite sum.
@@ -446,10 +458,17 @@ impl Simulation {
     }
 
     fn record_truth(&mut self, step: u64) {
-        let PlantState { body, thrust, state_of_charge } = &self.state;
+        let PlantState {
+            body,
+            thrust,
+            state_of_charge,
+        } = &self.state;
         let power = self.battery.power_coefficient() * sum_of_powers(thrust);
-        let BatteryOutput { open_circuit_voltage, battery_voltage, battery_current } =
-            self.battery.output(*state_of_charge, power);
+        let BatteryOutput {
+            open_circuit_voltage,
+            battery_voltage,
+            battery_current,
+        } = self.battery.output(*state_of_charge, power);
         let truth = &mut self.truth;
         truth.step = step;
         truth.sim_time_ns = step * STEP_NS;

@@ -67,7 +67,10 @@ impl Trajectory {
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         let position = |key: &str, p: &[f64]| all_in_range(key, p, -10_000.0, 10_000.0, "m");
         match self {
-            Self::Hover { position_ned_m, yaw_rad } => {
+            Self::Hover {
+                position_ned_m,
+                yaw_rad,
+            } => {
                 position("position_ned_m", position_ned_m)?;
                 in_range("yaw_rad", *yaw_rad, -3.2, 3.2, "rad")
             }
@@ -88,7 +91,12 @@ impl Trajectory {
                 in_range("yaw_amplitude_rad", *yaw_amplitude_rad, 0.0, 3.2, "rad")?;
                 in_range("yaw_period_s", *yaw_period_s, 1.0, 3600.0, "s")
             }
-            Self::Waypoints { points_ned_m, interval_s, speed_m_s, yaw_rad } => {
+            Self::Waypoints {
+                points_ned_m,
+                interval_s,
+                speed_m_s,
+                yaw_rad,
+            } => {
                 in_range("interval_s", *interval_s, 0.1, 3600.0, "s")?;
                 in_range("speed_m_s", *speed_m_s, 0.01, 50.0, "m/s")?;
                 in_range("yaw_rad", *yaw_rad, -3.2, 3.2, "rad")?;
@@ -99,7 +107,10 @@ impl Trajectory {
                     position(&format!("points_ned_m[{i}]"), point)?;
                 }
                 let reach = interval_s * speed_m_s;
-                match points_ned_m.windows(2).position(|leg| length(difference(leg[1], leg[0])) > reach) {
+                match points_ned_m
+                    .windows(2)
+                    .position(|leg| length(difference(leg[1], leg[0])) > reach)
+                {
                     None => Ok(()),
                     Some(i) => Err(Refusal::new(
                         format!("points_ned_m[{}]", i + 1),
@@ -116,7 +127,10 @@ impl Trajectory {
     /// p_r, m, NED, and ψ_r, rad, at time `t` in s.
     pub fn pose(&self, t: f64) -> (Vector3, f64) {
         match self {
-            Self::Hover { position_ned_m, yaw_rad } => (*position_ned_m, *yaw_rad),
+            Self::Hover {
+                position_ned_m,
+                yaw_rad,
+            } => (*position_ned_m, *yaw_rad),
             Self::Helix {
                 radius_m,
                 turn_s,
@@ -129,9 +143,21 @@ impl Trajectory {
                 let (sin, cos) = libm::sincos(TURN * t / turn_s);
                 let climb = 1.0 - libm::cos(TURN * t / climb_period_s);
                 let yaw = yaw_amplitude_rad * libm::sin(TURN * t / yaw_period_s);
-                ([radius_m * cos, radius_m * sin, -start_height_m - climb_amplitude_m * climb], yaw)
+                (
+                    [
+                        radius_m * cos,
+                        radius_m * sin,
+                        -start_height_m - climb_amplitude_m * climb,
+                    ],
+                    yaw,
+                )
             }
-            Self::Waypoints { points_ned_m, interval_s, speed_m_s, yaw_rad } => {
+            Self::Waypoints {
+                points_ned_m,
+                interval_s,
+                speed_m_s,
+                yaw_rad,
+            } => {
                 let leg = ((t / interval_s) as usize).min(points_ned_m.len() - 1);
                 let target = points_ned_m[leg];
                 let start = points_ned_m[leg.saturating_sub(1)];
@@ -167,7 +193,11 @@ impl ReferenceGenerator {
     /// The generator at step 0.
     pub(crate) fn new(trajectory: Trajectory) -> Self {
         let (first, _) = trajectory.pose(0.0);
-        let mut generator = Self { trajectory, previous: first, now: Reference::default() };
+        let mut generator = Self {
+            trajectory,
+            previous: first,
+            now: Reference::default(),
+        };
         generator.advance(1);
         let velocity_ned = generator.now.velocity_ned;
         generator.advance(0);

@@ -104,5 +104,8 @@ fn val_open_loop_converged() {
 fn val_open_loop_is_of_fourth_order() {
     let (one, two) = (worst_difference(1), worst_difference(2));
     // Order 4 gives a factor of 16; the knots of the voltage chart and rounding leave it a little less sharp.
-    assert!(one / two > 10.0, "halving the step shrinks the error only from {one:e} to {two:e}");
+    assert!(
+        one / two > 10.0,
+        "halving the step shrinks the error only from {one:e} to {two:e}"
+    );
 }

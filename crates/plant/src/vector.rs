@@ -6,5 +6,9 @@ pub type Vector3 = [f64; 3];
 /// Vector product, right-handed.
 #[inline(always)]
 pub(crate) fn cross(a: Vector3, b: Vector3) -> Vector3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }

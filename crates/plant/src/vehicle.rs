@@ -133,7 +133,11 @@ impl RotorPlacement {
     pub fn torque_arm(&self, centre: Vector3, moment_ratio_factor: f64) -> Vector3 {
         let ratio = self.moment_ratio * moment_ratio_factor;
         let yaw = if self.spin == SpinDirection::Ccw { ratio } else { -ratio };
-        [-(self.position_body[1] - centre[1]), self.position_body[0] - centre[0], yaw]
+        [
+            -(self.position_body[1] - centre[1]),
+            self.position_body[0] - centre[0],
+            yaw,
+        ]
     }
 }
 
@@ -141,12 +145,16 @@ impl Layout {
     /// The rotors in the order of their numbers.
     pub fn placements(&self) -> Vec<RotorPlacement> {
         match self {
-            Self::RegularX { rotors, arm_length_m, moment_ratio_m } => {
-                regular(*rotors, *arm_length_m, *moment_ratio_m, PI / f64::from(*rotors))
-            }
-            Self::RegularPlus { rotors, arm_length_m, moment_ratio_m } => {
-                regular(*rotors, *arm_length_m, *moment_ratio_m, 0.0)
-            }
+            Self::RegularX {
+                rotors,
+                arm_length_m,
+                moment_ratio_m,
+            } => regular(*rotors, *arm_length_m, *moment_ratio_m, PI / f64::from(*rotors)),
+            Self::RegularPlus {
+                rotors,
+                arm_length_m,
+                moment_ratio_m,
+            } => regular(*rotors, *arm_length_m, *moment_ratio_m, 0.0),
             Self::List { rotor } => {
                 let mut listed: Vec<&ListedRotor> = rotor.iter().collect();
                 listed.sort_by_key(|r| r.number);
@@ -164,8 +172,16 @@ impl Layout {
 
     fn check(&self) -> Result<(), Refusal> {
         match self {
-            Self::RegularX { rotors, arm_length_m, moment_ratio_m }
-            | Self::RegularPlus { rotors, arm_length_m, moment_ratio_m } => {
+            Self::RegularX {
+                rotors,
+                arm_length_m,
+                moment_ratio_m,
+            }
+            | Self::RegularPlus {
+                rotors,
+                arm_length_m,
+                moment_ratio_m,
+            } => {
                 if !(4..=MAX_ROTORS as u32).contains(rotors) || rotors % 2 != 0 {
                     let reason = format!("expected an even number of rotors from 4 to {MAX_ROTORS}, got {rotors}");
                     return Err(Refusal::new("rotors", reason));
@@ -204,7 +220,11 @@ fn regular(rotors: u32, arm_length: f64, moment_ratio: f64, offset: f64) -> Vec<
             let (sin, cos) = libm::sincos(offset + 2.0 * PI * f64::from(i) / f64::from(rotors));
             RotorPlacement {
                 position_body: [arm_length * cos, arm_length * sin, 0.0],
-                spin: if i % 2 == 0 { SpinDirection::Ccw } else { SpinDirection::Cw },
+                spin: if i % 2 == 0 {
+                    SpinDirection::Ccw
+                } else {
+                    SpinDirection::Cw
+                },
                 moment_ratio,
             }
         })
@@ -217,7 +237,11 @@ pub(crate) fn geometry(placements: &[RotorPlacement]) -> Result<Geometry, String
         .iter()
         .map(|p| Rotor {
             position_body: Vec3::from_array(p.position_body.map(|x| x as f32)),
-            spin: if p.spin == SpinDirection::Ccw { Spin::Ccw } else { Spin::Cw },
+            spin: if p.spin == SpinDirection::Ccw {
+                Spin::Ccw
+            } else {
+                Spin::Cw
+            },
             moment_ratio: p.moment_ratio as f32,
         })
         .collect();
@@ -245,7 +269,8 @@ impl VehicleModel {
         all_in_range("inertia_body_kg_m2", &body.inertia_body_kg_m2, 1e-6, 100.0, "kg·m²")?;
         let [x, y, z] = body.inertia_body_kg_m2;
         if x > y + z || y > x + z || z > x + y {
-            let reason = format!("expected moments of inertia of which none exceeds the sum of the others, got {x}, {y}, {z}");
+            let reason =
+                format!("expected moments of inertia of which none exceeds the sum of the others, got {x}, {y}, {z}");
             return Err(Refusal::new("inertia_body_kg_m2", reason));
         }
         in_range("gravity_m_s2", body.gravity_m_s2, 0.1, 30.0, "m/s²")?;

@@ -29,7 +29,11 @@ fn vector(name: &str) -> String {
 }
 
 fn rows(name: &str) -> Vec<Vec<f64>> {
-    vector(name).lines().skip(1).map(|line| line.split(',').map(|x| x.parse().unwrap()).collect()).collect()
+    vector(name)
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|x| x.parse().unwrap()).collect())
+        .collect()
 }
 
 fn reference_flight() -> Scenario {
@@ -44,12 +48,20 @@ fn val_lift_of_every_blade() {
     for line in text.lines().skip(1) {
         let (name, numbers) = line.split_once(',').unwrap();
         let numbers: Vec<f64> = numbers.split(',').map(|x| x.parse().unwrap()).collect();
-        let [voltage, duty, raw, clipped] = numbers[..] else { panic!("four numbers in {line}") };
+        let [voltage, duty, raw, clipped] = numbers[..] else {
+            panic!("four numbers in {line}")
+        };
         let blade = scenario.blades().blade[name];
         let got_raw = (voltage - blade.voltage_offset_v) * blade.raw_lift_per_volt(duty);
         let got = blade.lift(duty, voltage);
-        assert!((got_raw - raw).abs() <= LIFT_TOLERANCE * raw.abs().max(1.0), "{line}: {got_raw}");
-        assert!((got - clipped).abs() <= LIFT_TOLERANCE * clipped.abs().max(1.0), "{line}: {got}");
+        assert!(
+            (got_raw - raw).abs() <= LIFT_TOLERANCE * raw.abs().max(1.0),
+            "{line}: {got_raw}"
+        );
+        assert!(
+            (got - clipped).abs() <= LIFT_TOLERANCE * clipped.abs().max(1.0),
+            "{line}: {got}"
+        );
         count += 1;
     }
     assert!(count > 100, "only {count} rows");
@@ -69,13 +81,20 @@ fn val_battery() {
     let scenario = reference_flight();
     let battery = Battery::new(&scenario.vehicle().battery);
     for row in rows("battery.csv") {
-        let [charge, thrust, open, terminal, current] = row[..] else { panic!("five numbers in {row:?}") };
+        let [charge, thrust, open, terminal, current] = row[..] else {
+            panic!("five numbers in {row:?}")
+        };
         let power = battery.power_coefficient() * 6.0 * thrust * thrust.sqrt();
         let got = battery.output(charge, power);
-        for (got, expected) in
-            [(got.open_circuit_voltage, open), (got.battery_voltage, terminal), (got.battery_current, current)]
-        {
-            assert!((got - expected).abs() <= BATTERY_TOLERANCE * expected.abs().max(1.0), "{row:?}: {got}");
+        for (got, expected) in [
+            (got.open_circuit_voltage, open),
+            (got.battery_voltage, terminal),
+            (got.battery_current, current),
+        ] {
+            assert!(
+                (got - expected).abs() <= BATTERY_TOLERANCE * expected.abs().max(1.0),
+                "{row:?}: {got}"
+            );
         }
     }
 }
@@ -83,16 +102,31 @@ fn val_battery() {
 #[test]
 fn val_control_effectiveness() {
     let vectors: serde_json::Value = serde_json::from_str(&vector("geometry.json")).unwrap();
-    let regular_x = |rotors| Layout::RegularX { rotors, arm_length_m: 0.275, moment_ratio_m: 0.016 };
-    let plus = Layout::RegularPlus { rotors: 6, arm_length_m: 0.275, moment_ratio_m: 0.016 };
-    for (name, layout) in
-        [("hexa_x", regular_x(6)), ("hexa_plus", plus), ("quad_x", regular_x(4)), ("octo_x", regular_x(8))]
-    {
+    let regular_x = |rotors| Layout::RegularX {
+        rotors,
+        arm_length_m: 0.275,
+        moment_ratio_m: 0.016,
+    };
+    let plus = Layout::RegularPlus {
+        rotors: 6,
+        arm_length_m: 0.275,
+        moment_ratio_m: 0.016,
+    };
+    for (name, layout) in [
+        ("hexa_x", regular_x(6)),
+        ("hexa_plus", plus),
+        ("quad_x", regular_x(4)),
+        ("octo_x", regular_x(8)),
+    ] {
         let effectiveness = &vectors[name]["F"];
         for (i, placement) in layout.placements().iter().enumerate() {
             for (row, got) in placement.torque_arm([0.0; 3], 1.0).into_iter().enumerate() {
                 let expected = effectiveness[3 + row][i].as_f64().unwrap();
-                assert!((got - expected).abs() <= GEOMETRY_TOLERANCE, "{name} F[{}][{i}]: {got}, {expected}", 3 + row);
+                assert!(
+                    (got - expected).abs() <= GEOMETRY_TOLERANCE,
+                    "{name} F[{}][{i}]: {got}, {expected}",
+                    3 + row
+                );
             }
         }
     }
@@ -156,6 +190,9 @@ blade = "b"
     }
     println!("largest differences: {worst:?}");
     for (worst, tolerance) in worst.iter().zip(CLOSED_LOOP_TOLERANCE) {
-        assert!(*worst < tolerance, "largest differences {worst:e}, tolerances {CLOSED_LOOP_TOLERANCE:?}");
+        assert!(
+            *worst < tolerance,
+            "largest differences {worst:e}, tolerances {CLOSED_LOOP_TOLERANCE:?}"
+        );
     }
 }

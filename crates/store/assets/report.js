@@ -59,7 +59,7 @@
     });
   }
   let themeBefore;
-  addEventListener('beforeprint', () => { themeBefore = root.dataset.theme; root.dataset.theme = 'light'; fit(690); repaint(); });
+  addEventListener('beforeprint', () => { themeBefore = root.dataset.theme; root.dataset.theme = 'light'; fit(700); repaint(); });
   addEventListener('afterprint', () => {
     if (themeBefore) root.dataset.theme = themeBefore; else delete root.dataset.theme;
     fit(); repaint();
@@ -162,7 +162,9 @@
 
   // Canvas sizes follow the page.
   function fit(forced) {
-    const page = document.querySelector('main').clientWidth;
+    const main = document.querySelector('main');
+    const style = getComputedStyle(main);
+    const page = main.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
     for (const chart of charts) {
       let width = chart.holder.clientWidth;
       if (typeof forced === 'number') width = Math.floor(width * Math.min(1, forced / page));
@@ -267,12 +269,14 @@
       place.appendChild(cell);
       return cell;
     };
+    const narrow = matchMedia('(max-width: 720px)').matches;
     add('colhead');
     for (const name of names) add('colhead', name + ' component');
     for (let rotor = 0; rotor < data.rotors; rotor++) {
       for (let c = 0; c < 3; c++) {
-        if (c === 0) add('rowhead', `<i>r</i><sub>${rotor + 1}</sub>`);
-        else if (matchMedia('(max-width: 720px)').matches) add('rowhead again');
+        const label = `<i>r</i><sub>${rotor + 1}</sub>`;
+        if (narrow) add('rowhead', `${label}<br><small>${names[c]}</small>`);
+        else if (c === 0) add('rowhead', label);
         const holder = add('cell');
         const last = rotor === data.rotors - 1;
         const table = uPlot.join([[x, raw[3 * rotor + c]], [meanTime, mean[3 * rotor + c]]]);

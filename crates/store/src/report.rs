@@ -150,7 +150,7 @@ fn ending(html: &mut String, summary: &Summary) {
             put!(
                 html,
                 "<div class=\"box failed\"><h2>This run failed</h2><p>{}</p><dl><div><dt>peer</dt><dd>{}</dd></div>\
-                 <div><dt>last complete step</dt><dd class=\"num\">{}</dd></div>",
+                 <div><dt>at step</dt><dd class=\"num\">{}</dd></div>",
                 escape(&failure.sentence),
                 escape(&failure.peer),
                 grouped(failure.step),
@@ -185,9 +185,12 @@ fn tile(html: &mut String, what: &str, value: &str, more: &str) {
 
 fn tiles(html: &mut String, summary: &Summary) {
     html.push_str("<div class=\"tiles\">");
-    let steps = format!("{} at {} ms", plural(summary.steps, "step", "steps"), short(step_ms(summary)));
+    let mut steps = plural(summary.steps, "step", "steps");
+    if summary.steps > 0 {
+        put!(steps, " of {} ms", short(1e3 * summary.simulated_s / summary.steps as f64));
+    }
     tile(html, "simulated", &format!("{} <small>s</small>", short(summary.simulated_s)), &steps);
-    if summary.wall_s > 0.0 {
+    if summary.wall_s > 0.0 && summary.steps > 0 {
         let ratio = summary.simulated_s / summary.wall_s;
         let more = format!("{} steps/s, {} × real time", grouped(summary.steps_per_s.round() as u64), short(ratio));
         tile(html, "wall time", &format!("{} <small>s</small>", short(summary.wall_s)), &more);
@@ -205,7 +208,7 @@ fn tiles(html: &mut String, summary: &Summary) {
         let more = format!("{:.2} → {:.2} V", battery.voltage_start_v, battery.voltage_end_v);
         tile(html, "battery", &value, &more);
     }
-    if let Some(real_time) = &summary.real_time {
+    if let Some(real_time) = summary.real_time.as_ref().filter(|_| summary.steps > 0) {
         let value = format!("{} <small>µs, 99 %</small>", short(real_time.jitter_us_p99));
         let more = format!(
             "median {} µs, worst {} µs; {}",
@@ -216,10 +219,6 @@ fn tiles(html: &mut String, summary: &Summary) {
         tile(html, "lateness against the clock", &value, &more);
     }
     html.push_str("</div>");
-}
-
-fn step_ms(summary: &Summary) -> f64 {
-    if summary.steps == 0 { 0.0 } else { 1e3 * summary.simulated_s / summary.steps as f64 }
 }
 
 /// What an evaluator achieved, in a clause.
@@ -256,7 +255,7 @@ fn verdict_table(html: &mut String, summary: &Summary) {
     }
     html.push_str("</tr></thead><tbody>");
     for interval in &summary.intervals {
-        let mut truth = escape(&interval.description);
+        let mut truth = escape(&interval.description).replace(", ", "<br>");
         for fault in &interval.sensor_faults {
             put!(truth, "<br>{}", escape(fault));
         }
@@ -469,11 +468,17 @@ fn footer(html: &mut String, summary: &Summary) {
             put!(html, "<dt>{name}</dt><dd{class}>{}</dd>", escape(value));
         }
     }
+    let files = match summary.steps {
+        0 => String::new(),
+        _ => format!(
+            ", {TELEMETRY_FILE} (every column of every step, for pandas, Polars, DuckDB, MATLAB), {MCAP_FILE} (for Foxglove and \
+             Lichtblick), {FIGURES_FOLDER}/ (SVG)"
+        ),
+    };
     put!(
         html,
-        "</dl><p>In the same folder: {TELEMETRY_FILE} (every column of every step, for pandas, Polars, DuckDB, MATLAB), {MCAP_FILE} \
-         (for Foxglove and Lichtblick), {FIGURES_FOLDER}/ (SVG), {SUMMARY_FILE}. Equal scenario, seed and program give an equal run \
-         hash, over every link and at every pace.</p>"
+        "</dl><p>In the same folder: {SUMMARY_FILE}{files}. Equal scenario, seed and program give an equal run hash, over every link \
+         and at every pace.</p>"
     );
     if !summary.scenario.text.is_empty() {
         put!(

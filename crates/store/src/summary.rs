@@ -63,7 +63,7 @@ impl Status {
 pub struct Failure {
     /// Who failed: `controller`, `fdi`, `plant`, or the program itself.
     pub peer: String,
-    /// Last step that was complete.
+    /// Step at which it failed: the first one that is not complete.
     pub step: u64,
     /// How long the peer had been silent in wall time, ms; 0 if it did not fail by silence.
     pub silence_ms: u64,

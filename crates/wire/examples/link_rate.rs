@@ -24,7 +24,10 @@ impl ControllerPeer for Echo {
         Ok(())
     }
     fn step(&mut self, sensors: &SensorFrame) -> CommandFrame {
-        CommandFrame { stamp: sensors.stamp, ..CommandFrame::default() }
+        CommandFrame {
+            stamp: sensors.stamp,
+            ..CommandFrame::default()
+        }
     }
 }
 
@@ -33,7 +36,10 @@ impl FdiPeer for Echo {
         Ok(())
     }
     fn step(&mut self, sensors: &SensorFrame, _: &CommandFrame) -> FdiReport {
-        FdiReport { stamp: sensors.stamp, ..FdiReport::default() }
+        FdiReport {
+            stamp: sensors.stamp,
+            ..FdiReport::default()
+        }
     }
 }
 
@@ -44,14 +50,27 @@ fn fly(link: &mut impl PlantLink, run_id: u64, steps: u64) -> Result<f64, Box<dy
         scenario: "link_rate".to_owned(),
         model_hash: String::new(),
         step_count: steps,
-        controller: ControllerSetup { rotors: rotors.clone(), ..ControllerSetup::default() },
-        fdi: FdiSetup { rotors, ..FdiSetup::default() },
+        controller: ControllerSetup {
+            rotors: rotors.clone(),
+            ..ControllerSetup::default()
+        },
+        fdi: FdiSetup {
+            rotors,
+            ..FdiSetup::default()
+        },
     })?;
     let begin = Instant::now();
     let mut reports = 0;
     for step in 0..steps {
-        let stamp = Stamp { run_id, step, sim_time_ns: step * 2_500_000 };
-        let command = link.exchange(&SensorFrame { stamp, ..SensorFrame::default() })?;
+        let stamp = Stamp {
+            run_id,
+            step,
+            sim_time_ns: step * 2_500_000,
+        };
+        let command = link.exchange(&SensorFrame {
+            stamp,
+            ..SensorFrame::default()
+        })?;
         assert_eq!(command.stamp, stamp);
         while let Some(report) = link.next_report(false)? {
             assert_eq!(report.stamp.step, reports);
@@ -73,20 +92,40 @@ fn main() -> Result<(), Box<dyn Error>> {
     let get = |index: usize, default: &str| args.get(index).cloned().unwrap_or_else(|| default.to_owned());
     let transport = get(1, "iceoryx2");
     let steps: u64 = get(2, if transport == "zenoh" { "10000" } else { "200000" }).parse()?;
-    let timing =
-        LinkTiming { fdi_window: get(3, "128").parse()?, fdi_batch: get(4, "32").parse()?, ..LinkTiming::default() };
+    let timing = LinkTiming {
+        fdi_window: get(3, "128").parse()?,
+        fdi_batch: get(4, "32").parse()?,
+        ..LinkTiming::default()
+    };
     let role = get(5, "plant");
     let run_id: u64 = get(6, &(u64::from(std::process::id()) << 20 | 1).to_string()).parse()?;
     let place = get(7, "tcp/127.0.0.1:17447");
     let spin: u32 = std::env::var("SPIN").map_or(Ok(0), |spin| spin.parse())?;
 
     if role != "plant" {
-        let role = if role == "controller" { Role::Controller } else { Role::Fdi };
+        let role = if role == "controller" {
+            Role::Controller
+        } else {
+            Role::Fdi
+        };
         return match transport.as_str() {
-            "iceoryx2" => {
-                serve(Iox2Endpoint::new(role, run_id, Iox2Options { spin, ..Iox2Options::default() })?, role, &timing)
-            }
-            _ => serve(ZenohEndpoint::new(role, run_id, ZenohOptions::connect(place))?, role, &timing),
+            "iceoryx2" => serve(
+                Iox2Endpoint::new(
+                    role,
+                    run_id,
+                    Iox2Options {
+                        spin,
+                        ..Iox2Options::default()
+                    },
+                )?,
+                role,
+                &timing,
+            ),
+            _ => serve(
+                ZenohEndpoint::new(role, run_id, ZenohOptions::connect(place))?,
+                role,
+                &timing,
+            ),
         };
     }
 
@@ -98,14 +137,29 @@ fn main() -> Result<(), Box<dyn Error>> {
     let children = ["controller", "fdi"]
         .map(|role| {
             Command::new(std::env::current_exe()?)
-                .args([&transport, &steps.to_string(), &get(3, "128"), &get(4, "32"), role, &run_id.to_string(), &place])
+                .args([
+                    &transport,
+                    &steps.to_string(),
+                    &get(3, "128"),
+                    &get(4, "32"),
+                    role,
+                    &run_id.to_string(),
+                    &place,
+                ])
                 .spawn()
         })
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
     let elapsed = match transport.as_str() {
         "iceoryx2" => {
-            let endpoint = Iox2Endpoint::new(Role::Plant, run_id, Iox2Options { spin, ..Iox2Options::default() })?;
+            let endpoint = Iox2Endpoint::new(
+                Role::Plant,
+                run_id,
+                Iox2Options {
+                    spin,
+                    ..Iox2Options::default()
+                },
+            )?;
             fly(&mut EndpointLink::new(endpoint, timing), run_id, steps)?
         }
         _ => {

@@ -60,9 +60,16 @@ fn finite(field: &str, values: &[f32]) -> Result<(), ConvertError> {
     if values.iter().all(|value| value.is_finite()) {
         return Ok(());
     }
-    let (index, value) =
-        values.iter().enumerate().find(|(_, value)| !value.is_finite()).expect("one of them is not finite");
-    let field = if values.len() == 1 { field.to_owned() } else { format!("{field}[{index}]") };
+    let (index, value) = values
+        .iter()
+        .enumerate()
+        .find(|(_, value)| !value.is_finite())
+        .expect("one of them is not finite");
+    let field = if values.len() == 1 {
+        field.to_owned()
+    } else {
+        format!("{field}[{index}]")
+    };
     Err(ConvertError::NotFinite { field, value: *value })
 }
 
@@ -73,7 +80,10 @@ pub fn check_sensors(frame: &SensorFrame) -> Result<(), ConvertError> {
     finite("SensorFrame.attitude_rad", &frame.attitude_rad)?;
     finite("SensorFrame.body_rates_rad_s", &frame.body_rates_rad_s)?;
     finite("SensorFrame.reference_position_ned_m", &frame.reference_position_ned_m)?;
-    finite("SensorFrame.reference_velocity_ned_m_s", &frame.reference_velocity_ned_m_s)?;
+    finite(
+        "SensorFrame.reference_velocity_ned_m_s",
+        &frame.reference_velocity_ned_m_s,
+    )?;
     finite("SensorFrame.reference_yaw_rad", &[frame.reference_yaw_rad])?;
     finite("SensorFrame.battery_voltage_v", &[frame.battery_voltage_v])
 }
@@ -121,9 +131,11 @@ pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), Convert
         });
     }
     let highest = i32::try_from(rotor_count.min(MAX_ROTORS)).expect("MAX_ROTORS fits in i32");
-    for (field, code) in
-        [("t_test", frame.t_test), ("network", frame.network), ("sequential", frame.sequential)]
-    {
+    for (field, code) in [
+        ("t_test", frame.t_test),
+        ("network", frame.network),
+        ("sequential", frame.sequential),
+    ] {
         if !(-2..=highest).contains(&code) {
             return Err(ConvertError::OutOfRange {
                 field: format!("FdiReport.{field}"),
@@ -186,18 +198,30 @@ impl FdiReport {
 
 impl From<Stamp> for proto::Stamp {
     fn from(stamp: Stamp) -> Self {
-        Self { run_id: stamp.run_id, step: stamp.step, sim_time_ns: stamp.sim_time_ns }
+        Self {
+            run_id: stamp.run_id,
+            step: stamp.step,
+            sim_time_ns: stamp.sim_time_ns,
+        }
     }
 }
 
 impl From<proto::Stamp> for Stamp {
     fn from(stamp: proto::Stamp) -> Self {
-        Self { run_id: stamp.run_id, step: stamp.step, sim_time_ns: stamp.sim_time_ns }
+        Self {
+            run_id: stamp.run_id,
+            step: stamp.step,
+            sim_time_ns: stamp.sim_time_ns,
+        }
     }
 }
 
 fn ned(v: [f32; 3]) -> Option<proto::NedVector> {
-    Some(proto::NedVector { north: v[0], east: v[1], down: v[2] })
+    Some(proto::NedVector {
+        north: v[0],
+        east: v[1],
+        down: v[2],
+    })
 }
 
 fn ned_array(v: &Option<proto::NedVector>, field: &'static str) -> Result<[f32; 3], ConvertError> {
@@ -206,7 +230,11 @@ fn ned_array(v: &Option<proto::NedVector>, field: &'static str) -> Result<[f32; 
 }
 
 fn euler(v: [f32; 3]) -> Option<proto::EulerAngles> {
-    Some(proto::EulerAngles { roll_rad: v[0], pitch_rad: v[1], yaw_rad: v[2] })
+    Some(proto::EulerAngles {
+        roll_rad: v[0],
+        pitch_rad: v[1],
+        yaw_rad: v[2],
+    })
 }
 
 impl From<&SensorFrame> for proto::SensorFrame {
@@ -218,7 +246,11 @@ impl From<&SensorFrame> for proto::SensorFrame {
                 position_ned_m: ned(frame.position_ned_m),
                 velocity_ned_m_s: ned(frame.velocity_ned_m_s),
                 attitude: euler(frame.attitude_rad),
-                body_rates_rad_s: Some(proto::BodyVector { forward: rates[0], right: rates[1], down: rates[2] }),
+                body_rates_rad_s: Some(proto::BodyVector {
+                    forward: rates[0],
+                    right: rates[1],
+                    down: rates[2],
+                }),
             }),
             reference: Some(proto::Reference {
                 position_ned_m: ned(frame.reference_position_ned_m),
@@ -235,9 +267,18 @@ impl TryFrom<&proto::SensorFrame> for SensorFrame {
 
     fn try_from(message: &proto::SensorFrame) -> Result<Self, ConvertError> {
         let nav = message.nav.as_ref().ok_or(ConvertError::Missing("SensorFrame.nav"))?;
-        let reference = message.reference.as_ref().ok_or(ConvertError::Missing("SensorFrame.reference"))?;
-        let attitude = nav.attitude.as_ref().ok_or(ConvertError::Missing("SensorFrame.nav.attitude"))?;
-        let rates = nav.body_rates_rad_s.as_ref().ok_or(ConvertError::Missing("SensorFrame.nav.body_rates_rad_s"))?;
+        let reference = message
+            .reference
+            .as_ref()
+            .ok_or(ConvertError::Missing("SensorFrame.reference"))?;
+        let attitude = nav
+            .attitude
+            .as_ref()
+            .ok_or(ConvertError::Missing("SensorFrame.nav.attitude"))?;
+        let rates = nav
+            .body_rates_rad_s
+            .as_ref()
+            .ok_or(ConvertError::Missing("SensorFrame.nav.body_rates_rad_s"))?;
         let frame = Self {
             stamp: message.stamp.ok_or(ConvertError::Missing("SensorFrame.stamp"))?.into(),
             position_ned_m: ned_array(&nav.position_ned_m, "SensorFrame.nav.position_ned_m")?,
@@ -277,8 +318,10 @@ impl CommandFrame {
                 expected: format!("one for each of the {rotor_count} rotors"),
             });
         }
-        let setpoint =
-            message.attitude_setpoint.as_ref().ok_or(ConvertError::Missing("MotorCommand.attitude_setpoint"))?;
+        let setpoint = message
+            .attitude_setpoint
+            .as_ref()
+            .ok_or(ConvertError::Missing("MotorCommand.attitude_setpoint"))?;
         let mut frame = Self {
             stamp: message.stamp.ok_or(ConvertError::Missing("MotorCommand.stamp"))?.into(),
             duty: [0.0; MAX_ROTORS],
@@ -300,7 +343,10 @@ pub fn verdict_to_proto(code: i32) -> proto::Verdict {
         1.. => (Kind::Faulty, code.unsigned_abs()),
         _ => (Kind::Unspecified, 0),
     };
-    proto::Verdict { kind: kind.into(), rotor }
+    proto::Verdict {
+        kind: kind.into(),
+        rotor,
+    }
 }
 
 /// The code of a verdict: −2 not ready, −1 unknown fault, 0 healthy, i rotor i (from 1).
@@ -336,7 +382,9 @@ impl FdiReport {
     pub fn to_proto(&self, rotor_count: usize) -> proto::FdiReport {
         proto::FdiReport {
             stamp: Some(self.stamp.into()),
-            residual_nms: self.residuals_nms[..rotor_count.min(MAX_ROTORS)].as_flattened().to_vec(),
+            residual_nms: self.residuals_nms[..rotor_count.min(MAX_ROTORS)]
+                .as_flattened()
+                .to_vec(),
             wrench_residual: self.wrench_residual.to_vec(),
             t_test: Some(verdict_to_proto(self.t_test)),
             network: Some(verdict_to_proto(self.network)),
@@ -356,13 +404,12 @@ impl FdiReport {
                 expected: format!("three for each of the {rotor_count} rotors"),
             });
         }
-        let wrench_residual = <[f32; 4]>::try_from(message.wrench_residual.as_slice()).map_err(|_wrong_length| {
-            ConvertError::Length {
+        let wrench_residual =
+            <[f32; 4]>::try_from(message.wrench_residual.as_slice()).map_err(|_wrong_length| ConvertError::Length {
                 field: "FdiReport.wrench_residual",
                 found: message.wrench_residual.len(),
                 expected: "4".to_owned(),
-            }
-        })?;
+            })?;
         let mut frame = Self {
             stamp: message.stamp.ok_or(ConvertError::Missing("FdiReport.stamp"))?.into(),
             residuals_nms: [[0.0; 3]; MAX_ROTORS],

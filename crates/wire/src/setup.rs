@@ -6,9 +6,7 @@
 use crate::proto::{self, controller_setup, fdi_setup};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::control::{ControllerConfig, PidGains, ThrustToDuty};
-use rotortwin_flight_core::fdi::{
-    FdiConfig, Network, NetworkWeights, NominalThrust, SequentialConfig, TTestConfig,
-};
+use rotortwin_flight_core::fdi::{FdiConfig, Network, NetworkWeights, NominalThrust, SequentialConfig, TTestConfig};
 use rotortwin_flight_core::frames::Vec3;
 use rotortwin_flight_core::geometry::{Geometry, Rotor, Spin};
 use rotortwin_flight_core::thrust_map::ThrustMap;
@@ -29,7 +27,9 @@ fn missing(field: &str) -> String {
 
 /// An array of fixed length.
 fn fixed<const N: usize>(values: &[f32], field: &str) -> Result<[f32; N], String> {
-    values.try_into().map_err(|_wrong_length| format!("{field} has {} entries, expected {N}", values.len()))
+    values
+        .try_into()
+        .map_err(|_wrong_length| format!("{field} has {} entries, expected {N}", values.len()))
 }
 
 fn rotors_to_proto(geometry: &Geometry) -> Vec<proto::Rotor> {
@@ -52,7 +52,10 @@ fn rotors_to_proto(geometry: &Geometry) -> Vec<proto::Rotor> {
 
 fn geometry_from_proto(rotors: &[proto::Rotor], message: &str) -> Result<Geometry, String> {
     if rotors.len() > MAX_ROTORS {
-        return Err(format!("{message}.rotors has {} entries, expected at most {MAX_ROTORS}", rotors.len()));
+        return Err(format!(
+            "{message}.rotors has {} entries, expected at most {MAX_ROTORS}",
+            rotors.len()
+        ));
     }
     let rotors = rotors
         .iter()
@@ -79,7 +82,10 @@ fn geometry_from_proto(rotors: &[proto::Rotor], message: &str) -> Result<Geometr
 }
 
 fn thrust_map_to_proto(map: &ThrustMap) -> proto::ThrustMap {
-    proto::ThrustMap { coef: map.coef().to_vec(), voltage_offset_v: map.voltage_offset() }
+    proto::ThrustMap {
+        coef: map.coef().to_vec(),
+        voltage_offset_v: map.voltage_offset(),
+    }
 }
 
 fn thrust_map_from_proto(map: &proto::ThrustMap, field: &str) -> Result<ThrustMap, String> {
@@ -90,21 +96,33 @@ fn thrust_map_from_proto(map: &proto::ThrustMap, field: &str) -> Result<ThrustMa
 fn gains_to_proto(gains: &[PidGains; 3]) -> Vec<proto::PidGains> {
     gains
         .iter()
-        .map(|k| proto::PidGains { proportional: k.proportional, integral: k.integral, derivative: k.derivative })
+        .map(|k| proto::PidGains {
+            proportional: k.proportional,
+            integral: k.integral,
+            derivative: k.derivative,
+        })
         .collect()
 }
 
 fn gains_from_proto(gains: &[proto::PidGains], field: &str) -> Result<[PidGains; 3], String> {
-    let gains: &[proto::PidGains; 3] =
-        gains.try_into().map_err(|_wrong_length| format!("{field} has {} entries, expected 3", gains.len()))?;
-    Ok(gains.map(|k| PidGains { proportional: k.proportional, integral: k.integral, derivative: k.derivative }))
+    let gains: &[proto::PidGains; 3] = gains
+        .try_into()
+        .map_err(|_wrong_length| format!("{field} has {} entries, expected 3", gains.len()))?;
+    Ok(gains.map(|k| PidGains {
+        proportional: k.proportional,
+        integral: k.integral,
+        derivative: k.derivative,
+    }))
 }
 
 /// The parameters of a controller, to be sent.
 ///
 /// * `trim`: presets the vertical integrator; `None` leaves it at 0
 pub fn controller_setup(config: &ControllerConfig, trim: Option<Trim>) -> proto::ControllerSetup {
-    let trim = trim.unwrap_or(Trim { duty: 0.0, battery_voltage: 0.0 });
+    let trim = trim.unwrap_or(Trim {
+        duty: 0.0,
+        battery_voltage: 0.0,
+    });
     proto::ControllerSetup {
         rotors: rotors_to_proto(&config.geometry),
         body: Some(proto::RigidBody {
@@ -133,9 +151,9 @@ pub fn controller_config(setup: &proto::ControllerSetup) -> Result<(ControllerCo
     let body = setup.body.as_ref().ok_or_else(|| missing("ControllerSetup.body"))?;
     let thrust_to_duty = match &setup.thrust_to_duty {
         None => return Err(missing("ControllerSetup.thrust_to_duty")),
-        Some(controller_setup::ThrustToDuty::FullThrustN(full_thrust)) => {
-            ThrustToDuty::Linear { full_thrust: *full_thrust }
-        }
+        Some(controller_setup::ThrustToDuty::FullThrustN(full_thrust)) => ThrustToDuty::Linear {
+            full_thrust: *full_thrust,
+        },
         Some(controller_setup::ThrustToDuty::InverseMap(map)) => {
             ThrustToDuty::InverseMap(thrust_map_from_proto(map, "ControllerSetup.inverse_map")?)
         }
@@ -146,8 +164,10 @@ pub fn controller_config(setup: &proto::ControllerSetup) -> Result<(ControllerCo
             setup.trim_duty
         ));
     }
-    let trim =
-        (setup.trim_duty > 0.0).then_some(Trim { duty: setup.trim_duty, battery_voltage: setup.trim_voltage_v });
+    let trim = (setup.trim_duty > 0.0).then_some(Trim {
+        duty: setup.trim_duty,
+        battery_voltage: setup.trim_voltage_v,
+    });
     if let Some(trim) = trim
         && !(trim.battery_voltage > 0.0 && trim.battery_voltage.is_finite())
     {
@@ -200,21 +220,34 @@ pub fn fdi_setup(config: &FdiConfig, network: Option<proto::NetworkSetup>) -> pr
             calibration_end_s: config.t_test.baseline_end,
         }),
         network,
-        sequential: Some(proto::SequentialSetup { parameters: sequential_to_map(&config.sequential) }),
+        sequential: Some(proto::SequentialSetup {
+            parameters: sequential_to_map(&config.sequential),
+        }),
     }
 }
 
 /// The configuration of an FDI engine, as received.
 pub fn fdi_config(setup: &proto::FdiSetup) -> Result<FdiConfig, String> {
     let body = setup.body.as_ref().ok_or_else(|| missing("FdiSetup.body"))?;
-    let map = setup.thrust_map.as_ref().ok_or_else(|| missing("FdiSetup.thrust_map"))?;
+    let map = setup
+        .thrust_map
+        .as_ref()
+        .ok_or_else(|| missing("FdiSetup.thrust_map"))?;
     let t_test = setup.t_test.as_ref().ok_or_else(|| missing("FdiSetup.t_test"))?;
-    let sequential = setup.sequential.as_ref().ok_or_else(|| missing("FdiSetup.sequential"))?;
+    let sequential = setup
+        .sequential
+        .as_ref()
+        .ok_or_else(|| missing("FdiSetup.sequential"))?;
     let geometry = geometry_from_proto(&setup.rotors, "FdiSetup")?;
     let window_len = u16::try_from(setup.window_len)
         .ok()
         .filter(|len| (2..=1000).contains(len))
-        .ok_or_else(|| format!("FdiSetup.window_len is {}, expected 2 to 1000 samples", setup.window_len))?;
+        .ok_or_else(|| {
+            format!(
+                "FdiSetup.window_len is {}, expected 2 to 1000 samples",
+                setup.window_len
+            )
+        })?;
     Ok(FdiConfig {
         geometry,
         mass: body.mass_kg,
@@ -238,7 +271,11 @@ pub fn fdi_config(setup: &proto::FdiSetup) -> Result<FdiConfig, String> {
             baseline_start: t_test.calibration_start_s,
             baseline_end: t_test.calibration_end_s,
         },
-        network: setup.network.as_ref().map(|network| network_from_proto(network, geometry.rotor_count())).transpose()?,
+        network: setup
+            .network
+            .as_ref()
+            .map(|network| network_from_proto(network, geometry.rotor_count()))
+            .transpose()?,
         sequential: sequential_from_map(&sequential.parameters)?,
     })
 }
@@ -316,7 +353,8 @@ macro_rules! sequential_parameters {
                     let number = *parameters.get(name).ok_or_else(|| missing(&format!("FdiSetup.sequential.{name}")))?;
                     Parameter::from_number(number)
                         .ok_or_else(|| format!("FdiSetup.sequential.{name} is {number}, expected a number that its type can hold"))?
-                }),+
+                },)+
+                ..SequentialConfig::standard()
             })
         }
     };
@@ -344,6 +382,7 @@ sequential_parameters!(
     excursion_in_calibration,
     bias_factor,
     level_margin,
+    drift_share,
     level_gain,
     level_clip,
     level_ratio,

@@ -67,6 +67,10 @@ pub struct SequentialConfig {
     pub bias_factor: f32,
     /// x
     pub level_margin: f32,
+    /// nats
+    pub repeat_bonus: f32,
+    /// nats
+    pub evidence_to_absorb: f32,
     /// 1/s
     pub drift_share: f32,
     /// x
@@ -95,16 +99,18 @@ impl SequentialConfig {
             disturbance_correlation_time: 2.0,
             disturbance_floor: 0.0005,
             disturbance_ceiling: 1.5,
-            evidence_to_isolate: 22.0,
+            evidence_to_isolate: 25.0,
             margin_to_isolate: 6.0,
             prior_log_odds: 12.0,
             smallest_loss: 0.003,
-            settling_time: 4.0,
+            settling_time: 1.5,
             rotor_gain_spread: 0.003,
             excursion_in_calibration: 0.001,
             bias_factor: 2.0,
             level_margin: 4.0,
-            drift_share: 0.0017,
+            repeat_bonus: 10.0,
+            evidence_to_absorb: 45.0,
+            drift_share: 0.02,
             level_gain: 0.036,
             level_clip: 1.5,
             level_ratio: 4.0,
@@ -883,6 +889,10 @@ impl SequentialDetector {
                 }
             }
         }
+        let base = self.primary();
+        if let Some(rotor) = base {
+            llr[rotor] += self.config.repeat_bonus;
+        }
         let mut first = 0;
         for i in 1..self.rotor_count {
             if llr[i] > llr[first] {
@@ -900,7 +910,6 @@ impl SequentialDetector {
         self.diag[5] = second;
         self.diag[6] = first as f32;
         self.diag[7] = loss[first];
-        let base = self.primary();
         let strong = llr[first] > self.config.evidence_to_isolate
             && llr[first] - second > self.config.margin_to_isolate
             && (loss[first] > self.config.smallest_loss || base == Some(first));
@@ -931,8 +940,9 @@ impl SequentialDetector {
                 }
             }
         }
-        self.pending = strong;
-        if strong {
+        let certain = strong && llr[first] > self.config.evidence_to_absorb;
+        self.pending = certain;
+        if certain {
             let age = self.block - self.candidate[at[first]].onset;
             if age >= self.settling_blocks {
                 self.absorb(first, at[first], loss[first]);

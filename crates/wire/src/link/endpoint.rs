@@ -167,7 +167,11 @@ impl Other {
 
 #[cold]
 fn nonsense(role: Role, step: u64, reason: impl ToString) -> LinkError {
-    LinkError::Nonsense { role, step, reason: reason.to_string() }
+    LinkError::Nonsense {
+        role,
+        step,
+        reason: reason.to_string(),
+    }
 }
 
 /// [`PlantLink`] over an [`Endpoint`].
@@ -202,7 +206,11 @@ impl<E: Endpoint> EndpointLink<E> {
         let fdi_batch = timing.fdi_batch.clamp(1, fdi_window.max(1));
         Self {
             endpoint,
-            timing: LinkTiming { fdi_window, fdi_batch, ..timing },
+            timing: LinkTiming {
+                fdi_window,
+                fdi_batch,
+                ..timing
+            },
             setup: None,
             rotor_count: 0,
             controller: Other::unknown(Role::Controller),
@@ -250,14 +258,20 @@ impl<E: Endpoint> EndpointLink<E> {
         let run_id = self.endpoint.run_id();
         match packet {
             Packet::Command(command) => {
-                let Some(expected) = self.sent.checked_sub(1) else { return Ok(()) };
+                let Some(expected) = self.sent.checked_sub(1) else {
+                    return Ok(());
+                };
                 let step = command.stamp.step;
                 // Another run's, or a repetition.
                 if command.stamp.run_id != run_id || step < expected || self.controller.last_step == Some(step) {
                     return Ok(());
                 }
                 if step > expected {
-                    return Err(nonsense(Role::Controller, step, format!("the plant is only at step {expected}")));
+                    return Err(nonsense(
+                        Role::Controller,
+                        step,
+                        format!("the plant is only at step {expected}"),
+                    ));
                 }
                 let command = command.canonical();
                 convert::check_command(&command, self.rotor_count)
@@ -271,7 +285,11 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Ok(());
                 }
                 if step > self.reported {
-                    return Err(nonsense(Role::Fdi, step, format!("the report of step {} never came", self.reported)));
+                    return Err(nonsense(
+                        Role::Fdi,
+                        step,
+                        format!("the report of step {} never came", self.reported),
+                    ));
                 }
                 if step >= self.sent {
                     return Err(nonsense(Role::Fdi, step, "the plant has not begun this step"));
@@ -288,7 +306,10 @@ impl<E: Endpoint> EndpointLink<E> {
                 let role = ready.role();
                 let Some(peer) = self.peer(role) else { return Ok(()) };
                 if !ready.refusal.is_empty() {
-                    return Err(LinkError::Refused { role, reason: ready.refusal });
+                    return Err(LinkError::Refused {
+                        role,
+                        reason: ready.refusal,
+                    });
                 }
                 peer.ready = true;
                 peer.last_heard = now();
@@ -331,8 +352,11 @@ impl<E: Endpoint> EndpointLink<E> {
             );
             return Err(LinkError::Refused { role, reason });
         }
-        let parameters =
-            if role == Role::Controller { Parameters::Controller(setup.controller) } else { Parameters::Fdi(setup.fdi) };
+        let parameters = if role == Role::Controller {
+            Parameters::Controller(setup.controller)
+        } else {
+            Parameters::Fdi(setup.fdi)
+        };
         let packet = Packet::Setup(Box::new(Setup {
             run_id: setup.run_id,
             role: role.into(),
@@ -391,7 +415,11 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
             return Err(nonsense(
                 Role::Plant,
                 0,
-                format!("run {:016x} was asked of a link of run {:016x}", setup.run_id, self.endpoint.run_id()),
+                format!(
+                    "run {:016x} was asked of a link of run {:016x}",
+                    setup.run_id,
+                    self.endpoint.run_id()
+                ),
             ));
         }
         self.rotor_count = setup.controller.rotors.len();
@@ -418,7 +446,11 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                         limit,
                     });
                 }
-                let unready = if self.controller.ready { &self.fdi } else { &self.controller };
+                let unready = if self.controller.ready {
+                    &self.fdi
+                } else {
+                    &self.controller
+                };
                 return Err(unready.silent(limit));
             }
             self.endpoint.wait(LIFE_CHECK.min(limit - waited))?;
@@ -428,7 +460,11 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
     fn exchange(&mut self, sensors: &SensorFrame) -> Result<CommandFrame, LinkError> {
         let step = sensors.stamp.step;
         if step != self.sent || sensors.stamp.run_id != self.endpoint.run_id() {
-            return Err(nonsense(Role::Plant, step, format!("step {} of this run was due", self.sent)));
+            return Err(nonsense(
+                Role::Plant,
+                step,
+                format!("step {} of this run was due", self.sent),
+            ));
         }
         let begin = now();
         self.check_life(begin, false)?;
@@ -512,7 +548,11 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
             run_id: self.endpoint.run_id(),
             steps,
             failure: failure.map_or_else(String::new, |failure| {
-                if failure.is_empty() { "the plant gave no reason".to_owned() } else { failure.to_owned() }
+                if failure.is_empty() {
+                    "the plant gave no reason".to_owned()
+                } else {
+                    failure.to_owned()
+                }
             }),
         };
         if let Err(error) = self.endpoint.send(&Packet::Finish(finish)) {
@@ -574,7 +614,15 @@ struct Peer<'a, E: Endpoint> {
 impl<'a, E: Endpoint> Peer<'a, E> {
     fn new(endpoint: &'a mut E, options: &'a PeerOptions) -> Self {
         let plant = Other::unknown(Role::Plant);
-        Self { endpoint, options, plant, heard: false, gone: false, steps: 0, last_life_check: now() }
+        Self {
+            endpoint,
+            options,
+            plant,
+            heard: false,
+            gone: false,
+            steps: 0,
+            last_life_check: now(),
+        }
     }
 
     /// Joins the run and hands the parameters to `accept`, which gives them or a refusal.
@@ -631,7 +679,11 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             ))
         };
         let refusal = verdict.err();
-        let ready = Ready { run_id, role: role.into(), refusal: refusal.clone().unwrap_or_default() };
+        let ready = Ready {
+            run_id,
+            role: role.into(),
+            refusal: refusal.clone().unwrap_or_default(),
+        };
         self.endpoint.send(&Packet::Ready(ready))?;
         self.endpoint.wake(Role::Plant)?;
         match refusal {
@@ -656,7 +708,11 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         if std::mem::take(&mut self.heard) {
             self.plant.last_heard = before;
         }
-        let limit = if self.steps == 0 { self.options.join } else { self.options.idle };
+        let limit = if self.steps == 0 {
+            self.options.join
+        } else {
+            self.options.idle
+        };
         if before.saturating_duration_since(self.plant.last_heard) >= limit {
             return Err(self.plant.silent(limit));
         }
@@ -672,8 +728,8 @@ impl<'a, E: Endpoint> Peer<'a, E> {
 
     /// Sends an answer. That somebody else than the plant does not take it is the plant's business.
     fn answer(&mut self, packet: &Packet) -> Result<(), LinkError> {
-        if self.endpoint.send(packet)? == Delivery::Partial && self.plant.is_gone(self.endpoint) {
-            return Err(self.plant.died());
+        if self.endpoint.send(packet)? == Delivery::Partial {
+            self.gone |= self.plant.is_gone(self.endpoint);
         }
         Ok(())
     }
@@ -692,8 +748,15 @@ impl<'a, E: Endpoint> Peer<'a, E> {
 
 /// The plant's last word, as a result.
 fn ended(finish: Finish) -> LinkError {
-    let failure = if finish.failure.is_empty() { "no reason given".to_owned() } else { finish.failure };
-    LinkError::RunFailed { steps: finish.steps, failure }
+    let failure = if finish.failure.is_empty() {
+        "no reason given".to_owned()
+    } else {
+        finish.failure
+    };
+    LinkError::RunFailed {
+        steps: finish.steps,
+        failure,
+    }
 }
 
 /// Refusal of a Setup without the right parameters.
@@ -734,7 +797,11 @@ pub fn serve_controller<E: Endpoint>(
                 peer.endpoint.wake(Role::Plant)?;
             }
             Some(Packet::Finish(finish)) if finish.run_id == peer.endpoint.run_id() => {
-                return if finish.failure.is_empty() { Ok(finish.steps) } else { Err(ended(finish)) };
+                return if finish.failure.is_empty() {
+                    Ok(finish.steps)
+                } else {
+                    Err(ended(finish))
+                };
             }
             Some(_) => {}
             None => peer.wait()?,
@@ -784,7 +851,11 @@ pub fn serve_fdi<E: Endpoint>(
                 commands_waiting.push_back(command);
             }
             Some(Packet::Finish(finish)) if finish.run_id == peer.endpoint.run_id() => {
-                return if finish.failure.is_empty() { Ok(finish.steps) } else { Err(ended(finish)) };
+                return if finish.failure.is_empty() {
+                    Ok(finish.steps)
+                } else {
+                    Err(ended(finish))
+                };
             }
             Some(_) => {}
             None => {

@@ -55,7 +55,7 @@ const CONTROL_QUEUE: usize = 32;
 const CONTROL_BYTES: usize = 1024;
 
 /// How long to try again while another process creates or removes the same service.
-const OPEN_RETRY: Duration = Duration::from_secs(2);
+const OPEN_RETRY: Duration = Duration::from_secs(1);
 
 /// Event of a packet that waits in the inbox.
 const PACKET: usize = 0;
@@ -516,6 +516,8 @@ impl Endpoint for Iox2Endpoint {
             Role::Unspecified => return false,
         };
         if publishers == 0 {
+            // Its last words may wait.
+            self.control_due = true;
             return true;
         }
         if !thorough {
@@ -536,6 +538,7 @@ impl Endpoint for Iox2Endpoint {
         if let Err(error) = listed {
             tracing::debug!("listing the nodes: {error:?}");
         }
+        self.control_due |= is_dead;
         is_dead
     }
 }

@@ -24,9 +24,10 @@ use super::LinkError;
 use super::endpoint::{Delivery, Endpoint, Packet, malformed};
 use crate::convert::ConvertError;
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
-use crate::proto::{self, Finish, Join, Ready, Role, Setup, setup::Parameters};
+use crate::proto::{self, Role, Setup, setup::Parameters};
 use prost::Message;
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zenoh::Wait as _;
@@ -70,10 +71,21 @@ impl ZenohOptions {
         Self { attachment: Attachment::Connect, ..Self::listen(endpoint) }
     }
 
-    /// "tcp/127.0.0.1:port" with a port that was free a moment ago.
+    /// "tcp/127.0.0.1:port" with a port that was free a moment ago, below the range that the kernel gives to outgoing
+    /// connections.
     pub fn free_loopback_endpoint() -> std::io::Result<String> {
-        let listener = std::net::TcpListener::bind(("127.0.0.1", 0))?;
-        Ok(format!("tcp/{}", listener.local_addr()?))
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let mut last = std::io::Error::other("no port tried");
+        for _ in 0..100 {
+            let count = NEXT.fetch_add(1, Ordering::Relaxed);
+            let spread = std::process::id().wrapping_add(count).wrapping_mul(0x9e37_79b9) >> 18;
+            let port = 16_000 + u16::try_from(spread).expect("14 bits");
+            match std::net::TcpListener::bind(("127.0.0.1", port)) {
+                Ok(listener) => return Ok(format!("tcp/{}", listener.local_addr()?)),
+                Err(error) => last = error,
+            }
+        }
+        Err(last)
     }
 
     fn config(&self) -> Result<zenoh::Config, LinkError> {
