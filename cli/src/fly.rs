@@ -8,14 +8,18 @@ use rotortwin_campaign::pace::Pace;
 use rotortwin_plant::Scenario;
 use rotortwin_process::{LinkAddress, Supervisor};
 use rotortwin_sim::events::{Change, Progress, RunEvent};
-use rotortwin_sim::session::{self, SessionConfig};
+use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Summary, load_summary, verdict_text};
 use rotortwin_wire::link::LinkTiming;
+use rotortwin_wire::link::endpoint::PeerOptions;
 use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::io::IsTerminal as _;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
@@ -31,11 +35,14 @@ pub(crate) struct Args {
     /// zenoh: all processes connect to this router instead, e.g. tcp/10.0.0.1:7447
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) connect: Option<String>,
+    /// iceoryx2: runs in different domains do not see each other [default: default]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) domain: Option<String>,
     /// As fast as possible, or 400 steps per second of wall clock
     #[arg(long, value_enum, default_value_t = PaceArg::Fast)]
     pub(crate) pace: PaceArg,
     /// Seed of all noise and random draws [default: the scenario's]
-    #[arg(long)]
+    #[arg(long, value_parser = whole_number(0..=u64::MAX))]
     pub(crate) seed: Option<u64>,
     /// Run folder to write; must not exist or be empty [default: runs/SCENARIO-SEED, with a number if that exists]
     #[arg(long, value_name = "DIR")]
@@ -44,20 +51,28 @@ pub(crate) struct Args {
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHO")]
     pub(crate) external: Vec<External>,
     /// Longest wait for both peers to join, ms [with --external: 10 min]
-    #[arg(long, value_name = "MS", default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    #[arg(long, value_name = "MS", default_value_t = 10_000, value_parser = whole_number(1..=3_600_000))]
     pub(crate) join_timeout: u64,
     /// Longest wait for the answer of a peer that is alive, ms
-    #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = whole_number(1..=3_600_000))]
     pub(crate) step_timeout: u64,
     /// Steps that the FDI engine may trail behind the plant; 0: wait for each report
-    #[arg(long, value_name = "STEPS", default_value_t = LinkTiming::default().fdi_window, value_parser = clap::value_parser!(u64).range(0..=256))]
+    #[arg(long, value_name = "STEPS", default_value_t = LinkTiming::default().fdi_window, value_parser = whole_number(0..=256))]
     pub(crate) fdi_window: u64,
     /// Run every process on this CPU
-    #[arg(long, value_name = "CPU")]
-    pub(crate) cpu: Option<usize>,
+    #[arg(long, value_name = "CPU", value_parser = whole_number(0..=1023))]
+    pub(crate) cpu: Option<u64>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Takes a whole number of a range, and says which one it expected otherwise.
+fn whole_number(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<u64, String> + Clone {
+    move |text| match text.parse() {
+        Ok(number) if range.contains(&number) => Ok(number),
+        _ => Err(format!("expected a whole number from {} to {}", range.start(), range.end())),
+    }
 }
 
 /// How the processes are connected.
@@ -114,18 +129,12 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(scenario) => scenario,
         Err(error) => return output::bad_input(error),
     };
-    let address = match address(args) {
-        Ok(address) => address,
-        Err(sentence) => return output::bad_input(sentence),
-    };
     let seed = args.seed.unwrap_or_else(|| scenario.seed());
     if let Err(error) = rotortwin_plant::Simulation::new(&scenario, seed) {
         return output::bad_input(error);
     }
-    let folder = match args.out.clone().map_or_else(|| next_free_folder(scenario.name(), seed), Ok).and_then(|path| {
-        RunFolder::create(&path).map_err(|error| error.to_string())
-    }) {
-        Ok(folder) => folder,
+    let (address, folder) = match settle(args).and_then(|address| Ok((address, run_folder(args, scenario.name(), seed)?))) {
+        Ok(settled) => settled,
         Err(sentence) => return output::bad_input(sentence),
     };
     let screen = Screen::new(args.json);
@@ -154,6 +163,33 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
+/// Tries everything that can be tried before something is written: the CPU, and where the processes are to meet.
+fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
+    if let Some(cpu) = args.cpu {
+        // The processes that this one starts inherit it.
+        rotortwin_process::pin_to_cpu(usize::try_from(cpu).map_err(|error| error.to_string())?)?;
+    }
+    let option = if args.connect.is_some() { "--connect" } else { "--listen" };
+    let address = address(args)?;
+    if let Some(address) = &address {
+        address.probe().map_err(|sentence| format!("{option}: {sentence}"))?;
+    }
+    Ok(address)
+}
+
+/// Makes the folder of the run, and makes sure that files can be written there.
+fn run_folder(args: &Args, name: &str, seed: u64) -> Result<RunFolder, String> {
+    let path = args.out.clone().map_or_else(|| next_free_folder(name, seed), Ok)?;
+    let folder = RunFolder::create(&path).map_err(|error| error.to_string())?;
+    let probe = folder.spool_path();
+    if let Err(error) = std::fs::File::create_new(&probe).and_then(|_| std::fs::remove_file(&probe)) {
+        let sentence = format!("{}: cannot write to the folder of the run: {error}", path.display());
+        folder.discard().map_err(|error| error.to_string())?;
+        return Err(sentence);
+    }
+    Ok(folder)
+}
+
 fn link_name(link: LinkKind) -> &'static str {
     match link {
         LinkKind::InProcess => "in-process",
@@ -171,14 +207,20 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     if args.link == LinkKind::InProcess && !args.external.is_empty() {
         return Err("--external needs separate processes; expected --link iceoryx2 or --link zenoh".to_owned());
     }
+    if args.link != LinkKind::Iceoryx2 && args.domain.is_some() {
+        return Err(format!("--domain belongs to --link iceoryx2, the link is {}", link_name(args.link)));
+    }
     let text = match (args.link, &args.listen, &args.connect) {
         (LinkKind::InProcess, ..) => return Ok(None),
-        (LinkKind::Iceoryx2, ..) => "iceoryx2".to_owned(),
+        (LinkKind::Iceoryx2, ..) => args.domain.as_ref().map_or_else(|| "iceoryx2".to_owned(), |name| format!("iceoryx2:{name}")),
         (LinkKind::Zenoh, Some(endpoint), _) => format!("zenoh:listen={endpoint}"),
         (LinkKind::Zenoh, None, Some(endpoint)) => format!("zenoh:connect={endpoint}"),
         (LinkKind::Zenoh, None, None) => format!("zenoh:listen=tcp/127.0.0.1:{}", free_port()?),
     };
-    text.parse().map(Some).map_err(|error: rotortwin_process::LinkAddressError| error.to_string())
+    text.parse().map(Some).map_err(|error: rotortwin_process::LinkAddressError| {
+        let option = if args.link == LinkKind::Iceoryx2 { "--domain" } else { "--listen or --connect" };
+        format!("{option}: {error}")
+    })
 }
 
 /// A TCP port of the loopback address that nobody listens on now.
@@ -198,10 +240,9 @@ fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
         .ok_or_else(|| format!("{} and 9998 numbered ones exist; name a folder with --out", base.display()))
 }
 
-/// A number that no other execution has: keyed hash of nothing, with a key that the standard library draws from the system.
+/// A number that no other execution has; 0 is kept for "none".
 fn new_run_id() -> u64 {
-    use std::hash::{BuildHasher as _, Hasher as _};
-    std::collections::hash_map::RandomState::new().build_hasher().finish().max(1)
+    rand::random::<u64>().max(1)
 }
 
 /// The whole flight in this process.
@@ -225,25 +266,27 @@ fn fly_in_processes(
     let external: BTreeSet<External> = args.external.iter().copied().collect();
     let parts = parts(args, config, address, folder, &external);
     if !external.is_empty() {
-        screen.line(&format!("Waiting for {} to join:", external.iter().map(|who| who.name()).collect::<Vec<_>>().join(" and ")));
+        eprintln!("Waiting for {} to join:", external.iter().map(|who| who.name()).collect::<Vec<_>>().join(" and "));
         for who in &external {
-            screen.line(&format!("  rotortwin {} --link {} --run-id {:016x}", who.name(), peer_address(address), config.run_id));
+            eprintln!(
+                "  rotortwin {} --link {} --run-id {:016x} --step-timeout {}",
+                who.name(),
+                peer_address(address),
+                config.run_id,
+                args.step_timeout
+            );
         }
     }
     let start = std::time::Instant::now();
-    let ending = supervise::run(&parts, folder.path(), |event| screen.show(event)).map_err(|error| format!("{error:#}"))?;
+    let silence_limit = PeerOptions::new("", &LinkTiming { step: Duration::from_millis(args.step_timeout), ..LinkTiming::default() }).idle;
+    let ending = supervise::run(&parts, folder.path(), silence_limit, |event| screen.show(event)).map_err(|error| format!("{error:#}"))?;
     match load_summary(folder.path()) {
         Ok(summary) => Ok(summary),
-        // The plant could not write it: it died.
-        Err(_) => session::finalise_dead_plant(
-            scenario,
-            config,
-            folder,
-            &format!("the plant (rotortwin sim, process {}) {}", ending.plant_pid, supervise::exit_text(ending.plant)),
-            ending.plant_silence,
-            start.elapsed(),
-        )
-        .map_err(|error| error.to_string()),
+        // The plant could not write it: it died, or it stalled and was killed.
+        Err(_) => {
+            let dead = DeadPlant { how: ending.plant_text(), silence: ending.plant_silence, last_step: ending.last_step, wall: start.elapsed() };
+            session::finalise_dead_plant(scenario, config, folder, &dead).map_err(|error| error.to_string())
+        }
     }
 }
 
@@ -255,28 +298,42 @@ fn peer_address(address: &LinkAddress) -> LinkAddress {
     }
 }
 
-fn parts(args: &Args, config: &SessionConfig, address: &LinkAddress, folder: &RunFolder, external: &BTreeSet<External>) -> Vec<Part> {
+fn parts(
+    args: &Args,
+    config: &SessionConfig,
+    address: &LinkAddress,
+    folder: &RunFolder,
+    external: &BTreeSet<External>,
+) -> Vec<Part> {
     let join_timeout = if external.is_empty() { args.join_timeout } else { args.join_timeout.max(600_000) };
-    let mut common = vec!["--run-id".to_owned(), format!("{:016x}", config.run_id)];
-    for (name, value) in [("--join-timeout", join_timeout), ("--step-timeout", args.step_timeout)] {
-        common.extend([name.to_owned(), value.to_string()]);
-    }
-    if let Some(cpu) = args.cpu {
-        common.extend(["--cpu".to_owned(), cpu.to_string()]);
-    }
-    let with = |first: Vec<String>| first.into_iter().chain(common.iter().cloned()).collect::<Vec<_>>();
-    let text = |value: &dyn std::fmt::Display| value.to_string();
-    let mut sim = vec![args.scenario.display().to_string(), "--out".to_owned(), folder.path().display().to_string()];
-    sim.extend(["--link".to_owned(), text(address), "--seed".to_owned(), text(&config.seed)]);
-    sim.extend(["--fdi-window".to_owned(), text(&args.fdi_window)]);
-    sim.extend(["--pace".to_owned(), if args.pace == PaceArg::Fast { "fast" } else { "real-time" }.to_owned()]);
-    let mut parts = vec![Part { name: "sim", args: with(sim) }];
+    let mut common = ArgList::default();
+    common.option("--run-id", format!("{:016x}", config.run_id));
+    common.option("--join-timeout", join_timeout.to_string()).option("--step-timeout", args.step_timeout.to_string());
+    let mut sim = common.clone();
+    sim.option("--link", address.to_string()).option("--seed", config.seed.to_string());
+    sim.option("--fdi-window", args.fdi_window.to_string());
+    sim.option("--pace", if args.pace == PaceArg::Fast { "fast" } else { "real-time" });
+    sim.option("--out", folder.path()).option("--", &args.scenario);
+    let mut parts = vec![Part { name: "sim", args: sim.0 }];
     for who in [External::Controller, External::Fdi] {
         if !external.contains(&who) {
-            parts.push(Part { name: who.name(), args: with(vec!["--link".to_owned(), text(&peer_address(address))]) });
+            let mut peer = common.clone();
+            peer.option("--link", peer_address(address).to_string());
+            parts.push(Part { name: who.name(), args: peer.0 });
         }
     }
     parts
+}
+
+/// Arguments of a process; paths need not be UTF-8.
+#[derive(Clone, Default)]
+struct ArgList(Vec<OsString>);
+
+impl ArgList {
+    fn option(&mut self, name: &str, value: impl Into<OsString>) -> &mut Self {
+        self.0.extend([name.into(), value.into()]);
+        self
+    }
 }
 
 /// The progress bar, and lines above it.

@@ -1,50 +1,5 @@
-//! `rotortwin`: fly scenarios, replay and show runs, from a terminal.
-//!
-//! Exit codes: 0 done, 1 the run failed, 2 bad input (nothing was written).
+//! `rotortwin`: see the library of this package.
 
-mod fly;
-mod output;
-mod replay;
-mod show;
-mod supervise;
-
-use clap::{Parser, Subcommand};
-use std::process::ExitCode;
-
-/// Co-simulation of multirotors with propeller fault detection and isolation.
-#[derive(Debug, Parser)]
-#[command(name = "rotortwin", version, propagate_version = true, max_term_width = 120)]
-struct Cli {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// Fly a scenario: plant, controller and FDI engine in lockstep; leaves a run folder
-    Fly(fly::Args),
-    /// Fly a recorded run again, in this process, and compare the run hash
-    Replay(replay::Args),
-    /// Print what a run folder says
-    Show(show::Args),
-    /// Check a scenario and the files it names; prints every setting in effect
-    Check(show::CheckArgs),
-    /// One process of a run, started by hand: the plant
-    Sim(rotortwin_sim::process::Args),
-    /// One process of a run, started by hand (e.g. on another host): the PID controller
-    Controller(rotortwin_controller::Args),
-    /// One process of a run, started by hand (e.g. on another host): the FDI engine
-    Fdi(rotortwin_fdi::Args),
-}
-
-fn main() -> ExitCode {
-    match Cli::parse().command {
-        Command::Fly(args) => fly::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Show(args) => show::run(&args),
-        Command::Check(args) => show::check(&args),
-        Command::Sim(args) => rotortwin_sim::process::run(args),
-        Command::Controller(args) => rotortwin_controller::run(args),
-        Command::Fdi(args) => rotortwin_fdi::run(args),
-    }
+fn main() -> std::process::ExitCode {
+    rotortwin_cli::run()
 }

@@ -10,7 +10,7 @@
 //! |---|---|---|
 //! | controller, FDI engine | the plant, by its link | the plant |
 //! | a peer before it has joined | the supervisor, by the child's exit | the plant, which the supervisor tells |
-//! | the plant | the supervisor, by the child's exit; its peers, by their link | the supervisor |
+//! | the plant | the supervisor, by the child's exit or its silence; its peers, by their link | the supervisor |
 //! | the supervisor | the plant, by the end of its standard input; the kernel ends the peers | the plant |
 //!
 //! Children run in a process group of their own, so that Ctrl-C reaches the supervisor alone; it then asks the plant to end the run in
@@ -19,6 +19,7 @@
 use anyhow::{Context, Result};
 use rotortwin_process::{StopRequest, request_line};
 use rotortwin_sim::events::RunEvent;
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write as _};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -40,24 +41,47 @@ pub(crate) struct Part {
     /// `sim`, `controller` or `fdi`: the subcommand, and the name of its log.
     pub(crate) name: &'static str,
     /// Arguments after the subcommand.
-    pub(crate) args: Vec<String>,
+    pub(crate) args: Vec<OsString>,
 }
 
 /// How the processes ended.
 #[derive(Debug)]
 pub(crate) struct Ending {
     /// How the plant ended.
-    pub(crate) plant: ExitStatus,
+    plant: ExitStatus,
     /// Process id that the plant had.
-    pub(crate) plant_pid: u32,
+    plant_pid: u32,
+    /// It gave no sign of life for this long and was killed.
+    stalled: Option<Duration>,
     /// Time from the plant's last sign of life to the notice of its end.
     pub(crate) plant_silence: Duration,
+    /// Last complete step that the plant told of.
+    pub(crate) last_step: Option<u64>,
+}
+
+impl Ending {
+    /// What became of the plant, without a full stop.
+    pub(crate) fn plant_text(&self) -> String {
+        let plant = format!("the plant (rotortwin sim, process {})", self.plant_pid);
+        match self.stalled {
+            Some(limit) => format!("{plant} gave no sign of life for more than {} ms and was killed", limit.as_millis()),
+            None => format!("{plant} {}", exit_text(self.plant)),
+        }
+    }
 }
 
 /// Runs the parts of one run until all have ended. `on_event` sees every event of the plant.
 ///
-/// `log_dir` gets one log a process. The first part is the plant.
-pub(crate) fn run(parts: &[Part], log_dir: &Path, mut on_event: impl FnMut(&RunEvent)) -> Result<Ending> {
+/// * `log_dir`: gets one log a process
+/// * `silence_limit`: a plant that gives no sign of life for so long while it flies is killed
+///
+/// The first part is the plant.
+pub(crate) fn run(
+    parts: &[Part],
+    log_dir: &Path,
+    silence_limit: Duration,
+    mut on_event: impl FnMut(&RunEvent),
+) -> Result<Ending> {
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).context("registering for Ctrl-C")?;
@@ -68,15 +92,15 @@ pub(crate) fn run(parts: &[Part], log_dir: &Path, mut on_event: impl FnMut(&RunE
         peers.push(Process::spawn(part, log_dir, false)?);
     }
     let events = read_events(&mut plant.child)?;
-    let mut joined = false;
-    let mut last_sign = Instant::now();
+    let plant_pid = plant.child.id();
+    let mut flight = FlightWatch::new(plant_pid);
+    let mut asked = false;
+    let mut stalled = None;
 
     let plant_status = loop {
         match events.recv_timeout(POLL) {
             Ok(event) => {
-                last_sign = Instant::now();
-                // From here on the plant notices the death of a peer itself.
-                joined |= !matches!(event, RunEvent::Waiting);
+                flight.hear(&event);
                 on_event(&event);
             }
             Err(RecvTimeoutError::Timeout) => {}
@@ -84,18 +108,109 @@ pub(crate) fn run(parts: &[Part], log_dir: &Path, mut on_event: impl FnMut(&RunE
             Err(RecvTimeoutError::Disconnected) => std::thread::sleep(Duration::from_millis(1)),
         }
         if let Some(status) = plant.child.try_wait().context("waiting for the plant")? {
-            events.try_iter().for_each(|event| on_event(&event));
             break status;
         }
-        if interrupted.load(Ordering::Relaxed) {
-            plant.request(&StopRequest::Cancel);
-        } else if !joined && let Some(request) = find_early_end(&mut peers)? {
+        let request = if interrupted.load(Ordering::Relaxed) {
+            Some(StopRequest::Cancel)
+        } else if flight.stage == Stage::Join {
+            find_early_end(&mut peers)?
+        } else {
+            // The plant notices the death of a peer itself.
+            None
+        };
+        if let Some(request) = request
+            && !std::mem::replace(&mut asked, true)
+        {
             plant.request(&request);
         }
+        let limit = flight.limit(silence_limit, asked);
+        if flight.silence() > limit {
+            stalled = Some(limit);
+            plant.child.kill().context("killing the plant, which gives no sign of life")?;
+            break plant.child.wait().context("waiting for the plant")?;
+        }
     };
-    let plant_silence = last_sign.elapsed();
+    let plant_silence = flight.last_sign.elapsed();
+    // Its last words may still be in the pipe.
+    while let Ok(event) = events.recv_timeout(POLL) {
+        flight.hear(&event);
+        on_event(&event);
+    }
     end_peers(&mut peers);
-    Ok(Ending { plant: plant_status, plant_pid: plant.child.id(), plant_silence })
+    Ok(Ending { plant: plant_status, plant_pid, stalled, plant_silence, last_step: flight.last_step })
+}
+
+/// Where the run is, as the plant tells it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// The peers are waited for.
+    Join,
+    /// It flies.
+    Flight,
+    /// The folder is written; nothing is told meanwhile.
+    Recording,
+}
+
+/// Looks for signs of life of the plant.
+struct FlightWatch {
+    pid: u32,
+    stage: Stage,
+    last_step: Option<u64>,
+    last_sign: Instant,
+    /// What the kernel said of it when it was last asked.
+    noted: Option<[Vec<u8>; 2]>,
+}
+
+impl FlightWatch {
+    fn new(pid: u32) -> Self {
+        Self { pid, stage: Stage::Join, last_step: None, last_sign: Instant::now(), noted: None }
+    }
+
+    fn hear(&mut self, event: &RunEvent) {
+        self.last_sign = Instant::now();
+        match event {
+            RunEvent::Waiting => {}
+            RunEvent::Progress(progress) => {
+                self.stage = Stage::Flight;
+                self.last_step = progress.step.checked_sub(1);
+            }
+            RunEvent::Change(_) => self.stage = Stage::Flight,
+            RunEvent::Recording { steps } => {
+                self.stage = Stage::Recording;
+                self.last_step = steps.checked_sub(1);
+            }
+            RunEvent::Finished => self.stage = Stage::Recording,
+        }
+    }
+
+    /// Time since the last sign of life. With a slow peer there may be no event for long; then it counts whether the plant has
+    /// run at all: it looks around at least 20 times a second.
+    fn silence(&mut self) -> Duration {
+        const ASK_THE_KERNEL_AFTER: Duration = Duration::from_millis(200);
+        let silence = self.last_sign.elapsed();
+        if silence < ASK_THE_KERNEL_AFTER {
+            return silence;
+        }
+        // Processor time, and counts of how often it went to sleep: the same as before only if it has not run since.
+        let read = |file: &str| std::fs::read(format!("/proc/{}/{file}", self.pid));
+        let noted = read("stat").and_then(|stat| Ok([stat, read("status")?])).ok();
+        if noted.is_none() || noted != self.noted {
+            self.noted = noted;
+            self.last_sign = Instant::now();
+        }
+        self.last_sign.elapsed()
+    }
+
+    /// Longest silence that is allowed now; less once the plant was asked to stop.
+    fn limit(&self, in_flight: Duration, asked: bool) -> Duration {
+        match self.stage {
+            Stage::Recording => in_flight.max(Duration::from_secs(60)),
+            Stage::Join | Stage::Flight if asked => in_flight.min(GRACE),
+            // Opening a link may block for some seconds.
+            Stage::Join => in_flight.max(Duration::from_secs(10)),
+            Stage::Flight => in_flight,
+        }
+    }
 }
 
 /// One child.
@@ -111,12 +226,13 @@ impl Process {
         let log = log_dir.join(format!("{}.log", part.name));
         let log_file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
         let mut command = Command::new(&program);
-        command.arg(part.name).args(&part.args).stderr(log_file).process_group(0);
+        command.arg(part.name).stderr(log_file).process_group(0);
         if is_plant {
             command.arg("--supervised").stdin(Stdio::piped()).stdout(Stdio::piped());
         } else {
             command.args(["--supervisor-pid", &std::process::id().to_string()]).stdin(Stdio::null()).stdout(Stdio::null());
         }
+        command.args(&part.args);
         let child =
             command.spawn().with_context(|| format!("starting the {} process ({})", part.name, program.display()))?;
         Ok(Self { name: part.name, child, log })
@@ -192,7 +308,7 @@ fn end_peers(peers: &mut [Process]) {
 }
 
 /// "exit code 1" or "killed by signal 9".
-pub(crate) fn exit_text(status: ExitStatus) -> String {
+fn exit_text(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("ended with exit code {code}"),
         (None, Some(signal)) => format!("was killed by signal {signal}"),

@@ -21,7 +21,7 @@
   const colours = {};
   function readColours() {
     const style = getComputedStyle(root);
-    for (const name of ['text', 'muted', 'grid', 'line', 'state', 'reference', 'accent', 'third', 'good', 'warn', 'bad', 'raw',
+    for (const name of ['text', 'muted', 'grid', 'line', 'state', 'reference', 'accent', 'third', 'good', 'warn', 'bad', 'raw', 'setpoint',
       'fault', 'fault-strong', 'fault-text', 'lane', 'idle', 'c1', 'c2', 'c3', 'c4', 'c5', 'c6', 'c7', 'c8']) {
       colours[name] = style.getPropertyValue('--' + name).trim();
     }
@@ -234,7 +234,7 @@
     [time, wide[16], wide[17], wide[18]], { least: 0.02, last: true });
   ['roll', 'pitch', 'yaw'].forEach((name, i) => pane('figure-attitude', name, 'deg',
     i === 2 ? [line('state', 'state', 2, '°', under), reference('°')]
-      : [line('setpoint', 'raw', 2, '°', { width: 1 }), line('state', 'state', 2, '°')],
+      : [line('setpoint', 'setpoint', 2, '°', { width: 1 }), line('state', 'state', 2, '°')],
     i === 2 ? [time, wide[11], wide[10]] : [time, wide[6 + 2 * i], wide[7 + 2 * i]],
     { least: 1, last: i === 2, named: i === 0 }));
   pane('figure-battery', 'state of charge', '%', [line('state of charge', 'state', 2, '%')], [time, wide[12]],
@@ -256,7 +256,11 @@
     const ranges = names.map((_, c) => {
       let low = Infinity, high = -Infinity;
       for (let i = c; i < raw.length; i += 3) {
-        for (const v of raw[i]) if (v != null) { if (v < low) low = v; if (v > high) high = v; }
+        raw[i].forEach((v, k) => {
+          if (v == null || x[k] < data.scale_from) return;
+          if (v < low) low = v;
+          if (v > high) high = v;
+        });
       }
       if (!(low <= high)) { low = -1; high = 1; }
       const air = 0.05 * Math.max(high - low, 1e-6);

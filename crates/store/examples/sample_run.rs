@@ -53,7 +53,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             name: "Reference flight of the paper".into(),
             path: "config/scenarios/reference-flight.toml".into(),
             vehicle: "DJI F550 hexarotor X".into(),
-            text: "# made up\nname = \"reference flight\"\nduration_s = 90.0\n\n[battery]\nstate_of_charge = 0.9\n".into(),
+            text: "# made up\nname = \"reference flight\"\nduration_s = 90.0\n\n[battery]\nstate_of_charge = 0.9\n"
+                .into(),
         },
         seed: 42,
         link: "iceoryx2".into(),
@@ -76,7 +77,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             peer: "controller".into(),
             step: steps,
             silence_ms: 812,
-            sentence: format!("the controller (pid 4711) did not answer step {steps}: silent for 812 ms; its process has ended"),
+            sentence: format!(
+                "the controller (pid 4711) did not answer step {steps}: silent for 812 ms; its process has ended"
+            ),
         });
     }
     let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../proto");
@@ -87,8 +90,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Instant::now();
     let outputs = finalise(&folder, summary, &descriptor)?;
     println!("finalise: {:.2} s", start.elapsed().as_secs_f64());
-    for file in [outputs.telemetry, outputs.mcap, Some(outputs.report), Some(outputs.summary_file)].into_iter().flatten() {
-        println!("{}: {:.2} MB", file.display(), std::fs::metadata(&file)?.len() as f64 / 1e6);
+    for file in [
+        outputs.telemetry,
+        outputs.mcap,
+        Some(outputs.report),
+        Some(outputs.summary_file),
+    ]
+    .into_iter()
+    .flatten()
+    {
+        println!(
+            "{}: {:.2} MB",
+            file.display(),
+            std::fs::metadata(&file)?.len() as f64 / 1e6
+        );
     }
     Ok(())
 }

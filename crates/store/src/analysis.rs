@@ -18,7 +18,10 @@ const SETTLE_S: f64 = 1.0;
 
 /// Place of a column; the schema was checked when the spool was opened.
 pub(crate) fn column(columns: &[Column], name: &str) -> usize {
-    columns.iter().position(|column| column.name == name).expect("the schema has this column for every rotor count")
+    columns
+        .iter()
+        .position(|column| column.name == name)
+        .expect("the schema has this column for every rotor count")
 }
 
 /// What [`Analysis`] finds.
@@ -42,7 +45,10 @@ struct Moments {
 
 impl Moments {
     fn new(components: usize) -> Self {
-        Self { count: 0, sums: vec![[0.0; 3]; components] }
+        Self {
+            count: 0,
+            sums: vec![[0.0; 3]; components],
+        }
     }
 
     #[inline]
@@ -67,7 +73,11 @@ impl Moments {
     fn deviation(&self, component: usize) -> f64 {
         let count = self.count as f64;
         let [sum, squares, _] = self.sums[component];
-        if self.count < 2 { 0.0 } else { ((squares - sum * sum / count) / (count - 1.0)).max(0.0).sqrt() }
+        if self.count < 2 {
+            0.0
+        } else {
+            ((squares - sum * sum / count) / (count - 1.0)).max(0.0).sqrt()
+        }
     }
 }
 
@@ -160,7 +170,10 @@ impl Analysis {
             squared_position: [0.0; 3],
             squared_attitude: [0.0; 3],
             largest_distance: 0.0,
-            battery: BatteryUse { voltage_min_v: f64::INFINITY, ..BatteryUse::default() },
+            battery: BatteryUse {
+                voltage_min_v: f64::INFINITY,
+                ..BatteryUse::default()
+            },
         }
     }
 
@@ -200,7 +213,11 @@ impl Analysis {
         }
         self.largest_distance = self.largest_distance.max(squared.sqrt());
         open.squared_distance += squared;
-        let targets = [at(self.places.setpoint), at(self.places.setpoint + 1), at(self.places.reference_yaw)];
+        let targets = [
+            at(self.places.setpoint),
+            at(self.places.setpoint + 1),
+            at(self.places.reference_yaw),
+        ];
         for (axis, target) in targets.into_iter().enumerate() {
             let error = wrapped(at(self.places.attitude + axis) - target);
             self.squared_attitude[axis] += error * error;
@@ -241,7 +258,7 @@ impl Analysis {
             if verdict == open.interval.expected_verdict {
                 score.right += 1;
                 if label != HEALTHY && score.isolated_after_s.is_none() {
-                    score.isolated_after_s = Some(time - open.interval.start_s);
+                    score.isolated_after_s = Some(time + self.step_s - open.interval.start_s);
                 }
             }
             let alarm = label == HEALTHY && verdict != HEALTHY && verdict != NOT_READY;
@@ -259,7 +276,10 @@ impl Analysis {
         let interval = Interval {
             start_s,
             fault_label: key.label,
-            faulty_rotors: (0..self.header.rotor_count as u32).filter(|i| faulty >> i & 1 == 1).map(|i| i + 1).collect(),
+            faulty_rotors: (0..self.header.rotor_count as u32)
+                .filter(|i| faulty >> i & 1 == 1)
+                .map(|i| i + 1)
+                .collect(),
             description: self.describe(&key, faulty),
             sensor_faults: self.sensor_faults(key.sensor_faults),
             expected_verdict: key.label,
@@ -281,7 +301,10 @@ impl Analysis {
             Some(name) => name.clone(),
             None => format!("sensor fault {}", bit + 1),
         };
-        (0..u64::BITS as usize).filter(|bit| mask >> bit & 1 == 1).map(name).collect()
+        (0..u64::BITS as usize)
+            .filter(|bit| mask >> bit & 1 == 1)
+            .map(name)
+            .collect()
     }
 
     fn describe(&self, key: &Key, faulty: u64) -> String {
@@ -297,12 +320,25 @@ impl Analysis {
             };
             parts.push(format!("rotor {}: {condition}", i + 1));
         }
-        if parts.is_empty() { "healthy".to_owned() } else { parts.join(", ") }
+        if parts.is_empty() {
+            "healthy".to_owned()
+        } else {
+            parts.join(", ")
+        }
     }
 
     /// Ends the open interval at `end_s`.
     fn close(&mut self, end_s: f64) {
-        let Some(Open { mut interval, rows, squared_distance, all, settled, settled_from_s, .. }) = self.open.take() else {
+        let Some(Open {
+            mut interval,
+            rows,
+            squared_distance,
+            all,
+            settled,
+            settled_from_s,
+            ..
+        }) = self.open.take()
+        else {
             return;
         };
         interval.end_s = end_s;
@@ -311,7 +347,9 @@ impl Analysis {
         interval.residuals_from_s = if long { settled_from_s } else { interval.start_s };
         let moments = if long { settled } else { all };
         let table = |value: &dyn Fn(usize) -> f64| {
-            (0..self.header.rotor_count).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]).collect()
+            (0..self.header.rotor_count)
+                .map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)])
+                .collect()
         };
         interval.residual_means_nms = table(&|component| moments.mean(component));
         interval.residual_deviations_nms = table(&|component| moments.deviation(component));
@@ -348,4 +386,218 @@ impl Analysis {
 fn wrapped(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     (angle + PI).rem_euclid(TAU) - PI
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spool::{SpoolReader, SpoolWriter};
+    use crate::telemetry::TelemetryRow;
+    use std::collections::BTreeMap;
+
+    /// Sums of a few hundred decimal fractions.
+    const TOLERANCE: f64 = 1e-9;
+    const STEP_NS: u64 = 10_000_000;
+    const WINDOW: u64 = 4;
+
+    fn findings(rows: &[TelemetryRow]) -> Findings {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("spool");
+        let header = SpoolHeader {
+            rotor_count: 4,
+            step_ns: STEP_NS,
+            conditions: BTreeMap::from([(1, "blade b".to_owned())]),
+            sensor_faults: vec!["gyro stuck".to_owned()],
+        };
+        let mut writer = SpoolWriter::create(&path, &header).unwrap();
+        rows.iter().for_each(|row| writer.push(row).unwrap());
+        writer.finish().unwrap();
+        let mut reader = SpoolReader::open(&path).unwrap();
+        let mut analysis = Analysis::new(&header, reader.columns());
+        reader
+            .for_each_chunk(|chunk| {
+                analysis.push(chunk);
+                Ok(())
+            })
+            .unwrap();
+        analysis.finish()
+    }
+
+    /// `window` gives the T-test's verdict and the faulty rotors (mask) of each window.
+    fn rows(windows: &[(i32, u32)]) -> Vec<TelemetryRow> {
+        let mut rows = Vec::new();
+        for (verdict, faulty) in windows {
+            for at in 0..WINDOW {
+                let step = rows.len() as u64;
+                let label = match faulty.count_ones() {
+                    0 => 0,
+                    1 => faulty.trailing_zeros() as i32 + 1,
+                    _ => -1,
+                };
+                let mut row = TelemetryRow {
+                    step,
+                    sim_time_ns: step * STEP_NS,
+                    t_test: *verdict,
+                    network: NOT_READY,
+                    fault_label: label,
+                    faulty_rotors: *faulty,
+                    window_end: at == WINDOW - 1,
+                    ..TelemetryRow::default()
+                };
+                for rotor in 0..4 {
+                    row.rotor_condition[rotor] = i32::from(faulty >> rotor & 1 == 1);
+                }
+                rows.push(row);
+            }
+        }
+        rows
+    }
+
+    #[test]
+    fn val_verdict_table_counted_by_hand() {
+        let (not_ready, unknown, healthy) = (NOT_READY, UNKNOWN, HEALTHY);
+        let third = 1 << 2;
+        let two = third | 1 << 3;
+        let windows = [
+            (not_ready, 0),
+            (healthy, 0),
+            (unknown, 0),
+            (unknown, 0),
+            (healthy, 0),
+            (4, 0),
+            (healthy, third),
+            (unknown, third),
+            (3, third),
+            (4, third),
+            (3, third),
+            (3, two),
+            (unknown, two),
+            (3, 0),
+        ];
+        let found = findings(&rows(&windows));
+        let [before, fault, several, after] = &found.intervals[..] else {
+            panic!("{:#?}", found.intervals)
+        };
+
+        assert_eq!((before.start_s, before.end_s, before.windows), (0.0, 0.24, 6));
+        assert_eq!(before.description, "healthy");
+        let expected = crate::summary::Score {
+            not_ready: 1,
+            right: 2,
+            share_right: Some(0.4),
+            healthy: 2,
+            unknown: 2,
+            other_rotor: 1,
+            isolated_after_s: None,
+            false_alarm_windows: 3,
+            false_alarm_events: 2,
+            verdict_at_end: 4,
+        };
+        assert_eq!(before.scores.t_test, expected);
+        assert_eq!(before.scores.network.share_right, None);
+        assert_eq!(before.scores.sequential.right, 6);
+
+        assert_eq!((fault.start_s, fault.end_s, fault.windows), (0.24, 0.44, 5));
+        assert_eq!(
+            (fault.description.as_str(), &fault.faulty_rotors[..]),
+            ("rotor 3: blade b", &[3][..])
+        );
+        let score = fault.scores.t_test;
+        assert_eq!(
+            (
+                score.right,
+                score.healthy,
+                score.unknown,
+                score.other_rotor,
+                score.not_ready
+            ),
+            (2, 1, 1, 1, 0)
+        );
+        // The third window ends with the step from 0.35 s to 0.36 s.
+        assert!((score.isolated_after_s.unwrap() - 0.12).abs() < TOLERANCE);
+        assert_eq!((score.false_alarm_windows, score.verdict_at_end), (0, 3));
+
+        assert_eq!(several.expected_verdict, UNKNOWN);
+        assert_eq!(several.description, "rotor 3: blade b, rotor 4: blade b");
+        assert_eq!((several.scores.t_test.right, several.scores.t_test.other_rotor), (1, 1));
+
+        assert_eq!(
+            (
+                after.scores.t_test.false_alarm_windows,
+                after.scores.t_test.false_alarm_events
+            ),
+            (1, 1)
+        );
+        assert!((after.end_s - 0.56).abs() < TOLERANCE);
+    }
+
+    #[test]
+    fn val_alarm_across_two_healthy_intervals_is_one_event() {
+        let mut rows = rows(&[(UNKNOWN, 0), (UNKNOWN, 0)]);
+        rows[4..].iter_mut().for_each(|row| row.sensor_faults = 1);
+        let found = findings(&rows);
+        assert_eq!(found.intervals.len(), 2);
+        assert_eq!(found.intervals[1].sensor_faults, ["gyro stuck"]);
+        let events: Vec<u64> = found
+            .intervals
+            .iter()
+            .map(|interval| interval.scores.t_test.false_alarm_events)
+            .collect();
+        assert_eq!(events, [1, 0]);
+    }
+
+    #[test]
+    fn val_residual_statistics_leave_out_the_settling() {
+        let mut rows = rows(&[(0, 0); 75]);
+        for (step, row) in rows.iter_mut().enumerate() {
+            // 1 s of settling, then 2 s of 1 ± 0.5.
+            let settled = if step % 2 == 0 { 1.5 } else { 0.5 };
+            row.residuals_nms[1][2] = if step < 100 { 9.0 } else { settled };
+        }
+        let interval = &findings(&rows).intervals[0];
+        assert!((interval.residuals_from_s - 1.0).abs() < TOLERANCE);
+        assert!((interval.residual_means_nms[1][2] - 1.0).abs() < TOLERANCE);
+        // Sample deviation of 200 values ±0.5.
+        let expected = 0.5 * (200.0f64 / 199.0).sqrt();
+        assert!((interval.residual_deviations_nms[1][2] - expected).abs() < TOLERANCE);
+        assert_eq!(interval.residual_means_nms[0][0], 0.0);
+
+        // Short: everything counts.
+        let interval = &findings(&rows[..150]).intervals[0];
+        assert_eq!(interval.residuals_from_s, 0.0);
+        assert!((interval.residual_means_nms[1][2] - (100.0 * 9.0 + 50.0) / 150.0).abs() < TOLERANCE);
+    }
+
+    #[test]
+    fn val_tracking_and_battery_by_hand() {
+        let mut rows = rows(&[(0, 0); 25]);
+        for (step, row) in rows.iter_mut().enumerate() {
+            row.truth.position_ned_m = [1.3, 2.4, -5.0];
+            row.reference_position_ned_m = [1.0, 2.0, -5.0];
+            row.truth.attitude_rad = [0.1, 0.0, 3.1];
+            // 0.083… rad across the ±π seam.
+            row.reference_yaw_rad = -3.1;
+            row.battery_current_a = 36.0;
+            row.truth.state_of_charge = 0.9 - 0.001 * step as f64;
+            row.truth.battery_voltage_v = if step == 50 { 14.0 } else { 15.0 };
+        }
+        let found = findings(&rows);
+        let tracking = found.tracking.unwrap();
+        assert!((tracking.position_rms_m - 0.5).abs() < TOLERANCE && (tracking.position_max_m - 0.5).abs() < TOLERANCE);
+        assert!((tracking.position_rms_ned_m[1] - 0.4).abs() < TOLERANCE);
+        assert!((tracking.attitude_rms_rad[0] - 0.1).abs() < TOLERANCE);
+        // The reference is an f32.
+        const F32_TOLERANCE: f64 = 1e-6;
+        assert!((tracking.attitude_rms_rad[2] - (std::f64::consts::TAU - 6.2)).abs() < F32_TOLERANCE);
+        let battery = found.battery.unwrap();
+        // 36 A for 1 s.
+        assert!((battery.charge_ah - 0.01).abs() < TOLERANCE);
+        assert!((battery.state_of_charge_end - 0.801).abs() < TOLERANCE);
+        assert_eq!((battery.voltage_min_v, battery.voltage_end_v), (14.0, 15.0));
+    }
+
+    #[test]
+    fn val_no_row_gives_nothing() {
+        assert_eq!(findings(&[]), Findings::default());
+    }
 }

@@ -93,7 +93,11 @@ pub enum StoreError {
 
 /// `map_err` helper: an I/O error with its file and what was being done.
 pub(crate) fn io<'a>(path: &'a Path, action: &'static str) -> impl FnOnce(std::io::Error) -> StoreError + 'a {
-    move |source| StoreError::Io { path: path.to_path_buf(), action, source }
+    move |source| StoreError::Io {
+        path: path.to_path_buf(),
+        action,
+        source,
+    }
 }
 
 /// Result of this crate.

@@ -3,7 +3,7 @@
 //! Drawn from the same thinned-out numbers as the report, on white, with the fault intervals shaded. Lines, text and rectangles
 //! only, so that every program that reads SVG shows them alike.
 
-use crate::plots::{Plots, Sample, Verdicts, normal_grid, normal_line};
+use crate::plots::{Plots, Sample, Verdicts, normal_grid, normal_line, scale_from_s};
 use crate::summary::{Evaluator, Interval, Summary};
 use crate::telemetry::{HEALTHY, UNKNOWN};
 use std::fmt::Write as _;
@@ -71,14 +71,24 @@ impl Panel {
     }
 
     /// Shaded faults, grid, numbers.
-    fn frame(&self, svg: &mut String, intervals: &[Interval], y_ticks: &[(f64, String)], x_ticks: &[(f64, String)], last: bool) {
+    fn frame(
+        &self,
+        svg: &mut String,
+        intervals: &[Interval],
+        y_ticks: &[(f64, String)],
+        x_ticks: &[(f64, String)],
+        last: bool,
+    ) {
         let mut strong = false;
         for interval in intervals {
             if interval.fault_label == HEALTHY && interval.sensor_faults.is_empty() {
                 strong = false;
                 continue;
             }
-            let (from, to) = (self.px(interval.start_s.max(self.x[0])), self.px(interval.end_s.min(self.x[1])));
+            let (from, to) = (
+                self.px(interval.start_s.max(self.x[0])),
+                self.px(interval.end_s.min(self.x[1])),
+            );
             let fill = if strong { "#f6e3c8" } else { "#fbf0e2" };
             put!(
                 svg,
@@ -102,7 +112,12 @@ impl Panel {
         }
         for (value, text) in x_ticks {
             let x = self.px(*value);
-            put!(svg, "<path d=\"M{x:.1} {:.1}v{:.1}\" stroke=\"{GRID}\"/>", self.top, self.height);
+            put!(
+                svg,
+                "<path d=\"M{x:.1} {:.1}v{:.1}\" stroke=\"{GRID}\"/>",
+                self.top,
+                self.height
+            );
             if last {
                 put!(
                     svg,
@@ -131,6 +146,8 @@ impl Panel {
     }
 
     fn line(&self, svg: &mut String, points: impl Iterator<Item = (f64, f64)>, style: &str) {
+        // What leaves the panel runs along its edge.
+        let (low, high) = (self.y[0].min(self.y[1]), self.y[0].max(self.y[1]));
         let mut path = String::new();
         let mut pen_down = false;
         for (x, y) in points {
@@ -138,7 +155,13 @@ impl Panel {
                 pen_down = false;
                 continue;
             }
-            put!(path, "{}{:.1} {:.1}", if pen_down { 'L' } else { 'M' }, self.px(x), self.py(y));
+            put!(
+                path,
+                "{}{:.1} {:.1}",
+                if pen_down { 'L' } else { 'M' },
+                self.px(x),
+                self.py(y.clamp(low, high))
+            );
             pen_down = true;
         }
         put!(svg, "<path d=\"{path}\" fill=\"none\" {style}/>");
@@ -168,17 +191,33 @@ fn ticks(range: [f64; 2], count: f64) -> Vec<(f64, String)> {
         return Vec::new();
     }
     let power = 10f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|factor| factor * power).find(|step| *step >= raw).unwrap_or(raw);
+    // A little finer than asked for rather than much coarser.
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .map(|factor| factor * power)
+        .into_iter()
+        .find(|step| *step >= 0.7 * raw)
+        .unwrap_or(raw);
     let decimals = (-step.log10().floor()).max(0.0) as usize;
     let first = (range[0] / step).ceil() as i64;
     let last = (range[1] / step).floor() as i64;
-    (first..=last).map(|i| (i as f64 * step, format!("{:.decimals$}", i as f64 * step).replace('-', "−"))).collect()
+    (first..=last)
+        .map(|i| {
+            (
+                i as f64 * step,
+                format!("{:.decimals$}", i as f64 * step).replace('-', "−"),
+            )
+        })
+        .collect()
 }
 
 /// Range of some series with air around it; at least `least` wide.
-fn range<'a>(series: impl Iterator<Item = &'a Vec<f32>>, least: f64) -> [f64; 2] {
+fn range<'a>(series: impl Iterator<Item = &'a [f32]>, least: f64) -> [f64; 2] {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    for value in series.flatten().map(|value| f64::from(*value)).filter(|value| value.is_finite()) {
+    for value in series
+        .flatten()
+        .map(|value| f64::from(*value))
+        .filter(|value| value.is_finite())
+    {
         low = low.min(value);
         high = high.max(value);
     }
@@ -199,10 +238,13 @@ fn page(height: f64, content: &str, title: &str) -> String {
 }
 
 fn zip<'a>(times: &'a [f32], values: &'a [f32]) -> impl Iterator<Item = (f64, f64)> + 'a {
-    times.iter().zip(values).map(|(time, value)| (f64::from(*time), f64::from(*value)))
+    times
+        .iter()
+        .zip(values)
+        .map(|(time, value)| (f64::from(*time), f64::from(*value)))
 }
 
-const STATE_STYLE: &str = "stroke=\"#1b2430\" stroke-width=\"1.6\"";
+const STATE_STYLE: &str = "stroke=\"#1b2430\" stroke-width=\"2\"";
 const REFERENCE_STYLE: &str = "stroke=\"#1f6fd1\" stroke-width=\"1.3\" stroke-dasharray=\"6 6\"";
 const SETPOINT_STYLE: &str = "stroke=\"#a9c8ee\" stroke-width=\"0.8\"";
 
@@ -222,12 +264,24 @@ fn stack(plots: &Plots, summary: &Summary, rows: &[Row], title: &str) -> String 
     let mut top = TOP;
     for (at, row) in rows.iter().enumerate() {
         let last = at + 1 == rows.len();
-        let mut y = range(row.series.iter().map(|(series, _)| &plots.wide.values[*series]), row.least);
+        let mut y = range(
+            row.series
+                .iter()
+                .map(|(series, _)| plots.wide.values[*series].as_slice()),
+            row.least,
+        );
         let numbers = ticks(y, 4.0);
         if row.flipped {
             y.swap(0, 1);
         }
-        let panel = Panel { left: LEFT, top, width: WIDTH - LEFT - RIGHT, height: HEIGHT, x, y };
+        let panel = Panel {
+            left: LEFT,
+            top,
+            width: WIDTH - LEFT - RIGHT,
+            height: HEIGHT,
+            x,
+            y,
+        };
         panel.frame(&mut svg, &summary.intervals, &numbers, &ticks(x, 9.0), last);
         for (series, style) in &row.series {
             panel.line(&mut svg, zip(&plots.wide.times, &plots.wide.values[*series]), style);
@@ -251,26 +305,60 @@ fn position(plots: &Plots, summary: &Summary) -> String {
         least: 0.5,
         flipped,
     };
-    let rows = [row("north, m", 0, false), row("east, m", 1, false), row("down, m", 2, true)];
-    stack(plots, summary, &rows, "Position: reference (blue, dashed) and state (black)")
+    let rows = [
+        row("north, m", 0, false),
+        row("east, m", 1, false),
+        row("down, m", 2, true),
+    ];
+    stack(
+        plots,
+        summary,
+        &rows,
+        "Position: reference (blue, dashed) and state (black)",
+    )
 }
 
 fn attitude(plots: &Plots, summary: &Summary) -> String {
-    let row = |label, series| Row { label, series, least: 1.0, flipped: false };
+    let row = |label, series| Row {
+        label,
+        series,
+        least: 1.0,
+        flipped: false,
+    };
     let rows = [
         row("roll, °", vec![(6, SETPOINT_STYLE), (7, STATE_STYLE)]),
         row("pitch, °", vec![(8, SETPOINT_STYLE), (9, STATE_STYLE)]),
         row("yaw, °", vec![(11, STATE_STYLE), (10, REFERENCE_STYLE)]),
     ];
-    stack(plots, summary, &rows, "Attitude: setpoint or reference (blue) and state (black)")
+    stack(
+        plots,
+        summary,
+        &rows,
+        "Attitude: setpoint or reference (blue) and state (black)",
+    )
 }
 
 fn battery(plots: &Plots, summary: &Summary) -> String {
     let rows = [
-        Row { label: "state of charge, %", series: vec![(12, STATE_STYLE)], least: 2.0, flipped: false },
-        Row { label: "voltage, V", series: vec![(13, REFERENCE_STYLE), (14, STATE_STYLE)], least: 0.2, flipped: false },
+        Row {
+            label: "state of charge, %",
+            series: vec![(12, STATE_STYLE)],
+            least: 2.0,
+            flipped: false,
+        },
+        Row {
+            label: "voltage, V",
+            series: vec![(13, REFERENCE_STYLE), (14, STATE_STYLE)],
+            least: 0.2,
+            flipped: false,
+        },
     ];
-    stack(plots, summary, &rows, "State of charge; open-circuit voltage (blue, dashed) and voltage at the terminals (black)")
+    stack(
+        plots,
+        summary,
+        &rows,
+        "State of charge; open-circuit voltage (blue, dashed) and voltage at the terminals (black)",
+    )
 }
 
 fn residuals(plots: &Plots, summary: &Summary) -> String {
@@ -278,9 +366,11 @@ fn residuals(plots: &Plots, summary: &Summary) -> String {
     const SPACE: f64 = 52.0;
     let width = (WIDTH - LEFT - RIGHT - 2.0 * SPACE) / 3.0;
     let mut svg = String::new();
+    let from_s = scale_from_s(plots.end_s);
+    let start = plots.residuals.times.partition_point(|time| f64::from(*time) < from_s);
     for (component, (name, _)) in COMPONENTS.into_iter().enumerate() {
         let of_component = |rotor: usize| &plots.residuals.values[3 * rotor + component];
-        let y = range((0..plots.rotor_count).map(of_component), 1e-6);
+        let y = range((0..plots.rotor_count).map(|rotor| &of_component(rotor)[start..]), 1e-6);
         let left = LEFT + component as f64 * (width + SPACE);
         put!(
             svg,
@@ -290,8 +380,21 @@ fn residuals(plots: &Plots, summary: &Summary) -> String {
         for rotor in 0..plots.rotor_count {
             let last = rotor + 1 == plots.rotor_count;
             let top = TOP + rotor as f64 * (HEIGHT + 8.0);
-            let panel = Panel { left, top, width, height: HEIGHT, x: [0.0, plots.end_s], y };
-            panel.frame(&mut svg, &summary.intervals, &ticks(y, 3.0), &ticks([0.0, plots.end_s], 4.0), last);
+            let panel = Panel {
+                left,
+                top,
+                width,
+                height: HEIGHT,
+                x: [0.0, plots.end_s],
+                y,
+            };
+            panel.frame(
+                &mut svg,
+                &summary.intervals,
+                &ticks(y, 3.0),
+                &ticks([0.0, plots.end_s], 4.0),
+                last,
+            );
             panel.line(
                 &mut svg,
                 zip(&plots.residuals.times, of_component(rotor)),
@@ -299,7 +402,10 @@ fn residuals(plots: &Plots, summary: &Summary) -> String {
             );
             panel.line(
                 &mut svg,
-                zip(&plots.residual_means.times, &plots.residual_means.values[3 * rotor + component]),
+                zip(
+                    &plots.residual_means.times,
+                    &plots.residual_means.values[3 * rotor + component],
+                ),
                 &format!("stroke=\"{BLUE}\" stroke-width=\"1.3\""),
             );
             if component == 0 {
@@ -327,12 +433,25 @@ fn normal(plots: &Plots, summary: &Summary) -> String {
     let lines = |sample: &Sample| {
         [0, 1, 2].map(|component| normal_line(&sample.sorted(plots.second_residual, component), &grid))
     };
-    let first_fault = summary.intervals.iter().find(|interval| interval.fault_label != HEALTHY);
+    let first_fault = summary
+        .intervals
+        .iter()
+        .find(|interval| interval.fault_label != HEALTHY);
     let panels = [
         ("healthy", lines(&plots.healthy)),
-        (first_fault.map_or("no fault in this run", |interval| interval.description.as_str()), lines(&plots.faulty)),
+        (
+            first_fault.map_or("no fault in this run", |interval| interval.description.as_str()),
+            lines(&plots.faulty),
+        ),
     ];
-    let y = range(panels.iter().flat_map(|(_, lines)| lines).flatten().map(|line| &line.quantiles), 1e-9);
+    let y = range(
+        panels
+            .iter()
+            .flat_map(|(_, lines)| lines)
+            .flatten()
+            .map(|line| line.quantiles.as_slice()),
+        1e-9,
+    );
     let probabilities = [
         (-3.0902, "0.001"),
         (-2.3263, "0.01"),
@@ -348,7 +467,14 @@ fn normal(plots: &Plots, summary: &Summary) -> String {
     let mut svg = String::new();
     for (at, (title, lines)) in panels.iter().enumerate() {
         let left = LEFT + at as f64 * (width + SPACE);
-        let panel = Panel { left, top: TOP, width, height: HEIGHT, x: [-3.6, 3.6], y };
+        let panel = Panel {
+            left,
+            top: TOP,
+            width,
+            height: HEIGHT,
+            x: [-3.6, 3.6],
+            y,
+        };
         panel.frame(&mut svg, &[], &ticks(y, 6.0), &probabilities, true);
         put!(
             svg,
@@ -380,7 +506,11 @@ fn normal(plots: &Plots, summary: &Summary) -> String {
         }
         panel.x_label(&mut svg, "probability");
         if at == 0 {
-            let label = if plots.second_residual { "residual 2, N·m·s" } else { "residual 1, N·m·s" };
+            let label = if plots.second_residual {
+                "residual 2, N·m·s"
+            } else {
+                "residual 1, N·m·s"
+            };
             panel.y_label(&mut svg, label);
         }
     }
@@ -392,15 +522,25 @@ fn verdicts(plots: &Plots, summary: &Summary) -> String {
     let rotors = plots.rotor_count as f64;
     let height = LANE * (rotors + 2.2);
     let x = [0.0, plots.end_s];
-    let present: Vec<(Evaluator, &Verdicts)> =
-        Evaluator::ALL.into_iter().zip(&plots.verdicts).filter(|(evaluator, _)| !summary.is_absent(*evaluator)).collect();
+    let present: Vec<(Evaluator, &Verdicts)> = Evaluator::ALL
+        .into_iter()
+        .zip(&plots.verdicts)
+        .filter(|(evaluator, _)| !summary.is_absent(*evaluator))
+        .collect();
     let mut lanes = vec![(-1.0, "unknown".to_owned()), (0.0, "healthy".to_owned())];
     lanes.extend((1..=plots.rotor_count).map(|rotor| (rotor as f64, rotor.to_string())));
     let mut svg = String::new();
     let mut top = TOP;
     for (at, (evaluator, verdicts)) in present.iter().enumerate() {
         let last = at + 1 == present.len();
-        let panel = Panel { left: LEFT, top, width: WIDTH - LEFT - RIGHT, height, x, y: [-1.6, rotors + 0.6] };
+        let panel = Panel {
+            left: LEFT,
+            top,
+            width: WIDTH - LEFT - RIGHT,
+            height,
+            x,
+            y: [-1.6, rotors + 0.6],
+        };
         panel.frame(&mut svg, &summary.intervals, &lanes, &ticks(x, 9.0), last);
         let mut mark = |from: f64, to: f64, code: i32, thick: f64, fill: &str| {
             put!(
@@ -412,7 +552,13 @@ fn verdicts(plots: &Plots, summary: &Summary) -> String {
             );
         };
         for interval in &summary.intervals {
-            mark(interval.start_s, interval.end_s, interval.fault_label, 0.85 * LANE, "#d5e4f7");
+            mark(
+                interval.start_s,
+                interval.end_s,
+                interval.fault_label,
+                0.85 * LANE,
+                "#d5e4f7",
+            );
         }
         for interval in &summary.intervals {
             for seen in &verdicts.seen {
@@ -444,10 +590,17 @@ fn verdicts(plots: &Plots, summary: &Summary) -> String {
         top += height + GAP + 14.0;
     }
     if present.is_empty() {
-        put!(svg, "<text x=\"{LEFT}\" y=\"40\" fill=\"{MUTED}\">no evaluator gave a verdict in this run</text>");
+        put!(
+            svg,
+            "<text x=\"{LEFT}\" y=\"40\" fill=\"{MUTED}\">no evaluator gave a verdict in this run</text>"
+        );
         top += 40.0;
     }
-    page(top - GAP - 14.0 + BOTTOM, &svg, "Verdicts: truth (pale), right (green), unknown fault (amber), wrong (red)")
+    page(
+        top - GAP - 14.0 + BOTTOM,
+        &svg,
+        "Verdicts: truth (pale), right (green), unknown fault (amber), wrong (red)",
+    )
 }
 
 #[cfg(test)]
@@ -456,16 +609,24 @@ mod tests {
 
     #[test]
     fn val_ticks_are_round_and_inside() {
-        let text = |range, count| ticks(range, count).into_iter().map(|(_, text)| text).collect::<Vec<_>>();
-        assert_eq!(text([0.0, 90.0], 9.0), ["0", "10", "20", "30", "40", "50", "60", "70", "80", "90"]);
+        let text = |range, count| {
+            ticks(range, count)
+                .into_iter()
+                .map(|(_, text)| text)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(
+            text([0.0, 90.0], 9.0),
+            ["0", "10", "20", "30", "40", "50", "60", "70", "80", "90"]
+        );
         assert_eq!(text([-0.13, 0.12], 3.0), ["−0.1", "0.0", "0.1"]);
         assert_eq!(text([1.0, 1.0], 3.0), Vec::<String>::new());
     }
 
     #[test]
     fn val_range_survives_what_is_not_a_number() {
-        assert_eq!(range([vec![f32::NAN]].iter(), 0.1), [-1.0, 1.0]);
-        let [low, high] = range([vec![2.0, f32::NAN, 2.0]].iter(), 0.1);
+        assert_eq!(range([&[f32::NAN][..]].into_iter(), 0.1), [-1.0, 1.0]);
+        let [low, high] = range([&[2.0, f32::NAN, 2.0][..]].into_iter(), 0.1);
         assert!(low < 1.96 && high > 2.04);
     }
 }

@@ -34,5 +34,8 @@ pub use telemetry::{Column, Kind, TelemetryRow, TruthRow, telemetry_columns};
 extern crate self as rotortwin_store;
 #[cfg(test)]
 #[path = "../tests/synthetic/mod.rs"]
-#[expect(unreachable_pub, reason = "shared with the tests and examples, where it is a module of its own")]
+#[expect(
+    unreachable_pub,
+    reason = "shared with the tests and examples, where it is a module of its own"
+)]
 mod synthetic;

@@ -216,7 +216,10 @@ impl<W: Write + Seek> McapSink<W> {
         summary: &Summary,
         descriptor: &[u8],
     ) -> Result<Self> {
-        let wrap = |source| StoreError::Mcap { path: path.to_path_buf(), source };
+        let wrap = |source| StoreError::Mcap {
+            path: path.to_path_buf(),
+            source,
+        };
         let mut writer = WriteOptions::new()
             .library(format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")))
             .compression(Some(Compression::Zstd))
@@ -253,7 +256,10 @@ impl<W: Write + Seek> McapSink<W> {
     /// Writes the messages of the next rows.
     pub(crate) fn push(&mut self, chunk: &Chunk) -> Result<()> {
         for row in 0..chunk.len {
-            self.push_row(chunk, row).map_err(|source| StoreError::Mcap { path: self.path.clone(), source })?;
+            self.push_row(chunk, row).map_err(|source| StoreError::Mcap {
+                path: self.path.clone(),
+                source,
+            })?;
         }
         Ok(())
     }
@@ -265,10 +271,38 @@ impl<W: Write + Seek> McapSink<W> {
         let many = |place: usize, count: usize, stride: usize| -> Vec<f32> {
             (0..count).map(|i| f(place + i * stride)).collect()
         };
-        let ned = |p: usize| Some(NedVector { north: f(p), east: f(p + 1), down: f(p + 2) });
-        let body = |p: usize| Some(BodyVector { forward: f(p), right: f(p + 1), down: f(p + 2) });
-        let euler = |p: usize| Some(EulerAngles { roll_rad: f(p), pitch_rad: f(p + 1), yaw_rad: f(p + 2) });
-        let Places { time, nav, duty, battery_voltage, reference, truth, label, setpoint, residuals } = self.places;
+        let ned = |p: usize| {
+            Some(NedVector {
+                north: f(p),
+                east: f(p + 1),
+                down: f(p + 2),
+            })
+        };
+        let body = |p: usize| {
+            Some(BodyVector {
+                forward: f(p),
+                right: f(p + 1),
+                down: f(p + 2),
+            })
+        };
+        let euler = |p: usize| {
+            Some(EulerAngles {
+                roll_rad: f(p),
+                pitch_rad: f(p + 1),
+                yaw_rad: f(p + 2),
+            })
+        };
+        let Places {
+            time,
+            nav,
+            duty,
+            battery_voltage,
+            reference,
+            truth,
+            label,
+            setpoint,
+            residuals,
+        } = self.places;
         let thrust = truth + 12;
         let charge = thrust + n;
         let conditions = label + 2;
@@ -277,7 +311,12 @@ impl<W: Write + Seek> McapSink<W> {
         let verdicts = wrench + 4;
         let time_ns = (at(time) * 1e9).round() as u64;
         let sequence = (chunk.first_row + row as u64) as u32;
-        let stamp = |channel_id: u16| MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };
+        let stamp = |channel_id: u16| MessageHeader {
+            channel_id,
+            sequence,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
 
         let message = NavTelemetry {
             position_ned_m: ned(nav),
@@ -293,8 +332,10 @@ impl<W: Write + Seek> McapSink<W> {
             attitude_setpoint: euler(setpoint),
         };
         self.write(stamp(self.channels.reference), &message)?;
-        let message =
-            CommandTelemetry { duty: many(duty, n, 1), saturated_rotors: at(setpoint + 3) as u32 };
+        let message = CommandTelemetry {
+            duty: many(duty, n, 1),
+            saturated_rotors: at(setpoint + 3) as u32,
+        };
         self.write(stamp(self.channels.command), &message)?;
         let codes: Vec<i32> = (0..n).map(|i| at(conditions + i) as i32).collect();
         let message = TruthTelemetry {
@@ -336,9 +377,11 @@ impl<W: Write + Seek> McapSink<W> {
         if (chunk.first_row + row as u64).is_multiple_of(TRANSFORM_EVERY) {
             let triple = |p: usize| [at(p), at(p + 1), at(p + 2)];
             let vehicle = transform("vehicle", time_ns, triple(truth), triple(truth + 6));
-            self.writer.write_to_known_channel(&stamp(self.channels.transform), vehicle.as_bytes())?;
+            self.writer
+                .write_to_known_channel(&stamp(self.channels.transform), vehicle.as_bytes())?;
             let target = transform("reference", time_ns, triple(reference), [0.0, 0.0, at(reference + 6)]);
-            self.writer.write_to_known_channel(&stamp(self.channels.transform), target.as_bytes())?;
+            self.writer
+                .write_to_known_channel(&stamp(self.channels.transform), target.as_bytes())?;
         }
         self.last_time_ns = time_ns;
         self.log_changes(stamp(self.channels.log), codes, at(sensor_faults) as u64, sequential)
@@ -377,7 +420,11 @@ impl<W: Write + Seek> McapSink<W> {
                 Some(name) => name.clone(),
                 None => format!("sensor fault {}", bit + 1),
             };
-            let verb = if sensor_faults >> bit & 1 == 1 { "begins" } else { "ends" };
+            let verb = if sensor_faults >> bit & 1 == 1 {
+                "begins"
+            } else {
+                "ends"
+            };
             lines.push((WARNING, "truth", format!("{name} {verb}")));
         }
         if sequential != old_sequential {
@@ -391,13 +438,7 @@ impl<W: Write + Seek> McapSink<W> {
         Ok(())
     }
 
-    fn log(
-        &mut self,
-        header: MessageHeader,
-        level: u8,
-        name: &str,
-        text: &str,
-    ) -> std::result::Result<(), McapError> {
+    fn log(&mut self, header: MessageHeader, level: u8, name: &str, text: &str) -> std::result::Result<(), McapError> {
         let line = serde_json::json!({
             "timestamp": timestamp(header.log_time), "level": level, "message": text, "name": name, "file": "", "line": 0,
         });
@@ -411,7 +452,12 @@ impl<W: Write + Seek> McapSink<W> {
         let wrap = |source| StoreError::Mcap { path, source };
         if let Some(sentence) = self.failure.take() {
             let (channel_id, time) = (self.channels.log, self.last_time_ns);
-            let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
+            let header = MessageHeader {
+                channel_id,
+                sequence: 0,
+                log_time: time,
+                publish_time: time,
+            };
             if let Err(error) = self.log(header, FATAL, "run", &sentence) {
                 return Err(wrap(error));
             }
@@ -423,7 +469,10 @@ impl<W: Write + Seek> McapSink<W> {
     }
 }
 
-fn add_channels<W: Write + Seek>(writer: &mut Writer<W>, descriptor: &[u8]) -> std::result::Result<Channels, McapError> {
+fn add_channels<W: Write + Seek>(
+    writer: &mut Writer<W>,
+    descriptor: &[u8],
+) -> std::result::Result<Channels, McapError> {
     let none = BTreeMap::new();
     let protobuf = |writer: &mut Writer<W>, topic: &str, name: &str| {
         let schema = writer.add_schema(&format!("rotortwin.v1.{name}"), "protobuf", descriptor)?;
@@ -459,7 +508,10 @@ fn metadata(summary: &Summary) -> Metadata {
         ("program_version", summary.program_version.clone()),
     ];
     let metadata = facts.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
-    Metadata { name: "rotortwin".to_owned(), metadata }
+    Metadata {
+        name: "rotortwin".to_owned(),
+        metadata,
+    }
 }
 
 fn timestamp(time_ns: u64) -> serde_json::Value {

@@ -21,7 +21,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// zstd level: 1 costs a third of the time of 3 and leaves files 1 % larger (noise does not compress).
+/// zstd level: noise does not compress; level 3 made the file of a 90 s flight 0.8 % smaller.
 const ZSTD_LEVEL: i32 = 1;
 
 /// Writes chunks of telemetry as Parquet.
@@ -95,8 +95,17 @@ mod erased {
 
 impl<W: Write + Send> ParquetSink<W> {
     /// Begins a file; `path` is for error messages.
-    pub(crate) fn new(writer: W, path: &Path, header: &SpoolHeader, columns: &[Column], summary: &Summary) -> Result<Self> {
-        let wrap = |source| StoreError::Parquet { path: path.to_path_buf(), source };
+    pub(crate) fn new(
+        writer: W,
+        path: &Path,
+        header: &SpoolHeader,
+        columns: &[Column],
+        summary: &Summary,
+    ) -> Result<Self> {
+        let wrap = |source| StoreError::Parquet {
+            path: path.to_path_buf(),
+            source,
+        };
         let level = ZstdLevel::try_new(ZSTD_LEVEL).map_err(wrap)?;
         let mut properties = WriterProperties::builder()
             .set_created_by(format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")))
@@ -118,12 +127,19 @@ impl<W: Write + Send> ParquetSink<W> {
         let schema = Arc::new(schema(columns).map_err(wrap)?);
         let writer = SerializedFileWriter::new(writer, schema, Arc::new(properties.build())).map_err(wrap)?;
         let kinds = columns.iter().map(|column| column.kind).collect();
-        Ok(Self { writer, kinds, path: path.to_path_buf() })
+        Ok(Self {
+            writer,
+            kinds,
+            path: path.to_path_buf(),
+        })
     }
 
     /// Writes one row group.
     pub(crate) fn push(&mut self, chunk: &Chunk) -> Result<()> {
-        self.write_group(chunk).map_err(|source| StoreError::Parquet { path: self.path.clone(), source })
+        self.write_group(chunk).map_err(|source| StoreError::Parquet {
+            path: self.path.clone(),
+            source,
+        })
     }
 
     fn write_group(&mut self, chunk: &Chunk) -> std::result::Result<(), ParquetError> {
@@ -155,7 +171,10 @@ impl<W: Write + Send> ParquetSink<W> {
 
     /// Ends the file.
     pub(crate) fn finish(self) -> Result<W> {
-        let wrap = |source| StoreError::Parquet { path: self.path, source };
+        let wrap = |source| StoreError::Parquet {
+            path: self.path,
+            source,
+        };
         self.writer.into_inner().map_err(wrap)
     }
 }

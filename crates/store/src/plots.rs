@@ -22,6 +22,12 @@ const SAMPLE_LIMIT: usize = 8192;
 /// Left out at the beginning of a stretch, s: the observers settle.
 const SETTLE_S: f64 = 1.0;
 
+/// From when on samples count for the scale of the residual plots, s: in a flight of some length, the transient of its start would
+/// otherwise be the only thing to be seen.
+pub(crate) fn scale_from_s(end_s: f64) -> f64 {
+    if end_s > 8.0 { 2.0 } else { 0.0 }
+}
+
 /// A column, maybe less another one, and the factor that brings it into the unit of its plot.
 #[derive(Clone, Copy, Debug)]
 struct Source {
@@ -98,8 +104,10 @@ impl Envelope {
 
     /// Ends a bucket whose last row is at `end_s`.
     fn close(&mut self, end_s: f64) {
+        // A bucket of one row is one point.
+        let count = if self.in_bucket > 1 { 2 } else { 1 };
         self.times.push(self.start_s as f32);
-        if self.bucket_rows > 1 {
+        if count == 2 {
             self.times.push(((self.start_s + end_s) / 2.0) as f32);
         }
         for (open, values) in self.open.iter_mut().zip(&mut self.values) {
@@ -109,7 +117,7 @@ impl Envelope {
                 (true, true) => [low as f32, high as f32],
                 (true, false) => [high as f32, low as f32],
             };
-            values.extend(&points[..if self.bucket_rows > 1 { 2 } else { 1 }]);
+            values.extend(&points[..count]);
             *open = (f64::INFINITY, f64::NEG_INFINITY, true);
         }
         self.in_bucket = 0;
@@ -208,7 +216,11 @@ impl Verdicts {
     fn close(&mut self, start_s: f64, end_s: f64) {
         match self.seen.last_mut() {
             Some(last) if last.codes == self.open => last.end_s = end_s,
-            _ => self.seen.push(Seen { start_s, end_s, codes: self.open }),
+            _ => self.seen.push(Seen {
+                start_s,
+                end_s,
+                codes: self.open,
+            }),
         }
         self.open = 0;
     }
@@ -245,7 +257,12 @@ impl Sample {
     /// Sorted samples of one component (0 to 2) of residual 1 or 2 (`second`).
     pub(crate) fn sorted(&self, second: bool, component: usize) -> Vec<f64> {
         let at = component + if second { 3 } else { 0 };
-        let mut values: Vec<f64> = self.values.iter().map(|value| value[at]).filter(|value| value.is_finite()).collect();
+        let mut values: Vec<f64> = self
+            .values
+            .iter()
+            .map(|value| value[at])
+            .filter(|value| value.is_finite())
+            .collect();
         values.sort_by(f64::total_cmp);
         values
     }
@@ -254,8 +271,14 @@ impl Sample {
 /// Where the collection of samples for the normal plot stands.
 #[derive(Debug, PartialEq)]
 enum Stage {
-    Healthy { from_s: f64 },
-    Faulty { from_s: f64, label: f64, conditions: Vec<f64> },
+    Healthy {
+        from_s: f64,
+    },
+    Faulty {
+        from_s: f64,
+        label: f64,
+        conditions: Vec<f64>,
+    },
     Over,
 }
 
@@ -319,14 +342,27 @@ impl Plots {
     pub(crate) fn new(header: &SpoolHeader, columns: &[Column], rows: u64) -> Self {
         let place = |name: &str| column(columns, name);
         let time = place("time_s");
-        let source = |place: usize, factor: f64| Source { place, less: None, factor };
+        let source = |place: usize, factor: f64| Source {
+            place,
+            less: None,
+            factor,
+        };
         let residual_place = place("residual_1_arm_nms");
-        let residuals: Vec<Source> =
-            (0..3 * header.rotor_count).map(|component| source(residual_place + component, 1.0)).collect();
-        let duty = (0..header.rotor_count).map(|rotor| source(place("duty_1") + rotor, 100.0)).collect();
-        let errors = [(0, 1), (2, 3), (4, 5)]
-            .map(|(reference, state)| Source { less: Some(place(WIDE[reference].0)), ..source(place(WIDE[state].0), 1.0) });
-        let wide = WIDE.iter().map(|(name, factor)| source(place(name), *factor)).chain(errors).collect();
+        let residuals: Vec<Source> = (0..3 * header.rotor_count)
+            .map(|component| source(residual_place + component, 1.0))
+            .collect();
+        let duty = (0..header.rotor_count)
+            .map(|rotor| source(place("duty_1") + rotor, 100.0))
+            .collect();
+        let errors = [(0, 1), (2, 3), (4, 5)].map(|(reference, state)| Source {
+            less: Some(place(WIDE[reference].0)),
+            ..source(place(WIDE[state].0), 1.0)
+        });
+        let wide = WIDE
+            .iter()
+            .map(|(name, factor)| source(place(name), *factor))
+            .chain(errors)
+            .collect();
         Self {
             rotor_count: header.rotor_count,
             wide: Envelope::new(wide, time, rows, WIDE_BUCKETS),
@@ -334,7 +370,11 @@ impl Plots {
             residual_means: Means::new(residuals, time, rows, MEAN_BUCKETS),
             duty: Means::new(duty, time, rows, MEAN_BUCKETS),
             verdicts: Evaluator::ALL
-                .map(|evaluator| Verdicts { place: place(evaluator.column()), open: 0, seen: Vec::new() })
+                .map(|evaluator| Verdicts {
+                    place: place(evaluator.column()),
+                    open: 0,
+                    seen: Vec::new(),
+                })
                 .into(),
             healthy: Sample::default(),
             faulty: Sample::default(),
@@ -401,13 +441,17 @@ impl Plots {
         let next = match &self.stage {
             Stage::Healthy { .. } if label as i32 != HEALTHY => {
                 self.second_residual = label as i32 == 1;
-                Some(Stage::Faulty { from_s: time + SETTLE_S, label, conditions: conditions().collect() })
+                Some(Stage::Faulty {
+                    from_s: time + SETTLE_S,
+                    label,
+                    conditions: conditions().collect(),
+                })
             }
-            Stage::Faulty { label: before, conditions: old, .. }
-                if *before != label || !conditions().eq(old.iter().copied()) =>
-            {
-                Some(Stage::Over)
-            }
+            Stage::Faulty {
+                label: before,
+                conditions: old,
+                ..
+            } if *before != label || !conditions().eq(old.iter().copied()) => Some(Stage::Over),
             _ => None,
         };
         if let Some(next) = next {
@@ -419,7 +463,8 @@ impl Plots {
             _ => return,
         };
         // A vehicle has at least four rotors wherever residuals exist; a made-up one with a single rotor repeats its first.
-        let value = |at: usize| chunk.columns[self.residual_place + if at < 3 * self.rotor_count { at } else { at - 3 }][row];
+        let value =
+            |at: usize| chunk.columns[self.residual_place + if at < 3 * self.rotor_count { at } else { at - 3 }][row];
         sample.push([0, 1, 2, 3, 4, 5].map(value));
     }
 }
@@ -490,11 +535,19 @@ mod tests {
         for name in ["fault_label", "verdict_t_test", "verdict_sequential", "verdict_network"] {
             data[column(&columns, name)] = vec![0.0; rows];
         }
-        Chunk { first_row: 0, len: rows, columns: data }
+        Chunk {
+            first_row: 0,
+            len: rows,
+            columns: data,
+        }
     }
 
     fn header() -> SpoolHeader {
-        SpoolHeader { rotor_count: 6, step_ns: 2_500_000, ..SpoolHeader::default() }
+        SpoolHeader {
+            rotor_count: 6,
+            step_ns: 2_500_000,
+            ..SpoolHeader::default()
+        }
     }
 
     #[test]
@@ -510,10 +563,16 @@ mod tests {
                 assert_eq!(values.len(), plots.wide.times.len());
             }
             let north = &plots.wide.values[0];
-            let at = north.iter().position(|value| *value == 9.0).expect("the spike is drawn");
+            let at = north
+                .iter()
+                .position(|value| *value == 9.0)
+                .expect("the spike is drawn");
             let bucket_s = (rows as f64 / 1950.0).ceil().max(1.0) * 0.0025;
             assert!((f64::from(plots.wide.times[at]) - spike as f64 * 0.0025).abs() <= bucket_s);
-            assert!(plots.wide.times.windows(2).all(|pair| pair[0] < pair[1]), "time does not increase");
+            assert!(
+                plots.wide.times.windows(2).all(|pair| pair[0] < pair[1]),
+                "time does not increase"
+            );
         }
     }
 
@@ -548,7 +607,12 @@ mod tests {
     #[test]
     fn val_normal_cdf_against_tables() {
         // NIST handbook, table of the standard normal distribution.
-        for (z, expected) in [(0.0, 0.5), (1.0, 0.841_344_746_068_543), (-1.96, 0.024_997_895_148_220), (3.5, 0.999_767_370_920_964)] {
+        for (z, expected) in [
+            (0.0, 0.5),
+            (1.0, 0.841_344_746_068_543),
+            (-1.96, 0.024_997_895_148_220),
+            (3.5, 0.999_767_370_920_964),
+        ] {
             const TOLERANCE: f64 = 1e-12;
             assert!((normal_cdf(z) - expected).abs() < TOLERANCE, "{z}");
         }
@@ -564,7 +628,11 @@ mod tests {
                 let (mut low, mut high) = (-5.0, 5.0);
                 for _ in 0..60 {
                     let middle = (low + high) / 2.0;
-                    if normal_cdf(middle) < p { low = middle } else { high = middle }
+                    if normal_cdf(middle) < p {
+                        low = middle
+                    } else {
+                        high = middle
+                    }
                 }
                 2.0 + 0.5 * low
             })
@@ -574,7 +642,10 @@ mod tests {
         const TOLERANCE: f64 = 1e-3;
         assert!((line.reference[0] - 2.0).abs() < TOLERANCE && (line.reference[1] - 0.5).abs() < TOLERANCE);
         for (z, value) in grid.iter().zip(&line.quantiles).filter(|(z, _)| z.abs() < 3.0) {
-            assert!((f64::from(*value) - (2.0 + 0.5 * z)).abs() < 5.0 * TOLERANCE, "{z} {value}");
+            assert!(
+                (f64::from(*value) - (2.0 + 0.5 * z)).abs() < 5.0 * TOLERANCE,
+                "{z} {value}"
+            );
         }
         assert!(normal_line(&samples[..7], &grid).is_none());
     }

@@ -5,7 +5,7 @@
 //!
 //! The looks stand in `assets/report.css`, the drawing in `assets/report.js`, the frame in `assets/report.html`.
 
-use crate::plots::{Plots, Sample, normal_grid, normal_line};
+use crate::plots::{Plots, Sample, normal_grid, normal_line, scale_from_s};
 use crate::run_folder::{FIGURES_FOLDER, MCAP_FILE, SUMMARY_FILE, TELEMETRY_FILE};
 use crate::summary::{Evaluator, Interval, Score, Status, Summary, verdict_text};
 use crate::telemetry::HEALTHY;
@@ -150,7 +150,7 @@ fn ending(html: &mut String, summary: &Summary) {
             put!(
                 html,
                 "<div class=\"box failed\"><h2>This run failed</h2><p>{}</p><dl><div><dt>peer</dt><dd>{}</dd></div>\
-                 <div><dt>at step</dt><dd class=\"num\">{}</dd></div>",
+                 <div><dt>last complete step</dt><dd class=\"num\">{}</dd></div>",
                 escape(&failure.sentence),
                 escape(&failure.peer),
                 grouped(failure.step),
@@ -165,7 +165,9 @@ fn ending(html: &mut String, summary: &Summary) {
             html.push_str("</dl></div>");
         }
         (Status::Failed, None) => {
-            html.push_str("<div class=\"box failed\"><h2>This run failed</h2><p>The reason was not recorded.</p></div>");
+            html.push_str(
+                "<div class=\"box failed\"><h2>This run failed</h2><p>The reason was not recorded.</p></div>",
+            );
         }
         (Status::Canceled, _) => put!(
             html,
@@ -187,17 +189,40 @@ fn tiles(html: &mut String, summary: &Summary) {
     html.push_str("<div class=\"tiles\">");
     let mut steps = plural(summary.steps, "step", "steps");
     if summary.steps > 0 {
-        put!(steps, " of {} ms", short(1e3 * summary.simulated_s / summary.steps as f64));
+        put!(
+            steps,
+            " of {} ms",
+            short(1e3 * summary.simulated_s / summary.steps as f64)
+        );
     }
-    tile(html, "simulated", &format!("{} <small>s</small>", short(summary.simulated_s)), &steps);
+    tile(
+        html,
+        "simulated",
+        &format!("{} <small>s</small>", short(summary.simulated_s)),
+        &steps,
+    );
     if summary.wall_s > 0.0 && summary.steps > 0 {
         let ratio = summary.simulated_s / summary.wall_s;
-        let more = format!("{} steps/s, {} × real time", grouped(summary.steps_per_s.round() as u64), short(ratio));
-        tile(html, "wall time", &format!("{} <small>s</small>", short(summary.wall_s)), &more);
+        let more = format!(
+            "{} steps/s, {} × real time",
+            grouped(summary.steps_per_s.round() as u64),
+            short(ratio)
+        );
+        tile(
+            html,
+            "wall time",
+            &format!("{} <small>s</small>", short(summary.wall_s)),
+            &more,
+        );
     }
     if let Some(tracking) = &summary.tracking {
         let value = format!("{} <small>m rms</small>", short(tracking.position_rms_m));
-        tile(html, "position error", &value, &format!("at most {} m", short(tracking.position_max_m)));
+        tile(
+            html,
+            "position error",
+            &value,
+            &format!("at most {} m", short(tracking.position_max_m)),
+        );
     }
     if let Some(battery) = &summary.battery {
         let value = format!(
@@ -223,14 +248,27 @@ fn tiles(html: &mut String, summary: &Summary) {
 
 /// What an evaluator achieved, in a clause.
 fn achievement(summary: &Summary, evaluator: Evaluator) -> String {
-    let faults: Vec<&Interval> = summary.intervals.iter().filter(|interval| interval.fault_label > HEALTHY).collect();
+    let faults: Vec<&Interval> = summary
+        .intervals
+        .iter()
+        .filter(|interval| interval.fault_label > HEALTHY)
+        .collect();
     let alarms = summary.false_alarm_events(evaluator);
-    let alarms = if alarms == 0 { "no false alarm".to_owned() } else { plural(alarms, "false alarm", "false alarms") };
+    let alarms = if alarms == 0 {
+        "no false alarm".to_owned()
+    } else {
+        plural(alarms, "false alarm", "false alarms")
+    };
     if faults.is_empty() {
         return format!("<b>{}</b>: {alarms}", evaluator.title());
     }
-    let isolated = faults.iter().filter(|interval| interval.scores.of(evaluator).isolated_after_s.is_some()).count();
-    let first = faults.iter().find_map(|interval| interval.scores.of(evaluator).isolated_after_s);
+    let isolated = faults
+        .iter()
+        .filter(|interval| interval.scores.of(evaluator).isolated_after_s.is_some())
+        .count();
+    let first = faults
+        .iter()
+        .find_map(|interval| interval.scores.of(evaluator).isolated_after_s);
     let delay = first.map_or_else(String::new, |delay| format!(", first after {delay:.2} s"));
     format!(
         "<b>{}</b>: right rotor named in {isolated} of {}{delay}; {alarms}",
@@ -267,7 +305,12 @@ fn verdict_table(html: &mut String, summary: &Summary) {
         );
         for evaluator in Evaluator::ALL {
             let absent = summary.is_absent(evaluator);
-            html.push_str(&verdict_cell(interval, interval.scores.of(evaluator), absent, evaluator));
+            html.push_str(&verdict_cell(
+                interval,
+                interval.scores.of(evaluator),
+                absent,
+                evaluator,
+            ));
         }
         html.push_str("</tr>");
     }
@@ -288,11 +331,19 @@ fn seconds(time: f64) -> String {
 
 fn verdict_cell(interval: &Interval, score: &Score, absent: bool, evaluator: Evaluator) -> String {
     if absent {
-        let why = if evaluator == Evaluator::Network { "no network loaded" } else { "never ready" };
+        let why = if evaluator == Evaluator::Network {
+            "no network loaded"
+        } else {
+            "never ready"
+        };
         return format!("<td class=\"verdict\"><span class=\"muted\">{why}</span></td>");
     }
     let Some(share) = score.share_right else {
-        let why = if interval.windows == 0 { "no window ended here" } else { "calibrating" };
+        let why = if interval.windows == 0 {
+            "no window ended here"
+        } else {
+            "calibrating"
+        };
         return format!("<td class=\"verdict\"><span class=\"muted\">{why}</span></td>");
     };
     let healthy = interval.fault_label == HEALTHY;
@@ -316,7 +367,14 @@ fn verdict_cell(interval: &Interval, score: &Score, absent: bool, evaluator: Eva
     )];
     for (count, what) in [
         (if healthy { 0 } else { score.healthy }, "healthy"),
-        (if interval.expected_verdict == crate::telemetry::UNKNOWN { 0 } else { score.unknown }, "unknown"),
+        (
+            if interval.expected_verdict == crate::telemetry::UNKNOWN {
+                0
+            } else {
+                score.unknown
+            },
+            "unknown",
+        ),
         (score.other_rotor, if healthy { "named a rotor" } else { "other rotor" }),
         (score.not_ready, "calibrating"),
     ] {
@@ -389,7 +447,7 @@ fn figures(html: &mut String, summary: &Summary) {
         "Residuals",
         "paper, Fig. 12",
         "r<sub>i</sub> in N·m·s: by design, r<sub>i</sub> does not see a fault of rotor i. Thin: every sample, as highest and lowest \
-         values; thick: mean. One scale per column.",
+         values; thick: mean. One scale per column, set by what comes after the first two seconds.",
         "<div class=\"grid3\" id=\"figure-residuals\"></div>",
     );
     residual_table(html, summary);
@@ -444,8 +502,17 @@ fn residual_table(html: &mut String, summary: &Summary) {
                 html.push_str("<tr><td></td><td></td>");
             }
             put!(html, "<td class=\"l\">{name}</td>");
-            for (mean, deviation) in interval.residual_means_nms.iter().zip(&interval.residual_deviations_nms) {
-                put!(html, "<td>{:.1} ± {:.1}</td>", 1e3 * mean[component], 1e3 * deviation[component]);
+            for (mean, deviation) in interval
+                .residual_means_nms
+                .iter()
+                .zip(&interval.residual_deviations_nms)
+            {
+                put!(
+                    html,
+                    "<td>{:.1} ± {:.1}</td>",
+                    1e3 * mean[component],
+                    1e3 * deviation[component]
+                );
             }
             html.push_str("</tr>");
         }
@@ -464,7 +531,11 @@ fn footer(html: &mut String, summary: &Summary) {
         ("program", &summary.program_version),
     ] {
         if !value.is_empty() {
-            let class = if name.contains("hash") || name == "vehicle model" { " class=\"mono\"" } else { "" };
+            let class = if name.contains("hash") || name == "vehicle model" {
+                " class=\"mono\""
+            } else {
+                ""
+            };
             put!(html, "<dt>{name}</dt><dd{class}>{}</dd>", escape(value));
         }
     }
@@ -520,7 +591,11 @@ fn payload(summary: &Summary, plots: Option<&Plots>) -> Value {
                 (true, Evaluator::Network) => json!("No network was loaded in this run."),
                 (true, _) => json!("It gave no verdict: the run ended before it was calibrated."),
             };
-            let seen: Vec<Value> = verdicts.seen.iter().map(|seen| json!([seen.start_s, seen.end_s, seen.codes])).collect();
+            let seen: Vec<Value> = verdicts
+                .seen
+                .iter()
+                .map(|seen| json!([seen.start_s, seen.end_s, seen.codes]))
+                .collect();
             json!({ "title": evaluator.title(), "absent": absent, "seen": seen })
         })
         .collect();
@@ -530,6 +605,7 @@ fn payload(summary: &Summary, plots: Option<&Plots>) -> Value {
         "intervals": summary.intervals.iter().map(interval_payload).collect::<Vec<_>>(),
         "time": base64(&plots.wide.times),
         "wide": many(&plots.wide.values),
+        "scale_from": scale_from_s(plots.end_s),
         "residual_time": base64(&plots.residuals.times),
         "residuals": many(&plots.residuals.values),
         "mean_time": base64(&plots.residual_means.times),
@@ -541,7 +617,11 @@ fn payload(summary: &Summary, plots: Option<&Plots>) -> Value {
 }
 
 fn interval_payload(interval: &Interval) -> Value {
-    let mut text = if interval.fault_label == HEALTHY { String::new() } else { interval.description.clone() };
+    let mut text = if interval.fault_label == HEALTHY {
+        String::new()
+    } else {
+        interval.description.clone()
+    };
     for fault in &interval.sensor_faults {
         if !text.is_empty() {
             text.push_str(", ");
@@ -571,10 +651,15 @@ fn normal_payload(summary: &Summary, plots: &Plots) -> Value {
             .collect();
         lines.map(|lines| json!({ "title": title, "lines": lines }))
     };
-    let first_fault = summary.intervals.iter().find(|interval| interval.fault_label != HEALTHY);
+    let first_fault = summary
+        .intervals
+        .iter()
+        .find(|interval| interval.fault_label != HEALTHY);
     let fault = first_fault.map_or_else(String::new, |interval| interval.description.clone());
-    let panels: Vec<Value> =
-        [panel("healthy".to_owned(), &plots.healthy), panel(fault, &plots.faulty)].into_iter().flatten().collect();
+    let panels: Vec<Value> = [panel("healthy".to_owned(), &plots.healthy), panel(fault, &plots.faulty)]
+        .into_iter()
+        .flatten()
+        .collect();
     if panels.is_empty() {
         return Value::Null;
     }

@@ -51,7 +51,9 @@ impl RunFolder {
         let created = match std::fs::read_dir(path) {
             Ok(mut entries) => {
                 if entries.next().is_some() {
-                    return Err(StoreError::FolderNotEmpty { path: path.to_path_buf() });
+                    return Err(StoreError::FolderNotEmpty {
+                        path: path.to_path_buf(),
+                    });
                 }
                 false
             }
@@ -60,19 +62,29 @@ impl RunFolder {
                 true
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
-                return Err(StoreError::NotAFolder { path: path.to_path_buf() });
+                return Err(StoreError::NotAFolder {
+                    path: path.to_path_buf(),
+                });
             }
             Err(error) => return Err(io(path, "cannot read the folder of the run")(error)),
         };
-        Ok(Self { path: path.to_path_buf(), created })
+        Ok(Self {
+            path: path.to_path_buf(),
+            created,
+        })
     }
 
     /// A folder that somebody else made for this run, e.g. the supervisor of the process that flies it.
     pub fn open(path: &Path) -> Result<Self> {
         if !path.is_dir() {
-            return Err(StoreError::NotAFolder { path: path.to_path_buf() });
+            return Err(StoreError::NotAFolder {
+                path: path.to_path_buf(),
+            });
         }
-        Ok(Self { path: path.to_path_buf(), created: false })
+        Ok(Self {
+            path: path.to_path_buf(),
+            created: false,
+        })
     }
 
     /// The folder.
@@ -128,7 +140,9 @@ pub fn finalise(folder: &RunFolder, mut summary: Summary, descriptor: &[u8]) -> 
     let path = folder.path();
     summary.schema_version = SUMMARY_VERSION;
     if summary.run.is_empty() {
-        summary.run = path.file_name().map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned());
+        summary.run = path
+            .file_name()
+            .map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned());
     }
     let spool_path = folder.spool_path();
     let (mut telemetry, mut mcap) = (None, None);
@@ -141,13 +155,29 @@ pub fn finalise(folder: &RunFolder, mut summary: Summary, descriptor: &[u8]) -> 
         summary.conditions = header.conditions.clone();
         summary.steps = spool.rows();
         summary.simulated_s = spool.rows() as f64 * header.step_ns as f64 / 1e9;
-        summary.steps_per_s = if summary.wall_s > 0.0 { spool.rows() as f64 / summary.wall_s } else { 0.0 };
+        summary.steps_per_s = if summary.wall_s > 0.0 {
+            spool.rows() as f64 / summary.wall_s
+        } else {
+            0.0
+        };
 
         let parquet_file = PartFile::create(path, TELEMETRY_FILE)?;
         let mcap_file = PartFile::create(path, MCAP_FILE)?;
-        let mut parquet_sink = ParquetSink::new(parquet_file.writer()?, &parquet_file.target, &header, &columns, &summary)?;
-        let mut mcap_sink =
-            McapSink::new(mcap_file.writer()?, &mcap_file.target, &header, &columns, &summary, descriptor)?;
+        let mut parquet_sink = ParquetSink::new(
+            parquet_file.writer()?,
+            &parquet_file.target,
+            &header,
+            &columns,
+            &summary,
+        )?;
+        let mut mcap_sink = McapSink::new(
+            mcap_file.writer()?,
+            &mcap_file.target,
+            &header,
+            &columns,
+            &summary,
+            descriptor,
+        )?;
         let mut analysis = Analysis::new(&header, &columns);
         let mut drawn = Plots::new(&header, &columns, spool.rows());
         spool.for_each_chunk(|chunk| {
@@ -158,7 +188,11 @@ pub fn finalise(folder: &RunFolder, mut summary: Summary, descriptor: &[u8]) -> 
         })?;
         parquet_file.keep(parquet_sink.finish()?)?;
         mcap_file.keep(mcap_sink.finish()?)?;
-        let Findings { tracking, battery, intervals } = analysis.finish();
+        let Findings {
+            tracking,
+            battery,
+            intervals,
+        } = analysis.finish();
         summary.tracking = tracking;
         summary.battery = battery;
         summary.intervals = intervals;
@@ -180,19 +214,31 @@ pub fn finalise(folder: &RunFolder, mut summary: Summary, descriptor: &[u8]) -> 
         }
         _ => {}
     }
-    Ok(Outputs { summary, telemetry, mcap, report, summary_file, figures })
+    Ok(Outputs {
+        summary,
+        telemetry,
+        mcap,
+        report,
+        summary_file,
+        figures,
+    })
 }
 
 fn write_figures(path: &Path, plots: &Plots, summary: &Summary) -> Result<Vec<PathBuf>> {
     let folder = path.join(FIGURES_FOLDER);
     std::fs::create_dir_all(&folder).map_err(io(&folder, "cannot create the folder of the figures"))?;
-    figures::render(plots, summary).into_iter().map(|(name, svg)| write_text(&folder, &name, &svg)).collect()
+    figures::render(plots, summary)
+        .into_iter()
+        .map(|(name, svg)| write_text(&folder, &name, &svg))
+        .collect()
 }
 
 fn write_text(folder: &Path, name: &str, text: &str) -> Result<PathBuf> {
     let part = PartFile::create(folder, name)?;
     let mut writer = part.writer()?;
-    writer.write_all(text.as_bytes()).map_err(io(&part.target, "cannot write the file"))?;
+    writer
+        .write_all(text.as_bytes())
+        .map_err(io(&part.target, "cannot write the file"))?;
     let target = part.target.clone();
     part.keep(writer)?;
     Ok(target)
@@ -209,11 +255,18 @@ impl PartFile {
     fn create(folder: &Path, name: &str) -> Result<Self> {
         let part = folder.join(format!(".{name}.part"));
         File::create(&part).map_err(io(&part, "cannot create the file"))?;
-        Ok(Self { part, target: folder.join(name), kept: false })
+        Ok(Self {
+            part,
+            target: folder.join(name),
+            kept: false,
+        })
     }
 
     fn writer(&self) -> Result<BufWriter<File>> {
-        let file = File::options().write(true).open(&self.part).map_err(io(&self.part, "cannot open the file"))?;
+        let file = File::options()
+            .write(true)
+            .open(&self.part)
+            .map_err(io(&self.part, "cannot open the file"))?;
         Ok(BufWriter::with_capacity(1 << 18, file))
     }
 

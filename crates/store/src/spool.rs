@@ -73,12 +73,17 @@ impl SpoolWriter {
     /// A new spool at `path`; an existing file is refused.
     pub fn create(path: &Path, header: &SpoolHeader) -> Result<Self> {
         if header.rotor_count == 0 || header.rotor_count > MAX_ROTORS {
-            return Err(StoreError::RotorCount { count: header.rotor_count });
+            return Err(StoreError::RotorCount {
+                count: header.rotor_count,
+            });
         }
         let columns = telemetry_columns(header.rotor_count);
         let row_bytes = row_bytes(&columns);
-        let json = serde_json::to_vec(&FileHeader { run: header.clone(), columns })
-            .expect("a header of strings and integers is JSON");
+        let json = serde_json::to_vec(&FileHeader {
+            run: header.clone(),
+            columns,
+        })
+        .expect("a header of strings and integers is JSON");
         let mut file = File::create_new(path).map_err(io(path, "cannot create the spool"))?;
         let mut start = Vec::with_capacity(PREFIX_BYTES + json.len());
         start.extend_from_slice(&MAGIC);
@@ -105,7 +110,10 @@ impl SpoolWriter {
         if self.filled == self.buffer.len() {
             self.flush()?;
         }
-        row.encode(self.rotor_count, &mut self.buffer[self.filled..self.filled + self.row_bytes]);
+        row.encode(
+            self.rotor_count,
+            &mut self.buffer[self.filled..self.filled + self.row_bytes],
+        );
         self.filled += self.row_bytes;
         self.rows += 1;
         Ok(())
@@ -168,7 +176,10 @@ pub struct SpoolReader {
 impl SpoolReader {
     /// Opens a spool; rows appended after this are not seen.
     pub fn open(path: &Path) -> Result<Self> {
-        let bad = |reason: String| StoreError::NotASpool { path: path.to_path_buf(), reason };
+        let bad = |reason: String| StoreError::NotASpool {
+            path: path.to_path_buf(),
+            reason,
+        };
         let mut file = File::open(path).map_err(io(path, "cannot open the spool"))?;
         let mut prefix = [0; PREFIX_BYTES];
         file.read_exact(&mut prefix)
@@ -178,24 +189,41 @@ impl SpoolReader {
             return Err(bad("it does not begin with RTSPOOL1".to_owned()));
         }
         if word(8) != VERSION {
-            return Err(bad(format!("format version {}; this program reads version {VERSION}", word(8))));
+            return Err(bad(format!(
+                "format version {}; this program reads version {VERSION}",
+                word(8)
+            )));
         }
         let header_len = word(12) as usize;
         if header_len > HEADER_LIMIT {
             return Err(bad(format!("its header claims {header_len} bytes")));
         }
         let mut json = vec![0; header_len];
-        file.read_exact(&mut json).map_err(|error| bad(format!("it ends within its header ({error})")))?;
+        file.read_exact(&mut json)
+            .map_err(|error| bad(format!("it ends within its header ({error})")))?;
         let FileHeader { run: header, columns } =
             serde_json::from_slice(&json).map_err(|error| bad(format!("its header is damaged ({error})")))?;
         if header.rotor_count > MAX_ROTORS || columns != telemetry_columns(header.rotor_count) {
-            return Err(bad("its columns are not those of this version of the program".to_owned()));
+            return Err(bad(
+                "its columns are not those of this version of the program".to_owned()
+            ));
         }
         let row_bytes = row_bytes(&columns);
         let first_row_at = (PREFIX_BYTES + header_len) as u64;
-        let length = file.metadata().map_err(io(path, "cannot read the size of the spool"))?.len();
+        let length = file
+            .metadata()
+            .map_err(io(path, "cannot read the size of the spool"))?
+            .len();
         let rows = length.saturating_sub(first_row_at) / row_bytes as u64;
-        Ok(Self { file, path: path.to_path_buf(), header, columns, row_bytes, first_row_at, rows })
+        Ok(Self {
+            file,
+            path: path.to_path_buf(),
+            header,
+            columns,
+            row_bytes,
+            first_row_at,
+            rows,
+        })
     }
 
     /// What the spool says about itself.
@@ -215,14 +243,22 @@ impl SpoolReader {
 
     /// Hands all rows to `take`, in order, in chunks of bounded size; not called if there is no row.
     pub fn for_each_chunk(&mut self, mut take: impl FnMut(&Chunk) -> Result<()>) -> Result<()> {
-        self.file.seek(SeekFrom::Start(self.first_row_at)).map_err(io(&self.path, "cannot read the spool"))?;
+        self.file
+            .seek(SeekFrom::Start(self.first_row_at))
+            .map_err(io(&self.path, "cannot read the spool"))?;
         let most = CHUNK_ROWS.min(usize::try_from(self.rows).unwrap_or(CHUNK_ROWS));
         let mut bytes = vec![0; most * self.row_bytes];
-        let mut chunk = Chunk { first_row: 0, len: 0, columns: vec![Vec::with_capacity(most); self.columns.len()] };
+        let mut chunk = Chunk {
+            first_row: 0,
+            len: 0,
+            columns: vec![Vec::with_capacity(most); self.columns.len()],
+        };
         while chunk.first_row < self.rows {
             chunk.len = most.min(usize::try_from(self.rows - chunk.first_row).unwrap_or(most));
             let bytes = &mut bytes[..chunk.len * self.row_bytes];
-            self.file.read_exact(bytes).map_err(io(&self.path, "cannot read the spool"))?;
+            self.file
+                .read_exact(bytes)
+                .map_err(io(&self.path, "cannot read the spool"))?;
             transpose(bytes, self.row_bytes, &self.columns, &mut chunk.columns);
             take(&chunk)?;
             chunk.first_row += chunk.len as u64;
@@ -261,7 +297,11 @@ mod tests {
     use crate::synthetic;
 
     fn header() -> SpoolHeader {
-        SpoolHeader { rotor_count: 6, step_ns: 2_500_000, ..SpoolHeader::default() }
+        SpoolHeader {
+            rotor_count: 6,
+            step_ns: 2_500_000,
+            ..SpoolHeader::default()
+        }
     }
 
     fn write(path: &Path, rows: u64) {
@@ -316,7 +356,12 @@ mod tests {
         let path = folder.path().join("spool");
         write(&path, 10);
         let length = std::fs::metadata(&path).unwrap().len();
-        File::options().write(true).open(&path).unwrap().set_len(length - 1).unwrap();
+        File::options()
+            .write(true)
+            .open(&path)
+            .unwrap()
+            .set_len(length - 1)
+            .unwrap();
         assert_rows(&path, 9);
     }
 
@@ -350,7 +395,13 @@ mod tests {
             assert!(message.contains(reason), "{message}");
         }
         assert!(matches!(
-            SpoolWriter::create(&folder.path().join("n"), &SpoolHeader { rotor_count: 17, ..header() }),
+            SpoolWriter::create(
+                &folder.path().join("n"),
+                &SpoolHeader {
+                    rotor_count: 17,
+                    ..header()
+                }
+            ),
             Err(StoreError::RotorCount { count: 17 })
         ));
     }

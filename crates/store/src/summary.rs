@@ -31,7 +31,10 @@ fn triple<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<[f6
 /// As [`number`], for a table.
 fn table<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<[f64; 3]>, D::Error> {
     let rows: Vec<[Option<f64>; 3]> = Deserialize::deserialize(deserializer)?;
-    Ok(rows.into_iter().map(|row| row.map(|value| value.unwrap_or(f64::NAN))).collect())
+    Ok(rows
+        .into_iter()
+        .map(|row| row.map(|value| value.unwrap_or(f64::NAN)))
+        .collect())
 }
 
 /// How a run ended.
@@ -63,7 +66,7 @@ impl Status {
 pub struct Failure {
     /// Who failed: `controller`, `fdi`, `plant`, or the program itself.
     pub peer: String,
-    /// Step at which it failed: the first one that is not complete.
+    /// Last step that was complete; 0 also if there is none.
     pub step: u64,
     /// How long the peer had been silent in wall time, ms; 0 if it did not fail by silence.
     pub silence_ms: u64,
@@ -189,8 +192,8 @@ pub struct Score {
     pub unknown: u64,
     /// Windows that name a rotor that is not the one faulty rotor.
     pub other_rotor: u64,
-    /// From the start of the interval to the end of the first window with the right verdict, s; absent if there is none, and in
-    /// intervals without a fault.
+    /// From the start of the interval to the end of the last step of the first window with the right verdict, s; absent if there
+    /// is none, and in intervals without a fault.
     pub isolated_after_s: Option<f64>,
     /// Windows with a fault verdict although no rotor is faulty.
     pub false_alarm_windows: u64,
@@ -326,12 +329,17 @@ pub struct Summary {
 impl Summary {
     /// False alarms (events) of one evaluator over the whole run.
     pub fn false_alarm_events(&self, evaluator: Evaluator) -> u64 {
-        self.intervals.iter().map(|interval| interval.scores.of(evaluator).false_alarm_events).sum()
+        self.intervals
+            .iter()
+            .map(|interval| interval.scores.of(evaluator).false_alarm_events)
+            .sum()
     }
 
     /// True if the evaluator never gave a verdict, e.g. because no network is loaded.
     pub fn is_absent(&self, evaluator: Evaluator) -> bool {
-        self.intervals.iter().all(|interval| interval.scores.of(evaluator).not_ready == interval.windows)
+        self.intervals
+            .iter()
+            .all(|interval| interval.scores.of(evaluator).not_ready == interval.windows)
     }
 
     /// As it stands in the file.
@@ -355,25 +363,41 @@ pub fn verdict_text(code: i32) -> String {
 /// Reads the summary of a run: `path` is its folder or the file itself.
 pub fn load_summary(path: &Path) -> Result<Summary> {
     let is_folder = path.is_dir();
-    let file = if is_folder { path.join(SUMMARY_FILE) } else { path.to_path_buf() };
+    let file = if is_folder {
+        path.join(SUMMARY_FILE)
+    } else {
+        path.to_path_buf()
+    };
     let text = match std::fs::read_to_string(&file) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             let interrupted = is_folder && path.join(crate::run_folder::SPOOL_FILE).exists();
             return Err(if interrupted {
-                StoreError::Interrupted { path: path.to_path_buf() }
+                StoreError::Interrupted {
+                    path: path.to_path_buf(),
+                }
             } else {
-                StoreError::NoRun { path: path.to_path_buf(), expected: SUMMARY_FILE }
+                StoreError::NoRun {
+                    path: path.to_path_buf(),
+                    expected: SUMMARY_FILE,
+                }
             });
         }
         other => other.map_err(io(&file, "cannot read the summary"))?,
     };
-    let bad = |source| StoreError::Summary { path: file.clone(), source };
+    let bad = |source| StoreError::Summary {
+        path: file.clone(),
+        source,
+    };
     // The version first: a summary of another format would otherwise be reported as a missing field.
     let value: serde_json::Value = serde_json::from_str(&text).map_err(bad)?;
     if let Some(found) = value.get("schema_version").and_then(serde_json::Value::as_u64)
         && found != u64::from(SUMMARY_VERSION)
     {
-        return Err(StoreError::SummaryVersion { path: file, found, expected: SUMMARY_VERSION });
+        return Err(StoreError::SummaryVersion {
+            path: file,
+            found,
+            expected: SUMMARY_VERSION,
+        });
     }
     serde_json::from_value(value).map_err(bad)
 }
@@ -389,9 +413,18 @@ mod tests {
             schema_version: SUMMARY_VERSION,
             seed: u64::MAX,
             status: Status::Failed,
-            failure: Some(Failure { peer: "fdi".into(), step: 7, silence_ms: 900, sentence: "fdi fell silent".into() }),
+            failure: Some(Failure {
+                peer: "fdi".into(),
+                step: 7,
+                silence_ms: 900,
+                sentence: "fdi fell silent".into(),
+            }),
             conditions: BTreeMap::from([(1, "blade b".to_owned())]),
-            intervals: vec![Interval { start_s: 0.1, residual_means_nms: vec![[0.1, 0.2, 0.3]; 6], ..Interval::default() }],
+            intervals: vec![Interval {
+                start_s: 0.1,
+                residual_means_nms: vec![[0.1, 0.2, 0.3]; 6],
+                ..Interval::default()
+            }],
             ..Summary::default()
         };
         std::fs::write(folder.path().join(SUMMARY_FILE), summary.to_json()).unwrap();
@@ -407,7 +440,10 @@ mod tests {
             residual_means_nms: vec![[f64::NAN, 1.0, 2.0]],
             ..Interval::default()
         };
-        let tracking = Tracking { position_rms_ned_m: [f64::NAN, 1.0, 2.0], ..Tracking::default() };
+        let tracking = Tracking {
+            position_rms_ned_m: [f64::NAN, 1.0, 2.0],
+            ..Tracking::default()
+        };
         let summary = Summary {
             schema_version: SUMMARY_VERSION,
             tracking: Some(tracking),

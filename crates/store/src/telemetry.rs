@@ -162,7 +162,13 @@ pub(crate) struct Label {
 /// A column that exists once.
 #[inline(always)]
 const fn one(name: &'static str, unit: &'static str, description: &'static str) -> Label {
-    Label { head: name, rotor: None, tail: "", unit, description }
+    Label {
+        head: name,
+        rotor: None,
+        tail: "",
+        unit,
+        description,
+    }
 }
 
 /// A column that exists for each rotor; `rotor` from 0.
@@ -174,7 +180,13 @@ const fn of(
     unit: &'static str,
     description: &'static str,
 ) -> Label {
-    Label { head, rotor: Some(rotor), tail, unit, description }
+    Label {
+        head,
+        rotor: Some(rotor),
+        tail,
+        unit,
+        description,
+    }
 }
 
 /// Takes the columns of a row in their order.
@@ -194,7 +206,12 @@ impl Schema {
             Some(rotor) => format!("{}{}{}", label.head, rotor + 1, label.tail),
             None => label.head.to_owned(),
         };
-        self.0.push(Column { name, unit: label.unit.to_owned(), kind, description: label.description.to_owned() });
+        self.0.push(Column {
+            name,
+            unit: label.unit.to_owned(),
+            kind,
+            description: label.description.to_owned(),
+        });
     }
 }
 
@@ -286,7 +303,10 @@ impl TelemetryRow {
         let rotors = 0..rotor_count;
         let truth = &self.truth;
 
-        sink.f64(one("time_s", "s", "Simulated time at the start of the step"), self.sim_time_ns as f64 / 1e9);
+        sink.f64(
+            one("time_s", "s", "Simulated time at the start of the step"),
+            self.sim_time_ns as f64 / 1e9,
+        );
         sink.u64(one("step", "1", "Step number, from 0"), self.step);
 
         let [north, east, down] = self.position_ned_m;
@@ -300,17 +320,30 @@ impl TelemetryRow {
         let [roll, pitch, yaw] = self.attitude_rad;
         sink.f32(one("roll_rad", "rad", "Sensed roll (ZYX Euler angles)"), roll);
         sink.f32(one("pitch_rad", "rad", "Sensed pitch"), pitch);
-        sink.f32(one("yaw_rad", "rad", "Sensed yaw, clockwise from north seen from above"), yaw);
+        sink.f32(
+            one("yaw_rad", "rad", "Sensed yaw, clockwise from north seen from above"),
+            yaw,
+        );
         let [p, q, r] = self.body_rates_rad_s;
         sink.f32(one("roll_rate_rad_s", "rad/s", "Sensed body rate p"), p);
         sink.f32(one("pitch_rate_rad_s", "rad/s", "Sensed body rate q"), q);
         sink.f32(one("yaw_rate_rad_s", "rad/s", "Sensed body rate r"), r);
         for i in rotors.clone() {
-            sink.f32(of("duty_", i, "", "1", "Commanded duty cycle held over the step, 0 to 1"), self.duty[i]);
+            sink.f32(
+                of("duty_", i, "", "1", "Commanded duty cycle held over the step, 0 to 1"),
+                self.duty[i],
+            );
         }
-        sink.f32(one("battery_voltage_v", "V", "Measured voltage at the battery's terminals"), self.battery_voltage_v);
+        sink.f32(
+            one("battery_voltage_v", "V", "Measured voltage at the battery's terminals"),
+            self.battery_voltage_v,
+        );
         sink.f64(
-            one("battery_current_a", "A", "Current at the battery's terminals, discharge > 0"),
+            one(
+                "battery_current_a",
+                "A",
+                "Current at the battery's terminals, discharge > 0",
+            ),
             self.battery_current_a,
         );
 
@@ -319,9 +352,18 @@ impl TelemetryRow {
         sink.f32(one("reference_east_m", "m", "Reference position, east"), east);
         sink.f32(one("reference_down_m", "m", "Reference position, down"), down);
         let [north, east, down] = self.reference_velocity_ned_m_s;
-        sink.f32(one("reference_velocity_north_m_s", "m/s", "Reference velocity, north"), north);
-        sink.f32(one("reference_velocity_east_m_s", "m/s", "Reference velocity, east"), east);
-        sink.f32(one("reference_velocity_down_m_s", "m/s", "Reference velocity, down"), down);
+        sink.f32(
+            one("reference_velocity_north_m_s", "m/s", "Reference velocity, north"),
+            north,
+        );
+        sink.f32(
+            one("reference_velocity_east_m_s", "m/s", "Reference velocity, east"),
+            east,
+        );
+        sink.f32(
+            one("reference_velocity_down_m_s", "m/s", "Reference velocity, down"),
+            down,
+        );
         sink.f32(one("reference_yaw_rad", "rad", "Reference yaw"), self.reference_yaw_rad);
 
         let [north, east, down] = truth.position_ned_m;
@@ -341,11 +383,21 @@ impl TelemetryRow {
         sink.f64(one("true_pitch_rate_rad_s", "rad/s", "True body rate q"), q);
         sink.f64(one("true_yaw_rate_rad_s", "rad/s", "True body rate r"), r);
         for i in rotors.clone() {
-            sink.f64(of("true_thrust_", i, "_n", "N", "True thrust of the rotor"), truth.thrust_n[i]);
+            sink.f64(
+                of("true_thrust_", i, "_n", "N", "True thrust of the rotor"),
+                truth.thrust_n[i],
+            );
         }
-        sink.f64(one("true_state_of_charge", "1", "Charge left, fraction of the capacity"), truth.state_of_charge);
         sink.f64(
-            one("true_open_circuit_voltage_v", "V", "Open-circuit voltage of the battery"),
+            one("true_state_of_charge", "1", "Charge left, fraction of the capacity"),
+            truth.state_of_charge,
+        );
+        sink.f64(
+            one(
+                "true_open_circuit_voltage_v",
+                "V",
+                "Open-circuit voltage of the battery",
+            ),
             truth.open_circuit_voltage_v,
         );
         sink.f64(
@@ -358,7 +410,11 @@ impl TelemetryRow {
         sink.f64(one("wind_down_m_s", "m/s", "Wind over ground, down"), down);
 
         sink.i32(
-            one("fault_label", "1", "Truth: 0 no fault, i fault of rotor i, -1 several rotors faulty"),
+            one(
+                "fault_label",
+                "1",
+                "Truth: 0 no fault, i fault of rotor i, -1 several rotors faulty",
+            ),
             self.fault_label,
         );
         sink.u64(
@@ -367,50 +423,151 @@ impl TelemetryRow {
         );
         for i in rotors.clone() {
             sink.i32(
-                of("rotor_condition_", i, "", "1", "Truth: 0 healthy, other codes as listed in the summary"),
+                of(
+                    "rotor_condition_",
+                    i,
+                    "",
+                    "1",
+                    "Truth: 0 healthy, other codes as listed in the summary",
+                ),
                 self.rotor_condition[i],
             );
         }
         sink.u64(
-            one("sensor_faults", "1", "Truth: bit i set if sensor fault i+1 of the scenario is in force"),
+            one(
+                "sensor_faults",
+                "1",
+                "Truth: bit i set if sensor fault i+1 of the scenario is in force",
+            ),
             u64::from(self.sensor_faults),
         );
 
         let [roll, pitch, yaw] = self.attitude_setpoint_rad;
-        sink.f32(one("roll_setpoint_rad", "rad", "Roll that the inner loop was asked for"), roll);
-        sink.f32(one("pitch_setpoint_rad", "rad", "Pitch that the inner loop was asked for"), pitch);
-        sink.f32(one("yaw_setpoint_rad", "rad", "Yaw that the inner loop was asked for"), yaw);
+        sink.f32(
+            one("roll_setpoint_rad", "rad", "Roll that the inner loop was asked for"),
+            roll,
+        );
+        sink.f32(
+            one("pitch_setpoint_rad", "rad", "Pitch that the inner loop was asked for"),
+            pitch,
+        );
+        sink.f32(
+            one("yaw_setpoint_rad", "rad", "Yaw that the inner loop was asked for"),
+            yaw,
+        );
         sink.u64(
-            one("saturated_rotors", "1", "Bit i set if the duty of rotor i+1 was limited"),
+            one(
+                "saturated_rotors",
+                "1",
+                "Bit i set if the duty of rotor i+1 was limited",
+            ),
             u64::from(self.saturated_rotors),
         );
 
         for i in rotors {
             let [arm, lever, yaw] = self.residuals_nms[i];
-            sink.f32(of("residual_", i, "_arm_nms", "N m s", "Residual r_i (Eq. 32), first component"), arm);
-            sink.f32(of("residual_", i, "_lever_nms", "N m s", "Residual r_i (Eq. 32), second component"), lever);
-            sink.f32(of("residual_", i, "_yaw_nms", "N m s", "Residual r_i (Eq. 32), third component"), yaw);
+            sink.f32(
+                of(
+                    "residual_",
+                    i,
+                    "_arm_nms",
+                    "N m s",
+                    "Residual r_i (Eq. 32), first component",
+                ),
+                arm,
+            );
+            sink.f32(
+                of(
+                    "residual_",
+                    i,
+                    "_lever_nms",
+                    "N m s",
+                    "Residual r_i (Eq. 32), second component",
+                ),
+                lever,
+            );
+            sink.f32(
+                of(
+                    "residual_",
+                    i,
+                    "_yaw_nms",
+                    "N m s",
+                    "Residual r_i (Eq. 32), third component",
+                ),
+                yaw,
+            );
         }
         let [fz, mx, my, mz] = self.wrench_residual;
-        sink.f32(one("wrench_residual_fz_ns", "N s", "Residual of the four-axis observer, body z force"), fz);
-        sink.f32(one("wrench_residual_mx_nms", "N m s", "Residual of the four-axis observer, roll moment"), mx);
-        sink.f32(one("wrench_residual_my_nms", "N m s", "Residual of the four-axis observer, pitch moment"), my);
-        sink.f32(one("wrench_residual_mz_nms", "N m s", "Residual of the four-axis observer, yaw moment"), mz);
+        sink.f32(
+            one(
+                "wrench_residual_fz_ns",
+                "N s",
+                "Residual of the four-axis observer, body z force",
+            ),
+            fz,
+        );
+        sink.f32(
+            one(
+                "wrench_residual_mx_nms",
+                "N m s",
+                "Residual of the four-axis observer, roll moment",
+            ),
+            mx,
+        );
+        sink.f32(
+            one(
+                "wrench_residual_my_nms",
+                "N m s",
+                "Residual of the four-axis observer, pitch moment",
+            ),
+            my,
+        );
+        sink.f32(
+            one(
+                "wrench_residual_mz_nms",
+                "N m s",
+                "Residual of the four-axis observer, yaw moment",
+            ),
+            mz,
+        );
         sink.i32(
-            one("verdict_t_test", "1", "Verdict of the T-test: -2 not ready, -1 unknown fault, 0 healthy, i rotor i"),
+            one(
+                "verdict_t_test",
+                "1",
+                "Verdict of the T-test: -2 not ready, -1 unknown fault, 0 healthy, i rotor i",
+            ),
             self.t_test,
         );
-        sink.i32(one("verdict_network", "1", "Verdict of the trained network, codes as verdict_t_test"), self.network);
         sink.i32(
-            one("verdict_sequential", "1", "Verdict of the sequential detector, codes as verdict_t_test"),
+            one(
+                "verdict_network",
+                "1",
+                "Verdict of the trained network, codes as verdict_t_test",
+            ),
+            self.network,
+        );
+        sink.i32(
+            one(
+                "verdict_sequential",
+                "1",
+                "Verdict of the sequential detector, codes as verdict_t_test",
+            ),
             self.sequential,
         );
         sink.f32(
-            one("sequential_probability", "1", "Probability that the sequential detector gives to its verdict"),
+            one(
+                "sequential_probability",
+                "1",
+                "Probability that the sequential detector gives to its verdict",
+            ),
             self.sequential_probability,
         );
         sink.f32(
-            one("thrust_loss_n", "N", "Loss of thrust that the sequential detector estimates"),
+            one(
+                "thrust_loss_n",
+                "N",
+                "Loss of thrust that the sequential detector estimates",
+            ),
             self.thrust_loss_n,
         );
         sink.i32(
@@ -477,7 +634,12 @@ mod tests {
 
     #[test]
     fn val_numbers_and_schema_have_the_same_order() {
-        let mut row = TelemetryRow { step: 7, sim_time_ns: 17_500_000, fault_label: 3, ..TelemetryRow::default() };
+        let mut row = TelemetryRow {
+            step: 7,
+            sim_time_ns: 17_500_000,
+            fault_label: 3,
+            ..TelemetryRow::default()
+        };
         row.residuals_nms[2] = [0.25, 0.5, 0.75];
         row.truth.thrust_n[5] = 2.5;
         row.window_end = true;

@@ -18,7 +18,7 @@ pub struct Args {
     pub peer: PeerArgs,
 }
 
-/// Serves one run; exit code 0 if it ended well, 1 if it failed.
+/// Serves one run; exit code 0 if it ended well, 1 if it failed, 2 if it could not be met.
 pub fn run(args: Args) -> ExitCode {
     args.peer.serve_fdi("rotortwin-fdi", &mut FdiEnginePeer::default())
 }

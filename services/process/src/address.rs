@@ -1,7 +1,9 @@
 //! Where the processes of a run meet.
 
 use std::fmt;
+use std::net::{TcpListener, TcpStream, ToSocketAddrs as _};
 use std::str::FromStr;
+use std::time::Duration;
 
 /// Where the processes of a run meet, as people write it.
 ///
@@ -37,6 +39,44 @@ impl LinkAddress {
             Self::ZenohListen { .. } | Self::ZenohConnect { .. } => "zenoh",
         }
     }
+}
+
+/// How long somebody may take to answer at the endpoint of a link.
+const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
+
+impl LinkAddress {
+    /// Tries whether the plant can meet its peers here; a sentence if not.
+    ///
+    /// Asked before a run begins, so that a wrong endpoint costs nothing. Somebody else may take the endpoint a moment later.
+    pub fn probe(&self) -> Result<(), String> {
+        match self {
+            Self::Iceoryx2 { .. } => Ok(()),
+            Self::ZenohListen { endpoint } => match TcpListener::bind(host_and_port(endpoint)) {
+                Ok(_) => Ok(()),
+                Err(error) => {
+                    Err(format!("cannot listen on {endpoint}: {error}; expected an address of this host and a free port"))
+                }
+            },
+            Self::ZenohConnect { endpoint } => {
+                let refuse = |error: std::io::Error| {
+                    format!("nobody answers at {endpoint}: {error}; expected the endpoint of a zenoh router")
+                };
+                let mut last = std::io::Error::other("the name has no address");
+                for address in host_and_port(endpoint).to_socket_addrs().map_err(refuse)? {
+                    match TcpStream::connect_timeout(&address, PROBE_TIMEOUT) {
+                        Ok(_) => return Ok(()),
+                        Err(error) => last = error,
+                    }
+                }
+                Err(refuse(last))
+            }
+        }
+    }
+}
+
+/// "127.0.0.1:7447" of "tcp/127.0.0.1:7447".
+fn host_and_port(endpoint: &str) -> &str {
+    endpoint.split_once('/').map_or(endpoint, |(_, rest)| rest)
 }
 
 /// Domain of runs that name none.
@@ -106,6 +146,20 @@ mod tests {
             assert_eq!(text.parse::<LinkAddress>().expect("well formed").to_string(), text);
         }
         assert_eq!("iceoryx2".parse(), Ok(LinkAddress::Iceoryx2 { domain: "default".to_owned() }));
+    }
+
+    #[test]
+    fn val_an_endpoint_is_tried_before_it_is_used() {
+        let taken = TcpListener::bind("127.0.0.1:0").expect("a port is free");
+        let port = taken.local_addr().expect("it is bound").port();
+        let probe = |text: String| text.parse::<LinkAddress>().expect("well formed").probe();
+        let listen = format!("zenoh:listen=tcp/127.0.0.1:{port}");
+        assert!(probe(listen.clone()).is_err_and(|sentence| sentence.contains("cannot listen")));
+        assert_eq!(probe(format!("zenoh:connect=tcp/127.0.0.1:{port}")), Ok(()));
+        drop(taken);
+        assert_eq!(probe(listen), Ok(()));
+        let sentence = probe(format!("zenoh:connect=tcp/127.0.0.1:{port}")).expect_err("nobody listens any more");
+        assert!(sentence.contains("nobody answers at tcp/127.0.0.1"), "{sentence}");
     }
 
     #[test]

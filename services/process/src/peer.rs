@@ -1,6 +1,6 @@
 //! What a controller or FDI process is told on its command line, and how it serves a run.
 
-use crate::{EXIT_FAILED, LinkAddress, Supervisor};
+use crate::{EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor};
 use clap::Args;
 use rotortwin_wire::link::endpoint::{PeerOptions, serve_controller, serve_fdi};
 use rotortwin_wire::link::iox2::{Iox2Endpoint, Iox2Options};
@@ -57,21 +57,24 @@ impl PeerArgs {
         serve: impl FnOnce(AnyEndpoint, &PeerOptions) -> Result<u64, LinkError>,
     ) -> ExitCode {
         crate::start_logging();
-        if let Err(sentence) = self.settle() {
+        let complain = |sentence: &dyn std::fmt::Display, code| {
             eprintln!("{program}: {sentence}");
-            return ExitCode::from(EXIT_FAILED);
+            ExitCode::from(code)
+        };
+        if let Err(sentence) = self.settle() {
+            return complain(&sentence, EXIT_BAD_INPUT);
         }
-        let timing = self.timing();
-        let options = PeerOptions::new(format!("{program} {}", env!("CARGO_PKG_VERSION")), &timing);
-        match AnyEndpoint::open(&self.link, role, self.run_id).and_then(|endpoint| serve(endpoint, &options)) {
+        let endpoint = match AnyEndpoint::open(&self.link, role, self.run_id) {
+            Ok(endpoint) => endpoint,
+            Err(error) => return complain(&error, EXIT_BAD_INPUT),
+        };
+        let options = PeerOptions::new(format!("{program} {}", env!("CARGO_PKG_VERSION")), &self.timing());
+        match serve(endpoint, &options) {
             Ok(steps) => {
                 tracing::info!(steps, "the run is over");
                 ExitCode::SUCCESS
             }
-            Err(error) => {
-                eprintln!("{program}: {error}");
-                ExitCode::from(EXIT_FAILED)
-            }
+            Err(error) => complain(&error, EXIT_FAILED),
         }
     }
 

@@ -91,6 +91,10 @@ fn complain(sentence: impl std::fmt::Display, code: u8) -> ExitCode {
 
 fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
     args.cpu.map_or(Ok(()), pin_to_cpu)?;
+    // The supervisor has tried it.
+    if !args.supervised {
+        args.link.probe().map_err(|sentence| format!("--link: {sentence}"))?;
+    }
     let scenario = Scenario::load(&args.scenario).map_err(|error| error.to_string())?;
     let seed = args.seed.unwrap_or_else(|| scenario.seed());
     Simulation::new(&scenario, seed).map_err(|error| error.to_string())?;

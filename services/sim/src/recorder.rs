@@ -74,13 +74,15 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn report_progress(&mut self, sample: &Sample) {
+    fn report_progress(&mut self, sample: &Sample) -> Result<(), String> {
         let step = sample.sensors.stamp.step + 1;
         let last = step == self.step_count;
         if !last && (step % STEPS_PER_CLOCK_READING != 0 || self.last_progress.elapsed() < PROGRESS_INTERVAL) {
-            return;
+            return Ok(());
         }
         self.last_progress = Instant::now();
+        // What a supervisor has been told of survives this process.
+        self.spool.flush().map_err(|error| error.to_string())?;
         (self.emit)(RunEvent::Progress(Progress {
             step,
             step_count: self.step_count,
@@ -92,6 +94,7 @@ impl<'a> Recorder<'a> {
             network: sample.report.network,
             sequential: sample.report.sequential,
         }));
+        Ok(())
     }
 }
 
@@ -101,8 +104,7 @@ impl FlightObserver for Recorder<'_> {
         fill_row(&mut self.row, sample, conditions);
         self.spool.push(&self.row).map_err(|error| error.to_string())?;
         self.report_changes(sample);
-        self.report_progress(sample);
-        Ok(())
+        self.report_progress(sample)
     }
 
     #[inline]

@@ -169,32 +169,44 @@ pub fn never_opened(scenario: &Scenario, config: &SessionConfig, folder: &RunFol
     finalise(folder, summary)
 }
 
+/// What a supervisor knows of a plant that did not write its summary itself.
+#[derive(Clone, Debug)]
+pub struct DeadPlant {
+    /// What became of it, e.g. "the plant (process 12) was killed by signal 9".
+    pub how: String,
+    /// Time from its last sign of life to the notice of its end.
+    pub silence: Duration,
+    /// Last complete step that it told of.
+    pub last_step: Option<u64>,
+    /// Wall-clock time of the run.
+    pub wall: Duration,
+}
+
 /// Writes what can be told of a run whose plant died: the rows that had reached the spool, and who is to blame.
 pub fn finalise_dead_plant(
     scenario: &Scenario,
     config: &SessionConfig,
     folder: &RunFolder,
-    how: &str,
-    silence: Duration,
-    wall: Duration,
+    dead: &DeadPlant,
 ) -> Result<Summary, StoreError> {
     let mut summary = blank_summary(scenario, config);
-    let rows = SpoolReader::open(&folder.spool_path()).map_or(0, |spool| spool.rows());
-    let after = match rows.checked_sub(1) {
+    let last_row = SpoolReader::open(&folder.spool_path()).ok().and_then(|spool| spool.rows().checked_sub(1));
+    // The last rows die with the plant; it may have told of them.
+    let last_step = last_row.max(dead.last_step);
+    let after = match last_step {
         Some(step) => format!("after step {step}"),
         None => "before its first step".to_owned(),
     };
     summary.status = Status::Failed;
-    summary.wall_s = wall.as_secs_f64();
+    summary.wall_s = dead.wall.as_secs_f64();
     summary.failure = Some(Failure {
         peer: "plant".to_owned(),
-        step: rows.saturating_sub(1),
-        silence_ms: u64::try_from(silence.as_millis()).unwrap_or(u64::MAX),
-        sentence: format!("{how} {after}: silent for {} ms", silence.as_millis()),
+        step: last_step.unwrap_or(0),
+        silence_ms: u64::try_from(dead.silence.as_millis()).unwrap_or(u64::MAX),
+        sentence: format!("{} {after}: silent for {} ms", dead.how, dead.silence.as_millis()),
     });
     finalise(folder, summary)
 }
-
 
 fn finalise(folder: &RunFolder, summary: Summary) -> Result<Summary, StoreError> {
     rotortwin_store::finalise(folder, summary, FILE_DESCRIPTOR_SET).map(|outputs| outputs.summary)

@@ -71,6 +71,8 @@ pub struct SequentialConfig {
     pub repeat_bonus: f32,
     /// nats
     pub evidence_to_absorb: f32,
+    /// x
+    pub momentum_noise_share: f32,
     /// 1/s
     pub drift_share: f32,
     /// x
@@ -106,15 +108,16 @@ impl SequentialConfig {
             settling_time: 1.5,
             rotor_gain_spread: 0.003,
             excursion_in_calibration: 0.001,
-            bias_factor: 2.0,
+            bias_factor: 1.0,
             level_margin: 4.0,
             repeat_bonus: 10.0,
             evidence_to_absorb: 45.0,
+            momentum_noise_share: 0.02,
             drift_share: 0.02,
             level_gain: 0.036,
             level_clip: 1.5,
             level_ratio: 4.0,
-            surprise_weight: 0.04,
+            surprise_weight: 0.05,
         }
     }
 }
@@ -793,7 +796,7 @@ impl SequentialDetector {
                 self.bank_level[axis][k] = Disturbance {
                     correlation,
                     variance: sigma2,
-                    momentum_noise: 0.02 * measurement,
+                    momentum_noise: c.momentum_noise_share * measurement,
                     drift: c.drift_share * sigma2 * self.block_period,
                     measurement,
                 };

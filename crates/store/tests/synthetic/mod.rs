@@ -52,12 +52,24 @@ pub fn row(step: u64) -> TelemetryRow {
     let settled = 1.0 - (-(t - [0.0, 45.0, 60.0, 75.0][code as usize]) * 5.0).exp();
 
     let phase = 0.35 * t;
-    let reference = [4.0 * phase.sin(), 4.0 * (1.0 - phase.cos()), -2.0 - 6.0 * (0.035 * t).sin().powi(2)];
-    let lag = [0.06 * phase.cos(), 0.06 * phase.sin(), 0.05 * (-(t - 45.0).powi(2) / 2.0).exp() + 0.01];
+    let reference = [
+        4.0 * phase.sin(),
+        4.0 * (1.0 - phase.cos()),
+        -2.0 - 6.0 * (0.035 * t).sin().powi(2),
+    ];
+    let lag = [
+        0.06 * phase.cos(),
+        0.06 * phase.sin(),
+        0.05 * (-(t - 45.0).powi(2) / 2.0).exp() + 0.01,
+    ];
     let position = [0, 1, 2].map(|i| reference[i] + lag[i]);
     let velocity = [1.4 * phase.cos(), 1.4 * phase.sin(), -0.42 * (0.07 * t).sin()];
     let yaw = 0.6 * (0.1 * t).sin();
-    let attitude = [0.05 * phase.cos(), -0.05 * phase.sin(), yaw + 0.002 * phase.cos() + 0.01 * loss];
+    let attitude = [
+        0.05 * phase.cos(),
+        -0.05 * phase.sin(),
+        yaw + 0.002 * phase.cos() + 0.01 * loss,
+    ];
     let rates = [-0.0175 * phase.sin(), -0.0175 * phase.cos(), 0.06 * (0.1 * t).cos()];
     let charge = 0.9 - 0.0042 * t;
     let open_circuit = 14.8 + 1.75 * charge - 0.4 * (1.0 - charge).powi(2);
@@ -99,8 +111,10 @@ pub fn row(step: u64) -> TelemetryRow {
     };
     row.rotor_condition[2] = code;
     for rotor in 0..ROTORS {
-        row.duty[rotor] = (0.39 + 0.0004 * t + 0.02 * (phase + rotor as f64).sin() + noise(20 + rotor as u64, 0.01)) as f32;
-        row.truth.thrust_n[rotor] = 2.53 + 0.1 * (phase + rotor as f64).sin() - if rotor == 2 { 0.1 * loss } else { 0.0 };
+        row.duty[rotor] =
+            (0.39 + 0.0004 * t + 0.02 * (phase + rotor as f64).sin() + noise(20 + rotor as u64, 0.01)) as f32;
+        row.truth.thrust_n[rotor] =
+            2.53 + 0.1 * (phase + rotor as f64).sin() - if rotor == 2 { 0.1 * loss } else { 0.0 };
         // Residual r_i does not see rotor i; opposite rotors see each other only off the arm.
         let angle = std::f64::consts::FRAC_PI_3 * (rotor as f64 - 2.0);
         let shape = [angle.sin(), 0.6 * (1.0 - angle.cos()), 0.1 * (1.0 - angle.cos())];
@@ -108,8 +122,10 @@ pub fn row(step: u64) -> TelemetryRow {
             let stream = 40 + (3 * rotor + component) as u64;
             let deviation = [0.012, 0.014, 0.008][component];
             let bias = 0.004 * normal(1 << 40, stream);
-            row.residuals_nms[rotor][component] =
-                (bias + 0.3 * loss * settled * shape[component] + deviation * (0.6 * slow(step, stream) + 0.5 * normal(step, stream))) as f32;
+            row.residuals_nms[rotor][component] = (bias
+                + 0.3 * loss * settled * shape[component]
+                + deviation * (0.6 * slow(step, stream) + 0.5 * normal(step, stream)))
+                as f32;
         }
     }
     let window = step / 25;
@@ -117,15 +133,31 @@ pub fn row(step: u64) -> TelemetryRow {
     let lucky = uniform(window, 99);
     row.t_test = match (calibrated, code) {
         (false, _) => NOT_READY,
-        (true, 0) => if lucky < 0.012 { UNKNOWN } else { HEALTHY },
-        (true, _) => if lucky < 0.5 * (-4.0 * loss).exp() { UNKNOWN } else { 3 },
+        (true, 0) => {
+            if lucky < 0.012 {
+                UNKNOWN
+            } else {
+                HEALTHY
+            }
+        }
+        (true, _) => {
+            if lucky < 0.5 * (-4.0 * loss).exp() {
+                UNKNOWN
+            } else {
+                3
+            }
+        }
     };
     row.sequential = match (calibrated, code) {
         (false, _) => NOT_READY,
         (true, _) if t < 45.2 => HEALTHY,
         (true, _) => 3,
     };
-    row.thrust_loss_n = if row.sequential == 3 { (0.1 * loss + noise(100, 1e-3)) as f32 } else { 0.0 };
+    row.thrust_loss_n = if row.sequential == 3 {
+        (0.1 * loss + noise(100, 1e-3)) as f32
+    } else {
+        0.0
+    };
     row.network = NOT_READY;
     row
 }

@@ -137,12 +137,16 @@ impl Other {
     }
 
     /// True if it was there and is not any more.
-    fn is_gone(&self, endpoint: &mut impl Endpoint) -> bool {
-        self.present
-            && match &self.watch {
-                Some(watch) => watch.has_ended() || endpoint.is_gone(self.role, false),
-                None => endpoint.is_gone(self.role, true),
-            }
+    ///
+    /// * `thorough`: ask the kernel too (a system call), not only the transport
+    fn is_gone(&self, endpoint: &mut impl Endpoint, thorough: bool) -> bool {
+        if !self.present {
+            return false;
+        }
+        match &self.watch {
+            Some(watch) => endpoint.is_gone(self.role, false) || (thorough && watch.has_ended()),
+            None => endpoint.is_gone(self.role, thorough),
+        }
     }
 
     fn died(&self) -> LinkError {
@@ -375,18 +379,18 @@ impl<E: Endpoint> EndpointLink<E> {
         self.endpoint.wake(role)
     }
 
-    /// Fails if a peer is dead, or a stop was asked for; looks at most once in [`LIFE_CHECK`] unless `at_once`.
+    /// Fails if a peer is dead, or a stop was asked for. Asks the kernel at most once in [`LIFE_CHECK`] unless `at_once`.
     fn check_life(&mut self, at: Instant, at_once: bool) -> Result<(), LinkError> {
-        if !at_once && at.saturating_duration_since(self.last_life_check) < LIFE_CHECK {
-            return Ok(());
+        let thorough = at_once || at.saturating_duration_since(self.last_life_check) >= LIFE_CHECK;
+        if thorough {
+            self.last_life_check = at;
         }
-        self.last_life_check = at;
         if self.stop.as_ref().is_some_and(|stop| stop.load(Ordering::Relaxed)) {
             return Err(LinkError::Stopped);
         }
         let gone = [&self.controller, &self.fdi]
             .into_iter()
-            .find_map(|peer| peer.is_gone(&mut self.endpoint).then(|| peer.died()));
+            .find_map(|peer| peer.is_gone(&mut self.endpoint, thorough).then(|| peer.died()));
         let Some(died) = gone else { return Ok(()) };
         // It may have said why.
         while let Some(packet) = self.endpoint.poll()? {
@@ -608,6 +612,7 @@ struct Peer<'a, E: Endpoint> {
     gone: bool,
     /// Steps answered; also the number of the next one.
     steps: u64,
+    last_sleep: Instant,
     last_life_check: Instant,
 }
 
@@ -621,6 +626,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             heard: false,
             gone: false,
             steps: 0,
+            last_sleep: now(),
             last_life_check: now(),
         }
     }
@@ -706,8 +712,10 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         }
         let before = now();
         if std::mem::take(&mut self.heard) {
-            self.plant.last_heard = before;
+            // It came during the last sleep, at the earliest.
+            self.plant.last_heard = self.last_sleep;
         }
+        self.last_sleep = before;
         let limit = if self.steps == 0 {
             self.options.join
         } else {
@@ -716,12 +724,13 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         if before.saturating_duration_since(self.plant.last_heard) >= limit {
             return Err(self.plant.silent(limit));
         }
-        if before.saturating_duration_since(self.last_life_check) >= LIFE_CHECK {
+        let thorough = before.saturating_duration_since(self.last_life_check) >= LIFE_CHECK;
+        if thorough {
             self.last_life_check = before;
-            self.gone = self.plant.is_gone(self.endpoint);
-            if self.gone {
-                return Ok(());
-            }
+        }
+        self.gone = self.plant.is_gone(self.endpoint, thorough);
+        if self.gone {
+            return Ok(());
         }
         self.endpoint.wait(LIFE_CHECK)
     }
@@ -729,7 +738,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
     /// Sends an answer. That somebody else than the plant does not take it is the plant's business.
     fn answer(&mut self, packet: &Packet) -> Result<(), LinkError> {
         if self.endpoint.send(packet)? == Delivery::Partial {
-            self.gone |= self.plant.is_gone(self.endpoint);
+            self.gone |= self.plant.is_gone(self.endpoint, true);
         }
         Ok(())
     }

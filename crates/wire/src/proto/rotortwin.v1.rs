@@ -526,3 +526,129 @@ impl Role {
         }
     }
 }
+/// Topic /nav: what the vehicle sensed, sensor noise and sensor faults included.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct NavTelemetry {
+    /// \[m\] [frame NED]
+    #[prost(message, optional, tag = "1")]
+    pub position_ned_m: ::core::option::Option<NedVector>,
+    /// \[m/s\] [frame NED]
+    #[prost(message, optional, tag = "2")]
+    pub velocity_ned_m_s: ::core::option::Option<NedVector>,
+    /// \[rad\]
+    #[prost(message, optional, tag = "3")]
+    pub attitude: ::core::option::Option<EulerAngles>,
+    /// \[rad/s\] [frame FRD]
+    #[prost(message, optional, tag = "4")]
+    pub body_rates_rad_s: ::core::option::Option<BodyVector>,
+}
+/// Topic /reference: what the vehicle was asked to follow.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct ReferenceTelemetry {
+    /// \[m\] [frame NED]
+    #[prost(message, optional, tag = "1")]
+    pub position_ned_m: ::core::option::Option<NedVector>,
+    /// \[m/s\] [frame NED]
+    #[prost(message, optional, tag = "2")]
+    pub velocity_ned_m_s: ::core::option::Option<NedVector>,
+    /// \[rad\] [-pi, pi]
+    #[prost(float, tag = "3")]
+    pub yaw_rad: f32,
+    /// What the inner loop was asked for. \[rad\]
+    #[prost(message, optional, tag = "4")]
+    pub attitude_setpoint: ::core::option::Option<EulerAngles>,
+}
+/// Topic /command: what the controller answered.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct CommandTelemetry {
+    /// \[fraction\] [0, 1]
+    #[prost(float, repeated, tag = "1")]
+    pub duty: ::prost::alloc::vec::Vec<f32>,
+    /// Bit i set: the duty of rotor i+1 was limited.
+    #[prost(uint32, tag = "2")]
+    pub saturated_rotors: u32,
+}
+/// Topic /truth: what only the simulator knows.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct TruthTelemetry {
+    /// \[m\] [frame NED]
+    #[prost(message, optional, tag = "1")]
+    pub position_ned_m: ::core::option::Option<NedVector>,
+    /// \[m/s\] [frame NED]
+    #[prost(message, optional, tag = "2")]
+    pub velocity_ned_m_s: ::core::option::Option<NedVector>,
+    /// \[rad\]
+    #[prost(message, optional, tag = "3")]
+    pub attitude: ::core::option::Option<EulerAngles>,
+    /// \[rad/s\] [frame FRD]
+    #[prost(message, optional, tag = "4")]
+    pub body_rates_rad_s: ::core::option::Option<BodyVector>,
+    /// Thrust of each rotor. \[N\] [0, inf)
+    #[prost(float, repeated, tag = "5")]
+    pub thrust_n: ::prost::alloc::vec::Vec<f32>,
+    /// Wind over ground. \[m/s\] [frame NED]
+    #[prost(message, optional, tag = "6")]
+    pub wind_ned_m_s: ::core::option::Option<NedVector>,
+    /// 0 no fault, i rotor i is faulty, -1 several are.
+    #[prost(sint32, tag = "7")]
+    pub fault_label: i32,
+    /// Bit i set: rotor i+1 is faulty.
+    #[prost(uint32, tag = "8")]
+    pub faulty_rotors: u32,
+    /// Condition of each rotor: 0 healthy, other codes as listed in summary.json.
+    #[prost(sint32, repeated, tag = "9")]
+    pub rotor_condition: ::prost::alloc::vec::Vec<i32>,
+    /// Bit i set: sensor fault i+1 of the scenario is in force.
+    #[prost(uint32, tag = "10")]
+    pub sensor_faults: u32,
+}
+/// Topic /battery.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct BatteryTelemetry {
+    /// At the terminals, as measured. \[V\] [0, 100]
+    #[prost(float, tag = "1")]
+    pub voltage_v: f32,
+    /// At the terminals, discharge > 0. \[A\]
+    #[prost(float, tag = "2")]
+    pub current_a: f32,
+    /// At the terminals, true. \[V\]
+    #[prost(float, tag = "3")]
+    pub true_voltage_v: f32,
+    /// \[V\]
+    #[prost(float, tag = "4")]
+    pub open_circuit_voltage_v: f32,
+    /// Charge left, fraction of the capacity. \[0, 1\]
+    #[prost(float, tag = "5")]
+    pub state_of_charge: f32,
+}
+/// Topic /fdi: residuals and verdicts. Verdict codes: -2 not ready, -1 unknown fault, 0 healthy, i rotor i.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct FdiTelemetry {
+    /// First component of r_i (Eq. 32) of each rotor. \[N m s\]
+    #[prost(float, repeated, tag = "1")]
+    pub residual_arm_nms: ::prost::alloc::vec::Vec<f32>,
+    /// Second component. \[N m s\]
+    #[prost(float, repeated, tag = "2")]
+    pub residual_lever_nms: ::prost::alloc::vec::Vec<f32>,
+    /// Third component. \[N m s\]
+    #[prost(float, repeated, tag = "3")]
+    pub residual_yaw_nms: ::prost::alloc::vec::Vec<f32>,
+    /// Of the equivalent four-axis observer: F_z \[N s\], M_x, M_y, M_z \[N m s\]. \[frame FRD\]
+    #[prost(float, repeated, tag = "4")]
+    pub wrench_residual: ::prost::alloc::vec::Vec<f32>,
+    #[prost(sint32, tag = "5")]
+    pub verdict_t_test: i32,
+    #[prost(sint32, tag = "6")]
+    pub verdict_network: i32,
+    #[prost(sint32, tag = "7")]
+    pub verdict_sequential: i32,
+    /// Probability that the sequential detector gives to its verdict. \[fraction\] [0, 1]
+    #[prost(float, tag = "8")]
+    pub sequential_probability: f32,
+    /// Loss of thrust that the sequential detector estimates. \[N\] [0, inf)
+    #[prost(float, tag = "9")]
+    pub thrust_loss_n: f32,
+    /// True on the last step of an evaluation window: the verdicts are new.
+    #[prost(bool, tag = "10")]
+    pub window_end: bool,
+}

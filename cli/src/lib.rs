@@ -1,0 +1,73 @@
+//! `rotortwin`: fly scenarios, replay and show runs, from a terminal.
+//!
+//! Exit codes: 0 done, 1 the run failed, 2 bad input (nothing was written).
+
+mod fly;
+mod output;
+mod replay;
+mod show;
+mod supervise;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Co-simulation of multirotors with propeller fault detection and isolation.
+#[derive(Debug, Parser)]
+#[command(name = "rotortwin", version, propagate_version = true, max_term_width = 120)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fly a scenario: plant, controller and FDI engine in lockstep; leaves a run folder
+    Fly(fly::Args),
+    /// Fly a recorded run again, in this process, and compare the run hash
+    Replay(replay::Args),
+    /// Print what a run folder says
+    Show(show::Args),
+    /// Check a scenario and the files it names; prints every setting in effect
+    Check(show::CheckArgs),
+    /// One process of a run, started by hand: the plant
+    Sim(rotortwin_sim::process::Args),
+    /// One process of a run, started by hand (e.g. on another host): the PID controller
+    Controller(rotortwin_controller::Args),
+    /// One process of a run, started by hand (e.g. on another host): the FDI engine
+    Fdi(rotortwin_fdi::Args),
+}
+
+/// Does what the command line of this process asks for.
+pub fn run() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return refuse(&error),
+    };
+    match cli.command {
+        Command::Fly(args) => fly::run(&args),
+        Command::Replay(args) => replay::run(&args),
+        Command::Show(args) => show::run(&args),
+        Command::Check(args) => show::check(&args),
+        Command::Sim(args) => rotortwin_sim::process::run(args),
+        Command::Controller(args) => rotortwin_controller::run(args),
+        Command::Fdi(args) => rotortwin_fdi::run(args),
+    }
+}
+
+/// Help and version go to standard output; a wrong argument is bad input and gets one sentence like any other.
+fn refuse(error: &clap::Error) -> ExitCode {
+    let text = error.render().to_string();
+    if !error.use_stderr() {
+        print!("{text}");
+        return ExitCode::SUCCESS;
+    }
+    if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        return output::bad_input(format!("a command is missing; see below\n\n{text}"));
+    }
+    let lines = text.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let sentence = lines.filter(|line| !line.is_empty()).fold(String::new(), |sentence, line| {
+        let separator = if sentence.is_empty() || sentence.ends_with(':') { " " } else { "; " };
+        sentence + separator + line.trim_matches(['[', ']'])
+    });
+    output::bad_input(format!("{}; see 'rotortwin --help'", sentence.trim().trim_start_matches("error: ")))
+}
