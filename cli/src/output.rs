@@ -1,7 +1,7 @@
 //! What people read: the verdict table, the facts of a run, one-sentence errors.
 
-use comfy_table::{CellAlignment, Table, presets};
-use rotortwin_store::summary::{Evaluator, Score, Status, Summary, verdict_text};
+use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
+use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
@@ -37,7 +37,7 @@ pub(crate) fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
     if !summary.intervals.is_empty() {
         line(String::new());
         line(verdict_table(summary).to_string());
-        line("share: evaluation windows of 62.5 ms with the right verdict; delay: from the start of the interval to the first right one".to_owned());
+        line("right: share of the evaluation windows of 62.5 ms; first after: from the start of the interval to the end of the first right one".to_owned());
     }
     line(String::new());
     for fact in facts(summary) {
@@ -61,22 +61,22 @@ fn headline(summary: &Summary) -> String {
     }
 }
 
+/// One line per interval and evaluator; narrow enough for a terminal of 90 columns.
 fn verdict_table(summary: &Summary) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
-    let mut header = vec!["interval".to_owned(), "truth".to_owned()];
-    for evaluator in Evaluator::ALL {
-        header.extend([evaluator.title().to_owned(), "share".to_owned(), "delay".to_owned()]);
-    }
-    table.set_header(header);
+    table.load_style(TABLE_STYLE);
+    table.set_header(["interval", "truth", "evaluator", "verdict at end", "right", "first after", "false alarms"]);
     for interval in &summary.intervals {
-        let mut row = vec![format!("{:.2}–{:.2} s", interval.start_s, interval.end_s), interval.description.clone()];
-        for evaluator in Evaluator::ALL {
-            row.extend(score_cells(interval.scores.of(evaluator), interval.windows));
+        for (line, evaluator) in Evaluator::ALL.into_iter().enumerate() {
+            let (times, truth) = match line {
+                0 => (format!("{:.2}–{:.2} s", interval.start_s, interval.end_s), interval.description.clone()),
+                _ => (String::new(), String::new()),
+            };
+            let [verdict, right, first_after, alarms] = score_cells(interval, evaluator);
+            table.add_row([times, truth, evaluator.title().to_owned(), verdict, right, first_after, alarms]);
         }
-        table.add_row(row);
     }
-    for column in [3, 4, 6, 7, 9, 10] {
+    for column in 4..7 {
         if let Some(column) = table.column_mut(column) {
             column.set_cell_alignment(CellAlignment::Right);
         }
@@ -84,27 +84,32 @@ fn verdict_table(summary: &Summary) -> Table {
     table
 }
 
-fn score_cells(score: &Score, windows: u64) -> [String; 3] {
-    if windows > 0 && score.not_ready == windows {
-        return ["–".to_owned(), "–".to_owned(), "–".to_owned()];
+/// A line above, below and under the header; nothing else.
+const TABLE_STYLE: TableStyle = TableStyle::new()
+    .top_border(LineStyle::new('─', '─', '─', '─'))
+    .header_lines(ContentLineStyle::none())
+    .header_separator(LineStyle::new('─', '─', '─', '─'))
+    .content_lines(ContentLineStyle::none())
+    .bottom_border(LineStyle::new('─', '─', '─', '─'));
+
+/// Verdict at the end, share of right windows, delay of the first right one, false alarms.
+fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
+    let score = interval.scores.of(evaluator);
+    let none = || "–".to_owned();
+    if score.not_ready == interval.windows {
+        return [verdict_text(score.verdict_at_end), none(), none(), none()];
     }
+    let alarms = if interval.expected_verdict == 0 { score.false_alarm_events.to_string() } else { none() };
     [
         verdict_text(score.verdict_at_end),
-        score.share_right.map_or("–".to_owned(), |share| format!("{:.1} %", 100.0 * share)),
-        score.isolated_after_s.map_or("–".to_owned(), |delay| format!("{delay:.3} s")),
+        score.share_right.map_or_else(none, |share| format!("{:.1} %", 100.0 * share)),
+        score.isolated_after_s.map_or_else(none, |delay| format!("{delay:.3} s")),
+        alarms,
     ]
 }
 
 fn facts(summary: &Summary) -> Vec<String> {
     let mut facts = Vec::new();
-    if summary.steps > 0 {
-        let alarms: Vec<String> = Evaluator::ALL
-            .into_iter()
-            .filter(|evaluator| !summary.is_absent(*evaluator))
-            .map(|evaluator| format!("{} {}", evaluator.title(), summary.false_alarm_events(evaluator)))
-            .collect();
-        facts.push(format!("False alarms {}", alarms.join(", ")));
-    }
     if Evaluator::ALL.into_iter().any(|evaluator| summary.is_absent(evaluator)) && summary.steps > 0 {
         facts.push("Network      no trained network is loaded".to_owned());
     }

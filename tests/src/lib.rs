@@ -1,1 +1,34 @@
-//! System tests.
+//! Harness of the system tests: they start `rotortwin` as people do, disturb its processes, and look at what is left.
+//!
+//! ```text
+//!  test ── Scratch (folder, iceoryx2 domain) ── Fly ──▶ Run ── Members (supervisor, sim, controller, fdi) ── signals
+//!                                                        └──▶ Ended (exit code, output, summary)
+//! ```
+//! * [`scratch`]: a place of its own for each test, scenarios in it, and what a run leaves in shared memory;
+//! * [`program`]: the program under test, runs of it, what they print and leave;
+//! * [`process`]: the processes of a run, found and disturbed through the kernel;
+//! * [`random`]: seeded choices of moments and victims.
+//!
+//! Every wait has a deadline; a test that misses one fails with what the run has printed so far. A run that a failing test leaves
+//! behind is killed.
+//!
+//! Linux only: processes are looked up in `/proc`, shared memory in `/dev/shm`.
+
+pub mod process;
+pub mod program;
+pub mod random;
+pub mod scratch;
+
+use std::io::Write as _;
+
+/// Notes that a test could not do all of its work here, and why; `./test` counts these lines.
+pub fn skip(reason: &str) {
+    eprintln!("skipped: {reason}");
+    let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") else { return };
+    let written = std::fs::OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(&log)
+        .and_then(|mut file| writeln!(file, "{reason}"));
+    written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
+}

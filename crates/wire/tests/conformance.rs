@@ -952,7 +952,7 @@ fn missing_peers_are_named<T: Transport>() {
 fn silent_peers_are_named<T: Transport>() {
     let place = T::create();
     let limit = Duration::from_millis(300);
-    let stall = Some((20, Duration::from_millis(1500)));
+    let stall = Some((20, Duration::from_millis(800)));
     let timing = LinkTiming {
         step: limit,
         ..window(4, 2)

@@ -867,7 +867,7 @@ impl SequentialDetector {
 
     /// After the last block of a window.
     pub fn decide(&mut self) {
-        if self.phase != Phase::Watch {
+        if self.phase != Phase::Watch || self.candidate_count == 0 {
             return;
         }
         let mut llr = [f32::NEG_INFINITY; MAX_ROTORS];

@@ -32,6 +32,9 @@ pub const MAX_FDI_WINDOW: u64 = 256;
 /// Longest sleep before the life of the others is looked at again.
 const LIFE_CHECK: Duration = Duration::from_millis(50);
 
+/// The news that somebody is gone may overtake its last words: they have this time to come.
+const LAST_WORDS: Duration = Duration::from_millis(50);
+
 /// A peer says again that it is there after this time without an answer.
 const JOIN_PERIOD: Duration = Duration::from_millis(100);
 
@@ -392,9 +395,13 @@ impl<E: Endpoint> EndpointLink<E> {
             .into_iter()
             .find_map(|peer| peer.is_gone(&mut self.endpoint, thorough).then(|| peer.died()));
         let Some(died) = gone else { return Ok(()) };
-        // It may have said why.
-        while let Some(packet) = self.endpoint.poll()? {
-            self.take_in(packet)?;
+        // Before the first step it may have said why.
+        let begin = now();
+        while self.sent == 0 && begin.elapsed() < LAST_WORDS {
+            while let Some(packet) = self.endpoint.poll()? {
+                self.take_in(packet)?;
+            }
+            self.endpoint.wait(LAST_WORDS / 10)?;
         }
         Err(died)
     }
@@ -608,8 +615,8 @@ struct Peer<'a, E: Endpoint> {
     plant: Other,
     /// The plant has said something since the last sleep.
     heard: bool,
-    /// The plant is gone; its last words may still be in the inbox.
-    gone: bool,
+    /// Since when the plant is gone.
+    gone: Option<Instant>,
     /// Steps answered; also the number of the next one.
     steps: u64,
     last_sleep: Instant,
@@ -624,7 +631,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             options,
             plant,
             heard: false,
-            gone: false,
+            gone: None,
             steps: 0,
             last_sleep: now(),
             last_life_check: now(),
@@ -707,10 +714,13 @@ impl<'a, E: Endpoint> Peer<'a, E> {
 
     /// Sleeps until something may have come; the inbox is empty. Fails if the plant is dead or silent for too long.
     fn wait(&mut self) -> Result<(), LinkError> {
-        if self.gone {
-            return Err(self.plant.died());
-        }
         let before = now();
+        if let Some(since) = self.gone {
+            if before.saturating_duration_since(since) >= LAST_WORDS {
+                return Err(self.plant.died());
+            }
+            return self.endpoint.wait(LAST_WORDS / 10);
+        }
         if std::mem::take(&mut self.heard) {
             // It came during the last sleep, at the earliest.
             self.plant.last_heard = self.last_sleep;
@@ -728,8 +738,8 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         if thorough {
             self.last_life_check = before;
         }
-        self.gone = self.plant.is_gone(self.endpoint, thorough);
-        if self.gone {
+        if self.plant.is_gone(self.endpoint, thorough) {
+            self.gone = Some(before);
             return Ok(());
         }
         self.endpoint.wait(LIFE_CHECK)
@@ -737,8 +747,11 @@ impl<'a, E: Endpoint> Peer<'a, E> {
 
     /// Sends an answer. That somebody else than the plant does not take it is the plant's business.
     fn answer(&mut self, packet: &Packet) -> Result<(), LinkError> {
-        if self.endpoint.send(packet)? == Delivery::Partial {
-            self.gone |= self.plant.is_gone(self.endpoint, true);
+        if self.endpoint.send(packet)? == Delivery::Partial
+            && self.gone.is_none()
+            && self.plant.is_gone(self.endpoint, true)
+        {
+            self.gone = Some(now());
         }
         Ok(())
     }

@@ -49,10 +49,11 @@ const FREE_SPACE: u64 = 4 << 20;
 const QUEUE: usize = MAX_FDI_WINDOW as usize + 16;
 
 /// Samples of a queue of the hand-shake.
-const CONTROL_QUEUE: usize = 32;
+const CONTROL_QUEUE: usize = 16;
 
-/// Bytes that a message of the hand-shake has without a new segment.
-const CONTROL_BYTES: usize = 1024;
+/// Most bytes of a message of the hand-shake: the largest network is 13 kB. The memory is there from the start, because a
+/// segment added later is lost, with the last words in it, if its owner goes before everybody has seen it.
+const CONTROL_BYTES: usize = 32 << 10;
 
 /// How long to try again while another process creates or removes the same service.
 const OPEN_RETRY: Duration = Duration::from_secs(1);
@@ -230,7 +231,7 @@ impl Iox2Endpoint {
                 outgoing
                     .publisher_builder()
                     .initial_max_slice_len(CONTROL_BYTES)
-                    .allocation_strategy(AllocationStrategy::PowerOfTwo)
+                    .allocation_strategy(AllocationStrategy::Static)
                     .backpressure_strategy(BackpressureStrategy::DiscardData)
                     .create()
             },

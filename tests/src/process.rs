@@ -1,0 +1,93 @@
+//! Processes of a run, found and disturbed through the kernel.
+
+use rustix::process::{Pid, Signal, kill_process};
+use std::time::{Duration, Instant};
+
+/// One process, told apart from a later one with the same id by its start time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Process {
+    /// Process id.
+    pub pid: u32,
+    start_ticks: u64,
+}
+
+/// What `/proc/PID/stat` says.
+struct Stat {
+    state: char,
+    parent: u32,
+    start_ticks: u64,
+}
+
+fn stat(pid: u32) -> Option<Stat> {
+    let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // The name in brackets may hold anything, also brackets; fields are counted from behind it.
+    let fields: Vec<&str> = text.rsplit_once(')')?.1.split_ascii_whitespace().collect();
+    Some(Stat {
+        state: fields.first()?.chars().next()?,
+        parent: fields.get(1)?.parse().ok()?,
+        start_ticks: fields.get(19)?.parse().ok()?,
+    })
+}
+
+fn command_line(pid: u32) -> Vec<String> {
+    let bytes = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    bytes.split(|&byte| byte == 0).map(|part| String::from_utf8_lossy(part).into_owned()).collect()
+}
+
+impl Process {
+    /// The process with this id, if it lives.
+    pub fn find(pid: u32) -> Option<Self> {
+        let stat = stat(pid).filter(|stat| !matches!(stat.state, 'Z' | 'X'))?;
+        Some(Self { pid, start_ticks: stat.start_ticks })
+    }
+
+    /// All living children of a process, each with its command line.
+    pub fn children(parent: u32) -> Vec<(Self, Vec<String>)> {
+        all_pids()
+            .into_iter()
+            .filter(|&pid| stat(pid).is_some_and(|stat| stat.parent == parent))
+            .filter_map(|pid| Some((Self::find(pid)?, command_line(pid))))
+            .collect()
+    }
+
+    /// All living processes that have `word` within their command line.
+    pub fn with_word(word: &str) -> Vec<Self> {
+        let holds = |pid: &u32| command_line(*pid).iter().any(|argument| argument.contains(word));
+        all_pids().into_iter().filter(holds).filter_map(Self::find).collect()
+    }
+
+    /// False once it has ended, also if nobody has waited for it yet.
+    pub fn is_alive(&self) -> bool {
+        Self::find(self.pid) == Some(*self)
+    }
+
+    /// Sends a signal; nothing happens if the process has ended.
+    pub fn signal(&self, signal: Signal) {
+        if !self.is_alive() {
+            return;
+        }
+        let pid = i32::try_from(self.pid).ok().and_then(Pid::from_raw).expect("the kernel gave this id");
+        if let Err(error) = kill_process(pid, signal) {
+            assert_eq!(error, rustix::io::Errno::SRCH, "a process of this user can be signaled");
+        }
+    }
+}
+
+fn all_pids() -> Vec<u32> {
+    let entries = std::fs::read_dir("/proc").expect("/proc is mounted");
+    entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect()
+}
+
+/// Looks every millisecond whether something has come true; how long that took, or `None` after `limit`.
+pub fn wait_until(limit: Duration, mut is_true: impl FnMut() -> bool) -> Option<Duration> {
+    let begin = Instant::now();
+    loop {
+        if is_true() {
+            return Some(begin.elapsed());
+        }
+        if begin.elapsed() >= limit {
+            return None;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}

@@ -1,0 +1,135 @@
+//! A place of its own for each test: a folder, and a domain of shared memory in which nobody else runs.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use tempfile::TempDir;
+
+/// Where iceoryx2 keeps its segments on Linux.
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// iceoryx2 keeps one file of 16 bytes per domain for good; every later run uses it again.
+const KEPT: &str = ".global_mgmt";
+
+/// The root of the repository.
+pub fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("the repository is where it was built")
+}
+
+/// A scenario that is shipped, by its file name without the ending.
+pub fn shipped_scenario(name: &str) -> PathBuf {
+    repository().join("config/scenarios").join(format!("{name}.toml"))
+}
+
+/// A hover of 2.5 s in which the detectors calibrate within the first second and rotor 3 loses a fifth of its thrust at 1.5 s:
+/// short, and every part of the program has something to say.
+pub fn short_flight() -> String {
+    hover("short", 2.5, "[fdi]\ncalibration_start_s = 0.25\ncalibration_end_s = 1.0\n")
+        + "[[fault]]\ntime_s = 1.5\nrotor = 3\nthrust_loss_percent = 20.0\n"
+}
+
+/// A hover with more sections of a scenario.
+pub fn hover(name: &str, duration_s: f64, sections: &str) -> String {
+    let vehicle = repository().join("config/vehicles/f550.toml");
+    format!(
+        "name = '{name}'\ndescription = 'hover of the system tests'\nvehicle = '{}'\nduration_s = {duration_s:?}\n\
+         [trajectory]\nkind = 'hover'\nposition_ned_m = [0.0, 0.0, -5.0]\n{sections}",
+        vehicle.display()
+    )
+}
+
+/// The place of one test; removed when dropped.
+#[derive(Debug)]
+pub struct Scratch {
+    folder: TempDir,
+    domain: String,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Scratch {
+    /// A new place.
+    pub fn new() -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        Self {
+            folder: tempfile::Builder::new().prefix("rotortwin-test-").tempdir().expect("there is room for temporary files"),
+            domain: format!("test-{}-{number}", std::process::id()),
+        }
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Something in the folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes a file into the folder.
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().expect("a file is in a folder")).expect("folders can be made here");
+        std::fs::write(&path, content).expect("files can be written here");
+        path
+    }
+
+    /// Names of everything in the folder, with the folders below it.
+    pub fn listing(&self) -> Vec<PathBuf> {
+        let mut found = files_below(self.folder());
+        found.sort();
+        found
+    }
+
+    /// Domain for runs over iceoryx2.
+    pub fn domain(&self) -> &str {
+        &self.domain
+    }
+
+    /// What runs of this domain hold in shared memory now.
+    pub fn shared_memory(&self) -> Vec<PathBuf> {
+        let mut entries = self.entries();
+        entries.retain(|path| !path.as_os_str().to_string_lossy().ends_with(KEPT));
+        entries
+    }
+
+    fn entries(&self) -> Vec<PathBuf> {
+        let user = rustix::process::getuid().as_raw();
+        let prefix = format!("rt{user}_{}_", self.domain);
+        let is_ours = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&prefix));
+        let mut found: Vec<PathBuf> = std::fs::read_dir(SHARED_MEMORY)
+            .expect("/dev/shm can be read")
+            .flatten()
+            .map(|entry| entry.path())
+            .filter(is_ours)
+            .collect();
+        found.extend(files_below(&Path::new(SHARED_MEMORY).join(format!("rotortwin-{user}"))).into_iter().filter(is_ours));
+        found
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        for path in self.entries() {
+            drop(std::fs::remove_file(path));
+        }
+    }
+}
+
+/// Everything below a folder; what disappears meanwhile is left out.
+fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            found.extend(files_below(&path));
+        }
+        found.push(path);
+    }
+    found
+}

@@ -1,0 +1,140 @@
+//! The same scenario and seed give the same run, bit for bit: over every link, however the processes are scheduled, and again.
+
+use rotortwin_tests::process::wait_until;
+use rotortwin_tests::program::{Call, Link, PATIENCE, Run, read_json, text};
+use rotortwin_tests::random::Random;
+use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario, short_flight};
+use rustix::process::Signal;
+use std::path::Path;
+use std::time::Duration;
+
+/// Seeds that are flown over every link.
+const SEEDS: u64 = 50;
+
+/// Longest time for which a process is stopped, and for which all are left alone.
+const LONGEST_DELAY: Duration = Duration::from_millis(30);
+
+/// Stops and continues random processes of a run for random times until it ends; how often.
+fn disturb(run: &mut Run, random: &mut Random) -> u32 {
+    let mut stops = 0;
+    while !run.has_ended() {
+        let members = run.members();
+        let victim = members[usize::try_from(random.below(members.len() as u64)).expect("a few")];
+        victim.signal(Signal::STOP);
+        std::thread::sleep(random.duration(LONGEST_DELAY));
+        victim.signal(Signal::CONT);
+        stops += 1;
+        let pause = random.duration(LONGEST_DELAY);
+        wait_until(pause, || run.has_ended());
+    }
+    stops
+}
+
+/// Flies all seeds in one process and over `link`, the latter with disturbed scheduling, and compares.
+fn same_hashes_over(link: Link) {
+    let scratch = Scratch::new();
+    let scenario = scratch.write("short.toml", short_flight());
+    let mut stops = 0;
+    let mut hashes = Vec::new();
+    for seed in 1..=SEEDS {
+        let fly = |link: Link| {
+            Call::fly(&scratch, link, &scenario, &format!("{}-{seed}", link.name())).with(["--seed", &seed.to_string()])
+        };
+        let here = fly(Link::InProcess).run().expect_code(0);
+        let mut run = fly(link).start();
+        stops += disturb(&mut run, &mut Random::new(seed));
+        let there = run.end(PATIENCE).expect_code(0);
+        assert_eq!(here.run_hash(), there.run_hash(), "seed {seed} over {}", link.name());
+        assert_eq!(here.summary()["steps"], 1000);
+        assert_eq!(here.summary()["intervals"], there.summary()["intervals"], "seed {seed}: what the detectors said");
+        hashes.push(here.run_hash());
+        for ended in [here, there] {
+            std::fs::remove_dir_all(ended.out()).expect("a run folder can be removed");
+        }
+    }
+    eprintln!("{}: {SEEDS} seeds, processes stopped and continued {stops} times", link.name());
+    assert!(stops > SEEDS as u32, "the scheduling was hardly disturbed: {stops} stops");
+    hashes.sort();
+    hashes.dedup();
+    assert_eq!(hashes.len() as u64, SEEDS, "another seed is another run");
+}
+
+#[test]
+fn scenario_fifty_seeds_over_shared_memory_with_random_delays() {
+    same_hashes_over(Link::Iceoryx2);
+}
+
+#[test]
+fn scenario_fifty_seeds_over_tcp_with_random_delays() {
+    same_hashes_over(Link::Zenoh);
+}
+
+/// A run repeats itself, and `replay` says so.
+#[test]
+fn scenario_the_same_seed_again_and_replayed() {
+    let scratch = Scratch::new();
+    let scenario = scratch.write("short.toml", short_flight());
+    for link in [Link::InProcess, Link::Iceoryx2, Link::Zenoh] {
+        let fly = |name: &str| Call::fly(&scratch, link, &scenario, &format!("{name}-{}", link.name())).run().expect_code(0);
+        let (first, second) = (fly("first"), fly("second"));
+        assert_eq!(first.run_hash(), second.run_hash(), "{}", link.name());
+        let replay = Call::new(&scratch, ["replay".as_ref(), first.out().as_os_str()]).run().expect_code(0);
+        assert!(replay.stdout.starts_with("same: 1000 steps") && replay.stdout.contains(&first.run_hash()), "{}", replay.stdout);
+    }
+}
+
+/// `replay` compares indeed: with one bit of the recorded hash or one number of the recorded scenario changed it says so.
+#[test]
+fn scenario_replay_tells_a_difference() {
+    let scratch = Scratch::new();
+    let scenario = scratch.write("short.toml", short_flight());
+    let flown = Call::fly(&scratch, Link::InProcess, &scenario, "flown").run().expect_code(0);
+    let summary = std::fs::read_to_string(flown.out().join("summary.json")).expect("it was written");
+    let hash = flown.run_hash();
+    let other_hash = format!("{}{}", if hash.starts_with('0') { '1' } else { '0' }, &hash[1..]);
+    for (name, from, to) in [("hash", hash.as_str(), other_hash.as_str()), ("fault", "percent = 20.0", "percent = 20.1")] {
+        assert!(summary.contains(from), "{from} stands in the summary");
+        let changed = scratch.write(&format!("{name}/summary.json"), summary.replace(from, to));
+        let replay = Call::new(&scratch, ["replay".as_ref(), changed.as_os_str()]).run().expect_code(1);
+        assert!(replay.stdout.starts_with("DIFFERENT"), "{name}: {}", replay.stdout);
+        let json = Call::new(&scratch, ["replay".as_ref(), changed.as_os_str(), "--json".as_ref()]).run().expect_code(1);
+        let json: serde_json::Value = serde_json::from_str(&json.stdout).expect("one JSON document");
+        assert_eq!(json["same"], false, "{name}");
+    }
+}
+
+/// What the hashes of shipped scenarios were when somebody last looked at the change: a new one means that every run differs.
+/// Refresh with `ROTORTWIN_UPDATE_GOLDEN=1 cargo test --release -p rotortwin-tests --test determinism regress_`.
+#[test]
+fn regress_run_hashes_of_shipped_scenarios() {
+    const SCENARIOS: [&str; 3] = ["reference-flight", "realistic-reference-flight", "octo-helix-loss"];
+    let file = repository().join("tests/golden/run-hashes.toml");
+    let scratch = Scratch::new();
+    let flown: Vec<(String, String)> = SCENARIOS
+        .iter()
+        .map(|name| {
+            let ended = Call::fly(&scratch, Link::InProcess, &shipped_scenario(name), name).run().expect_code(0);
+            let json = read_json(&ended.out().join("summary.json"));
+            ((*name).to_owned(), text(&json, "/run_hash").to_owned())
+        })
+        .collect();
+    if std::env::var_os("ROTORTWIN_UPDATE_GOLDEN").is_some() {
+        write_hashes(&file, &flown);
+    }
+    let recorded = std::fs::read_to_string(&file).expect("the file is part of the repository");
+    let recorded: toml::Table = recorded.parse().expect("it is TOML");
+    for (name, hash) in flown {
+        let expected = recorded.get(&name).and_then(toml::Value::as_str);
+        assert_eq!(Some(hash.as_str()), expected, "{name} flies differently; if that was meant, refresh the file");
+    }
+}
+
+fn write_hashes(file: &Path, flown: &[(String, String)]) {
+    let mut text = "# Run hashes of shipped scenarios with their own seeds. Refresh after a change that is meant to change flights:\n\
+                    # ROTORTWIN_UPDATE_GOLDEN=1 cargo test --release -p rotortwin-tests --test determinism regress_\n"
+        .to_owned();
+    for (name, hash) in flown {
+        text.push_str(&format!("{name} = \"{hash}\"\n"));
+    }
+    std::fs::write(file, text).expect("the repository can be written");
+}
