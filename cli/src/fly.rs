@@ -71,7 +71,11 @@ pub(crate) struct Args {
 fn whole_number(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<u64, String> + Clone {
     move |text| match text.parse() {
         Ok(number) if range.contains(&number) => Ok(number),
-        _ => Err(format!("expected a whole number from {} to {}", range.start(), range.end())),
+        _ => Err(format!(
+            "expected a whole number from {} to {}",
+            range.start(),
+            range.end()
+        )),
     }
 }
 
@@ -133,10 +137,11 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     if let Err(error) = rotortwin_plant::Simulation::new(&scenario, seed) {
         return output::bad_input(error);
     }
-    let (address, folder) = match settle(args).and_then(|address| Ok((address, run_folder(args, scenario.name(), seed)?))) {
-        Ok(settled) => settled,
-        Err(sentence) => return output::bad_input(sentence),
-    };
+    let (address, folder) =
+        match settle(args).and_then(|address| Ok((address, run_folder(args, scenario.name(), seed)?))) {
+            Ok(settled) => settled,
+            Err(sentence) => return output::bad_input(sentence),
+        };
     let screen = Screen::new(args.json);
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
@@ -169,7 +174,11 @@ fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
         // The processes that this one starts inherit it.
         rotortwin_process::pin_to_cpu(usize::try_from(cpu).map_err(|error| error.to_string())?)?;
     }
-    let option = if args.connect.is_some() { "--connect" } else { "--listen" };
+    let option = if args.connect.is_some() {
+        "--connect"
+    } else {
+        "--listen"
+    };
     let address = address(args)?;
     if let Some(address) = &address {
         address.probe().map_err(|sentence| format!("{option}: {sentence}"))?;
@@ -202,25 +211,40 @@ fn link_name(link: LinkKind) -> &'static str {
 fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     let endpoint_given = args.listen.is_some() || args.connect.is_some();
     if args.link != LinkKind::Zenoh && endpoint_given {
-        return Err(format!("--listen and --connect belong to --link zenoh, the link is {}", link_name(args.link)));
+        return Err(format!(
+            "--listen and --connect belong to --link zenoh, the link is {}",
+            link_name(args.link)
+        ));
     }
     if args.link == LinkKind::InProcess && !args.external.is_empty() {
         return Err("--external needs separate processes; expected --link iceoryx2 or --link zenoh".to_owned());
     }
     if args.link != LinkKind::Iceoryx2 && args.domain.is_some() {
-        return Err(format!("--domain belongs to --link iceoryx2, the link is {}", link_name(args.link)));
+        return Err(format!(
+            "--domain belongs to --link iceoryx2, the link is {}",
+            link_name(args.link)
+        ));
     }
     let text = match (args.link, &args.listen, &args.connect) {
         (LinkKind::InProcess, ..) => return Ok(None),
-        (LinkKind::Iceoryx2, ..) => args.domain.as_ref().map_or_else(|| "iceoryx2".to_owned(), |name| format!("iceoryx2:{name}")),
+        (LinkKind::Iceoryx2, ..) => args
+            .domain
+            .as_ref()
+            .map_or_else(|| "iceoryx2".to_owned(), |name| format!("iceoryx2:{name}")),
         (LinkKind::Zenoh, Some(endpoint), _) => format!("zenoh:listen={endpoint}"),
         (LinkKind::Zenoh, None, Some(endpoint)) => format!("zenoh:connect={endpoint}"),
         (LinkKind::Zenoh, None, None) => format!("zenoh:listen=tcp/127.0.0.1:{}", free_port()?),
     };
-    text.parse().map(Some).map_err(|error: rotortwin_process::LinkAddressError| {
-        let option = if args.link == LinkKind::Iceoryx2 { "--domain" } else { "--listen or --connect" };
-        format!("{option}: {error}")
-    })
+    text.parse()
+        .map(Some)
+        .map_err(|error: rotortwin_process::LinkAddressError| {
+            let option = if args.link == LinkKind::Iceoryx2 {
+                "--domain"
+            } else {
+                "--listen or --connect"
+            };
+            format!("{option}: {error}")
+        })
 }
 
 /// A TCP port of the loopback address that nobody listens on now.
@@ -235,9 +259,20 @@ fn free_port() -> Result<u16, String> {
 fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
     let base = Path::new("runs").join(format!("{name}-{seed}"));
     (1..10_000)
-        .map(|number| if number == 1 { base.clone() } else { base.with_file_name(format!("{name}-{seed}-{number}")) })
+        .map(|number| {
+            if number == 1 {
+                base.clone()
+            } else {
+                base.with_file_name(format!("{name}-{seed}-{number}"))
+            }
+        })
         .find(|path| !path.exists())
-        .ok_or_else(|| format!("{} and 9998 numbered ones exist; name a folder with --out", base.display()))
+        .ok_or_else(|| {
+            format!(
+                "{} and 9998 numbered ones exist; name a folder with --out",
+                base.display()
+            )
+        })
 }
 
 /// A number that no other execution has; 0 is kept for "none".
@@ -246,12 +281,24 @@ fn new_run_id() -> u64 {
 }
 
 /// The whole flight in this process.
-fn fly_here(scenario: &Scenario, config: &SessionConfig, folder: &RunFolder, screen: &Screen) -> Result<Summary, String> {
+fn fly_here(
+    scenario: &Scenario,
+    config: &SessionConfig,
+    folder: &RunFolder,
+    screen: &Screen,
+) -> Result<Summary, String> {
     let supervisor = Supervisor::watch(false).map_err(|error| format!("Ctrl-C cannot be handled: {error}"))?;
     let mut link = session::in_process_link();
     let mut stop = || session::stop_reason(&supervisor);
-    session::fly(scenario, config, &mut link, folder, &mut |event| screen.show(&event), &mut stop)
-        .map_err(|error| error.to_string())
+    session::fly(
+        scenario,
+        config,
+        &mut link,
+        folder,
+        &mut |event| screen.show(&event),
+        &mut stop,
+    )
+    .map_err(|error| error.to_string())
 }
 
 /// The flight in three processes; this one watches.
@@ -266,7 +313,10 @@ fn fly_in_processes(
     let external: BTreeSet<External> = args.external.iter().copied().collect();
     let parts = parts(args, config, address, folder, &external);
     if !external.is_empty() {
-        eprintln!("Waiting for {} to join:", external.iter().map(|who| who.name()).collect::<Vec<_>>().join(" and "));
+        eprintln!(
+            "Waiting for {} to join:",
+            external.iter().map(|who| who.name()).collect::<Vec<_>>().join(" and ")
+        );
         for who in &external {
             eprintln!(
                 "  rotortwin {} --link {} --run-id {:016x} --step-timeout {}",
@@ -278,13 +328,26 @@ fn fly_in_processes(
         }
     }
     let start = std::time::Instant::now();
-    let silence_limit = PeerOptions::new("", &LinkTiming { step: Duration::from_millis(args.step_timeout), ..LinkTiming::default() }).idle;
-    let ending = supervise::run(&parts, folder.path(), silence_limit, |event| screen.show(event)).map_err(|error| format!("{error:#}"))?;
+    let silence_limit = PeerOptions::new(
+        "",
+        &LinkTiming {
+            step: Duration::from_millis(args.step_timeout),
+            ..LinkTiming::default()
+        },
+    )
+    .idle;
+    let ending = supervise::run(&parts, folder.path(), silence_limit, |event| screen.show(event))
+        .map_err(|error| format!("{error:#}"))?;
     match load_summary(folder.path()) {
         Ok(summary) => Ok(summary),
         // The plant could not write it: it died, or it stalled and was killed.
         Err(_) => {
-            let dead = DeadPlant { how: ending.plant_text(), silence: ending.plant_silence, last_step: ending.last_step, wall: start.elapsed() };
+            let dead = DeadPlant {
+                how: ending.plant_text(),
+                silence: ending.plant_silence,
+                last_step: ending.last_step,
+                wall: start.elapsed(),
+            };
             session::finalise_dead_plant(scenario, config, folder, &dead).map_err(|error| error.to_string())
         }
     }
@@ -293,7 +356,9 @@ fn fly_in_processes(
 /// The address that peers use: they connect where the plant listens.
 fn peer_address(address: &LinkAddress) -> LinkAddress {
     match address {
-        LinkAddress::ZenohListen { endpoint } => LinkAddress::ZenohConnect { endpoint: endpoint.clone() },
+        LinkAddress::ZenohListen { endpoint } => LinkAddress::ZenohConnect {
+            endpoint: endpoint.clone(),
+        },
         other => other.clone(),
     }
 }
@@ -305,21 +370,41 @@ fn parts(
     folder: &RunFolder,
     external: &BTreeSet<External>,
 ) -> Vec<Part> {
-    let join_timeout = if external.is_empty() { args.join_timeout } else { args.join_timeout.max(600_000) };
+    let join_timeout = if external.is_empty() {
+        args.join_timeout
+    } else {
+        args.join_timeout.max(600_000)
+    };
     let mut common = ArgList::default();
     common.option("--run-id", format!("{:016x}", config.run_id));
-    common.option("--join-timeout", join_timeout.to_string()).option("--step-timeout", args.step_timeout.to_string());
+    common
+        .option("--join-timeout", join_timeout.to_string())
+        .option("--step-timeout", args.step_timeout.to_string());
     let mut sim = common.clone();
-    sim.option("--link", address.to_string()).option("--seed", config.seed.to_string());
+    sim.option("--link", address.to_string())
+        .option("--seed", config.seed.to_string());
     sim.option("--fdi-window", args.fdi_window.to_string());
-    sim.option("--pace", if args.pace == PaceArg::Fast { "fast" } else { "real-time" });
+    sim.option(
+        "--pace",
+        if args.pace == PaceArg::Fast {
+            "fast"
+        } else {
+            "real-time"
+        },
+    );
     sim.option("--out", folder.path()).option("--", &args.scenario);
-    let mut parts = vec![Part { name: "sim", args: sim.0 }];
+    let mut parts = vec![Part {
+        name: "sim",
+        args: sim.0,
+    }];
     for who in [External::Controller, External::Fdi] {
         if !external.contains(&who) {
             let mut peer = common.clone();
             peer.option("--link", peer_address(address).to_string());
-            parts.push(Part { name: who.name(), args: peer.0 });
+            parts.push(Part {
+                name: who.name(),
+                args: peer.0,
+            });
         }
     }
     parts
@@ -344,8 +429,16 @@ struct Screen {
 
 impl Screen {
     fn new(quiet: bool) -> Self {
-        let bar = ProgressBar::with_draw_target(None, if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() });
-        let style = ProgressStyle::with_template("{bar:28.cyan/blue} {percent:>3} %  {msg}").expect("the template is well formed");
+        let bar = ProgressBar::with_draw_target(
+            None,
+            if quiet {
+                ProgressDrawTarget::hidden()
+            } else {
+                ProgressDrawTarget::stderr()
+            },
+        );
+        let style = ProgressStyle::with_template("{bar:28.cyan/blue} {percent:>3} %  {msg}")
+            .expect("the template is well formed");
         bar.set_style(style.progress_chars("━╸─"));
         Self { bar, quiet }
     }
@@ -408,11 +501,27 @@ fn truth_text(fault_label: i32) -> String {
 /// One line about a change; none for the detector's state before it is calibrated.
 fn change_line(change: &Change) -> Option<String> {
     match change {
-        Change::Truth { sim_time_s, fault_label } => Some(format!("t {sim_time_s:7.3} s  truth       {}", truth_text(*fault_label))),
+        Change::Truth {
+            sim_time_s,
+            fault_label,
+        } => Some(format!(
+            "t {sim_time_s:7.3} s  truth       {}",
+            truth_text(*fault_label)
+        )),
         Change::Verdict { sequential: -2, .. } => None,
-        Change::Verdict { sim_time_s, sequential: sequential @ 1.., probability, thrust_loss_n } => Some(format!(
+        Change::Verdict {
+            sim_time_s,
+            sequential: sequential @ 1..,
+            probability,
+            thrust_loss_n,
+        } => Some(format!(
             "t {sim_time_s:7.3} s  sequential  rotor {sequential} (probability {probability:.4}, loses {thrust_loss_n:.3} N)"
         )),
-        Change::Verdict { sim_time_s, sequential, .. } => Some(format!("t {sim_time_s:7.3} s  sequential  {}", verdict_text(*sequential))),
+        Change::Verdict {
+            sim_time_s, sequential, ..
+        } => Some(format!(
+            "t {sim_time_s:7.3} s  sequential  {}",
+            verdict_text(*sequential)
+        )),
     }
 }

@@ -64,10 +64,22 @@ fn refuse(error: &clap::Error) -> ExitCode {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         return output::bad_input(format!("a command is missing; see below\n\n{text}"));
     }
-    let lines = text.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
-    let sentence = lines.filter(|line| !line.is_empty()).fold(String::new(), |sentence, line| {
-        let separator = if sentence.is_empty() || sentence.ends_with(':') { " " } else { "; " };
-        sentence + separator + line.trim_matches(['[', ']'])
-    });
-    output::bad_input(format!("{}; see 'rotortwin --help'", sentence.trim().trim_start_matches("error: ")))
+    let lines = text
+        .lines()
+        .map(str::trim)
+        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let sentence = lines
+        .filter(|line| !line.is_empty())
+        .fold(String::new(), |sentence, line| {
+            let separator = if sentence.is_empty() || sentence.ends_with(':') {
+                " "
+            } else {
+                "; "
+            };
+            sentence + separator + line.trim_matches(['[', ']'])
+        });
+    output::bad_input(format!(
+        "{}; see 'rotortwin --help'",
+        sentence.trim().trim_start_matches("error: ")
+    ))
 }

@@ -37,7 +37,7 @@ pub(crate) fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
     if !summary.intervals.is_empty() {
         line(String::new());
         line(verdict_table(summary).to_string());
-        line("right: share of the evaluation windows of 62.5 ms; first after: from the start of the interval to the end of the first right one".to_owned());
+        line("right: share of the evaluation windows of 62.5 ms; first after: end of the first right one, from the start of the interval".to_owned());
     }
     line(String::new());
     for fact in facts(summary) {
@@ -52,11 +52,16 @@ pub(crate) fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
 
 fn headline(summary: &Summary) -> String {
     let scenario = &summary.scenario;
-    let flown = format!("{} · {} · {:.2} s of flight, seed {}", scenario.name, scenario.vehicle, summary.simulated_s, summary.seed);
+    let flown = format!(
+        "{} · {} · {:.2} s of flight, seed {}",
+        scenario.name, scenario.vehicle, summary.simulated_s, summary.seed
+    );
     match (summary.status, &summary.failure) {
         (Status::Done, _) => flown,
         (Status::Canceled, _) => format!("{flown}\nCANCELED after {} steps", summary.steps),
-        (Status::Failed, Some(failure)) => format!("{flown}\nFAILED after {} steps: {}", summary.steps, failure.sentence),
+        (Status::Failed, Some(failure)) => {
+            format!("{flown}\nFAILED after {} steps: {}", summary.steps, failure.sentence)
+        }
         (Status::Failed, None) => format!("{flown}\nFAILED after {} steps", summary.steps),
     }
 }
@@ -65,15 +70,34 @@ fn headline(summary: &Summary) -> String {
 fn verdict_table(summary: &Summary) -> Table {
     let mut table = Table::new();
     table.load_style(TABLE_STYLE);
-    table.set_header(["interval", "truth", "evaluator", "verdict at end", "right", "first after", "false alarms"]);
+    table.set_header([
+        "interval",
+        "truth",
+        "evaluator",
+        "verdict at end",
+        "right",
+        "first after",
+        "false alarms",
+    ]);
     for interval in &summary.intervals {
         for (line, evaluator) in Evaluator::ALL.into_iter().enumerate() {
             let (times, truth) = match line {
-                0 => (format!("{:.2}–{:.2} s", interval.start_s, interval.end_s), interval.description.clone()),
+                0 => (
+                    format!("{:.2}–{:.2} s", interval.start_s, interval.end_s),
+                    interval.description.clone(),
+                ),
                 _ => (String::new(), String::new()),
             };
             let [verdict, right, first_after, alarms] = score_cells(interval, evaluator);
-            table.add_row([times, truth, evaluator.title().to_owned(), verdict, right, first_after, alarms]);
+            table.add_row([
+                times,
+                truth,
+                evaluator.title().to_owned(),
+                verdict,
+                right,
+                first_after,
+                alarms,
+            ]);
         }
     }
     for column in 4..7 {
@@ -97,22 +121,28 @@ fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
     let score = interval.scores.of(evaluator);
     let none = || "–".to_owned();
     if score.not_ready == interval.windows {
-        return [verdict_text(score.verdict_at_end), none(), none(), none()];
+        let verdict = if evaluator == Evaluator::Network { "none loaded".to_owned() } else { verdict_text(score.verdict_at_end) };
+        return [verdict, none(), none(), none()];
     }
-    let alarms = if interval.expected_verdict == 0 { score.false_alarm_events.to_string() } else { none() };
+    let alarms = if interval.expected_verdict == 0 {
+        score.false_alarm_events.to_string()
+    } else {
+        none()
+    };
     [
         verdict_text(score.verdict_at_end),
-        score.share_right.map_or_else(none, |share| format!("{:.1} %", 100.0 * share)),
-        score.isolated_after_s.map_or_else(none, |delay| format!("{delay:.3} s")),
+        score
+            .share_right
+            .map_or_else(none, |share| format!("{:.1} %", 100.0 * share)),
+        score
+            .isolated_after_s
+            .map_or_else(none, |delay| format!("{delay:.3} s")),
         alarms,
     ]
 }
 
 fn facts(summary: &Summary) -> Vec<String> {
     let mut facts = Vec::new();
-    if Evaluator::ALL.into_iter().any(|evaluator| summary.is_absent(evaluator)) && summary.steps > 0 {
-        facts.push("Network      no trained network is loaded".to_owned());
-    }
     if let Some(battery) = &summary.battery {
         facts.push(format!(
             "Battery      {:.1} → {:.1} %, {:.2} → {:.2} V",
@@ -123,7 +153,10 @@ fn facts(summary: &Summary) -> Vec<String> {
         ));
     }
     if let Some(tracking) = &summary.tracking {
-        facts.push(format!("Tracking     {:.3} m rms, {:.3} m at worst", tracking.position_rms_m, tracking.position_max_m));
+        facts.push(format!(
+            "Tracking     {:.3} m rms, {:.3} m at worst",
+            tracking.position_rms_m, tracking.position_max_m
+        ));
     }
     let mut speed = format!(
         "Speed        {} steps in {:.2} s over {}: {} steps/s, {:.0} × real time",
@@ -137,7 +170,11 @@ fn facts(summary: &Summary) -> Vec<String> {
         let _ = write!(
             speed,
             "\nReal time    start of step late by {:.0} µs (median), {:.0} µs (99 %), {:.0} µs (worst); {} of {} deadlines missed",
-            real_time.jitter_us_p50, real_time.jitter_us_p99, real_time.jitter_us_max, real_time.deadline_misses, summary.steps
+            real_time.jitter_us_p50,
+            real_time.jitter_us_p99,
+            real_time.jitter_us_max,
+            real_time.deadline_misses,
+            summary.steps
         );
     }
     facts.push(speed);

@@ -41,7 +41,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 }
 
 fn replay(summary: &Summary) -> Result<String, String> {
-    let documents = Documents::from_toml("the recorded scenario", &summary.scenario.text).map_err(|error| error.to_string())?;
+    let documents =
+        Documents::from_toml("the recorded scenario", &summary.scenario.text).map_err(|error| error.to_string())?;
     let scenario = Scenario::from_documents(&documents).map_err(|error| error.to_string())?;
     let mut simulation = Simulation::new(&scenario, summary.seed).map_err(|error| error.to_string())?;
     let setup = session::run_setup(&scenario, &simulation, 1);
@@ -57,12 +58,28 @@ fn replay(summary: &Summary) -> Result<String, String> {
 fn report(args: &Args, summary: &Summary, hash: &str) -> ExitCode {
     let same = hash == summary.run_hash;
     if args.json {
-        println!("{}", serde_json::json!({ "same": same, "recorded": summary.run_hash, "replayed": hash }));
+        println!(
+            "{}",
+            serde_json::json!({ "same": same, "recorded": summary.run_hash, "replayed": hash })
+        );
     } else if same {
-        println!("same: {} steps over {} and again in this process have the run hash {hash}", summary.steps, summary.link);
+        println!(
+            "same: {} steps over {} and again in this process have the run hash {hash}",
+            summary.steps, summary.link
+        );
     } else {
-        println!("DIFFERENT\n  recorded {} ({}, over {})", summary.run_hash, summary.program_version, summary.link);
-        println!("  replayed {hash} (rotortwin {}, in this process)", env!("CARGO_PKG_VERSION"));
+        println!(
+            "DIFFERENT\n  recorded {} ({}, over {})",
+            summary.run_hash, summary.program_version, summary.link
+        );
+        println!(
+            "  replayed {hash} (rotortwin {}, in this process)",
+            env!("CARGO_PKG_VERSION")
+        );
     }
-    if same { ExitCode::SUCCESS } else { ExitCode::from(rotortwin_process::EXIT_FAILED) }
+    if same {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(rotortwin_process::EXIT_FAILED)
+    }
 }

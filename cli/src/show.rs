@@ -21,7 +21,10 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> ExitCode {
     match load_summary(&args.run) {
         Ok(summary) if args.json => print!("{}", summary.to_json()),
-        Ok(summary) => print!("{}", output::summary_text(&summary, args.run.is_dir().then_some(args.run.as_path()))),
+        Ok(summary) => print!(
+            "{}",
+            output::summary_text(&summary, args.run.is_dir().then_some(args.run.as_path()))
+        ),
         Err(error) => return output::bad_input(error),
     }
     ExitCode::SUCCESS

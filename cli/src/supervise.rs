@@ -64,7 +64,10 @@ impl Ending {
     pub(crate) fn plant_text(&self) -> String {
         let plant = format!("the plant (rotortwin sim, process {})", self.plant_pid);
         match self.stalled {
-            Some(limit) => format!("{plant} gave no sign of life for more than {} ms and was killed", limit.as_millis()),
+            Some(limit) => format!(
+                "{plant} gave no sign of life for more than {} ms and was killed",
+                limit.as_millis()
+            ),
             None => format!("{plant} {}", exit_text(self.plant)),
         }
     }
@@ -126,7 +129,10 @@ pub(crate) fn run(
         let limit = flight.limit(silence_limit, asked);
         if flight.silence() > limit {
             stalled = Some(limit);
-            plant.child.kill().context("killing the plant, which gives no sign of life")?;
+            plant
+                .child
+                .kill()
+                .context("killing the plant, which gives no sign of life")?;
             break plant.child.wait().context("waiting for the plant")?;
         }
     };
@@ -137,7 +143,13 @@ pub(crate) fn run(
         on_event(&event);
     }
     end_peers(&mut peers);
-    Ok(Ending { plant: plant_status, plant_pid, stalled, plant_silence, last_step: flight.last_step })
+    Ok(Ending {
+        plant: plant_status,
+        plant_pid,
+        stalled,
+        plant_silence,
+        last_step: flight.last_step,
+    })
 }
 
 /// Where the run is, as the plant tells it.
@@ -163,7 +175,13 @@ struct FlightWatch {
 
 impl FlightWatch {
     fn new(pid: u32) -> Self {
-        Self { pid, stage: Stage::Join, last_step: None, last_sign: Instant::now(), noted: None }
+        Self {
+            pid,
+            stage: Stage::Join,
+            last_step: None,
+            last_sign: Instant::now(),
+            noted: None,
+        }
     }
 
     fn hear(&mut self, event: &RunEvent) {
@@ -230,12 +248,20 @@ impl Process {
         if is_plant {
             command.arg("--supervised").stdin(Stdio::piped()).stdout(Stdio::piped());
         } else {
-            command.args(["--supervisor-pid", &std::process::id().to_string()]).stdin(Stdio::null()).stdout(Stdio::null());
+            command
+                .args(["--supervisor-pid", &std::process::id().to_string()])
+                .stdin(Stdio::null())
+                .stdout(Stdio::null());
         }
         command.args(&part.args);
-        let child =
-            command.spawn().with_context(|| format!("starting the {} process ({})", part.name, program.display()))?;
-        Ok(Self { name: part.name, child, log })
+        let child = command
+            .spawn()
+            .with_context(|| format!("starting the {} process ({})", part.name, program.display()))?;
+        Ok(Self {
+            name: part.name,
+            child,
+            log,
+        })
     }
 
     /// Asks the plant to stop; the first request counts.
@@ -264,30 +290,40 @@ impl Drop for Process {
 fn read_events(plant: &mut Child) -> Result<Receiver<RunEvent>> {
     let stdout = plant.stdout.take().context("the plant's standard output is piped")?;
     let (sender, receiver) = channel();
-    std::thread::Builder::new().name("plant-events".to_owned()).spawn(move || {
-        for line in BufReader::new(stdout).lines() {
-            let Ok(line) = line else { break };
-            match serde_json::from_str(&line) {
-                Ok(event) => {
-                    if sender.send(event).is_err() {
-                        break;
+    std::thread::Builder::new()
+        .name("plant-events".to_owned())
+        .spawn(move || {
+            for line in BufReader::new(stdout).lines() {
+                let Ok(line) = line else { break };
+                match serde_json::from_str(&line) {
+                    Ok(event) => {
+                        if sender.send(event).is_err() {
+                            break;
+                        }
                     }
+                    Err(error) => tracing::warn!(%line, %error, "the plant printed something that is no event"),
                 }
-                Err(error) => tracing::warn!(%line, %error, "the plant printed something that is no event"),
             }
-        }
-    })?;
+        })?;
     Ok(receiver)
 }
 
 /// What to tell the plant of a peer that has ended although the run has not begun.
 fn find_early_end(peers: &mut [Process]) -> Result<Option<StopRequest>> {
     for peer in peers {
-        if let Some(status) = peer.child.try_wait().with_context(|| format!("waiting for the {}", peer.name))? {
+        if let Some(status) = peer
+            .child
+            .try_wait()
+            .with_context(|| format!("waiting for the {}", peer.name))?
+        {
             let words = last_line(&peer.log).map(|line| format!(": {line}")).unwrap_or_default();
             return Ok(Some(StopRequest::Fail {
                 peer: peer.name.to_owned(),
-                sentence: format!("the {} process {} before it had joined{words}", peer.name, exit_text(status)),
+                sentence: format!(
+                    "the {} process {} before it had joined{words}",
+                    peer.name,
+                    exit_text(status)
+                ),
             }));
         }
     }
@@ -298,7 +334,9 @@ fn find_early_end(peers: &mut [Process]) -> Result<Option<StopRequest>> {
 fn end_peers(peers: &mut [Process]) {
     let deadline = Instant::now() + GRACE;
     while Instant::now() < deadline {
-        let all_ended = peers.iter_mut().all(|peer| matches!(peer.child.try_wait(), Ok(Some(_))));
+        let all_ended = peers
+            .iter_mut()
+            .all(|peer| matches!(peer.child.try_wait(), Ok(Some(_))));
         if all_ended {
             return;
         }
@@ -319,5 +357,9 @@ fn exit_text(status: ExitStatus) -> String {
 /// Last non-empty line of a log.
 fn last_line(log: &Path) -> Option<String> {
     let text = std::fs::read_to_string(log).ok()?;
-    text.lines().rev().map(str::trim).find(|line| !line.is_empty()).map(str::to_owned)
+    text.lines()
+        .rev()
+        .map(str::trim)
+        .find(|line| !line.is_empty())
+        .map(str::to_owned)
 }

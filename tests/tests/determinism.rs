@@ -30,30 +30,42 @@ fn disturb(run: &mut Run, random: &mut Random) -> u32 {
     stops
 }
 
-/// Flies all seeds in one process and over `link`, the latter with disturbed scheduling, and compares.
-fn same_hashes_over(link: Link) {
+/// Flies one seed in one process and over `link`, the latter with disturbed scheduling, and compares. The hash, and how often
+/// processes were stopped.
+fn same_hash_over(link: Link, seed: u64) -> (String, u32) {
     let scratch = Scratch::new();
     let scenario = scratch.write("short.toml", short_flight());
-    let mut stops = 0;
-    let mut hashes = Vec::new();
-    for seed in 1..=SEEDS {
-        let fly = |link: Link| {
-            Call::fly(&scratch, link, &scenario, &format!("{}-{seed}", link.name())).with(["--seed", &seed.to_string()])
+    let fly = |link: Link| Call::fly(&scratch, link, &scenario, link.name()).with(["--seed", &seed.to_string()]);
+    let here = fly(Link::InProcess).run().expect_code(0);
+    let mut run = fly(link).start();
+    let stops = disturb(&mut run, &mut Random::new(seed));
+    let there = run.end(PATIENCE).expect_code(0);
+    assert_eq!(here.run_hash(), there.run_hash(), "seed {seed} over {}", link.name());
+    assert_eq!(here.summary()["steps"], 1000);
+    assert_eq!(here.summary()["intervals"], there.summary()["intervals"], "seed {seed}: what the detectors said");
+    (here.run_hash(), stops)
+}
+
+/// Flies all seeds, a few at a time: runs side by side disturb each other, too.
+fn same_hashes_over(link: Link) {
+    const SIDE_BY_SIDE: u64 = 3;
+    let flown: Vec<(String, u32)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..SIDE_BY_SIDE)
+            .map(|worker| {
+                let seeds = (1..=SEEDS).filter(move |seed| seed % SIDE_BY_SIDE == worker);
+                scope.spawn(move || seeds.map(|seed| same_hash_over(link, seed)).collect::<Vec<_>>())
+            })
+            .collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, Vec<(String, u32)>>| match worker.join() {
+            Ok(flown) => flown,
+            Err(panic) => std::panic::resume_unwind(panic),
         };
-        let here = fly(Link::InProcess).run().expect_code(0);
-        let mut run = fly(link).start();
-        stops += disturb(&mut run, &mut Random::new(seed));
-        let there = run.end(PATIENCE).expect_code(0);
-        assert_eq!(here.run_hash(), there.run_hash(), "seed {seed} over {}", link.name());
-        assert_eq!(here.summary()["steps"], 1000);
-        assert_eq!(here.summary()["intervals"], there.summary()["intervals"], "seed {seed}: what the detectors said");
-        hashes.push(here.run_hash());
-        for ended in [here, there] {
-            std::fs::remove_dir_all(ended.out()).expect("a run folder can be removed");
-        }
-    }
+        workers.into_iter().flat_map(join).collect()
+    });
+    let stops: u32 = flown.iter().map(|(_, stops)| stops).sum();
     eprintln!("{}: {SEEDS} seeds, processes stopped and continued {stops} times", link.name());
-    assert!(stops > SEEDS as u32, "the scheduling was hardly disturbed: {stops} stops");
+    assert!(u64::from(stops) > SEEDS, "the scheduling was hardly disturbed: {stops} stops");
+    let mut hashes: Vec<&String> = flown.iter().map(|(hash, _)| hash).collect();
     hashes.sort();
     hashes.dedup();
     assert_eq!(hashes.len() as u64, SEEDS, "another seed is another run");

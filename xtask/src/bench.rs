@@ -16,7 +16,10 @@ const STEPS: &str = "36000";
 pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
     let repetitions = if quick { 2 } else { 5 };
     build(root)?;
-    let bench = Bench { root: root.to_path_buf(), repetitions };
+    let bench = Bench {
+        root: root.to_path_buf(),
+        repetitions,
+    };
     println!("{}", machine());
     println!("medians of {repetitions} (lowest – highest)\n");
     bench.closed_loop(if quick { 1.0 } else { 3.0 })?;
@@ -28,9 +31,24 @@ pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
 }
 
 fn build(root: &Path) -> Result<()> {
-    crate::run("build", cargo(root).args(["build", "--release", "--locked", "--quiet", "-p", "rotortwin"]))?;
-    for (package, example) in [("rotortwin-campaign", "closed_loop_rate"), ("rotortwin-wire", "link_rate")] {
-        let args = ["build", "--release", "--locked", "--quiet", "-p", package, "--example", example];
+    crate::run(
+        "build",
+        cargo(root).args(["build", "--release", "--locked", "--quiet", "-p", "rotortwin"]),
+    )?;
+    for (package, example) in [
+        ("rotortwin-campaign", "closed_loop_rate"),
+        ("rotortwin-wire", "link_rate"),
+    ] {
+        let args = [
+            "build",
+            "--release",
+            "--locked",
+            "--quiet",
+            "-p",
+            package,
+            "--example",
+            example,
+        ];
         crate::run(example, cargo(root).args(args))?;
     }
     Ok(())
@@ -41,12 +59,20 @@ fn machine() -> String {
     let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
     let model = read("/proc/cpuinfo")
         .lines()
-        .find_map(|line| line.strip_prefix("model name").and_then(|rest| rest.split_once(": ")).map(|(_, name)| name.to_owned()))
+        .find_map(|line| {
+            line.strip_prefix("model name")
+                .and_then(|rest| rest.split_once(": "))
+                .map(|(_, name)| name.to_owned())
+        })
         .unwrap_or_else(|| "unknown CPU".to_owned());
     let cpus = std::thread::available_parallelism().map_or(0, usize::from);
     let kernel = read("/proc/sys/kernel/osrelease");
     let load = read("/proc/loadavg");
-    format!("{model}, {cpus} CPUs, Linux {}, load {}", kernel.trim(), load.split(' ').next().unwrap_or("unknown"))
+    format!(
+        "{model}, {cpus} CPUs, Linux {}, load {}",
+        kernel.trim(),
+        load.split(' ').next().unwrap_or("unknown")
+    )
 }
 
 struct Bench {
@@ -60,7 +86,9 @@ impl Bench {
         let mut parts = [Vec::new(), Vec::new(), Vec::new()];
         for _ in 0..self.repetitions {
             let json = self.json(
-                Command::new("taskset").args(["-c", "0", "target/release/examples/closed_loop_rate", SCENARIO]).arg(seconds.to_string()),
+                Command::new("taskset")
+                    .args(["-c", "0", "target/release/examples/closed_loop_rate", SCENARIO])
+                    .arg(seconds.to_string()),
             )?;
             full.push(number(&json, "steps_per_cpu_s")?);
             for (values, key) in parts.iter_mut().zip(["ns_plant_and_loop", "ns_controller", "ns_fdi"]) {
@@ -69,7 +97,11 @@ impl Bench {
         }
         println!("one process, closed loop with FDI and run hash, one core");
         println!("  steps per CPU-second     {}", Spread::of(full));
-        for (values, name) in parts.into_iter().zip(["plant, sensors, loop, hash", "controller", "residuals and detectors"]) {
+        for (values, name) in
+            parts
+                .into_iter()
+                .zip(["plant, sensors, loop, hash", "controller", "residuals and detectors"])
+        {
             println!("  ns a step: {name:<27} {}", Spread::of(values));
         }
         println!();
@@ -102,7 +134,10 @@ impl Bench {
             one.push(self.flight_rate("iceoryx2", Some(0))?);
             let rates = std::thread::scope(|scope| {
                 let groups = [0, 1].map(|cpu| scope.spawn(move || self.flight_rate("iceoryx2", Some(cpu))));
-                groups.into_iter().map(|group| group.join().expect("a measuring thread does not panic")).collect::<Result<Vec<_>>>()
+                groups
+                    .into_iter()
+                    .map(|group| group.join().expect("a measuring thread does not panic"))
+                    .collect::<Result<Vec<_>>>()
             })?;
             two.push(rates.iter().sum());
         }
@@ -117,14 +152,20 @@ impl Bench {
     fn bare_rate(&self, link: &str, cpu: Option<usize>) -> Result<f64> {
         let mut command = pinned("target/release/examples/link_rate", cpu);
         let text = self.output(command.args([link, STEPS]))?;
-        let rate = text.split(" steps/s").next().and_then(|head| head.rsplit(' ').next()).and_then(|word| word.parse().ok());
+        let rate = text
+            .split(" steps/s")
+            .next()
+            .and_then(|head| head.rsplit(' ').next())
+            .and_then(|word| word.parse().ok());
         rate.with_context(|| format!("no rate in the words of link_rate: {text}"))
     }
 
     fn flight_rate(&self, link: &str, cpu: Option<usize>) -> Result<f64> {
         let out = std::env::temp_dir().join(format!("rotortwin-bench-{}-{}", std::process::id(), cpu.unwrap_or(99)));
         let mut command = Command::new("target/release/rotortwin");
-        command.args(["fly", SCENARIO, "--link", link, "--json", "--out"]).arg(&out);
+        command
+            .args(["fly", SCENARIO, "--link", link, "--json", "--out"])
+            .arg(&out);
         if let Some(cpu) = cpu {
             command.args(["--cpu", &cpu.to_string()]);
         }
@@ -134,7 +175,11 @@ impl Bench {
     }
 
     fn output(&self, command: &mut Command) -> Result<String> {
-        let output = command.current_dir(&self.root).stderr(Stdio::inherit()).output().with_context(|| format!("starting {command:?}"))?;
+        let output = command
+            .current_dir(&self.root)
+            .stderr(Stdio::inherit())
+            .output()
+            .with_context(|| format!("starting {command:?}"))?;
         if !output.status.success() {
             bail!("{command:?} failed ({})", output.status);
         }
@@ -158,7 +203,9 @@ fn pinned(program: &str, cpu: Option<usize>) -> Command {
 }
 
 fn number(json: &serde_json::Value, key: &str) -> Result<f64> {
-    json.get(key).and_then(serde_json::Value::as_f64).with_context(|| format!("no number '{key}' in a result"))
+    json.get(key)
+        .and_then(serde_json::Value::as_f64)
+        .with_context(|| format!("no number '{key}' in a result"))
 }
 
 /// Median, lowest and highest of a few measurements.
@@ -171,7 +218,11 @@ struct Spread {
 impl Spread {
     fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
-        Self { median: values[values.len() / 2], lowest: values[0], highest: values[values.len() - 1] }
+        Self {
+            median: values[values.len() / 2],
+            lowest: values[0],
+            highest: values[values.len() - 1],
+        }
     }
 }
 

@@ -19,7 +19,17 @@ fn run_steps(root: &Path) -> Result<()> {
     house_rules(root)?;
     crate::run(
         "lints",
-        cargo(root).args(["clippy", "--release", "--locked", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"]),
+        cargo(root).args([
+            "clippy",
+            "--release",
+            "--locked",
+            "--workspace",
+            "--all-targets",
+            "--quiet",
+            "--",
+            "-D",
+            "warnings",
+        ]),
     )?;
     thumb::run(root)
 }
@@ -29,11 +39,15 @@ fn house_rules(root: &Path) -> Result<()> {
     let mut complaints = Vec::new();
     for path in tracked_files(root)? {
         let name = path.strip_prefix(root).unwrap_or(&path).display().to_string();
-        let is_text = ["rs", "toml", "md", "proto", "html", "js", "css"].iter().any(|e| name.ends_with(&format!(".{e}")));
+        let is_text = ["rs", "toml", "md", "proto", "html", "js", "css"]
+            .iter()
+            .any(|e| name.ends_with(&format!(".{e}")));
         if !is_text || name.starts_with("crates/store/assets/") || name.ends_with("xtask/src/check.rs") {
             continue;
         }
-        let Ok(text) = std::fs::read_to_string(&path) else { continue };
+        let Ok(text) = std::fs::read_to_string(&path) else {
+            continue;
+        };
         for (number, line) in text.lines().enumerate() {
             let at = || format!("{name}:{}", number + 1);
             if name.ends_with(".rs") && (line.contains("todo!(") || line.contains("#[ignore")) {
@@ -60,7 +74,15 @@ fn tracked_files(root: &Path) -> Result<Vec<std::path::PathBuf>> {
         .output()
         .context("git ls-files (git is needed to know which files belong to the tree)")?;
     if !output.status.success() {
-        bail!("git ls-files failed: {}", String::from_utf8_lossy(&output.stderr).trim());
+        bail!(
+            "git ls-files failed: {}",
+            String::from_utf8_lossy(&output.stderr).trim()
+        );
     }
-    Ok(output.stdout.split(|byte| *byte == 0).filter(|name| !name.is_empty()).map(|name| root.join(String::from_utf8_lossy(name).as_ref())).collect())
+    Ok(output
+        .stdout
+        .split(|byte| *byte == 0)
+        .filter(|name| !name.is_empty())
+        .map(|name| root.join(String::from_utf8_lossy(name).as_ref()))
+        .collect())
 }

@@ -15,7 +15,17 @@ const USAGE: &str = "usage: cargo xtask TASK
   thumb             build flight-core for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
   bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link";
 
-fn main() -> Result<()> {
+fn main() -> std::process::ExitCode {
+    match run_task() {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            std::process::ExitCode::FAILURE
+        }
+    }
+}
+
+fn run_task() -> Result<()> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let args: Vec<&str> = args.iter().map(String::as_str).collect();
     let root = root()?;
@@ -32,7 +42,10 @@ fn main() -> Result<()> {
 
 /// The repository root, from the place of this package.
 fn root() -> Result<PathBuf> {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().map(Path::to_path_buf).context("xtask stands in the repository root")
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .map(Path::to_path_buf)
+        .context("xtask stands in the repository root")
 }
 
 /// A `cargo` command in the repository root.
@@ -45,7 +58,9 @@ fn cargo(root: &Path) -> std::process::Command {
 /// Runs a command; its words go to the terminal. An error names what was being done.
 fn run(what: &str, command: &mut std::process::Command) -> Result<()> {
     println!("-- {what}");
-    let status = command.status().with_context(|| format!("{what}: cannot start {:?}", command.get_program()))?;
+    let status = command
+        .status()
+        .with_context(|| format!("{what}: cannot start {:?}", command.get_program()))?;
     if !status.success() {
         bail!("{what} failed ({status})");
     }

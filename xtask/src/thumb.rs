@@ -31,7 +31,16 @@ pub(crate) fn run(root: &Path) -> Result<()> {
             .env_remove("CARGO")
             .env_remove("RUSTC")
             .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS", "-Ctarget-cpu=cortex-m7")
-            .args(["build", "--quiet", "--release", "--locked", "--package", "rotortwin-flight-core", "--target", TARGET])
+            .args([
+                "build",
+                "--quiet",
+                "--release",
+                "--locked",
+                "--package",
+                "rotortwin-flight-core",
+                "--target",
+                TARGET,
+            ])
             .args(["--target-dir", "target/thumb"]),
     )
 }

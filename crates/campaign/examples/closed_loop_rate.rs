@@ -22,7 +22,10 @@ impl FdiPeer for NoFdi {
     }
 
     fn step(&mut self, sensors: &SensorFrame, _: &CommandFrame) -> FdiReport {
-        FdiReport { stamp: sensors.stamp, ..FdiReport::default() }
+        FdiReport {
+            stamp: sensors.stamp,
+            ..FdiReport::default()
+        }
     }
 }
 
@@ -39,14 +42,19 @@ impl ControllerPeer for HoldDuty {
     }
 
     fn step(&mut self, sensors: &SensorFrame) -> CommandFrame {
-        CommandFrame { stamp: sensors.stamp, ..self.command }
+        CommandFrame {
+            stamp: sensors.stamp,
+            ..self.command
+        }
     }
 }
 
 fn main() {
     let mut args = std::env::args().skip(1);
     let scenario = args.next().expect("first argument: a scenario file");
-    let seconds: f64 = args.next().map_or(2.0, |text| text.parse().expect("second argument: seconds of CPU time"));
+    let seconds: f64 = args
+        .next()
+        .map_or(2.0, |text| text.parse().expect("second argument: seconds of CPU time"));
     let scenario = Scenario::load(&scenario).expect("the scenario is good");
     let full = rate(&scenario, seconds, PidPeer::default, FdiEnginePeer::default);
     let without_fdi = rate(&scenario, seconds, PidPeer::default, || NoFdi);
@@ -62,7 +70,12 @@ fn main() {
 }
 
 /// Steps per CPU-second over flights with seeds 1, 2, … until `seconds` of CPU time are spent.
-fn rate<C: ControllerPeer, F: FdiPeer>(scenario: &Scenario, seconds: f64, controller: fn() -> C, fdi: fn() -> F) -> f64 {
+fn rate<C: ControllerPeer, F: FdiPeer>(
+    scenario: &Scenario,
+    seconds: f64,
+    controller: fn() -> C,
+    fdi: fn() -> F,
+) -> f64 {
     let start = cpu_time_s();
     let mut steps = 0;
     for seed in 1.. {
@@ -83,7 +96,10 @@ fn rate<C: ControllerPeer, F: FdiPeer>(scenario: &Scenario, seconds: f64, contro
 }
 
 fn run_setup(scenario: &Scenario, simulation: &Simulation) -> RunSetup {
-    let trim = Trim { duty: simulation.hover_duty(), battery_voltage: simulation.truth().battery_voltage_v as f32 };
+    let trim = Trim {
+        duty: simulation.hover_duty(),
+        battery_voltage: simulation.truth().battery_voltage_v as f32,
+    };
     RunSetup {
         run_id: 1,
         scenario: scenario.name().to_owned(),

@@ -94,28 +94,48 @@ pub struct Failure {
 impl Failure {
     /// A failure that is not one of silence.
     pub fn of(peer: &str, sentence: impl Into<String>) -> Self {
-        Self { peer: peer.to_owned(), last_step: None, silence: Duration::ZERO, sentence: sentence.into() }
+        Self {
+            peer: peer.to_owned(),
+            last_step: None,
+            silence: Duration::ZERO,
+            sentence: sentence.into(),
+        }
     }
-
 }
 
 impl From<&LinkError> for Failure {
     fn from(error: &LinkError) -> Self {
         let (role, last_step, silence) = match error {
-            LinkError::PeerDied { role, last_step, silence, .. } | LinkError::PeerSilent { role, last_step, silence, .. } => {
-                (*role, *last_step, *silence)
+            LinkError::PeerDied {
+                role,
+                last_step,
+                silence,
+                ..
             }
+            | LinkError::PeerSilent {
+                role,
+                last_step,
+                silence,
+                ..
+            } => (*role, *last_step, *silence),
             LinkError::PeerMissing { role, limit, .. } => (*role, None, *limit),
             LinkError::Refused { role, .. } => (*role, None, Duration::ZERO),
             LinkError::Nonsense { role, step, .. } => (*role, Some(*step), Duration::ZERO),
-            LinkError::RunFailed { .. } | LinkError::Stopped | LinkError::Transport { .. } => (Role::Plant, None, Duration::ZERO),
+            LinkError::RunFailed { .. } | LinkError::Stopped | LinkError::Transport { .. } => {
+                (Role::Plant, None, Duration::ZERO)
+            }
         };
         let peer = match role {
             Role::Controller => "controller",
             Role::Fdi => "fdi",
             Role::Plant | Role::Unspecified => "plant",
         };
-        Self { peer: peer.to_owned(), last_step, silence, sentence: error.to_string() }
+        Self {
+            peer: peer.to_owned(),
+            last_step,
+            silence,
+            sentence: error.to_string(),
+        }
     }
 }
 

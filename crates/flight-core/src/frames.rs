@@ -44,7 +44,12 @@ impl<F> Vec3<F> {
     /// A vector from its components.
     #[inline]
     pub const fn new(x: f32, y: f32, z: f32) -> Self {
-        Self { x, y, z, frame: PhantomData }
+        Self {
+            x,
+            y,
+            z,
+            frame: PhantomData,
+        }
     }
 
     /// A vector from an array in x, y, z order.
@@ -238,8 +243,12 @@ mod tests {
 
     #[test]
     fn val_yaw_turns_forward_to_east() {
-        let east = BodyToNed::from_euler(EulerAngles { roll: 0.0, pitch: 0.0, yaw: core::f32::consts::FRAC_PI_2 })
-            .to_ned(Vec3::new(1.0, 0.0, 0.0));
+        let east = BodyToNed::from_euler(EulerAngles {
+            roll: 0.0,
+            pitch: 0.0,
+            yaw: core::f32::consts::FRAC_PI_2,
+        })
+        .to_ned(Vec3::new(1.0, 0.0, 0.0));
         assert!((east - Vec3::new(0.0, 1.0, 0.0)).norm() < 1e-6);
     }
 }

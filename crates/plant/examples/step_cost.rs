@@ -51,7 +51,7 @@ fn flight(scenario: &Scenario, seed: u64, parts: Loop) -> Result<f64, ConfigErro
             .expect("the controller keeps the vehicle in the air");
     }
     std::hint::black_box(windows);
-    Ok(start.elapsed().as_secs_f64() * 1e9 / sim.step_count() as f64)
+    Ok(start.elapsed().as_secs_f64() * 1e9 / sim.step() as f64)
 }
 
 fn main() -> Result<(), ConfigError> {

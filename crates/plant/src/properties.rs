@@ -37,7 +37,7 @@ fn simulation(more: &str, seed: u64) -> Simulation {
 
 /// A command that shakes the vehicle a little.
 fn command(sim: &Simulation) -> MotorCommand {
-    let wobble = (sim.step_count() % 7) as f32 * 0.002;
+    let wobble = (sim.step() % 7) as f32 * 0.002;
     MotorCommand {
         duty: std::array::from_fn(|i| sim.hover_duty() + if i % 2 == 0 { wobble } else { -wobble }),
     }

@@ -319,7 +319,7 @@ impl Simulation {
     }
 
     /// Current step, from 0.
-    pub fn step_count(&self) -> u64 {
+    pub fn step(&self) -> u64 {
         self.truth.step
     }
 

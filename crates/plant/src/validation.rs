@@ -58,8 +58,8 @@ fn worst_difference(substeps: u32) -> f64 {
     for line in vector.lines().skip(1) {
         let row: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
         let step = (row[0] * 400.0).round() as u64;
-        while sim.step_count() < step {
-            let t = sim.step_count() as f64 / 400.0;
+        while sim.step() < step {
+            let t = sim.step() as f64 / 400.0;
             let mut duty = [0.0; MAX_ROTORS];
             for (i, u) in duty[..6].iter_mut().enumerate() {
                 let i = i as f64;

@@ -167,7 +167,7 @@ blade = "b"
     let mut worst = [0.0_f64; 5];
     for row in rows("closed_loop.csv") {
         let step = (row[0] * 400.0).round() as u64;
-        while sim.step_count() < step {
+        while sim.step() < step {
             let sample = sim.sense();
             let output = controller.step(&sample.nav, &sample.reference, sample.battery_voltage);
             sim.advance(&output.command).unwrap();

@@ -66,7 +66,7 @@ fn largest_error(scenario: &Scenario) -> f64 {
         let output = controller.step(&sample.nav, &sample.reference, sample.battery_voltage);
         sim.advance(&output.command).unwrap();
     }
-    assert_eq!(sim.step_count(), scenario.duration_steps());
+    assert_eq!(sim.step(), scenario.duration_steps());
     largest
 }
 

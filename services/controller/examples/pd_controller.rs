@@ -43,7 +43,10 @@ struct PdController {
 
 impl ControllerPeer for PdController {
     fn setup(&mut self, setup: &ControllerSetup) -> Result<(), String> {
-        let body = setup.body.as_ref().ok_or("expected the mass of the vehicle, there is none")?;
+        let body = setup
+            .body
+            .as_ref()
+            .ok_or("expected the mass of the vehicle, there is none")?;
         if setup.trim_duty == 0.0 {
             return Err("expected a trimmed start (start = \"trimmed\"): this controller has no integrator".to_owned());
         }
@@ -53,11 +56,19 @@ impl ControllerPeer for PdController {
         let rotor = |it: &rotortwin_wire::proto::Rotor| {
             let position = it.position_m.unwrap_or_default();
             // Spin +1 turns counter-clockwise seen from above and pushes the nose to the right.
-            Rotor { forward: position.forward, right: position.right, yaw_ratio: it.spin as f32 * it.moment_ratio_m }
+            Rotor {
+                forward: position.forward,
+                right: position.right,
+                yaw_ratio: it.spin as f32 * it.moment_ratio_m,
+            }
         };
         *self = Self {
             mass: body.mass_kg,
-            inertia: body.inertia_body_kg_m2.as_slice().try_into().map_err(|_wrong_length| "expected three moments of inertia")?,
+            inertia: body
+                .inertia_body_kg_m2
+                .as_slice()
+                .try_into()
+                .map_err(|_wrong_length| "expected three moments of inertia")?,
             gravity: body.gravity_m_s2,
             rotors: setup.rotors.iter().map(rotor).collect(),
             hover_duty: setup.trim_duty,
@@ -89,7 +100,10 @@ impl ControllerPeer for PdController {
             self.inertia[1] * pd(TILT, setpoint[1] - pitch, -rates[1]),
             self.inertia[2] * pd(YAW, setpoint[2] - yaw, -rates[2]),
         ];
-        let mut command = CommandFrame { attitude_setpoint_rad: setpoint, ..CommandFrame::default() };
+        let mut command = CommandFrame {
+            attitude_setpoint_rad: setpoint,
+            ..CommandFrame::default()
+        };
         let sum = |of: fn(&Rotor) -> f32| self.rotors.iter().map(|rotor| of(rotor) * of(rotor)).sum::<f32>();
         let (right, forward, yaw_ratio) = (sum(|r| r.right), sum(|r| r.forward), sum(|r| r.yaw_ratio));
         for (duty, rotor) in command.duty.iter_mut().zip(&self.rotors) {
@@ -105,5 +119,7 @@ impl ControllerPeer for PdController {
 
 fn main() -> ExitCode {
     // The options of `rotortwin controller`, and the loop behind them.
-    Args::parse().peer.serve_controller("pd-controller", &mut PdController::default())
+    Args::parse()
+        .peer
+        .serve_controller("pd-controller", &mut PdController::default())
 }

@@ -20,5 +20,6 @@ pub struct Args {
 
 /// Serves one run; exit code 0 if it ended well, 1 if it failed, 2 if it could not be met.
 pub fn run(args: Args) -> ExitCode {
-    args.peer.serve_controller("rotortwin-controller", &mut PidPeer::default())
+    args.peer
+        .serve_controller("rotortwin-controller", &mut PidPeer::default())
 }

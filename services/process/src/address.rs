@@ -53,9 +53,9 @@ impl LinkAddress {
             Self::Iceoryx2 { .. } => Ok(()),
             Self::ZenohListen { endpoint } => match TcpListener::bind(host_and_port(endpoint)) {
                 Ok(_) => Ok(()),
-                Err(error) => {
-                    Err(format!("cannot listen on {endpoint}: {error}; expected an address of this host and a free port"))
-                }
+                Err(error) => Err(format!(
+                    "cannot listen on {endpoint}: {error}; expected an address of this host and a free port"
+                )),
             },
             Self::ZenohConnect { endpoint } => {
                 let refuse = |error: std::io::Error| {
@@ -84,7 +84,9 @@ const DEFAULT_DOMAIN: &str = "default";
 
 /// What is wrong with an address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the link '{given}' is not understood: {reason}; expected iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT with an endpoint such as tcp/127.0.0.1:7447")]
+#[error(
+    "the link '{given}' is not understood: {reason}; expected iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT with an endpoint such as tcp/127.0.0.1:7447"
+)]
 pub struct LinkAddressError {
     given: String,
     reason: &'static str,
@@ -94,21 +96,37 @@ impl FromStr for LinkAddress {
     type Err = LinkAddressError;
 
     fn from_str(given: &str) -> Result<Self, Self::Err> {
-        let refuse = |reason| Err(LinkAddressError { given: given.to_owned(), reason });
+        let refuse = |reason| {
+            Err(LinkAddressError {
+                given: given.to_owned(),
+                reason,
+            })
+        };
         let endpoint = |text: &str| {
             let is_endpoint = text.split_once('/').is_some_and(|(protocol, rest)| {
-                protocol == "tcp" && rest.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+                protocol == "tcp"
+                    && rest
+                        .rsplit_once(':')
+                        .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
             });
-            if is_endpoint { Ok(text.to_owned()) } else { Err("no tcp/HOST:PORT endpoint") }
+            if is_endpoint {
+                Ok(text.to_owned())
+            } else {
+                Err("no tcp/HOST:PORT endpoint")
+            }
         };
         match given.split_once(':') {
-            None if given == "iceoryx2" => Ok(Self::Iceoryx2 { domain: DEFAULT_DOMAIN.to_owned() }),
+            None if given == "iceoryx2" => Ok(Self::Iceoryx2 {
+                domain: DEFAULT_DOMAIN.to_owned(),
+            }),
             Some(("iceoryx2", domain)) => {
                 let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
                 if domain.is_empty() || domain.len() > 32 || !domain.chars().all(plain) {
                     return refuse("a domain has 1 to 32 letters, digits, '-' and '_'");
                 }
-                Ok(Self::Iceoryx2 { domain: domain.to_owned() })
+                Ok(Self::Iceoryx2 {
+                    domain: domain.to_owned(),
+                })
             }
             Some(("zenoh", rest)) => match rest.split_once('=') {
                 Some(("listen", text)) => match endpoint(text) {
@@ -142,10 +160,20 @@ mod tests {
 
     #[test]
     fn val_addresses_round_trip() {
-        for text in ["iceoryx2:default", "iceoryx2:bench_2", "zenoh:listen=tcp/127.0.0.1:7447", "zenoh:connect=tcp/[::1]:1"] {
+        for text in [
+            "iceoryx2:default",
+            "iceoryx2:bench_2",
+            "zenoh:listen=tcp/127.0.0.1:7447",
+            "zenoh:connect=tcp/[::1]:1",
+        ] {
             assert_eq!(text.parse::<LinkAddress>().expect("well formed").to_string(), text);
         }
-        assert_eq!("iceoryx2".parse(), Ok(LinkAddress::Iceoryx2 { domain: "default".to_owned() }));
+        assert_eq!(
+            "iceoryx2".parse(),
+            Ok(LinkAddress::Iceoryx2 {
+                domain: "default".to_owned()
+            })
+        );
     }
 
     #[test]

@@ -7,7 +7,11 @@ use tracing_subscriber::EnvFilter;
 /// Called once by a process; a second call changes nothing.
 pub fn start_logging() {
     let filter = EnvFilter::try_from_env("ROTORTWIN_LOG").unwrap_or_else(|_| EnvFilter::new("warn,zenoh=error"));
-    let started = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).try_init();
+    let started = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .try_init();
     if started.is_err() {
         tracing::debug!("logging was started before");
     }

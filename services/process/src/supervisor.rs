@@ -40,7 +40,9 @@ impl Supervisor {
         signal_hook::flag::register(SIGINT, Arc::clone(&supervisor.stop))?;
         if supervised {
             let reader = supervisor.clone();
-            std::thread::Builder::new().name("supervisor".to_owned()).spawn(move || reader.read_requests())?;
+            std::thread::Builder::new()
+                .name("supervisor".to_owned())
+                .spawn(move || reader.read_requests())?;
         }
         Ok(supervisor)
     }
@@ -51,7 +53,9 @@ impl Supervisor {
         // It may have died before the line above.
         let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().unsigned_abs());
         if parent != Some(parent_pid) {
-            return Err(std::io::Error::other(format!("process {parent_pid}, which started this one, is gone")));
+            return Err(std::io::Error::other(format!(
+                "process {parent_pid}, which started this one, is gone"
+            )));
         }
         Ok(())
     }
@@ -93,7 +97,10 @@ pub fn request_line(request: &StopRequest) -> Option<String> {
 
 fn parse_request(line: &str) -> StopRequest {
     match line.strip_prefix("fail ").and_then(|rest| rest.split_once(' ')) {
-        Some((peer, sentence)) => StopRequest::Fail { peer: peer.to_owned(), sentence: sentence.to_owned() },
+        Some((peer, sentence)) => StopRequest::Fail {
+            peer: peer.to_owned(),
+            sentence: sentence.to_owned(),
+        },
         None => StopRequest::Cancel,
     }
 }
@@ -106,7 +113,10 @@ mod tests {
     fn val_requests_survive_the_pipe() {
         for request in [
             StopRequest::Cancel,
-            StopRequest::Fail { peer: "controller".to_owned(), sentence: "was killed by signal 9".to_owned() },
+            StopRequest::Fail {
+                peer: "controller".to_owned(),
+                sentence: "was killed by signal 9".to_owned(),
+            },
         ] {
             let line = request_line(&request).expect("these two have lines");
             assert_eq!(parse_request(line.trim_end()), request);

@@ -39,13 +39,21 @@ impl ConditionSchedule {
                 *blade = (name != nominal).then_some(name);
             }
             if let Some(percent) = entry.thrust_loss_percent {
-                let ramp = entry.ramp_s.filter(|ramp| *ramp > 0.0).map(|ramp| format!(" over {ramp} s")).unwrap_or_default();
+                let ramp = entry
+                    .ramp_s
+                    .filter(|ramp| *ramp > 0.0)
+                    .map(|ramp| format!(" over {ramp} s"))
+                    .unwrap_or_default();
                 *loss = (percent > 0.0).then(|| format!("−{percent} % thrust{ramp}"));
             }
             if entry.rotor_lost == Some(true) {
                 *loss = Some("lost".to_owned());
             }
-            let words: Vec<String> = blade.iter().map(|name| format!("blade {name}")).chain(loss.iter().cloned()).collect();
+            let words: Vec<String> = blade
+                .iter()
+                .map(|name| format!("blade {name}"))
+                .chain(loss.iter().cloned())
+                .collect();
             let code = if words.is_empty() { 0 } else { number };
             if code != 0 {
                 descriptions.insert(code, words.join(", "));
@@ -54,7 +62,13 @@ impl ConditionSchedule {
         }
         let sensor_faults = (0u32..)
             .zip(&document.sensor_fault)
-            .map(|(bit, entry)| (nearest_step(entry.time_s), entry.end_s.map_or(u64::MAX, nearest_step), bit))
+            .map(|(bit, entry)| {
+                (
+                    nearest_step(entry.time_s),
+                    entry.end_s.map_or(u64::MAX, nearest_step),
+                    bit,
+                )
+            })
             .collect();
         Self {
             rotor_changes,
@@ -79,12 +93,18 @@ impl ConditionSchedule {
     /// Codes of the rotors and mask of the sensor faults in force at `step`. Steps must not go back.
     #[inline]
     pub fn at(&mut self, step: u64) -> ([i32; MAX_ROTORS], u32) {
-        while let Some(&(first_step, rotor, code)) = self.rotor_changes.get(self.passed).filter(|change| change.0 <= step) {
+        while let Some(&(first_step, rotor, code)) =
+            self.rotor_changes.get(self.passed).filter(|change| change.0 <= step)
+        {
             debug_assert!(first_step <= step);
             self.rotors[rotor] = code;
             self.passed += 1;
         }
-        let mask = self.sensor_faults.iter().filter(|(first, end, _)| (*first..*end).contains(&step)).fold(0, |mask, (.., bit)| mask | 1 << bit);
+        let mask = self
+            .sensor_faults
+            .iter()
+            .filter(|(first, end, _)| (*first..*end).contains(&step))
+            .fold(0, |mask, (.., bit)| mask | 1 << bit);
         (self.rotors, mask)
     }
 }
@@ -99,7 +119,10 @@ fn sensor_fault_name(entry: &SensorFaultEntry) -> String {
         Sensor::BatteryVoltage => "battery voltage",
     };
     let kind = match (&entry.bias_si, entry.dropout_probability, entry.delay_s) {
-        (Some(bias), ..) => format!("bias {}", bias.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
+        (Some(bias), ..) => format!(
+            "bias {}",
+            bias.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
+        ),
         (_, Some(share), _) => format!("{} % of the samples lost", 100.0 * share),
         (.., Some(delay)) => format!("{delay} s late"),
         (None, None, None) => "stuck".to_owned(),

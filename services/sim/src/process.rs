@@ -5,11 +5,13 @@ use crate::session::{self, SessionConfig};
 use clap::Parser;
 use rotortwin_campaign::pace::Pace;
 use rotortwin_plant::{Scenario, Simulation};
-use rotortwin_process::{AnyEndpoint, EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, parse_run_id, pin_to_cpu, start_logging};
+use rotortwin_process::{
+    AnyEndpoint, EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, parse_run_id, pin_to_cpu, start_logging,
+};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Status, Summary};
-use rotortwin_wire::link::endpoint::{Endpoint, EndpointLink};
 use rotortwin_wire::link::LinkTiming;
+use rotortwin_wire::link::endpoint::{Endpoint, EndpointLink};
 use rotortwin_wire::proto::Role;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -70,7 +72,11 @@ pub fn run(args: Args) -> ExitCode {
         Err(sentence) => return complain(sentence, EXIT_BAD_INPUT),
     };
     // The supervisor has made the folder, and keeps its logs in it.
-    let folder = match if args.supervised { RunFolder::open(&args.out) } else { RunFolder::create(&args.out) } {
+    let folder = match if args.supervised {
+        RunFolder::open(&args.out)
+    } else {
+        RunFolder::create(&args.out)
+    } {
         Ok(folder) => folder,
         Err(error) => return complain(error, EXIT_BAD_INPUT),
     };
@@ -102,7 +108,8 @@ fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
 }
 
 fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Result<Summary, String> {
-    let supervisor = Supervisor::watch(args.supervised).map_err(|error| format!("requests to stop cannot be taken: {error}"))?;
+    let supervisor =
+        Supervisor::watch(args.supervised).map_err(|error| format!("requests to stop cannot be taken: {error}"))?;
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
         seed,
@@ -115,7 +122,11 @@ fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Resul
         step: Duration::from_millis(args.step_timeout),
         fdi_window: args.fdi_window,
         // At 400 Hz of wall clock there is time to answer each step, and people look on.
-        fdi_batch: if args.pace == Pace::RealTime { 1 } else { LinkTiming::default().fdi_batch },
+        fdi_batch: if args.pace == Pace::RealTime {
+            1
+        } else {
+            LinkTiming::default().fdi_batch
+        },
     };
     match AnyEndpoint::open(&args.link, Role::Plant, args.run_id) {
         Ok(AnyEndpoint::Iox2(endpoint)) => fly_over(endpoint, timing, scenario, &config, folder, &supervisor),
@@ -139,7 +150,9 @@ fn fly_over(
 
 /// One line of JSON on standard output. A reader that is gone is no reason to end the run: its death shows elsewhere.
 fn print_event(event: RunEvent) {
-    let Ok(line) = serde_json::to_string(&event) else { return };
+    let Ok(line) = serde_json::to_string(&event) else {
+        return;
+    };
     let mut out = std::io::stdout().lock();
     if let Err(error) = writeln!(out, "{line}").and_then(|()| out.flush()) {
         tracing::debug!(%error, "nobody reads the events");

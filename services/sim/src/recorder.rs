@@ -60,7 +60,10 @@ impl<'a> Recorder<'a> {
         let label = sample.truth.fault_label;
         if label != self.last_label {
             self.last_label = label;
-            (self.emit)(RunEvent::Change(Change::Truth { sim_time_s, fault_label: label }));
+            (self.emit)(RunEvent::Change(Change::Truth {
+                sim_time_s,
+                fault_label: label,
+            }));
         }
         let sequential = sample.report.sequential;
         if self.last_sequential != Some(sequential) {
@@ -115,7 +118,12 @@ impl FlightObserver for Recorder<'_> {
 
 /// One sample as a row of telemetry.
 fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, sensor_faults): ([i32; MAX_ROTORS], u32)) {
-    let Sample { sensors, command, report, truth } = sample;
+    let Sample {
+        sensors,
+        command,
+        report,
+        truth,
+    } = sample;
     *row = TelemetryRow {
         step: sensors.stamp.step,
         sim_time_ns: sensors.stamp.sim_time_ns,

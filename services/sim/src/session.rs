@@ -46,7 +46,10 @@ pub fn stop_reason(supervisor: &Supervisor) -> Option<StopReason> {
     supervisor.stop_request().map(|request| match request {
         StopRequest::Cancel => StopReason::Canceled,
         StopRequest::Fail { peer, sentence } => StopReason::Failed(flight::Failure::of(&peer, sentence)),
-        StopRequest::Orphaned => StopReason::Failed(flight::Failure::of("supervisor", "the supervisor (rotortwin fly) died; the plant ended the run")),
+        StopRequest::Orphaned => StopReason::Failed(flight::Failure::of(
+            "supervisor",
+            "the supervisor (rotortwin fly) died; the plant ended the run",
+        )),
     })
 }
 
@@ -69,7 +72,8 @@ pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> R
 /// Content hash of the vehicle and the blades that are flown.
 fn model_hash(scenario: &Scenario) -> String {
     let documents = scenario.documents();
-    let json = serde_json::to_vec(&(&documents.vehicle, &documents.blades)).expect("documents of text and numbers are JSON");
+    let json =
+        serde_json::to_vec(&(&documents.vehicle, &documents.blades)).expect("documents of text and numbers are JSON");
     run_hash::content_hash(&json)
 }
 
@@ -96,7 +100,7 @@ pub fn fly(
     let spool = SpoolWriter::create(&folder.spool_path(), &header)?;
     emit(RunEvent::Waiting);
     let setup = run_setup(scenario, &simulation, config.run_id);
-    let mut recorder = Recorder::new(spool, simulation.step_count(), conditions, emit, stop);
+    let mut recorder = Recorder::new(spool, scenario.duration_steps(), conditions, emit, stop);
     let outcome = flight::fly(&mut simulation, link, &setup, config.pace, &mut recorder);
     recorder.finish()?;
     emit(RunEvent::Recording { steps: outcome.steps });
@@ -162,7 +166,12 @@ fn failure(failure: &flight::Failure, steps: u64) -> Failure {
 }
 
 /// Writes the summary of a run whose link could not be opened.
-pub fn never_opened(scenario: &Scenario, config: &SessionConfig, folder: &RunFolder, error: &LinkError) -> Result<Summary, StoreError> {
+pub fn never_opened(
+    scenario: &Scenario,
+    config: &SessionConfig,
+    folder: &RunFolder,
+    error: &LinkError,
+) -> Result<Summary, StoreError> {
     let mut summary = blank_summary(scenario, config);
     summary.status = Status::Failed;
     summary.failure = Some(failure(&flight::Failure::from(error), 0));
@@ -190,7 +199,9 @@ pub fn finalise_dead_plant(
     dead: &DeadPlant,
 ) -> Result<Summary, StoreError> {
     let mut summary = blank_summary(scenario, config);
-    let last_row = SpoolReader::open(&folder.spool_path()).ok().and_then(|spool| spool.rows().checked_sub(1));
+    let last_row = SpoolReader::open(&folder.spool_path())
+        .ok()
+        .and_then(|spool| spool.rows().checked_sub(1));
     // The last rows die with the plant; it may have told of them.
     let last_step = last_row.max(dead.last_step);
     let after = match last_step {

@@ -2,9 +2,10 @@
 //!
 //! ```text
 //!  key (rotortwin/v1/{run_id}/…)    from                 to                 payload
-//!  sensors                          plant                controller, fdi    SensorFrame
-//!  command                          controller           plant, fdi         MotorCommand
-//!  report                           fdi                  plant              FdiReport
+//!  sensors                          plant                controller         SensorFrame
+//!  command                          controller           plant              MotorCommand
+//!  steps                            plant                fdi                MeasuredSteps, every `fdi_batch` steps
+//!  reports                          fdi                  plant              FdiReports, every `fdi_batch` steps
 //!  join, ready                      peers                plant              Join, Ready
 //!  setup/controller, setup/fdi      plant                that peer          Setup
 //!  finish                           plant                peers              Finish
@@ -13,12 +14,15 @@
 //! Who meets whom is said explicitly, nothing is searched for: either the plant listens and the peers connect to it (it routes
 //! for them, no other program is needed), or all connect to a router. Scouting, gossip and the admin space are off.
 //!
+//! A message costs about as much as all that a step computes, so the FDI engine is not sent one per step: the plant, which has
+//! both, passes sensors and commands on in lists of `fdi_batch` steps, and gets lists of reports back.
+//!
 //! A process that dies takes its TCP connection with it; the router then withdraws its liveliness token, and the others know
 //! within milliseconds. A host that vanishes without closing its connections shows after the lease of 2 s, or as silence.
 //!
 //! # Limits
-//! No authentication and no encryption: listen on the loopback interface or in a network that you trust. Sending wakes the
-//! receiver, so there is nothing to gain from batches. A few times slower than shared memory.
+//! No authentication and no encryption: listen on the loopback interface or in a network that you trust. Several times slower
+//! than shared memory.
 
 use super::LinkError;
 use super::endpoint::{Delivery, Endpoint, Packet, malformed};
@@ -119,6 +123,8 @@ impl ZenohOptions {
             ("adminspace/enabled", "false".to_owned()),
             ("transport/link/protocols", "[\"tcp\"]".to_owned()),
             ("transport/link/tx/lease", "2000".to_owned()),
+            ("transport/unicast/lowlatency", "true".to_owned()),
+            ("transport/unicast/qos/enabled", "false".to_owned()),
         ] {
             config.insert_json5(key, &value).map_err(|error| failed(&format!("setting {key} to {value}"), error))?;
         }
@@ -138,7 +144,8 @@ enum Topic {
     Ready,
     Sensors,
     Command,
-    Report,
+    Steps,
+    Reports,
     Finish,
 }
 

@@ -1,0 +1,441 @@
+//! When a process of a run dies or stalls, at any moment: the others end within a second, the run folder says who, at which step and
+//! how long silent, and nothing is left that hinders the next run.
+
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use rotortwin_tests::process::{Process, wait_until};
+use rotortwin_tests::program::{Call, Ended, Link, MemberName, PATIENCE, Run, read_json, text, whole};
+use rotortwin_tests::random::Random;
+use rotortwin_tests::scratch::{Scratch, hover, short_flight};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::net::TcpStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// What the issue asks: from a death to the end of all the others.
+const END_WITHIN: Duration = Duration::from_secs(1);
+
+const VICTIMS: [MemberName; 4] = ["controller", "fdi", "sim", "supervisor"];
+
+/// Steps of 2.5 ms.
+const STEPS_PER_S: f64 = 400.0;
+
+/// When somebody is killed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Moment {
+    /// While the processes start and join.
+    Join,
+    /// Within 0.1 s of the first steps, in real time.
+    Early,
+    /// Somewhere in the first 1.5 s, in real time.
+    RealTime,
+    /// Half-way, as fast as possible.
+    Middle,
+    /// After three quarters, as fast as possible.
+    Late,
+}
+
+impl Moment {
+    const ALL: [Self; 5] = [Self::Join, Self::Early, Self::RealTime, Self::Middle, Self::Late];
+
+    const fn pace(self) -> &'static str {
+        match self {
+            Self::Join | Self::Early | Self::RealTime => "real-time",
+            Self::Middle | Self::Late => "fast",
+        }
+    }
+}
+
+/// A flight that takes long enough to be killed in its last quarter, also if it is flown as fast as possible.
+const fn flight_s(link: Link) -> u32 {
+    match link {
+        Link::Zenoh => 40,
+        Link::InProcess | Link::Iceoryx2 => 120,
+    }
+}
+
+/// A hover whose rotor 2 changes its blade again and again: each change is announced, which tells how far the flight is.
+fn announced_flight(duration_s: u32) -> String {
+    let changes = (0..duration_s).step_by(5).zip(["b", "a"].into_iter().cycle());
+    let faults: String = changes
+        .map(|(second, blade)| {
+            let time_s = if second == 0 { 0.1 } else { f64::from(second) };
+            format!("[[fault]]\ntime_s = {time_s:?}\nrotor = 2\nblade = '{blade}'\n")
+        })
+        .collect();
+    hover("announced", f64::from(duration_s), &faults)
+}
+
+/// Waits until the change at `time_s` or a later one is announced; the number of complete steps that this proves.
+fn wait_for_announcement(run: &mut Run, time_s: f64) -> i64 {
+    let time = |line: &str| line.strip_prefix('t')?.split_once(" s  truth")?.0.trim().parse::<f64>().ok();
+    let line = run.line(|line| time(line).is_some_and(|time| time >= time_s));
+    (time(&line).expect("it was just parsed") * STEPS_PER_S).round() as i64
+}
+
+/// Who is to blame, as it stands in the summary.
+fn peer(victim: MemberName) -> &'static str {
+    if victim == "sim" { "plant" } else { victim }
+}
+
+/// A kill, and what came of it.
+struct Kill {
+    victim: MemberName,
+    moment: Moment,
+    /// Steps that were certainly complete when the signal was sent, and steps that the failure may name at most.
+    steps: (i64, i64),
+    /// From the signal to the end of the last process.
+    ended_after: Duration,
+    run_id: String,
+    endpoint: Option<String>,
+}
+
+/// Flies, kills, and waits until all processes have ended. `None` if the flight was over before.
+fn kill_one(scratch: &Scratch, link: Link, victim: MemberName, moment: Moment, random: &mut Random) -> Option<(Kill, Ended)> {
+    let scenario = scratch.write("announced.toml", announced_flight(flight_s(link)));
+    let last_step = i64::from(flight_s(link)) * STEPS_PER_S as i64 - 1;
+    let mut run = Call::fly(scratch, link, &scenario, "killed").with(["--pace", moment.pace()]).start();
+    let sim_args = run.member_args("sim");
+    let after = |option: &str| sim_args.iter().skip_while(|arg| *arg != option).nth(1).cloned();
+    let steps = match moment {
+        Moment::Join => {
+            run.member(victim);
+            std::thread::sleep(random.duration(Duration::from_millis(150)));
+            (0, (0.6 * STEPS_PER_S) as i64)
+        }
+        Moment::Early | Moment::RealTime => {
+            let complete = wait_for_announcement(&mut run, 0.0);
+            let longest = if moment == Moment::Early { 100 } else { 1500 };
+            let delay = random.duration(Duration::from_millis(longest));
+            let begin = Instant::now();
+            std::thread::sleep(delay);
+            let flown = (begin.elapsed().as_secs_f64() * STEPS_PER_S) as i64;
+            // A plant in real time keeps its pace to 0.1 s even on a busy machine.
+            (complete + flown - 40, complete + flown + 40)
+        }
+        Moment::Middle | Moment::Late => {
+            let share = if moment == Moment::Middle { 0.5 } else { 0.75 };
+            let complete = wait_for_announcement(&mut run, share * f64::from(flight_s(link)));
+            std::thread::sleep(random.duration(Duration::from_millis(20)));
+            (complete, last_step)
+        }
+    };
+    let members = run.members();
+    let target = run.member(victim);
+    let killed = Instant::now();
+    target.signal(Signal::KILL);
+    let all_ended = wait_until(PATIENCE, || run.has_ended() && members.iter().all(|member| !member.is_alive()));
+    let kill = Kill {
+        victim,
+        moment,
+        steps,
+        ended_after: all_ended.map_or_else(|| killed.elapsed(), |time| time),
+        run_id: after("--run-id").expect("the plant is told its run id"),
+        endpoint: after("--link").and_then(|link| link.split_once("tcp/").map(|(_, endpoint)| endpoint.to_owned())),
+    };
+    let ended = run.end(PATIENCE);
+    let survived = ended.out().join("summary.json").exists() && ended.summary()["status"] == "done";
+    (!survived).then_some((kill, ended))
+}
+
+/// The run folder tells the story, and its files can be read.
+fn check_story(kill: &Kill, ended: &Ended) {
+    let Kill { victim, moment, steps: (fewest, most), .. } = *kill;
+    let summary = ended.summary();
+    let failure = &summary["failure"];
+    let story = format!("{victim} killed at {moment:?} ({fewest} to {most}): {failure}");
+    assert_eq!(summary["status"], "failed", "{story}");
+    assert_eq!(text(failure, "/peer"), peer(victim), "{story}");
+    let (step, silence_ms) = (whole(failure, "/step"), whole(failure, "/silence_ms"));
+    // A plant that dies tells no more of its last 0.5 s than it had told, and of the last 0.2 s at most.
+    let untold = if victim == "sim" { (0.5 * STEPS_PER_S) as i64 } else { 0 };
+    // The FDI engine may trail by 128 steps.
+    let trail = 128;
+    assert!((fewest - untold - trail..=most).contains(&step), "{story}");
+    assert!((0..1000).contains(&silence_ms), "{story}");
+    let sentence = text(failure, "/sentence");
+    let word = if victim == "sim" { "plant" } else { victim };
+    assert!(sentence.to_lowercase().contains(word), "{story}");
+    if victim != "supervisor" && step > 0 {
+        assert!(sentence.contains(&format!("after step {step}")), "{story}");
+        assert!(sentence.contains(&format!("silent for {silence_ms} ms")), "{story}");
+    }
+    let recorded = whole(&summary, "/steps");
+    assert!((step - trail - untold..=step + 1 + trail).contains(&recorded), "{recorded} steps recorded: {story}");
+    check_files(ended.out(), &summary);
+    if victim == "supervisor" {
+        assert_eq!(ended.code, None, "{story}");
+    } else {
+        assert_eq!(ended.code, Some(1), "{story}");
+        assert!(ended.stdout.contains("FAILED") && ended.stdout.contains(sentence), "{}", ended.stdout);
+    }
+}
+
+/// Every file of the run is whole: as many rows as the summary says, and nothing half-written beside them.
+fn check_files(out: &Path, summary: &Value) {
+    let recorded = whole(summary, "/steps");
+    let telemetry = out.join("telemetry.parquet");
+    // Without a single sample there may be no telemetry.
+    if telemetry.exists() || recorded > 0 {
+        let file = std::fs::File::open(&telemetry).expect("it exists");
+        let rows = SerializedFileReader::new(file).expect("it is Parquet").metadata().file_metadata().num_rows();
+        assert_eq!(rows, recorded);
+    }
+    assert!(out.join("report.html").is_file());
+    for entry in std::fs::read_dir(out).expect("the run folder exists").flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        assert!(!name.ends_with(".part") && !name.ends_with(".spool"), "{name} is half-written");
+    }
+}
+
+/// Nothing of the run is left: no process, no shared memory, no open port.
+fn check_remains(scratch: &Scratch, kill: &Kill) {
+    let what = format!("{} killed at {:?}", kill.victim, kill.moment);
+    let processes = Process::with_word(&kill.run_id);
+    assert!(processes.is_empty(), "{what}: {processes:?} are left");
+    let memory = scratch.shared_memory();
+    assert!(memory.is_empty(), "{what}: shared memory is left: {memory:?}");
+    if let Some(endpoint) = &kill.endpoint {
+        assert!(TcpStream::connect(endpoint).is_err(), "{what}: somebody still listens on {endpoint}");
+    }
+}
+
+/// The next run in the same place is as if nothing had happened.
+fn check_next_run(scratch: &Scratch, link: Link, what: &str) {
+    let scenario = scratch.write("short.toml", short_flight());
+    let fly = |link: Link| {
+        let ended = Call::fly(scratch, link, &scenario, "next").run().expect_code(0);
+        let hash = ended.run_hash();
+        std::fs::remove_dir_all(ended.out()).expect("a run folder can be removed");
+        hash
+    };
+    assert_eq!(fly(link), fly(Link::InProcess), "the run after: {what}");
+    let memory = scratch.shared_memory();
+    assert!(memory.is_empty(), "{what}: shared memory is left after the next run: {memory:?}");
+}
+
+/// Kills one process of the run at every moment.
+fn kill_at_every_moment(link: Link, victim: MemberName) {
+    const ATTEMPTS: u32 = 5;
+    let mut times = Vec::new();
+    for (seed, moment) in (0..).zip(Moment::ALL) {
+        let scratch = Scratch::new();
+        let mut random = Random::new(seed);
+        let (kill, ended) = (0..ATTEMPTS)
+            .find_map(|_| {
+                drop(std::fs::remove_dir_all(scratch.path("killed")));
+                kill_one(&scratch, link, victim, moment, &mut random)
+            })
+            .expect("the kill comes before the end of the flight, sooner or later");
+        check_story(&kill, &ended);
+        check_remains(&scratch, &kill);
+        times.push((kill.ended_after, moment));
+        if matches!(moment, Moment::Join | Moment::RealTime) {
+            check_next_run(&scratch, link, &format!("{victim} killed at {moment:?}"));
+        }
+    }
+    eprintln!("{}, {victim} killed, all ended after: {times:?}", link.name());
+    for (time, moment) in times {
+        assert!(time <= END_WITHIN, "{victim} killed at {moment:?}: the last process ended {time:?} later");
+    }
+}
+
+#[test]
+fn scenario_controller_killed_over_shared_memory() {
+    kill_at_every_moment(Link::Iceoryx2, "controller");
+}
+
+#[test]
+fn scenario_controller_killed_over_tcp() {
+    kill_at_every_moment(Link::Zenoh, "controller");
+}
+
+#[test]
+fn scenario_fdi_killed_over_shared_memory() {
+    kill_at_every_moment(Link::Iceoryx2, "fdi");
+}
+
+#[test]
+fn scenario_fdi_killed_over_tcp() {
+    kill_at_every_moment(Link::Zenoh, "fdi");
+}
+
+#[test]
+fn scenario_sim_killed_over_shared_memory() {
+    kill_at_every_moment(Link::Iceoryx2, "sim");
+}
+
+#[test]
+fn scenario_sim_killed_over_tcp() {
+    kill_at_every_moment(Link::Zenoh, "sim");
+}
+
+#[test]
+fn scenario_supervisor_killed_over_shared_memory() {
+    kill_at_every_moment(Link::Iceoryx2, "supervisor");
+}
+
+#[test]
+fn scenario_supervisor_killed_over_tcp() {
+    kill_at_every_moment(Link::Zenoh, "supervisor");
+}
+
+/// With everybody dead nobody can tidy up; the next run does.
+#[test]
+fn scenario_all_killed_at_once() {
+    for link in Link::BETWEEN_PROCESSES {
+        let scratch = Scratch::new();
+        let scenario = scratch.write("announced.toml", announced_flight(60));
+        let mut run = Call::fly(&scratch, link, &scenario, "killed").with(["--pace", "real-time"]).start();
+        VICTIMS.map(|name| run.member(name));
+        wait_for_announcement(&mut run, 0.0);
+        let members = run.members();
+        members.iter().for_each(|member| member.signal(Signal::STOP));
+        members.iter().for_each(|member| member.signal(Signal::KILL));
+        let ended = wait_until(END_WITHIN, || run.has_ended() && members.iter().all(|member| !member.is_alive()));
+        assert!(ended.is_some(), "killed processes end");
+        drop(run.end(PATIENCE));
+        if link == Link::Iceoryx2 {
+            assert!(!scratch.shared_memory().is_empty(), "there is something to tidy up");
+        }
+        check_next_run(&scratch, link, "all killed");
+        let shown = Call::new(&scratch, ["show".as_ref(), scratch.path("killed").as_os_str()]).run().expect_code(2);
+        assert!(shown.stderr.concat().contains("interrupted"), "{:?}", shown.stderr);
+    }
+}
+
+/// A process that is stopped is named like a dead one, after the time-out.
+fn stall(link: Link) {
+    const STEP_TIMEOUT_MS: i64 = 500;
+    // The supervisor gives the plant one and a half times as long, and half a second; then its peers have spoken before.
+    const PLANT_TIMEOUT_MS: i64 = STEP_TIMEOUT_MS * 3 / 2 + 500;
+    // How much later than the time-out somebody may notice.
+    const NOTICE_MS: i64 = 500;
+    for (victim, timeout_ms) in [("controller", STEP_TIMEOUT_MS), ("fdi", STEP_TIMEOUT_MS), ("sim", PLANT_TIMEOUT_MS)] {
+        let scratch = Scratch::new();
+        let scenario = scratch.write("announced.toml", announced_flight(60));
+        let args = ["--pace", "real-time", "--step-timeout", &STEP_TIMEOUT_MS.to_string()];
+        let mut run = Call::fly(&scratch, link, &scenario, "stalled").with(args).start();
+        let complete = wait_for_announcement(&mut run, 0.0);
+        let begin = Instant::now();
+        std::thread::sleep(Duration::from_millis(200));
+        let members = run.members();
+        run.member(victim).signal(Signal::STOP);
+        let flown = (begin.elapsed().as_secs_f64() * STEPS_PER_S) as i64;
+        let limit = Duration::from_millis(u64::try_from(timeout_ms + NOTICE_MS).expect("it is positive")) + END_WITHIN;
+        let stopped = Instant::now();
+        let gone = wait_until(PATIENCE, || run.has_ended() && members.iter().all(|member| !member.is_alive()));
+        assert!(gone.is_some(), "a stalled {victim} is named and killed");
+        eprintln!("{}, {victim} stopped, all ended after: {:?}", link.name(), stopped.elapsed());
+        assert!(stopped.elapsed() <= limit, "{victim}: {:?}", stopped.elapsed());
+        let ended = run.end(PATIENCE).expect_code(1);
+        let failure = &ended.summary()["failure"];
+        assert_eq!(text(failure, "/peer"), peer(victim), "{failure}");
+        let silence_ms = whole(failure, "/silence_ms");
+        assert!((timeout_ms..timeout_ms + NOTICE_MS).contains(&silence_ms), "{failure}");
+        let step = whole(failure, "/step");
+        // As for a kill: the plant tells its progress each 64 steps, and at least 0.1 s apart.
+        assert!((complete + flown - 128..=complete + flown + 40).contains(&step), "{complete} + {flown}: {failure}");
+        let sentence = text(failure, "/sentence");
+        assert!(sentence.contains(&format!("after step {step}: silent for {silence_ms} ms")), "{sentence}");
+        check_files(ended.out(), &ended.summary());
+        assert!(scratch.shared_memory().is_empty(), "{:?}", scratch.shared_memory());
+        check_next_run(&scratch, link, &format!("{victim} stalled"));
+    }
+}
+
+#[test]
+fn scenario_stalled_over_shared_memory() {
+    stall(Link::Iceoryx2);
+}
+
+#[test]
+fn scenario_stalled_over_tcp() {
+    stall(Link::Zenoh);
+}
+
+/// Ctrl-C and SIGTERM end a run in order.
+#[test]
+fn scenario_canceled() {
+    for (link, signal) in [
+        (Link::InProcess, Signal::INT),
+        (Link::Iceoryx2, Signal::INT),
+        (Link::Zenoh, Signal::INT),
+        (Link::Iceoryx2, Signal::TERM),
+    ] {
+        let scratch = Scratch::new();
+        let scenario = scratch.write("announced.toml", announced_flight(60));
+        let mut run = Call::fly(&scratch, link, &scenario, "canceled").with(["--pace", "real-time"]).start();
+        let complete = wait_for_announcement(&mut run, 0.0);
+        let members = run.members();
+        run.supervisor().signal(signal);
+        let gone = wait_until(PATIENCE, || run.has_ended() && members.iter().all(|member| !member.is_alive()));
+        eprintln!("{}, {signal:?}, all ended after: {gone:?}", link.name());
+        assert!(gone.is_some_and(|time| time <= END_WITHIN), "{}: {gone:?}", link.name());
+        let ended = run.end(PATIENCE).expect_code(1);
+        let summary = ended.summary();
+        assert_eq!(summary["status"], "canceled");
+        assert!(summary.get("failure").is_none(), "nobody is to blame: {}", summary["failure"]);
+        assert!(whole(&summary, "/steps") >= complete, "complete steps are kept");
+        assert!(ended.stdout.contains("CANCELED"), "{}", ended.stdout);
+        check_files(ended.out(), &summary);
+        assert!(scratch.shared_memory().is_empty(), "{:?}", scratch.shared_memory());
+    }
+}
+
+/// Ctrl-C also reaches a run whose peers never come, and one whose plant does not react.
+#[test]
+fn scenario_canceled_while_nothing_happens() {
+    let scratch = Scratch::new();
+    let scenario = scratch.write("announced.toml", announced_flight(60));
+    let mut waiting = Call::fly(&scratch, Link::Iceoryx2, &scenario, "waiting").with(["--external", "controller"]).start();
+    waiting.member("fdi");
+    std::thread::sleep(Duration::from_millis(300));
+    waiting.supervisor().signal(Signal::INT);
+    let ended = waiting.end(END_WITHIN).expect_code(1);
+    assert_eq!(ended.summary()["status"], "canceled");
+
+    let mut stalled = Call::fly(&scratch, Link::Iceoryx2, &scenario, "stalled").with(["--pace", "real-time"]).start();
+    wait_for_announcement(&mut stalled, 0.0);
+    let members = stalled.members();
+    stalled.member("sim").signal(Signal::STOP);
+    stalled.supervisor().signal(Signal::INT);
+    // It gets the time of grace to react, then its folder has to be written by somebody else.
+    let gone = wait_until(2 * END_WITHIN, || stalled.has_ended() && members.iter().all(|member| !member.is_alive()));
+    assert!(gone.is_some(), "a plant that does not react to Ctrl-C is killed");
+    let ended = stalled.end(PATIENCE).expect_code(1);
+    assert_eq!(text(&ended.summary(), "/failure/peer"), "plant");
+    assert!(scratch.shared_memory().is_empty(), "{:?}", scratch.shared_memory());
+}
+
+/// A plant that dies while it writes its folder: the supervisor writes it again, from the same rows.
+#[test]
+fn scenario_killed_while_the_folder_is_written() {
+    for victim in ["sim", "supervisor"] {
+        let scratch = Scratch::new();
+        let scenario = scratch.write("announced.toml", announced_flight(120));
+        let steps = 120 * STEPS_PER_S as i64;
+        let whole_run = Call::fly(&scratch, Link::InProcess, &scenario, "whole").run().expect_code(0);
+        let mut run = Call::fly(&scratch, Link::Iceoryx2, &scenario, "killed").start();
+        let target = run.member(victim);
+        let part = scratch.path("killed").join(".telemetry.parquet.part");
+        assert!(wait_until(PATIENCE, || part.exists()).is_some(), "the folder is written in the end");
+        std::thread::sleep(Random::new(1).duration(Duration::from_millis(20)));
+        let members = run.members();
+        let killed = Instant::now();
+        target.signal(Signal::KILL);
+        let gone = wait_until(PATIENCE, || run.has_ended() && members.iter().all(|member| !member.is_alive()));
+        assert!(gone.is_some_and(|time| time <= END_WITHIN), "{victim}: {:?}", killed.elapsed());
+        let ended = run.end(PATIENCE);
+        let summary = read_json(&scratch.path("killed").join("summary.json"));
+        assert_eq!(whole(&summary, "/steps"), steps, "no row is lost");
+        check_files(ended.out(), &summary);
+        assert_eq!(summary["intervals"], whole_run.summary()["intervals"], "the same rows, the same story");
+        if victim == "sim" {
+            assert_eq!((ended.code, text(&summary, "/failure/peer")), (Some(1), "plant"));
+            assert_eq!(whole(&summary, "/failure/step"), steps - 1);
+        } else {
+            assert_eq!((&summary["status"], &summary["run_hash"]), (&"done".into(), &whole_run.summary()["run_hash"]));
+        }
+    }
+}
