@@ -6,11 +6,11 @@ use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_campaign::pace::Pace;
 use rotortwin_plant::Scenario;
-use rotortwin_process::{LinkAddress, Supervisor};
+use rotortwin_process::{AnyEndpoint, LinkAddress, Supervisor};
 use rotortwin_sim::events::{Change, Progress, RunEvent};
 use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
-use rotortwin_store::summary::{Summary, load_summary, verdict_text};
+use rotortwin_store::summary::{Status, Summary, load_summary, verdict_text};
 use rotortwin_wire::link::LinkTiming;
 use rotortwin_wire::link::endpoint::PeerOptions;
 use std::collections::BTreeSet;
@@ -338,8 +338,8 @@ fn fly_in_processes(
     .idle;
     let ending = supervise::run(&parts, folder.path(), silence_limit, |event| screen.show(event))
         .map_err(|error| format!("{error:#}"))?;
-    match load_summary(folder.path()) {
-        Ok(summary) => Ok(summary),
+    let summary = match load_summary(folder.path()) {
+        Ok(summary) => summary,
         // The plant could not write it: it died, or it stalled and was killed.
         Err(_) => {
             let dead = DeadPlant {
@@ -348,9 +348,13 @@ fn fly_in_processes(
                 last_step: ending.last_step,
                 wall: start.elapsed(),
             };
-            session::finalise_dead_plant(scenario, config, folder, &dead).map_err(|error| error.to_string())
+            session::finalise_dead_plant(scenario, config, folder, &dead).map_err(|error| error.to_string())?
         }
+    };
+    if summary.status != Status::Done {
+        AnyEndpoint::tidy(address);
     }
+    Ok(summary)
 }
 
 /// The address that peers use: they connect where the plant listens.

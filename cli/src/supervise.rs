@@ -142,7 +142,15 @@ pub(crate) fn run(
         flight.hear(&event);
         on_event(&event);
     }
-    end_peers(&mut peers);
+    // Before the flight nobody has anything to end in order.
+    end_peers(
+        &mut peers,
+        if flight.stage == Stage::Join {
+            Duration::ZERO
+        } else {
+            GRACE
+        },
+    );
     Ok(Ending {
         plant: plant_status,
         plant_pid,
@@ -223,10 +231,10 @@ impl FlightWatch {
     fn limit(&self, in_flight: Duration, asked: bool) -> Duration {
         match self.stage {
             Stage::Recording => in_flight.max(Duration::from_secs(60)),
-            Stage::Join | Stage::Flight if asked => in_flight.min(GRACE),
+            Stage::Flight if asked => in_flight.min(GRACE),
+            Stage::Flight => in_flight,
             // Opening a link may block for some seconds.
             Stage::Join => in_flight.max(Duration::from_secs(10)),
-            Stage::Flight => in_flight,
         }
     }
 }
@@ -264,6 +272,10 @@ impl Process {
         })
     }
 
+    fn has_ended(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(Some(_)))
+    }
+
     /// Asks the plant to stop; the first request counts.
     fn request(&mut self, request: &StopRequest) {
         let Some(line) = request_line(request) else { return };
@@ -278,7 +290,7 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        if !matches!(self.child.try_wait(), Ok(Some(_))) {
+        if !self.has_ended() {
             if let Err(error) = self.child.kill().and_then(|()| self.child.wait().map(|_| ())) {
                 tracing::warn!(name = self.name, %error, "could not end the process");
             }
@@ -330,19 +342,14 @@ fn find_early_end(peers: &mut [Process]) -> Result<Option<StopRequest>> {
     Ok(None)
 }
 
-/// Gives the peers [`GRACE`] to end by themselves, then kills them.
-fn end_peers(peers: &mut [Process]) {
-    let deadline = Instant::now() + GRACE;
-    while Instant::now() < deadline {
-        let all_ended = peers
-            .iter_mut()
-            .all(|peer| matches!(peer.child.try_wait(), Ok(Some(_))));
-        if all_ended {
-            return;
-        }
+/// Gives the peers time to end by themselves, then kills them.
+fn end_peers(peers: &mut Vec<Process>, grace: Duration) {
+    let deadline = Instant::now() + grace;
+    while !peers.iter_mut().all(Process::has_ended) && Instant::now() < deadline {
         std::thread::sleep(Duration::from_millis(2));
     }
     // Dropping a process kills it.
+    peers.clear();
 }
 
 /// "exit code 1" or "killed by signal 9".

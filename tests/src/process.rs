@@ -41,6 +41,12 @@ impl Process {
         Some(Self { pid, start_ticks: stat.start_ticks })
     }
 
+    /// A child that nobody has waited for yet; it may have ended.
+    pub fn of_child(child: &std::process::Child) -> Self {
+        let stat = stat(child.id()).expect("the kernel keeps a child until somebody waits for it");
+        Self { pid: child.id(), start_ticks: stat.start_ticks }
+    }
+
     /// All living children of a process, each with its command line.
     pub fn children(parent: u32) -> Vec<(Self, Vec<String>)> {
         all_pids()

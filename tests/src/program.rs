@@ -110,7 +110,7 @@ impl Call {
             stdout.read_to_string(&mut text).expect("the program prints UTF-8");
             text
         });
-        let supervisor = Process::find(child.id()).expect("nobody else waits for it");
+        let supervisor = Process::of_child(&child);
         Run { child, supervisor, lines, seen: Vec::new(), stdout: Some(stdout), out: self.out, members: Vec::new() }
     }
 
@@ -258,7 +258,6 @@ fn logs(out: &Path) -> String {
 
 impl Ended {
     /// Fails the test unless the exit code is this one.
-    #[must_use]
     #[track_caller]
     pub fn expect_code(self, code: i32) -> Self {
         let logs = self.out.as_deref().map(logs).unwrap_or_default();

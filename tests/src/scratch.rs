@@ -20,11 +20,26 @@ pub fn shipped_scenario(name: &str) -> PathBuf {
     repository().join("config/scenarios").join(format!("{name}.toml"))
 }
 
-/// A hover of 2.5 s in which the detectors calibrate within the first second and rotor 3 loses a fifth of its thrust at 1.5 s:
-/// short, and every part of the program has something to say.
+/// A hover of 6 s in which the detectors calibrate until 4.75 s and rotor 3 loses a fifth of its thrust at 5 s: short, and every
+/// part of the program has something to say.
 pub fn short_flight() -> String {
-    hover("short", 2.5, "[fdi]\ncalibration_start_s = 0.25\ncalibration_end_s = 1.0\n")
-        + "[[fault]]\ntime_s = 1.5\nrotor = 3\nthrust_loss_percent = 20.0\n"
+    hover("short", 6.0, "[fdi]\ncalibration_start_s = 0.75\ncalibration_end_s = 4.75\n")
+        + "[[fault]]\ntime_s = 5.0\nrotor = 3\nthrust_loss_percent = 20.0\n"
+}
+
+/// Steps of [`short_flight`].
+pub const SHORT_FLIGHT_STEPS: u64 = 2400;
+
+/// A hover whose rotor 2 changes its blade again and again: each change is announced, which tells how far the flight is.
+pub fn announced_flight(duration_s: u32) -> String {
+    let changes = (0..duration_s).step_by(5).zip(["b", "a"].into_iter().cycle());
+    let faults: String = changes
+        .map(|(second, blade)| {
+            let time_s = if second == 0 { 0.1 } else { f64::from(second) };
+            format!("[[fault]]\ntime_s = {time_s:?}\nrotor = 2\nblade = '{blade}'\n")
+        })
+        .collect();
+    hover("announced", f64::from(duration_s), &faults)
 }
 
 /// A hover with more sections of a scenario.

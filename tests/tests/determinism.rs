@@ -3,7 +3,7 @@
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Link, PATIENCE, Run, read_json, text};
 use rotortwin_tests::random::Random;
-use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario, short_flight};
+use rotortwin_tests::scratch::{SHORT_FLIGHT_STEPS, Scratch, repository, shipped_scenario, short_flight};
 use rustix::process::Signal;
 use std::path::Path;
 use std::time::Duration;
@@ -41,7 +41,9 @@ fn same_hash_over(link: Link, seed: u64) -> (String, u32) {
     let stops = disturb(&mut run, &mut Random::new(seed));
     let there = run.end(PATIENCE).expect_code(0);
     assert_eq!(here.run_hash(), there.run_hash(), "seed {seed} over {}", link.name());
-    assert_eq!(here.summary()["steps"], 1000);
+    assert_eq!(here.summary()["steps"], SHORT_FLIGHT_STEPS);
+    let at_end = here.summary()["intervals"][1]["scores"]["sequential"]["verdict_at_end"].clone();
+    assert_eq!(at_end, 3, "seed {seed}: the hash holds a verdict");
     assert_eq!(here.summary()["intervals"], there.summary()["intervals"], "seed {seed}: what the detectors said");
     (here.run_hash(), stops)
 }
@@ -91,7 +93,7 @@ fn scenario_the_same_seed_again_and_replayed() {
         let (first, second) = (fly("first"), fly("second"));
         assert_eq!(first.run_hash(), second.run_hash(), "{}", link.name());
         let replay = Call::new(&scratch, ["replay".as_ref(), first.out().as_os_str()]).run().expect_code(0);
-        assert!(replay.stdout.starts_with("same: 1000 steps") && replay.stdout.contains(&first.run_hash()), "{}", replay.stdout);
+        assert!(replay.stdout.starts_with("same: 2400 steps") && replay.stdout.contains(&first.run_hash()), "{}", replay.stdout);
     }
 }
 

@@ -5,13 +5,13 @@
 
 use rotortwin_campaign::flight::{self, FlightEnd, NoObserver};
 use rotortwin_campaign::pace::Pace;
+use rotortwin_campaign::setup;
 use rotortwin_plant::{Scenario, Simulation};
 use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame};
 use rotortwin_wire::link::in_process::InProcessLink;
-use rotortwin_wire::link::{ControllerPeer, FdiPeer, RunSetup};
+use rotortwin_wire::link::{ControllerPeer, FdiPeer};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 use rotortwin_wire::proto::{ControllerSetup, FdiSetup};
-use rotortwin_wire::setup::{self, Trim};
 
 /// An FDI engine that says nothing: what is left is the loop without FDI.
 struct NoFdi;
@@ -80,7 +80,7 @@ fn rate<C: ControllerPeer, F: FdiPeer>(
     let mut steps = 0;
     for seed in 1.. {
         let mut simulation = Simulation::new(scenario, seed).expect("the scenario is good");
-        let setup = run_setup(scenario, &simulation);
+        let setup = setup::run_setup(scenario, &simulation, 1);
         let mut link = InProcessLink::new(controller(), fdi());
         let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
         if let FlightEnd::Failed(failure) = outcome.end {
@@ -93,21 +93,6 @@ fn rate<C: ControllerPeer, F: FdiPeer>(
         }
     }
     steps as f64 / (cpu_time_s() - start)
-}
-
-fn run_setup(scenario: &Scenario, simulation: &Simulation) -> RunSetup {
-    let trim = Trim {
-        duty: simulation.hover_duty(),
-        battery_voltage: simulation.truth().battery_voltage_v as f32,
-    };
-    RunSetup {
-        run_id: 1,
-        scenario: scenario.name().to_owned(),
-        model_hash: String::new(),
-        step_count: scenario.duration_steps(),
-        controller: setup::controller_setup(&scenario.controller_config(), Some(trim)),
-        fdi: setup::fdi_setup(&scenario.fdi_config(), None),
-    }
 }
 
 /// CPU time of this thread, s.

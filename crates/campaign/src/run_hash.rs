@@ -6,6 +6,7 @@
 
 use crate::flight::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::Scenario;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Bytes of one step at most: 3 × 8 (truth header) + 4-byte and 8-byte signals, see `update`.
@@ -14,6 +15,14 @@ const CAPACITY: usize = 2048;
 /// Content hash of a document: 32 hexadecimal digits.
 pub fn content_hash(bytes: &[u8]) -> String {
     format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
+}
+
+/// Content hash of the vehicle and the blades that are flown.
+pub fn model_hash(scenario: &Scenario) -> String {
+    let documents = scenario.documents();
+    let json =
+        serde_json::to_vec(&(&documents.vehicle, &documents.blades)).expect("documents of text and numbers are JSON");
+    content_hash(&json)
 }
 
 /// Streams samples into a hash.

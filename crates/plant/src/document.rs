@@ -8,6 +8,7 @@ use std::path::{Component, Path, PathBuf};
 use serde::de::DeserializeOwned;
 use toml::de::{DeArray, DeTable, DeValue};
 
+use crate::classifier::Classifier;
 use crate::error::{ConfigError, Refusal};
 
 /// Larger documents are refused unread: a vehicle or scenario takes a few kilobytes.
@@ -96,6 +97,15 @@ impl Document {
             return Self::read(path);
         }
         let reason = format!("expected the path of a TOML file, there is none at {}", plain(path));
+        Err(self.refuse(Refusal::new(key, reason)))
+    }
+
+    /// Reads the classifier at `path`, which the value of `key` names; if there is none, that is told where the key stands.
+    pub(crate) fn follow_classifier(&self, key: &str, path: &Path) -> Result<Classifier, ConfigError> {
+        if path.is_file() {
+            return Classifier::read(path);
+        }
+        let reason = format!("expected the path of a classifier file, there is none at {}", plain(path));
         Err(self.refuse(Refusal::new(key, reason)))
     }
 
@@ -252,7 +262,7 @@ fn remove(holder: Option<&mut toml::Value>, part: &str) {
 }
 
 /// The path as text, without detours such as `scenarios/../vehicles`.
-fn plain(path: &Path) -> String {
+pub(crate) fn plain(path: &Path) -> String {
     let mut parts = Vec::new();
     for part in path.components() {
         match (part, parts.last()) {

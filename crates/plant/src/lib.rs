@@ -39,6 +39,7 @@
 
 pub mod battery;
 pub mod blades;
+pub mod classifier;
 mod document;
 pub mod environment;
 pub mod error;
@@ -60,6 +61,7 @@ mod validation;
 mod vector;
 pub mod vehicle;
 
+pub use classifier::Classifier;
 pub use error::{ConfigError, SimulationError};
 pub use scenario::{Documents, Scenario};
 pub use simulation::{SensedSample, Simulation, TruthSample};

@@ -45,7 +45,7 @@ impl Scenario {
         }
     }
 
-    /// Configuration of `flight-core`'s detectors for the nominal vehicle, without a network.
+    /// Configuration of `flight-core`'s detectors for the nominal vehicle.
     pub fn fdi_config(&self) -> FdiConfig {
         let vehicle = self.vehicle();
         let fdi = &self.document().fdi;
@@ -77,7 +77,9 @@ impl Scenario {
                 baseline_start: calibration_start,
                 baseline_end: calibration_end,
             },
-            network: None,
+            network: self
+                .classifier()
+                .map(|classifier| classifier.network().expect("the classifier was checked with the scenario")),
             sequential: SequentialConfig {
                 calibration_start,
                 calibration_end,

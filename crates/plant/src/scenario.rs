@@ -1,7 +1,7 @@
 //! Scenario documents: which vehicle flies what, with which faults, seen by which controller and detector settings.
 //!
-//! A scenario names its vehicle document, that one its blade document, each by a path relative to itself. [`Scenario::load`] reads
-//! and checks all three as a whole; what it returns can be flown. [`Documents`] is the effective configuration with every default
+//! A scenario names its vehicle document, that one its blade document, each by a path relative to itself; it may name a classifier
+//! file as well. [`Scenario::load`] reads and checks all as a whole; what it returns can be flown. [`Documents`] is the effective configuration with every default
 //! filled in: it serialises to one TOML text that [`Documents::from_toml`] reads back to the same bits.
 
 use std::path::Path;
@@ -12,6 +12,7 @@ use rotortwin_flight_core::thrust_map::ThrustMap;
 use serde::{Deserialize, Serialize};
 
 use crate::blades::{Blade, BladeSet};
+use crate::classifier::Classifier;
 use crate::document::Document;
 use crate::environment::WindModel;
 use crate::error::{ConfigError, Refusal, in_range};
@@ -197,6 +198,9 @@ pub struct FdiSettings {
     pub calibration_start_s: f64,
     /// End of the calibration, s; verdicts follow.
     pub calibration_end_s: f64,
+    /// Classifier file of the network, relative to the scenario document; without one the network gives no verdict.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub network: Option<String>,
 }
 
 impl Default for FdiSettings {
@@ -210,6 +214,7 @@ impl Default for FdiSettings {
             alpha_isolate: 1e-8,
             calibration_start_s: 2.0,
             calibration_end_s: 10.0,
+            network: None,
         }
     }
 }
@@ -224,6 +229,17 @@ pub enum NominalThrustModel {
     Lagged,
     /// `rotors.full_thrust_n` times duty: no battery compensation, as in the paper's ablation.
     Linear,
+}
+
+impl NominalThrustModel {
+    /// As written in a document.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Static => "static",
+            Self::Lagged => "lagged",
+            Self::Linear => "linear",
+        }
+    }
 }
 
 impl FdiSettings {
@@ -306,12 +322,31 @@ pub struct Documents {
     pub vehicle: VehicleModel,
     /// The vehicle's blades.
     pub blades: BladeSet,
+    /// The classifier that `fdi.network` of the scenario names, in full: the path alone would not tell what was flown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub classifier: Option<Classifier>,
 }
 
 impl Documents {
     /// One TOML text. Numbers are written so that they read back to the same bits.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("documents hold nothing that TOML cannot")
+    }
+
+    /// The classifier is there if and only if the scenario names one, and fits.
+    fn check_classifier(&self) -> Result<(), Refusal> {
+        let settings = &self.scenario.fdi;
+        match (&settings.network, &self.classifier) {
+            (None, None) => Ok(()),
+            (Some(_), Some(classifier)) => {
+                classifier.check().map_err(|refusal| {
+                    Refusal::new("fdi.network", format!("`{}` of the classifier: {}", refusal.key, refusal.reason))
+                })?;
+                classifier.check_fits(settings, self.vehicle.rotor_count())
+            }
+            (Some(_), None) => Err(Refusal::new("fdi.network", "expected the classifier with the documents, it is missing")),
+            (None, Some(_)) => Err(Refusal::new("fdi.network", "expected this key, as there is a classifier")),
+        }
     }
 
     /// Reads a text of [`Documents::to_toml`]; `name` is what errors call it.
@@ -356,12 +391,14 @@ impl Scenario {
             &render("scenario", text(toml::to_string(&documents.scenario)))?,
             &render("vehicle", text(toml::to_string(&documents.vehicle)))?,
             &render("blades", text(toml::to_string(&documents.blades)))?,
+            documents.classifier.clone(),
         )
     }
 
     fn resolve(scenario: Document, directory: &Path) -> Result<Self, ConfigError> {
         let parsed: ScenarioDocument = scenario.parse()?;
         let vehicle_path = directory.join(&parsed.vehicle);
+        let network = parsed.fdi.network;
         let vehicle = scenario.follow("vehicle", &vehicle_path)?;
         let parsed: VehicleModel = vehicle.parse()?;
         let blades_path = vehicle_path
@@ -369,14 +406,23 @@ impl Scenario {
             .unwrap_or(Path::new(""))
             .join(&parsed.rotors.blades);
         let blades = vehicle.follow("rotors.blades", &blades_path)?;
-        Self::assemble(&scenario, &vehicle, &blades)
+        let classifier = network
+            .map(|path| scenario.follow_classifier("fdi.network", &directory.join(path)))
+            .transpose()?;
+        Self::assemble(&scenario, &vehicle, &blades, classifier)
     }
 
-    fn assemble(scenario: &Document, vehicle: &Document, blades: &Document) -> Result<Self, ConfigError> {
+    fn assemble(
+        scenario: &Document,
+        vehicle: &Document,
+        blades: &Document,
+        classifier: Option<Classifier>,
+    ) -> Result<Self, ConfigError> {
         let documents = Documents {
             scenario: scenario.parse()?,
             vehicle: vehicle.parse()?,
             blades: blades.parse()?,
+            classifier,
         };
         documents.blades.check().map_err(|r| blades.refuse(r))?;
         documents
@@ -391,6 +437,7 @@ impl Scenario {
         let document = &documents.scenario;
         let refuse = |refusal| scenario.refuse(refusal);
         document.check(&documents.vehicle).map_err(refuse)?;
+        documents.check_classifier().map_err(refuse)?;
         let duration_steps = document.duration_steps();
         let rotor_count = documents.vehicle.rotor_count();
         let fault_plan =
@@ -426,6 +473,11 @@ impl Scenario {
     /// The blades that rotors can carry.
     pub fn blades(&self) -> &BladeSet {
         &self.documents.blades
+    }
+
+    /// The trained classifier of the network, if the scenario names one.
+    pub fn classifier(&self) -> Option<&Classifier> {
+        self.documents.classifier.as_ref()
     }
 
     /// The blade of a healthy rotor.

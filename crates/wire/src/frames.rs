@@ -69,7 +69,11 @@ impl SensorFrame {
         NavState {
             position_ned: Vec3::from_array(self.position_ned_m),
             velocity_ned: Vec3::from_array(self.velocity_ned_m_s),
-            attitude: EulerAngles { roll: self.attitude_rad[0], pitch: self.attitude_rad[1], yaw: self.attitude_rad[2] },
+            attitude: EulerAngles {
+                roll: self.attitude_rad[0],
+                pitch: self.attitude_rad[1],
+                yaw: self.attitude_rad[2],
+            },
             body_rates: Vec3::from_array(self.body_rates_rad_s),
         }
     }
@@ -110,7 +114,11 @@ impl CommandFrame {
     /// What the FDI engine sees of the step that `sensors` opens and this command closes.
     #[inline]
     pub fn measurement(&self, sensors: &SensorFrame) -> Measurement {
-        Measurement { nav: sensors.nav(), command: self.command(), battery_voltage: sensors.battery_voltage_v }
+        Measurement {
+            nav: sensors.nav(),
+            command: self.command(),
+            battery_voltage: sensors.battery_voltage_v,
+        }
     }
 }
 

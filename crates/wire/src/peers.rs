@@ -1,11 +1,11 @@
 //! Our own controller and FDI engine, as the peers of a link. They hold no truth and no scenario: only what the hand-shake brings.
 
-use rotortwin_flight_core::control::Controller;
-use rotortwin_flight_core::fdi::FdiEngine;
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
 use crate::link::{ControllerPeer, FdiPeer};
 use crate::proto::{ControllerSetup, FdiSetup};
 use crate::setup;
+use rotortwin_flight_core::control::Controller;
+use rotortwin_flight_core::fdi::FdiEngine;
 
 /// The cascaded PID controller of `flight-core` (Table 5).
 #[derive(Default)]

@@ -301,7 +301,28 @@ fn network_from_proto(network: &proto::NetworkSetup, rotor_count: usize) -> Resu
         output_weight: &network.output_weights,
         output_bias: &network.output_biases,
     };
-    Network::new(rotor_count, &weights).map_err(|error| format!("FdiSetup.network: {error}"))
+    Network::new(rotor_count, &weights)
+        .map(|parameters| parameters.with_self_calibration(network.self_calibrated))
+        .map_err(|error| format!("FdiSetup.network: {error}"))
+}
+
+/// The parameters of a network for `rotor_count` rotors, to be sent.
+///
+/// * `self_calibrated`: see [`Network::self_calibrated`]
+pub fn network_setup(rotor_count: usize, weights: &NetworkWeights<'_>, self_calibrated: bool) -> proto::NetworkSetup {
+    let count = |number: usize| u32::try_from(number).expect("at most 16 rotors");
+    proto::NetworkSetup {
+        inputs: count(3 * rotor_count),
+        hidden: count(3 * rotor_count),
+        outputs: count(rotor_count + 1),
+        hidden_weights: weights.hidden_weight.to_vec(),
+        hidden_biases: weights.hidden_bias.to_vec(),
+        output_weights: weights.output_weight.to_vec(),
+        output_biases: weights.output_bias.to_vec(),
+        feature_means: weights.mean.to_vec(),
+        feature_deviations: weights.deviation.to_vec(),
+        self_calibrated,
+    }
 }
 
 /// A number of [`SequentialConfig`] that travels as `f64`.
@@ -353,8 +374,7 @@ macro_rules! sequential_parameters {
                     let number = *parameters.get(name).ok_or_else(|| missing(&format!("FdiSetup.sequential.{name}")))?;
                     Parameter::from_number(number)
                         .ok_or_else(|| format!("FdiSetup.sequential.{name} is {number}, expected a number that its type can hold"))?
-                },)+
-                ..SequentialConfig::standard()
+                }),+
             })
         }
     };
@@ -390,4 +410,6 @@ sequential_parameters!(
     level_clip,
     level_ratio,
     surprise_weight,
+    ambiguity_time,
+    spike_sigma,
 );

@@ -189,7 +189,12 @@ impl Folding {
 
     fn accept(&self, rotors: usize) -> Result<(), String> {
         assert_eq!(rotors, ROTORS);
-        self.refusal.clone().map_or(Ok(()), Err)
+        let Some(refusal) = self.refusal.clone() else {
+            return Ok(());
+        };
+        // The other peer joins meanwhile.
+        std::thread::sleep(Duration::from_millis(400));
+        Err(refusal)
     }
 }
 
@@ -1247,11 +1252,11 @@ fn strays_are_ignored<T: Transport>() {
     // The same towards the peers: a plant that repeats and strays.
     let run = run_id();
     let peers = [
-        controller_thread(&place, run, PATIENT, Folding::new()),
-        fdi_thread(&place, run, PATIENT, Folding::new()),
+        controller_thread(&place, run, window(8, 4), Folding::new()),
+        fdi_thread(&place, run, window(8, 4), Folding::new()),
     ];
     let end = place.end(Role::Plant, run).expect("the place exists");
-    let mut straying = EndpointLink::new(Straying { end, last: None }, PATIENT);
+    let mut straying = EndpointLink::new(Straying { end, last: None }, window(8, 4));
     let digest = fly_split(&mut straying, run, 200, Delays::NONE);
     assert_eq!(digest.expect("the flight succeeds"), reference_digest(run, 200));
     drop(straying);

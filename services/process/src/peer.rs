@@ -138,4 +138,14 @@ impl AnyEndpoint {
             }
         }
     }
+
+    /// Removes what killed processes have left in shared memory. Opening an end there does that, whatever the run.
+    pub fn tidy(address: &LinkAddress) {
+        const NO_RUN: u64 = u64::MAX;
+        if let LinkAddress::Iceoryx2 { .. } = address
+            && let Err(error) = Self::open(address, Role::Fdi, NO_RUN)
+        {
+            tracing::warn!(%error, "what killed processes left in shared memory stays until the next run");
+        }
+    }
 }

@@ -5,7 +5,8 @@ use crate::events::RunEvent;
 use crate::recorder::Recorder;
 use rotortwin_campaign::flight::{self, FlightEnd, FlightOutcome, StopReason};
 use rotortwin_campaign::pace::{Pace, RealTimeReport};
-use rotortwin_campaign::run_hash;
+use rotortwin_campaign::run_hash::model_hash;
+pub use rotortwin_campaign::setup::run_setup;
 use rotortwin_plant::{STEP_NS, Scenario, Simulation};
 use rotortwin_process::{StopRequest, Supervisor};
 use rotortwin_store::StoreError;
@@ -13,10 +14,9 @@ use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::spool::{SpoolHeader, SpoolReader, SpoolWriter};
 use rotortwin_store::summary::{Failure, RealTime, ScenarioRecord, Status, Summary};
 use rotortwin_wire::link::in_process::InProcessLink;
-use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
+use rotortwin_wire::link::{LinkError, PlantLink};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 use rotortwin_wire::proto::FILE_DESCRIPTOR_SET;
-use rotortwin_wire::setup::{self, Trim};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -51,30 +51,6 @@ pub fn stop_reason(supervisor: &Supervisor) -> Option<StopReason> {
             "the supervisor (rotortwin fly) died; the plant ended the run",
         )),
     })
-}
-
-/// What the peers of a run are told before step 0. `simulation` is at its first step.
-pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> RunSetup {
-    let trim = scenario.starts_trimmed().then(|| Trim {
-        duty: simulation.hover_duty(),
-        battery_voltage: simulation.truth().battery_voltage_v as f32,
-    });
-    RunSetup {
-        run_id,
-        scenario: scenario.name().to_owned(),
-        model_hash: model_hash(scenario),
-        step_count: scenario.duration_steps(),
-        controller: setup::controller_setup(&scenario.controller_config(), trim),
-        fdi: setup::fdi_setup(&scenario.fdi_config(), None),
-    }
-}
-
-/// Content hash of the vehicle and the blades that are flown.
-fn model_hash(scenario: &Scenario) -> String {
-    let documents = scenario.documents();
-    let json =
-        serde_json::to_vec(&(&documents.vehicle, &documents.blades)).expect("documents of text and numbers are JSON");
-    run_hash::content_hash(&json)
 }
 
 /// Flies `scenario` over `link` and writes its run folder, whatever happens to the peers.

@@ -12,9 +12,9 @@
 //! * [`t_test`]: the paper's statistical test. * [`network`]: the paper's classifier, if weights are given.
 //! * [`sequential`]: decides over time with a self-calibrated model of the disturbances; the one to leave switched on.
 //!
-//! Rejected samples: a measurement with a NaN or infinity in it (state, voltage, or the duty of a used rotor) never enters any
-//! state. The observers coast on their last rate for that step, the windows wait, all verdicts are held, and
-//! [`FdiOutput::rejected_samples`] counts it. Values that are finite but absurd are not judged here.
+//! Rejected samples: a measurement with a NaN or infinity in it (state, voltage, or the duty of a used rotor), or with a value that
+//! no flight can have (1000 m/s, 1000 rad/s, 1000 rad, 1000 V), never enters any state. The observers coast on their last rate for
+//! that step, the window waits, residuals and verdicts are held, and [`FdiOutput::rejected_samples`] counts it.
 //!
 //! Glossary: *fault* is damage to a propeller, *failure* the loss of a rotor; *detect* says that something is wrong, *isolate*
 //! names the rotor; *baseline* is the healthy mean of a residual.
@@ -27,10 +27,13 @@ pub mod student_t;
 pub mod t_test;
 pub mod window;
 
+#[cfg(test)]
+mod closed_loop;
+
 pub use network::{Network, NetworkError, NetworkWeights};
 pub use nominal_thrust::NominalThrust;
 pub use residual::Residuals;
-pub use sequential::{SequentialConfig, SequentialConfigError};
+pub use sequential::{SequentialConfig, SequentialConfigError, SequentialDecision};
 pub use t_test::TTestConfig;
 
 use crate::MAX_ROTORS;
@@ -39,9 +42,12 @@ use crate::signals::Measurement;
 use crate::thrust_map::ThrustMap;
 use nominal_thrust::{NominalWrench, static_thrust};
 use residual::{BodyMomentum, RigidBody, WrenchObserver};
-use sequential::SequentialDetector;
+use sequential::{MAX_UPDATES_PER_WINDOW, SequentialDetector};
 use t_test::TTest;
 use window::{Baseline, WrenchStatistics};
+
+/// Largest magnitude of a velocity (m/s), rate (rad/s), angle (rad) or voltage (V) that is taken for a measurement.
+const PLAUSIBLE: f32 = 1e3;
 
 /// What a detector says about the rotors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -123,6 +129,8 @@ pub enum FdiConfigError {
         /// Of the network.
         network: usize,
     },
+    /// The sequential detector refuses its part.
+    Sequential(SequentialConfigError),
 }
 
 impl core::fmt::Display for FdiConfigError {
@@ -135,11 +143,18 @@ impl core::fmt::Display for FdiConfigError {
                 out,
                 "FDI: the network was trained for {network} rotors, the vehicle has {vehicle}"
             ),
+            Self::Sequential(error) => error.fmt(out),
         }
     }
 }
 
 impl core::error::Error for FdiConfigError {}
+
+impl From<SequentialConfigError> for FdiConfigError {
+    fn from(error: SequentialConfigError) -> Self {
+        Self::Sequential(error)
+    }
+}
 
 /// What one step gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,6 +173,8 @@ pub struct FdiOutput {
     pub sequential_probability: f32,
     /// Thrust lost by the rotor that the sequential detector names, at hover, N; 0 if it names none.
     pub thrust_loss: f32,
+    /// Standard deviation of `thrust_loss`, N.
+    pub thrust_loss_deviation: f32,
     /// True on the last sample of a window: the verdicts are new.
     pub window_end: bool,
     /// Samples rejected so far.
@@ -175,7 +192,8 @@ pub struct FdiEngine {
     baseline: Baseline,
     t_test: TTest,
     sequential: SequentialDetector,
-    block_end: [u16; 8],
+    /// Samples of a window after which the sequential detector updates.
+    block_end: [u16; MAX_UPDATES_PER_WINDOW as usize],
     output: FdiOutput,
 }
 
@@ -198,16 +216,8 @@ impl FdiEngine {
             "above 0 kg·m² on each axis",
         )?;
         check(positive(config.gravity), "gravity", "above 0 m/s²")?;
-        check(
-            not_negative(config.linear_drag),
-            "linear_drag",
-            "0 N·s/m or more",
-        )?;
-        check(
-            not_negative(config.angular_drag),
-            "angular_drag",
-            "0 N·m·s or more",
-        )?;
+        check(not_negative(config.linear_drag), "linear_drag", "0 N·s/m or more")?;
+        check(not_negative(config.angular_drag), "angular_drag", "0 N·m·s or more")?;
         check(
             config.period >= 1e-4 && config.period <= 0.05,
             "period",
@@ -221,24 +231,16 @@ impl FdiEngine {
         check(config.window_len >= 2, "window_len", "2 samples or more")?;
         match config.nominal_thrust {
             NominalThrust::Static => {}
-            NominalThrust::Lagged { time_constant } => check(
-                positive(time_constant),
-                "nominal_thrust.time_constant",
-                "above 0 s",
-            )?,
-            NominalThrust::Linear { full_thrust } => check(
-                positive(full_thrust),
-                "nominal_thrust.full_thrust",
-                "above 0 N",
-            )?,
+            NominalThrust::Lagged { time_constant } => {
+                check(positive(time_constant), "nominal_thrust.time_constant", "above 0 s")?
+            }
+            NominalThrust::Linear { full_thrust } => {
+                check(positive(full_thrust), "nominal_thrust.full_thrust", "above 0 N")?
+            }
         }
         let samples = |seconds: f32| {
             let count = libm::roundf(seconds / config.period);
-            if count >= 0.0 && count < 1e9 {
-                Some(count as u32)
-            } else {
-                None
-            }
+            (0.0..1e9).contains(&count).then_some(count as u32)
         };
         let (first, end) = match (
             samples(config.t_test.baseline_start),
@@ -252,25 +254,23 @@ impl FdiEngine {
                 });
             }
         };
-        let t_test = TTest::new(&config.t_test, config.window_len).ok_or(
-            FdiConfigError::OutOfRange {
-                field: "t_test.alpha_detect and alpha_isolate",
-                expected: "significances between 0 and 1",
-            },
-        )?;
-        if let Some(network) = &config.network {
-            if network.rotor_count() != config.geometry.rotor_count() {
-                return Err(FdiConfigError::NetworkRotorCount {
-                    vehicle: config.geometry.rotor_count(),
-                    network: network.rotor_count(),
-                });
-            }
+        let t_test = TTest::new(&config.t_test, config.window_len).ok_or(FdiConfigError::OutOfRange {
+            field: "t_test.alpha_detect and alpha_isolate",
+            expected: "significances between 0 and 1",
+        })?;
+        if let Some(network) = &config.network
+            && network.rotor_count() != config.geometry.rotor_count()
+        {
+            return Err(FdiConfigError::NetworkRotorCount {
+                vehicle: config.geometry.rotor_count(),
+                network: network.rotor_count(),
+            });
         }
+        config.sequential.check(config.period, config.window_len)?;
         let u = config.sequential.updates_per_window;
-        let mut block_end = [0; 8];
+        let mut block_end = [0; MAX_UPDATES_PER_WINDOW as usize];
         for k in 0..u {
-            block_end[usize::from(k)] =
-                (u32::from(config.window_len) * (u32::from(k) + 1) / u32::from(u)) as u16;
+            block_end[usize::from(k)] = (u32::from(config.window_len) * (u32::from(k) + 1) / u32::from(u)) as u16;
         }
         Ok(Self {
             body: RigidBody {
@@ -302,6 +302,7 @@ impl FdiEngine {
                 sequential: FaultVerdict::NotReady,
                 sequential_probability: 0.0,
                 thrust_loss: 0.0,
+                thrust_loss_deviation: 0.0,
                 window_end: false,
                 rejected_samples: 0,
             },
@@ -315,23 +316,16 @@ impl FdiEngine {
         &self.config
     }
 
-    /// Diagnostics.
-    pub fn diag(&self) -> [f32; 16] {
-        self.sequential.diag
-    }
-
     /// Takes in one sample. A fixed amount of work, no panic, no error: what cannot be used is rejected and counted.
     #[inline]
     pub fn step(&mut self, input: &Measurement) -> FdiOutput {
         self.output.window_end = false;
         let geometry = &self.config.geometry;
         let rotor_count = geometry.rotor_count();
-        let usable = input.nav.is_finite()
-            && input.battery_voltage.is_finite()
-            && input.command.duty[..rotor_count].iter().all(|u| u.is_finite());
-        if !usable {
+        if !is_usable(input, rotor_count) {
             self.output.rejected_samples = self.output.rejected_samples.saturating_add(1);
             self.observer.coast();
+            self.sequential.coast();
             return self.output;
         }
 
@@ -357,18 +351,52 @@ impl FdiEngine {
                 self.output.t_test = self.t_test.evaluate(geometry, &self.window, &mean);
             }
             if let Some(network) = &self.config.network {
-                let mean = Residuals::from_wrench(geometry, &self.window.mean());
-                self.output.network = network.evaluate(&mean);
+                let mut mean = self.window.mean();
+                let offset = if network.self_calibrated() {
+                    calibrated
+                } else {
+                    Some([0.0; 4])
+                };
+                if let Some(offset) = offset {
+                    for axis in 0..4 {
+                        mean[axis] -= offset[axis];
+                    }
+                    self.output.network = network.evaluate(&Residuals::from_wrench(geometry, &mean));
+                }
             }
             self.sequential.decide();
-            let (verdict, probability, loss) = self.sequential.output();
-            self.output.sequential = verdict;
-            self.output.sequential_probability = probability;
-            self.output.thrust_loss = loss;
+            let decision = self.sequential.decision();
+            self.output.sequential = decision.verdict;
+            self.output.sequential_probability = decision.probability;
+            self.output.thrust_loss = decision.thrust_loss;
+            self.output.thrust_loss_deviation = decision.thrust_loss_deviation;
             self.window.clear();
         }
         self.output
     }
+}
+
+/// True if nothing in a measurement can do harm: see the module.
+#[inline]
+fn is_usable(input: &Measurement, rotor_count: usize) -> bool {
+    // NaN and infinity fail the comparison.
+    let plausible = |x: f32| x.abs() <= PLAUSIBLE;
+    let nav = &input.nav;
+    let v = nav.velocity_ned;
+    let eta = nav.attitude;
+    let w = nav.body_rates;
+    plausible(v.x)
+        && plausible(v.y)
+        && plausible(v.z)
+        && plausible(eta.roll)
+        && plausible(eta.pitch)
+        && plausible(eta.yaw)
+        && plausible(w.x)
+        && plausible(w.y)
+        && plausible(w.z)
+        && plausible(input.battery_voltage)
+        && nav.position_ned.is_finite()
+        && input.command.duty[..rotor_count].iter().all(|u| u.is_finite())
 }
 
 /// Reference vectors and the vehicle behind them, for the tests of this module.
@@ -396,11 +424,7 @@ mod test_vectors {
         text(file)
             .lines()
             .skip(1)
-            .map(|line| {
-                line.split(',')
-                    .map(|x| x.trim().parse().expect("number"))
-                    .collect()
-            })
+            .map(|line| line.split(',').map(|x| x.trim().parse().expect("number")).collect())
             .collect()
     }
 

@@ -18,6 +18,7 @@ pub const MAX_CLASSES: usize = MAX_ROTORS + 1;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Network {
     rotor_count: usize,
+    self_calibrated: bool,
     mean: [f32; MAX_FEATURES],
     /// 1/deviation.
     scale: [f32; MAX_FEATURES],
@@ -78,15 +79,10 @@ pub enum NetworkError {
 impl core::fmt::Display for NetworkError {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match *self {
-            Self::RotorCount { count } => write!(
-                out,
-                "a network is for 1 to {MAX_ROTORS} rotors, but {count} are given"
-            ),
-            Self::Length {
-                field,
-                expected,
-                found,
-            } => write!(
+            Self::RotorCount { count } => {
+                write!(out, "a network is for 1 to {MAX_ROTORS} rotors, but {count} are given")
+            }
+            Self::Length { field, expected, found } => write!(
                 out,
                 "the network's {field} needs {expected} values, but {found} are given"
             ),
@@ -133,6 +129,7 @@ impl Network {
         }
         let mut network = Self {
             rotor_count,
+            self_calibrated: false,
             mean: [0.0; MAX_FEATURES],
             scale: [0.0; MAX_FEATURES],
             hidden_weight: [[0.0; MAX_FEATURES]; MAX_FEATURES],
@@ -149,16 +146,27 @@ impl Network {
             network.mean[feature] = weights.mean[feature];
             network.hidden_bias[feature] = weights.hidden_bias[feature];
             for neuron in 0..features {
-                network.hidden_weight[feature][neuron] =
-                    weights.hidden_weight[neuron * features + feature];
+                network.hidden_weight[feature][neuron] = weights.hidden_weight[neuron * features + feature];
             }
             for class in 0..classes {
-                network.output_weight[feature][class] =
-                    weights.output_weight[class * features + feature];
+                network.output_weight[feature][class] = weights.output_weight[class * features + feature];
             }
         }
         network.output_bias[..classes].copy_from_slice(weights.output_bias);
         Ok(network)
+    }
+
+    /// The same network, for residuals with or without their calibration mean; without, as in the paper, unless this is called.
+    #[must_use]
+    pub const fn with_self_calibration(mut self, self_calibrated: bool) -> Self {
+        self.self_calibrated = self_calibrated;
+        self
+    }
+
+    /// Whether the mean of the calibration time is to be taken off the residuals first; the paper's network reads them as they are.
+    #[inline]
+    pub const fn self_calibrated(&self) -> bool {
+        self.self_calibrated
     }
 
     /// n_a that the network was trained for.
@@ -177,20 +185,14 @@ impl Network {
         for feature in 0..features {
             let x = residual_mean.component[feature / 3][feature % 3];
             let z = (x - self.mean[feature]) * self.scale[feature];
-            for (h, w) in hidden[..features]
-                .iter_mut()
-                .zip(&self.hidden_weight[feature])
-            {
+            for (h, w) in hidden[..features].iter_mut().zip(&self.hidden_weight[feature]) {
                 *h += w * z;
             }
         }
         let mut output = self.output_bias;
         for neuron in 0..features {
             let active = hidden[neuron].max(0.0);
-            for (o, w) in output[..classes]
-                .iter_mut()
-                .zip(&self.output_weight[neuron])
-            {
+            for (o, w) in output[..classes].iter_mut().zip(&self.output_weight[neuron]) {
                 *o += w * active;
             }
         }
@@ -306,10 +308,7 @@ mod tests {
     fn val_normalisation_and_verdict() {
         let network = Network::new(1, &tiny(&[10.0, 0.0, 0.0], &[2.0, 1.0, 1.0])).expect("complete");
         // (11.2 − 10)/2 = 0.6 > 0.5; (10.8 − 10)/2 = 0.4 < 0.5.
-        assert_eq!(
-            network.evaluate(&residuals(&[11.2])),
-            FaultVerdict::Faulty { rotor: 0 }
-        );
+        assert_eq!(network.evaluate(&residuals(&[11.2])), FaultVerdict::Faulty { rotor: 0 });
         assert_eq!(network.evaluate(&residuals(&[10.8])), FaultVerdict::Healthy);
     }
 

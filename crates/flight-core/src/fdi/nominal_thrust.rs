@@ -93,9 +93,7 @@ impl NominalWrench {
     pub fn new(model: NominalThrust, period: f32) -> Self {
         match model {
             NominalThrust::Static => Self::Static,
-            NominalThrust::Lagged { time_constant } => {
-                Self::Lagged(FirstOrderLag::new(time_constant, period))
-            }
+            NominalThrust::Lagged { time_constant } => Self::Lagged(FirstOrderLag::new(time_constant, period)),
             NominalThrust::Linear { full_thrust } => Self::Linear(full_thrust),
         }
     }

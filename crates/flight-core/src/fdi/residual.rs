@@ -135,11 +135,7 @@ impl Residuals {
     #[inline]
     pub fn from_wrench(geometry: &Geometry, wrench_residual: &[f32; 4]) -> Self {
         let mut component = [[0.0; 3]; MAX_ROTORS];
-        for (i, r) in component
-            .iter_mut()
-            .enumerate()
-            .take(geometry.rotor_count())
-        {
+        for (i, r) in component.iter_mut().enumerate().take(geometry.rotor_count()) {
             for (c, v) in r.iter_mut().zip(geometry.decoupling_basis(i)) {
                 *c = dot(v, wrench_residual);
             }
@@ -169,12 +165,7 @@ impl ObserverBank {
     /// r_k of every rotor, then z_{k+1}.
     ///
     /// * `thrust`: f̄, mean over the step that starts here, N
-    pub fn step(
-        &mut self,
-        geometry: &Geometry,
-        body: &BodyMomentum,
-        thrust: &[f32; MAX_ROTORS],
-    ) -> Residuals {
+    pub fn step(&mut self, geometry: &Geometry, body: &BodyMomentum, thrust: &[f32; MAX_ROTORS]) -> Residuals {
         let phi = Residuals::from_wrench(geometry, &body.momentum);
         let drift = Residuals::from_wrench(geometry, &body.drift);
         let state = self.state.get_or_insert(phi.component);
@@ -254,20 +245,13 @@ mod tests {
     fn val_reference_residuals_uncompensated() {
         compare(
             "resid_uncompensated.csv",
-            NominalThrust::Linear {
-                full_thrust: 12.0059,
-            },
+            NominalThrust::Linear { full_thrust: 12.0059 },
         );
     }
 
     #[test]
     fn val_reference_residuals_lagged() {
-        compare(
-            "resid_lag.csv",
-            NominalThrust::Lagged {
-                time_constant: 0.05,
-            },
-        );
+        compare("resid_lag.csv", NominalThrust::Lagged { time_constant: 0.05 });
     }
 
     /// A vehicle in exact hover balance but for a lost thrust: the residual must settle at p_ik (−Δf)/h.

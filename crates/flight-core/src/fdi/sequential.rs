@@ -1,92 +1,154 @@
-//! Sequential detector: decides over time, learns the disturbances of its own flight, estimates the lost thrust.
+//! Sequential detector: decides over time instead of window by window, and calibrates itself to the flight that it is on.
 //!
-//! placeholder docs
+//! ```text
+//!  BodyMomentum, nominal thrust ─▶ defect ──block means──▶ axis_filter ×4 ──innovations──▶ onset ──evidence──▶ decision
+//!                                    ▲                          │ level of gusts, gains, bias, τ
+//!                                    └──────── τ, known loss ◀──┴──────────────────────────────────────────────┘
+//! ```
+//!
+//! # Theory of operation
+//!
+//! 1. *Defect.* Momentum that the rotors, lagged with τ, do not explain (four axes; all residuals of Eq. 32 are projections of
+//!    these). A lost thrust is a constant slope in it.
+//! 2. *Filters.* Per axis, a Kalman filter explains the defect by what a healthy vehicle may do: gusts (coloured noise whose level is
+//!    learnt), a constant bias (rotor biases, offset of the centre of mass), gain errors, the error of τ. What it learns in one
+//!    manoeuvre it knows in the next. So the same tuning decides within one or two windows where there is nothing but sensor noise,
+//!    and takes its time in wind.
+//! 3. *Onset.* Generalised likelihood ratio of a step of lost thrust, for every rotor, over some twenty moments of onset. Losses are
+//!    positive: the side of the torque tells opposite rotors apart.
+//! 4. *Decision*, at each window's end: the evidence for the best rotor, in nats, and its lead over the next one. A settled fault
+//!    becomes part of the model, after which *changes* are sought: of the same rotor either way (a fault may grow or heal), of
+//!    another one only as a loss.
+//!
+//! ```text
+//!   NotReady ──calibration_end──▶ Healthy ⇄ Faulty{rotor} (pending: every window may revise it)
+//!                                    │  ▲          │ evidence_to_absorb and settling_time
+//!                                    ▼  │ healed   ▼
+//!                                 Unknown└──── Faulty{rotor} (part of the model)
+//! ```
+//!
+//! # Calibration
+//!
+//! * up to `calibration_start`: sensor noise, from the differences of neighbouring samples (the first quarter is skipped);
+//! * up to `calibration_end`: ten levels of gusts side by side on each axis; the largest that is not clearly less likely than the best
+//!   is chosen. The vehicle must be healthy until then: a fault present from the start is taken for bias;
+//! * afterwards: the level follows the likelihood, slowly; in a sudden storm evidence counts less (*surprise*).
+//!
+//! # Limits
+//!
+//! One fault at a time: a second one may be absorbed, but the verdict names the rotor that has lost most. Torque disturbances that
+//! come suddenly and last, and point like a rotor's loss, are taken for one. A loss below `smallest_loss` is never reported. The
+//! sensor noise is taken to stay as it was measured.
+//!
+//! Glossary: *block*, part of a window after which the filters are updated; *level*, standard deviation of the gusts; *lever*, the
+//! longest lever of an axis, which turns its torques into thrusts at a rotor; *absorb*, make a fault part of the model.
+
+mod axis_filter;
+mod defect;
+mod onset;
+
 use super::FaultVerdict;
 use super::residual::BodyMomentum;
 use crate::MAX_ROTORS;
 use crate::geometry::Geometry;
+use axis_filter::{AxisFilter, BIAS, Disturbance, GUST, Innovation, LAG, LevelProbe, STATES};
+use defect::{AXES, Block, DefectMeter};
+use onset::{Evidence, JumpEvidence, OnsetHypotheses};
 
-/// Wrench axes.
-const AXES: usize = 4;
-/// States of one axis filter.
-const STATES: usize = 6;
-/// Disturbance levels tried during the calibration.
+/// Levels of gusts tried during the calibration.
 const LEVELS: usize = 10;
-/// Onset candidates.
-const CANDIDATES: usize = 20;
-/// Blocks until a step fault has settled through the rotor lag.
-const ONSET_BLOCKS: usize = 16;
 
-const D: usize = 0;
-const W: usize = 1;
-const B: usize = 2;
-const TAU: usize = 5;
+/// Most filter updates per window.
+pub const MAX_UPDATES_PER_WINDOW: u8 = 8;
 
-/// Parameters of the sequential detector.
+/// Share of the warm-up at its start that does not count for the sensor noise: the first commands of a flight are jumps.
+const NOISE_SKIP: f32 = 0.25;
+
+/// Least samples to measure the sensor noise from: a few per cent of its standard deviation.
+const LEAST_NOISE_SAMPLES: f32 = 200.0;
+
+/// A loss that comes back but for this share has healed: more cannot be told from an error of the estimate.
+const HEALED_SHARE: f32 = 0.15;
+
+/// Time over which the thrust of every rotor is averaged to turn a loss in newtons into a share, s.
+const THRUST_TIME: f32 = 1.0;
+
+/// Parameters of the sequential detector. [`SequentialConfig::standard`] is the one tuning for all vehicles and weathers.
+///
+/// Forces are given as shares of the mean hover thrust of a rotor (m g/n_a) and lengths as shares of the longest lever, so that the
+/// values do not depend on the size of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SequentialConfig {
-    /// s.
+    /// End of the noise measurement, start of the calibration, s after the first sample; long enough for the start-up to be over.
     pub calibration_start: f32,
-    /// s.
+    /// End of the calibration, s; verdicts follow. At least two correlation times of the gusts after the start.
     pub calibration_end: f32,
-    /// Filter updates per decision window.
+    /// Filter updates per window, 1 to [`MAX_UPDATES_PER_WINDOW`]. 2 isolates half of the sudden faults within one window; more
+    /// cost time and gain nothing.
     pub updates_per_window: u8,
-    /// s.
+    /// τ, s, above 0: where the adaptation starts.
     pub rotor_time_constant: f32,
-    /// of ln tau.
+    /// Standard deviation of ln τ.
     pub rotor_time_constant_spread: f32,
-    /// relative.
+    /// Standard deviation of the relative error of mass, inertia and moment ratio.
     pub gain_spread: f32,
-    /// m.
+    /// Standard deviation of the centre of mass, share of the longest lever.
     pub centre_of_mass_spread: f32,
-    /// N s/m.
+    /// Standard deviation of the vertical drag, N·s/m per kg.
     pub drag_spread: f32,
-    /// N per rotor.
+    /// Standard deviation of the constant disturbance of an axis, share of the hover thrust.
     pub bias_spread: f32,
-    /// s.
+    /// T, correlation time of the gusts, s. The level is learnt, T is not: gusts of 0.2 s to 20 s were tried with the one value.
     pub disturbance_correlation_time: f32,
-    /// N at a rotor.
+    /// Lowest level of gusts, share of the hover thrust. Bounds the smallest fault that can be found in perfect calm.
     pub disturbance_floor: f32,
-    /// N at a rotor.
+    /// Highest level, share of the hover thrust.
     pub disturbance_ceiling: f32,
-    /// nats.
+    /// λ, evidence that it takes to name a rotor, nats. Healthy flights of 26 h reached 25 once; each nat more costs little delay.
     pub evidence_to_isolate: f32,
-    /// nats.
+    /// Lead over the next best rotor that it takes to name one, nats.
     pub margin_to_isolate: f32,
-    /// nats.
+    /// ln of the odds against a fault at any moment, for the reported probability, nats.
     pub prior_log_odds: f32,
-    /// N.
+    /// Losses below this are not reported, share of the hover thrust.
     pub smallest_loss: f32,
-    /// s.
+    /// Time from the onset until a fault may be absorbed, s: its size has settled by then.
     pub settling_time: f32,
-    /// Smallest relative spread.
+    /// Least standard deviation of the relative error of one rotor's thrust (10 mN of bias that ends where the rotor stops are 0.4 %).
     pub rotor_gain_spread: f32,
-    /// x
+    /// Squared standard deviation of the same that is assumed while calibrating.
     pub excursion_in_calibration: f32,
-    /// x
+    /// Weight with which the constant disturbance found by the calibration is taken for errors of the rotors' thrusts, 0 to 4. They
+    /// would show where thrusts leave hover, so manoeuvres count less in a vehicle with a large bias.
     pub bias_factor: f32,
-    /// x
+    /// Loss of log likelihood for which the calibration still prefers a higher level, nats: caution after a short calibration.
     pub level_margin: f32,
-    /// nats
-    pub repeat_bonus: f32,
-    /// nats
-    pub evidence_to_absorb: f32,
-    /// x
-    pub momentum_noise_share: f32,
-    /// 1/s
-    pub drift_share: f32,
-    /// x
+    /// Speed of the level after the calibration, per nat. 0.036 follows a storm three times as strong within some seconds.
     pub level_gain: f32,
-    /// x
+    /// Most that one block may say about the level, nats: what a fault looks like must not pass for a storm.
     pub level_clip: f32,
-    /// x
+    /// Ratio of the variances of the two probes to the level in use, above 1.
     pub level_ratio: f32,
-    /// x
+    /// Weight of a block in the average surprise that evidence is divided by, in (0, 1).
     pub surprise_weight: f32,
+    /// Random walk of the bias, variance per second in squared levels, 1/s. Stands for all that is slower than T.
+    pub drift_share: f32,
+    /// Random walk of the defect per block, share of the variance of its measurement: keeps the filters awake.
+    pub momentum_noise_share: f32,
+    /// Evidence from which on a fault may be absorbed, nats; above `evidence_to_isolate`, so that a false alarm passes.
+    pub evidence_to_absorb: f32,
+    /// Head start of the rotor already known to be faulty when changes are compared, nats: a propeller that broke once breaks on.
+    /// Without it, a healing rotor and a failing opposite one differ in vertical force alone.
+    pub repeat_bonus: f32,
+    /// Time for which the evidence must fit several rotors alike before the verdict is unknown, s.
+    pub ambiguity_time: f32,
+    /// A sample that differs from its neighbour by more than this many standard deviations of the noise is a spike; at most four
+    /// in a row are.
+    pub spike_sigma: f32,
 }
 
 impl SequentialConfig {
-    /// One tuning.
+    /// The one tuning.
     pub const fn standard() -> Self {
         Self {
             calibration_start: 2.0,
@@ -95,293 +157,214 @@ impl SequentialConfig {
             rotor_time_constant: 0.05,
             rotor_time_constant_spread: 0.15,
             gain_spread: 0.05,
-            centre_of_mass_spread: 0.004,
-            drag_spread: 0.1,
-            bias_spread: 0.5,
+            centre_of_mass_spread: 0.015,
+            drag_spread: 0.065,
+            bias_spread: 0.2,
             disturbance_correlation_time: 2.0,
-            disturbance_floor: 0.0005,
-            disturbance_ceiling: 1.5,
+            disturbance_floor: 2e-4,
+            disturbance_ceiling: 0.6,
             evidence_to_isolate: 25.0,
             margin_to_isolate: 6.0,
             prior_log_odds: 12.0,
-            smallest_loss: 0.003,
+            smallest_loss: 0.0012,
             settling_time: 1.5,
             rotor_gain_spread: 0.003,
             excursion_in_calibration: 0.001,
             bias_factor: 1.0,
             level_margin: 4.0,
-            repeat_bonus: 10.0,
-            evidence_to_absorb: 45.0,
-            momentum_noise_share: 0.02,
-            drift_share: 0.02,
             level_gain: 0.036,
             level_clip: 1.5,
             level_ratio: 4.0,
             surprise_weight: 0.05,
+            drift_share: 0.02,
+            momentum_noise_share: 0.005,
+            evidence_to_absorb: 45.0,
+            repeat_bonus: 10.0,
+            ambiguity_time: 0.5,
+            spike_sigma: 15.0,
         }
+    }
+
+    /// Checks every value.
+    ///
+    /// * `period`: dt, s   * `window_len`: samples per decision
+    pub fn check(&self, period: f32, window_len: u16) -> Result<(), SequentialConfigError> {
+        let check = |ok: bool, field, expected| {
+            if ok {
+                Ok(())
+            } else {
+                Err(SequentialConfigError { field, expected })
+            }
+        };
+        // Written so that NaN fails.
+        let within = |x: f32, low: f32, high: f32| x >= low && x <= high;
+        let noise_time = (1.0 - NOISE_SKIP) * self.calibration_start;
+        check(
+            noise_time >= LEAST_NOISE_SAMPLES * period && self.calibration_start <= 600.0,
+            "calibration_start",
+            "late enough for 200 samples in its last three quarters, 600 s at most",
+        )?;
+        check(
+            self.disturbance_correlation_time > 10.0 * period && self.disturbance_correlation_time <= 100.0,
+            "disturbance_correlation_time",
+            "from ten periods to 100 s",
+        )?;
+        check(
+            self.calibration_end >= self.calibration_start + 2.0 * self.disturbance_correlation_time
+                && self.calibration_end <= 3600.0,
+            "calibration_end",
+            "two correlation times of the gusts after the start or later, 3600 s at most",
+        )?;
+        check(
+            self.updates_per_window >= 1
+                && self.updates_per_window <= MAX_UPDATES_PER_WINDOW
+                && u16::from(self.updates_per_window) <= window_len,
+            "updates_per_window",
+            "from 1 to 8, and not more than samples in a window",
+        )?;
+        check(
+            within(self.rotor_time_constant, 1e-3, 1.0),
+            "rotor_time_constant",
+            "from 0.001 to 1 s",
+        )?;
+        for (value, field) in [
+            (self.rotor_time_constant_spread, "rotor_time_constant_spread"),
+            (self.gain_spread, "gain_spread"),
+            (self.centre_of_mass_spread, "centre_of_mass_spread"),
+            (self.drag_spread, "drag_spread"),
+            (self.rotor_gain_spread, "rotor_gain_spread"),
+            (self.excursion_in_calibration, "excursion_in_calibration"),
+            (self.smallest_loss, "smallest_loss"),
+            (self.drift_share, "drift_share"),
+            (self.momentum_noise_share, "momentum_noise_share"),
+            (self.level_gain, "level_gain"),
+        ] {
+            check(within(value, 0.0, 1.0), field, "from 0 to 1")?;
+        }
+        for (value, field) in [
+            (self.margin_to_isolate, "margin_to_isolate"),
+            (self.prior_log_odds, "prior_log_odds"),
+            (self.level_margin, "level_margin"),
+            (self.repeat_bonus, "repeat_bonus"),
+        ] {
+            check(within(value, 0.0, 1e3), field, "from 0 to 1000 nats")?;
+        }
+        check(within(self.bias_spread, 1e-3, 10.0), "bias_spread", "from 0.001 to 10")?;
+        check(
+            within(self.disturbance_floor, 1e-6, 1.0),
+            "disturbance_floor",
+            "from 0.000001 to 1",
+        )?;
+        check(
+            within(self.disturbance_ceiling, 2.0 * self.disturbance_floor, 100.0),
+            "disturbance_ceiling",
+            "from twice the floor to 100",
+        )?;
+        check(
+            within(self.evidence_to_isolate, 1.0, 1e3),
+            "evidence_to_isolate",
+            "from 1 to 1000 nats",
+        )?;
+        check(
+            within(self.evidence_to_absorb, self.evidence_to_isolate, 1e4),
+            "evidence_to_absorb",
+            "from evidence_to_isolate to 10000 nats",
+        )?;
+        check(within(self.settling_time, 0.0, 60.0), "settling_time", "from 0 to 60 s")?;
+        check(
+            within(self.ambiguity_time, 0.0, 60.0),
+            "ambiguity_time",
+            "from 0 to 60 s",
+        )?;
+        check(within(self.bias_factor, 0.0, 4.0), "bias_factor", "from 0 to 4")?;
+        check(
+            within(self.level_clip, 0.01, 100.0),
+            "level_clip",
+            "from 0.01 to 100 nats",
+        )?;
+        check(within(self.level_ratio, 1.1, 100.0), "level_ratio", "from 1.1 to 100")?;
+        check(
+            within(self.surprise_weight, 1e-4, 1.0),
+            "surprise_weight",
+            "from 0.0001 to 1",
+        )?;
+        check(within(self.spike_sigma, 5.0, 1e6), "spike_sigma", "from 5 to 1000000")
     }
 }
 
-/// Why a sequential configuration is refused: the field.
+/// Why a configuration of the sequential detector is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SequentialConfigError {
     /// Field of [`SequentialConfig`].
     pub field: &'static str,
+    /// The range, in words.
+    pub expected: &'static str,
 }
 
-/// One axis: x = (D, w, b, own, second, tau).
-#[derive(Clone, Copy, Debug, Default)]
-struct AxisFilter {
-    x: [f32; STATES],
-    p: [[f32; STATES]; STATES],
-}
-
-/// Result of one update.
-#[derive(Clone, Copy, Debug, Default)]
-struct Innovation {
-    /// e.
-    value: f32,
-    /// 1/S.
-    information: f32,
-    evidence: f32,
-    gain: [f32; STATES],
-}
-
-/// What a prediction needs to know about the disturbance.
-#[derive(Clone, Copy, Debug, Default)]
-struct Disturbance {
-    /// exp(-T/T_w).
-    correlation: f32,
-    /// Stationary variance of w.
-    variance: f32,
-    /// Added to D per block.
-    momentum_noise: f32,
-    /// Added to b per block.
-    drift: f32,
-    /// Measurement variance.
-    measurement: f32,
-}
-
-impl AxisFilter {
-    fn new(variance: [f32; STATES]) -> Self {
-        let mut p = [[0.0; STATES]; STATES];
-        for i in 0..STATES {
-            p[i][i] = variance[i];
-        }
-        Self {
-            x: [0.0; STATES],
-            p,
-        }
-    }
-
-    /// D += phi x, w decays.
-    #[inline]
-    fn predict(&mut self, phi: &[f32; STATES], d: &Disturbance) {
-        let mut p_phi = [0.0; STATES];
-        for i in 0..STATES {
-            for j in 1..STATES {
-                p_phi[i] += self.p[i][j] * phi[j];
-            }
-        }
-        let mut quadratic = 0.0;
-        let mut step = 0.0;
-        for j in 1..STATES {
-            quadratic += phi[j] * p_phi[j];
-            step += phi[j] * self.x[j];
-        }
-        self.x[D] += step;
-        let second_order = 0.5 * phi[TAU] * self.p[TAU][TAU];
-        self.p[D][D] += 2.0 * p_phi[D] + quadratic + d.momentum_noise + second_order * second_order;
-        for j in 1..STATES {
-            self.p[D][j] += p_phi[j];
-        }
-        let rho = d.correlation;
-        self.x[W] *= rho;
-        for j in 0..STATES {
-            if j != W {
-                self.p[j][W] = self.p[j.min(W)][j.max(W)] * rho;
-                self.p[W][j] = self.p[j][W];
-            }
-        }
-        self.p[W][W] = rho * rho * self.p[W][W] + (1.0 - rho * rho) * d.variance;
-        self.p[B][B] += d.drift;
-        for j in 1..STATES {
-            self.p[j][D] = self.p[D][j];
-        }
-    }
-
-    /// Measures D.
-    #[inline]
-    fn update(&mut self, measured: f32, variance: f32) -> Innovation {
-        let information = 1.0 / (self.p[D][D] + variance);
-        let value = measured - self.x[D];
-        let mut gain = [0.0; STATES];
-        let row = self.p[D];
-        for i in 0..STATES {
-            gain[i] = row[i] * information;
-            self.x[i] += gain[i] * value;
-        }
-        for i in 0..STATES {
-            for j in i..STATES {
-                let v = self.p[i][j] - gain[i] * row[j];
-                self.p[i][j] = v;
-                self.p[j][i] = v;
-            }
-        }
-        Innovation {
-            value,
-            information,
-            evidence: information,
-            gain,
-        }
+impl core::fmt::Display for SequentialConfigError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(out, "FDI: sequential.{} must be {}", self.field, self.expected)
     }
 }
 
-/// Filter of (D, w, b) alone at another disturbance level.
-#[derive(Clone, Copy, Debug, Default)]
-struct Shadow {
-    x: [f32; 3],
-    /// DD, Dw, Db, ww, wb, bb.
-    p: [f32; 6],
-}
+impl core::error::Error for SequentialConfigError {}
 
-impl Shadow {
-    fn from_filter(filter: &AxisFilter) -> Self {
-        let p = &filter.p;
-        Self {
-            x: [filter.x[D], filter.x[W], filter.x[B]],
-            p: [p[D][D], p[D][W], p[D][B], p[W][W], p[W][B], p[B][B]],
-        }
-    }
-
-    /// Log likelihood of the measured D.
-    #[inline]
-    fn step(&mut self, t: f32, known: f32, d: &Disturbance, measured: f32) -> f32 {
-        let [dd, dw, db, ww, wb, bb] = self.p;
-        let [x_d, x_w, x_b] = self.x;
-        let x_d = x_d + t * (x_w + x_b) + known;
-        let to_w = ww + wb;
-        let to_b = wb + bb;
-        let dd = dd + 2.0 * t * (dw + db) + t * t * (to_w + to_b) + d.momentum_noise;
-        let rho = d.correlation;
-        let dw = rho * (dw + t * to_w);
-        let db = db + t * to_b;
-        let ww = rho * rho * ww + (1.0 - rho * rho) * d.variance;
-        let wb = rho * wb;
-        let bb = bb + d.drift;
-        let information = 1.0 / (dd + d.measurement);
-        let e = measured - x_d;
-        let (k_d, k_w, k_b) = (dd * information, dw * information, db * information);
-        self.x = [
-            x_d + k_d * e - measured,
-            rho * x_w + k_w * e,
-            x_b + k_b * e,
-        ];
-        self.p = [
-            dd - k_d * dd,
-            dw - k_d * dw,
-            db - k_d * db,
-            ww - k_w * dw,
-            wb - k_w * db,
-            bb - k_b * db,
-        ];
-        0.5 * (libm::logf(information) - e * e * information)
-    }
-}
-
-/// Hypothesis "something changed at this block", for all rotors and sizes at once.
-#[derive(Clone, Copy, Debug, Default)]
-struct Candidate {
-    /// Block in which the change starts.
-    onset: u32,
-    /// Error of each axis filter per unit of lost wrench.
-    error: [[f32; STATES]; AXES],
-    score: [f32; AXES],
-    information: [f32; AXES],
-}
-
-/// First-order lag of one axis with its sensitivity to ln tau.
-#[derive(Clone, Copy, Debug, Default)]
-struct Lag {
-    time_constant: f32,
-    end_weight: f32,
-    mean_weight: f32,
-    end_slope: f32,
-    mean_slope: f32,
-    state: f32,
-    sensitivity: f32,
-}
-
-impl Lag {
-    fn set_time_constant(&mut self, tau: f32, period: f32) {
-        let x = period / tau;
-        let decay = libm::expf(-x);
-        let a = -libm::expm1f(-x);
-        self.time_constant = tau;
-        self.end_weight = a;
-        self.mean_weight = 1.0 - a / x;
-        self.end_slope = -x * decay;
-        self.mean_slope = (x * decay - a) / x;
-    }
-
-    /// Mean output and its derivative with respect to ln tau.
-    #[inline]
-    fn step(&mut self, input: f32) -> (f32, f32) {
-        let gap = input - self.state;
-        let mean = self.state + gap * self.mean_weight;
-        let slope = self.sensitivity * (1.0 - self.mean_weight) + gap * self.mean_slope;
-        self.state += gap * self.end_weight;
-        self.sensitivity += gap * self.end_slope - self.sensitivity * self.end_weight;
-        (mean, slope)
-    }
-}
-
-/// Integral from the last block's mean, and its sum over the present block.
-#[derive(Clone, Copy, Debug)]
-struct Integral<const N: usize> {
-    value: [f32; N],
-    sum: [f32; N],
-}
-
-impl<const N: usize> Integral<N> {
-    const ZERO: Self = Self {
-        value: [0.0; N],
-        sum: [0.0; N],
-    };
-
-    #[inline]
-    fn accumulate(&mut self) {
-        for i in 0..N {
-            self.sum[i] += self.value[i];
-        }
-    }
-    #[inline]
-    fn advance(&mut self, rate: &[f32; N], period: f32) {
-        for i in 0..N {
-            self.value[i] += period * rate[i];
-        }
-    }
-    /// Mean over the block; the next block counts from it.
-    #[inline]
-    fn close(&mut self, inverse_count: f32) -> [f32; N] {
-        let mut mean = [0.0; N];
-        for i in 0..N {
-            mean[i] = self.sum[i] * inverse_count;
-            self.value[i] -= mean[i];
-            self.sum[i] = 0.0;
-        }
-        mean
-    }
-}
-
+/// What the detector says after a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SequentialDecision {
+    /// Held until the next window.
+    pub verdict: FaultVerdict,
+    /// Posterior probability of the verdict, 0 to 1; 0 while not ready.
+    pub probability: f32,
+    /// Thrust lost by the rotor named, at hover, N; 0 if none is.
+    pub thrust_loss: f32,
+    /// Standard deviation of `thrust_loss`, N.
+    pub thrust_loss_deviation: f32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// Sensor noise is measured.
-    Warmup,
-    /// The bank of disturbance levels runs.
+    WarmUp,
+    /// Levels of gusts compete.
     Calibration,
     /// Decisions.
     Watch,
+}
+
+/// One level of gusts in the calibration.
+#[derive(Clone, Copy, Debug, Default)]
+struct Contender {
+    filter: AxisFilter,
+    variance: f32,
+    log_likelihood: f32,
+}
+
+/// One axis after the calibration.
+#[derive(Clone, Copy, Debug, Default)]
+struct Axis {
+    filter: AxisFilter,
+    /// Level of the gusts, squared, N².
+    variance: f32,
+    /// Variance of the noise of one sample, (N·s)².
+    noise: f32,
+    /// Average of the limited squared innovations: 1 if the model holds.
+    surprise: f32,
+    /// Above and below the level in use.
+    probe: [LevelProbe; 2],
+    /// Mean squared entry of F on this axis, levers taken out.
+    column_square: f32,
+}
+
+/// A fault that is part of the model.
+#[derive(Clone, Copy, Debug, Default)]
+struct KnownFault {
+    /// Share of the thrust lost.
+    fraction: f32,
+    /// Standard deviation of the lost thrust, N.
+    deviation: f32,
+    /// Probability when it was absorbed.
+    probability: f32,
 }
 
 /// See the module.
@@ -389,66 +372,46 @@ enum Phase {
 pub struct SequentialDetector {
     config: SequentialConfig,
     rotor_count: usize,
-    period: f32,
     block_period: f32,
-    weight: f32,
-    /// Columns of F over `arm`, per rotor.
-    column: [[f32; AXES]; MAX_ROTORS],
-    effectiveness: [[f32; AXES]; MAX_ROTORS],
-    arm: [f32; AXES],
-    inverse_arm: [f32; AXES],
+    /// Mean hover thrust of a rotor, N.
+    mean_hover_thrust: f32,
     hover_thrust: [f32; MAX_ROTORS],
-    onset_step: [f32; ONSET_BLOCKS],
-    warmup_samples: u32,
-    calibration_samples: u32,
+    /// Columns of F, levers taken out.
+    column: [[f32; AXES]; MAX_ROTORS],
+    arm: [f32; AXES],
+    mass: f32,
     noise_from: u32,
+    calibration_from: u32,
+    watch_from: u32,
     settling_blocks: u32,
+    ambiguity_windows: u16,
 
     phase: Phase,
     samples: u32,
-    block: u32,
-    block_samples: u16,
-    started: bool,
-    lag: [Lag; AXES],
-    predicted: [f32; AXES],
-    last_drift: [f32; AXES],
-    last_defect: [f32; AXES],
-    difference_sum: [f32; AXES],
-    difference_square: [f32; AXES],
-    difference_count: f32,
-    rates: [f32; 10],
-    defect_sum: [f32; AXES],
-    /// Lagged sum over the rotors of the squared deviation from hover thrust, N^2, and its block sum.
-    excursion: f32,
-    excursion_sum: f32,
-    /// Squared relative uncertainty of one rotor's gain.
+    meter: DefectMeter,
+    contender: [[Contender; LEVELS]; AXES],
+    axis: [Axis; AXES],
     rotor_gain_variance: f32,
-    /// Mean over rotors of the squared column entry.
-    column_square: [f32; AXES],
-    regressors: Integral<10>,
-    filter: [AxisFilter; AXES],
-    disturbance: [Disturbance; AXES],
-    shadow: [[Shadow; 2]; AXES],
-    /// Mean of the clipped normalised innovations.
-    surprise: [f32; AXES],
-    bank: [[AxisFilter; LEVELS]; AXES],
-    bank_level: [[Disturbance; LEVELS]; AXES],
-    bank_score: [[f32; LEVELS]; AXES],
-    candidate: [Candidate; CANDIDATES],
-    candidate_count: usize,
-    /// Onset of the leading candidate, never dropped.
-    leading_onset: u32,
+    onset: OnsetHypotheses,
+    /// Averaged static thrust of every rotor, N; held while something stands out, so that it is the thrust at an onset.
+    thrust: [f32; MAX_ROTORS],
+    /// The same over the last block.
+    recent_thrust: [f32; MAX_ROTORS],
+    /// Nothing stands out.
+    quiet: bool,
+    /// A fault stands out so far that the level of gusts waits for it to be absorbed.
     pending: bool,
+    ambiguous_windows: u16,
+    known: [KnownFault; MAX_ROTORS],
+    /// As the meter wants it.
     loss_fraction: [f32; MAX_ROTORS],
-    verdict: FaultVerdict,
-    probability: f32,
-    thrust_loss: f32,
-    /// diagnostics
-    pub diag: [f32; 16],
+    decision: SequentialDecision,
 }
 
 impl SequentialDetector {
-    /// New.
+    /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`.
+    ///
+    /// * `mass`: kg   * `gravity`: m/s²   * `period`: dt, s   * `window_len`: samples per decision
     pub fn new(
         config: &SequentialConfig,
         geometry: &Geometry,
@@ -457,548 +420,484 @@ impl SequentialDetector {
         period: f32,
         window_len: u16,
     ) -> Self {
-        let n = geometry.rotor_count();
+        let rotor_count = geometry.rotor_count();
         let f = geometry.effectiveness();
+        let weight = mass * gravity;
+        let mean_hover_thrust = weight / rotor_count as f32;
+        // Rotors that hardly carry anything in hover get a tenth of the mean, so that shares of them stay meaningful.
+        let hover_thrust = geometry.allocate([-weight, 0.0, 0.0, 0.0]);
+        let hover_thrust = hover_thrust.map(|thrust| thrust.max(0.1 * mean_hover_thrust));
         let mut arm = [0.0f32; AXES];
         for axis in 0..AXES {
-            for i in 0..n {
+            for i in 0..rotor_count {
                 arm[axis] = arm[axis].max(f[axis][i].abs());
             }
         }
         let mut column = [[0.0; AXES]; MAX_ROTORS];
-        let mut effectiveness = [[0.0; AXES]; MAX_ROTORS];
-        for i in 0..n {
+        let mut axes = [Axis::default(); AXES];
+        for i in 0..rotor_count {
             for axis in 0..AXES {
-                effectiveness[i][axis] = f[axis][i];
                 column[i][axis] = f[axis][i] / arm[axis];
+                axes[axis].column_square += column[i][axis] * column[i][axis] / rotor_count as f32;
+                axes[axis].surprise = 1.0;
             }
         }
-        let mut column_square = [0.0; AXES];
-        for i in 0..n {
-            for axis in 0..AXES {
-                column_square[axis] += column[i][axis] * column[i][axis] / n as f32;
-            }
-        }
-        let block_period = period * f32::from(window_len) / f32::from(config.updates_per_window);
-        // Mean over block r of the momentum that a lagged unit step loses.
-        let t_block = f64::from(block_period);
-        let tau = f64::from(config.rotor_time_constant);
-        let mean = |r: usize| {
-            let (t0, t1) = (r as f64 * t_block, (r as f64 + 1.0) * t_block);
-            0.5 * (t0 + t1) - tau
-                + tau * tau / t_block * (libm::exp(-t0 / tau) - libm::exp(-t1 / tau))
-        };
-        let mut onset_step = [0.0; ONSET_BLOCKS];
-        for r in 0..ONSET_BLOCKS {
-            let before = if r == 0 { 0.0 } else { mean(r - 1) };
-            onset_step[r] = (mean(r) - before) as f32;
-        }
-        let mut lag = [Lag::default(); AXES];
-        for l in &mut lag {
-            l.set_time_constant(config.rotor_time_constant, period);
-        }
+        let window_period = period * f32::from(window_len);
+        let block_period = window_period / f32::from(config.updates_per_window);
+        let count = |time: f32, unit: f32| libm::roundf(time / unit) as u32;
         Self {
             config: *config,
-            rotor_count: n,
-            period,
+            rotor_count,
             block_period,
-            weight: mass * gravity,
+            mean_hover_thrust,
+            hover_thrust,
             column,
-            effectiveness,
             arm,
-            inverse_arm: arm.map(|a| 1.0 / a),
-            hover_thrust: geometry.allocate([-mass * gravity, 0.0, 0.0, 0.0]).map(|t| t.max(0.05)),
-            onset_step,
-            warmup_samples: libm::roundf(config.calibration_start / period) as u32,
-            calibration_samples: libm::roundf(config.calibration_end / period) as u32,
-            noise_from: libm::roundf(0.25 * config.calibration_start / period) as u32,
-            settling_blocks: libm::roundf(config.settling_time / block_period) as u32,
-            phase: Phase::Warmup,
+            mass,
+            noise_from: count(NOISE_SKIP * config.calibration_start, period),
+            calibration_from: count(config.calibration_start, period),
+            watch_from: count(config.calibration_end, period),
+            settling_blocks: count(config.settling_time, block_period),
+            ambiguity_windows: count(config.ambiguity_time, window_period) as u16,
+            phase: Phase::WarmUp,
             samples: 0,
-            block: 0,
-            block_samples: 0,
-            started: false,
-            lag,
-            predicted: [0.0; AXES],
-            last_drift: [0.0; AXES],
-            last_defect: [0.0; AXES],
-            difference_sum: [0.0; AXES],
-            difference_square: [0.0; AXES],
-            difference_count: 0.0,
-            rates: [0.0; 10],
-            defect_sum: [0.0; AXES],
-            excursion: 0.0,
-            excursion_sum: 0.0,
-            rotor_gain_variance: config.rotor_gain_spread * config.rotor_gain_spread,
-            column_square,
-            regressors: Integral::ZERO,
-            filter: [AxisFilter::default(); AXES],
-            disturbance: [Disturbance::default(); AXES],
-            shadow: [[Shadow::default(); 2]; AXES],
-            surprise: [1.0; AXES],
-            bank: [[AxisFilter::default(); LEVELS]; AXES],
-            bank_level: [[Disturbance::default(); LEVELS]; AXES],
-            bank_score: [[0.0; LEVELS]; AXES],
-            candidate: [Candidate::default(); CANDIDATES],
-            candidate_count: 0,
-            leading_onset: 0,
+            meter: DefectMeter::new(geometry, weight, arm, hover_thrust, config.rotor_time_constant, period),
+            contender: [[Contender::default(); LEVELS]; AXES],
+            axis: axes,
+            rotor_gain_variance: config.excursion_in_calibration,
+            onset: OnsetHypotheses::new(block_period, config.rotor_time_constant),
+            thrust: hover_thrust,
+            recent_thrust: hover_thrust,
+            quiet: true,
             pending: false,
+            ambiguous_windows: 0,
+            known: [KnownFault::default(); MAX_ROTORS],
             loss_fraction: [0.0; MAX_ROTORS],
-            verdict: FaultVerdict::NotReady,
-            probability: 0.0,
-            thrust_loss: 0.0,
-            diag: [0.0; 16],
+            decision: SequentialDecision {
+                verdict: FaultVerdict::NotReady,
+                probability: 0.0,
+                thrust_loss: 0.0,
+                thrust_loss_deviation: 0.0,
+            },
         }
     }
 
-    /// Verdict, its probability, lost thrust (N).
+    /// The last decision.
     #[inline]
-    pub const fn output(&self) -> (FaultVerdict, f32, f32) {
-        (self.verdict, self.probability, self.thrust_loss)
+    pub const fn decision(&self) -> &SequentialDecision {
+        &self.decision
     }
 
-    /// One sample. `last_of_block`, `last_of_window` say where it stands.
+    /// Takes in one sample.
+    ///
+    /// * `static_wrench`, `static_thrust`: what healthy rotors would settle at, N and N·m
     #[inline]
-    pub fn step(
-        &mut self,
-        body: &BodyMomentum,
-        static_wrench: &[f32; AXES],
-        static_thrust: &[f32; MAX_ROTORS],
-    ) {
-        let dt = self.period;
-        if !self.started {
-            self.started = true;
-            self.predicted = body.momentum;
-            self.last_drift = body.drift;
-            for axis in 0..AXES {
-                self.lag[axis].state = static_wrench[axis];
-            }
-        }
-        // From the last sample to this one: rotors as predicted then, drift by the trapezoid.
-        for axis in 0..AXES {
-            self.predicted[axis] += 0.5 * dt * (body.drift[axis] - self.last_drift[axis]);
-            let defect = (body.momentum[axis] - self.predicted[axis]) * self.inverse_arm[axis];
-            self.defect_sum[axis] += defect;
-            let difference = defect - self.last_defect[axis];
-            self.last_defect[axis] = defect;
-            if self.samples >= self.noise_from {
-                self.difference_sum[axis] += difference;
-                self.difference_square[axis] += difference * difference;
-            }
-        }
-        if self.samples >= self.noise_from {
-            self.difference_count += 1.0;
-        }
-        self.regressors.accumulate();
+    pub fn step(&mut self, body: &BodyMomentum, static_wrench: &[f32; AXES], static_thrust: &[f32; MAX_ROTORS]) {
+        let learn_noise = self.phase == Phase::WarmUp && self.samples >= self.noise_from;
+        self.meter
+            .step(body, static_wrench, static_thrust, &self.loss_fraction, learn_noise);
+        self.samples = self.samples.saturating_add(1);
+    }
 
-        // To the next sample.
-        let mut wrench = *static_wrench;
-        for i in 0..self.rotor_count {
-            if self.loss_fraction[i] > 0.0 {
-                let lost = self.loss_fraction[i] * static_thrust[i];
-                for axis in 0..AXES {
-                    wrench[axis] -= lost * self.effectiveness[i][axis];
-                }
-            }
-        }
-        for axis in 0..AXES {
-            let (mean, slope) = self.lag[axis].step(wrench[axis]);
-            let rate = body.drift[axis] + mean;
-            self.predicted[axis] += dt * rate;
-            self.rates[axis] = mean * self.inverse_arm[axis];
-            self.rates[4 + axis] = slope * self.inverse_arm[axis];
-        }
-        let mut excursion = 0.0;
-        for i in 0..self.rotor_count {
-            let deviation = static_thrust[i] - self.hover_thrust[i];
-            excursion += deviation * deviation;
-        }
-        self.excursion += (excursion - self.excursion) * self.lag[0].end_weight;
-        self.excursion_sum += self.excursion;
-        self.rates[0] += self.weight;
-        self.rates[8] = body.vertical_speed;
-        self.rates[9] = 1.0;
-        self.last_drift = body.drift;
-        self.regressors.advance(&self.rates, dt);
-        self.samples += 1;
-        self.block_samples += 1;
+    /// Lets one step pass without a sample.
+    #[inline]
+    pub fn coast(&mut self) {
+        self.meter.hold();
     }
 
     /// After the last sample of a block.
     pub fn close_block(&mut self) {
-        let count = f32::from(self.block_samples);
-        let inverse_count = 1.0 / count;
-        self.block_samples = 0;
-        let phi_all = self.regressors.close(inverse_count);
-        let mut defect = [0.0; AXES];
-        for axis in 0..AXES {
-            defect[axis] = self.defect_sum[axis] * inverse_count;
-            self.defect_sum[axis] = 0.0;
-            self.predicted[axis] += defect[axis] * self.arm[axis];
-            self.last_defect[axis] -= defect[axis];
-        }
-        let t = phi_all[9];
-        let excursion = self.excursion_sum * inverse_count * t * t;
-        self.excursion_sum = 0.0;
-        let phi = |axis: usize| {
-            [
-                0.0,
-                t,
-                t,
-                phi_all[axis],
-                if axis == 0 {
-                    phi_all[8]
-                } else {
-                    phi_all[0] * self.inverse_arm[axis]
-                },
-                phi_all[4 + axis],
-            ]
+        let Some(block) = self.meter.close_block() else {
+            return;
         };
+        self.recent_thrust = block.thrust;
+        if self.quiet {
+            let weight = (self.block_period / THRUST_TIME).min(1.0);
+            for i in 0..self.rotor_count {
+                self.thrust[i] += (block.thrust[i] - self.thrust[i]) * weight;
+            }
+        }
         match self.phase {
-            Phase::Warmup => {
-                if self.samples >= self.warmup_samples {
-                    self.start_calibration(count);
+            Phase::WarmUp => {
+                if self.samples >= self.calibration_from {
+                    self.start_calibration();
                 }
             }
             Phase::Calibration => {
-                for axis in 0..AXES {
-                    let phi = phi(axis);
-                    for level in 0..LEVELS {
-                        let mut d = self.bank_level[axis][level];
-                        d.momentum_noise +=
-                            self.config.excursion_in_calibration * excursion * self.column_square[axis];
-                        let filter = &mut self.bank[axis][level];
-                        filter.predict(&phi, &d);
-                        let innovation = filter.update(defect[axis], d.measurement);
-                        filter.x[D] -= defect[axis];
-                        self.bank_score[axis][level] += 0.5
-                            * (libm::logf(innovation.information)
-                                - innovation.value * innovation.value * innovation.information);
-                    }
-                }
-                if self.samples >= self.calibration_samples {
-                    self.finish_calibration();
+                self.calibrate(&block);
+                if self.samples >= self.watch_from {
+                    self.start_watch();
                 }
             }
-            Phase::Watch => {
-                let mut innovation = [Innovation::default(); AXES];
-                let mut phis = [[0.0; STATES]; AXES];
-                for axis in 0..AXES {
-                    let phi = phi(axis);
-                    phis[axis] = phi;
-                    let mut d = self.disturbance[axis];
-                    d.momentum_noise +=
-                        self.rotor_gain_variance * excursion * self.column_square[axis];
-                    let filter = &mut self.filter[axis];
-                    let mut known = 0.0;
-                    let mut known_variance = 0.0;
-                    for j in B + 1..STATES {
-                        known += phi[j] * filter.x[j];
-                        for k in B + 1..STATES {
-                            known_variance += phi[j] * phi[k] * filter.p[j][k];
-                        }
-                    }
-                    filter.predict(&phi, &d);
-                    let mut i = filter.update(defect[axis], d.measurement);
-                    let z = (i.value * i.value * i.information).min(6.0);
-                    let c = &self.config;
-                    let mut likelihood = [0.0; 2];
-                    for (side, factor) in [(0, c.level_ratio), (1, 1.0 / c.level_ratio)] {
-                        let mut sd = d;
-                        sd.variance *= factor;
-                        sd.drift *= factor;
-                        sd.momentum_noise += known_variance;
-                        let shadow = &mut self.shadow[axis][side];
-                        likelihood[side] = shadow.step(t, known, &sd, defect[axis]);
-                    }
-                    let gradient = (likelihood[0] - likelihood[1]).clamp(-c.level_clip, c.level_clip);
-                    let step = if self.pending { 0.0 } else { gradient * c.level_gain };
-                    let least = c.disturbance_floor * c.disturbance_floor;
-                    let most = c.disturbance_ceiling * c.disturbance_ceiling;
-                    let variance = &mut self.disturbance[axis].variance;
-                    *variance = (*variance * (1.0 + step)).clamp(least, most);
-                    self.disturbance[axis].drift =
-                        c.drift_share * *variance * self.block_period;
-                    let surprise = &mut self.surprise[axis];
-                    *surprise += (z - *surprise) * c.surprise_weight;
-                    i.evidence = i.information / surprise.max(1.0);
-                    innovation[axis] = i;
-                    filter.x[D] -= defect[axis];
-                    // Relinearise the lag.
-                    let shift = filter.x[TAU];
-                    filter.x[TAU] = 0.0;
-                    let lag = &mut self.lag[axis];
-                    lag.state += lag.sensitivity * shift;
-                    let tau = (lag.time_constant * libm::expf(shift)).clamp(0.005, 0.5);
-                    lag.set_time_constant(tau, self.period);
-                }
-                self.open_candidate();
-                for candidate in &mut self.candidate[..self.candidate_count] {
-                    let age = (self.block - candidate.onset) as usize;
-                    let input = if age < ONSET_BLOCKS {
-                        self.onset_step[age]
-                    } else {
-                        self.block_period
-                    };
-                    for axis in 0..AXES {
-                        let error = &mut candidate.error[axis];
-                        let phi = &phis[axis];
-                        let mut response = error[D] + input;
-                        for j in 1..STATES {
-                            response += phi[j] * error[j];
-                        }
-                        error[D] = response;
-                        error[W] *= self.disturbance[axis].correlation;
-                        let i = &innovation[axis];
-                        let weighted = response * i.evidence;
-                        candidate.score[axis] += weighted * i.value;
-                        candidate.information[axis] += weighted * response;
-                        for j in 0..STATES {
-                            error[j] -= i.gain[j] * response;
-                        }
-                    }
-                }
-                for axis in 0..AXES { self.diag[10+axis]=libm::sqrtf(self.disturbance[axis].variance); }
-                self.block = self.block.wrapping_add(1);
-            }
+            Phase::Watch => self.watch(&block),
         }
     }
 
-    fn start_calibration(&mut self, block_samples: f32) {
+    /// φ of one axis, see [`axis_filter`].
+    #[inline]
+    fn phi(&self, axis: usize, block: &Block) -> [f32; STATES] {
+        let second = if axis == 0 {
+            block.vertical_path
+        } else {
+            // Force over lever: the parameter is a length over the longest lever.
+            block.wrench[0] * self.arm[1].max(self.arm[2]) / self.arm[axis]
+        };
+        [
+            0.0,
+            block.elapsed,
+            block.elapsed,
+            block.wrench[axis],
+            second,
+            block.lag_slope[axis],
+        ]
+    }
+
+    /// What the filters assume about one axis over this block.
+    #[inline]
+    fn disturbance(&self, axis: usize, variance: f32, block: &Block) -> Disturbance {
+        let measurement = self.axis[axis].noise / block.samples;
+        let excursion = self.rotor_gain_variance * block.excursion * self.axis[axis].column_square;
+        Disturbance {
+            correlation: libm::expf(-self.block_period / self.config.disturbance_correlation_time),
+            variance,
+            momentum_noise: self.config.momentum_noise_share * measurement + excursion * block.elapsed * block.elapsed,
+            drift: self.config.drift_share * variance * self.block_period,
+            measurement,
+        }
+    }
+
+    fn start_calibration(&mut self) {
+        let Some(noise) = self.meter.noise_variance() else {
+            return;
+        };
         let c = &self.config;
-        let n = self.difference_count;
-        let ratio = libm::powf(
-            c.disturbance_ceiling / c.disturbance_floor,
-            1.0 / (LEVELS - 1) as f32,
-        );
+        self.meter
+            .set_spike_limit(noise.map(|variance| c.spike_sigma * libm::sqrtf(2.0 * variance)));
+        let floor = c.disturbance_floor * self.mean_hover_thrust;
+        let ratio = libm::powf(c.disturbance_ceiling / c.disturbance_floor, 1.0 / (LEVELS - 1) as f32);
+        let bias = c.bias_spread * self.mean_hover_thrust;
         for axis in 0..AXES {
-            let mean = self.difference_sum[axis] / n;
-            let variance = (0.5 * (self.difference_square[axis] / n - mean * mean)).max(1e-14);
-            let measurement = variance / block_samples;
+            self.axis[axis].noise = noise[axis];
             let second = match axis {
-                0 => c.drag_spread,
+                0 => c.drag_spread * self.mass,
                 1 | 2 => c.centre_of_mass_spread,
-                _ => 0.25 * c.centre_of_mass_spread,
+                // Not the centre of mass, but rotors that are not quite alike do to the yaw torque what it does to the others.
+                _ => c.centre_of_mass_spread * self.arm[3] / self.arm[1].max(self.arm[2]),
             };
-            let bias = c.bias_spread;
-            let prior = [
-                measurement + variance,
+            let mut prior = [
+                2.0 * noise[axis],
                 0.0,
                 bias * bias,
                 c.gain_spread * c.gain_spread,
                 second * second,
                 c.rotor_time_constant_spread * c.rotor_time_constant_spread,
             ];
-            let correlation = libm::expf(-self.block_period / c.disturbance_correlation_time);
-            let mut level = c.disturbance_floor;
-            for k in 0..LEVELS {
-                let sigma2 = level * level;
-                self.bank_level[axis][k] = Disturbance {
-                    correlation,
-                    variance: sigma2,
-                    momentum_noise: c.momentum_noise_share * measurement,
-                    drift: c.drift_share * sigma2 * self.block_period,
-                    measurement,
+            let mut level = floor;
+            for contender in &mut self.contender[axis] {
+                prior[GUST] = level * level;
+                *contender = Contender {
+                    filter: AxisFilter::new(&prior),
+                    variance: level * level,
+                    log_likelihood: 0.0,
                 };
-                let mut p = prior;
-                p[W] = sigma2;
-                self.bank[axis][k] = AxisFilter::new(p);
-                self.bank_score[axis][k] = 0.0;
                 level *= ratio;
             }
         }
         self.phase = Phase::Calibration;
     }
 
-    fn finish_calibration(&mut self) {
+    fn calibrate(&mut self, block: &Block) {
         for axis in 0..AXES {
-            let score = &self.bank_score[axis];
-            let best = score.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
-            // The largest level that is not clearly worse.
-            let mut chosen = 0;
-            for k in 0..LEVELS {
-                if score[k] > best - self.config.level_margin {
-                    chosen = k;
-                }
+            let phi = self.phi(axis, block);
+            for level in 0..LEVELS {
+                let variance = self.contender[axis][level].variance;
+                let disturbance = self.disturbance(axis, variance, block);
+                let contender = &mut self.contender[axis][level];
+                contender.filter.predict(&phi, &disturbance);
+                let innovation = contender.filter.update(block.defect[axis], disturbance.measurement);
+                contender.log_likelihood += innovation.log_likelihood();
             }
-            self.filter[axis] = self.bank[axis][chosen];
-            self.disturbance[axis] = self.bank_level[axis][chosen];
-            self.diag[axis] = chosen as f32;
         }
-        let mut variance = 0.0;
-        for axis in 0..AXES {
-            let b = self.filter[axis].x[B];
-            let hover = self.hover_thrust[0];
-            variance += 0.25 * b * b
-                / (hover * hover * self.column_square[axis] * self.rotor_count as f32);
-        }
-        let least = self.config.rotor_gain_spread * self.config.rotor_gain_spread;
-        self.rotor_gain_variance = (self.config.bias_factor * variance).max(least);
-        self.diag[9] = libm::sqrtf(self.rotor_gain_variance);
-        for axis in 0..AXES { self.shadow[axis] = [Shadow::from_filter(&self.filter[axis]); 2]; }
-        self.phase = Phase::Watch;
-        self.block = 0;
-        self.candidate_count = 0;
-        self.verdict = FaultVerdict::Healthy;
     }
 
-    fn open_candidate(&mut self) {
-        if self.candidate_count == CANDIDATES {
-            // Drop the one whose neighbours in time stand closest to each other for their age.
-            let mut worst = 1;
-            let mut least = f32::INFINITY;
-            for m in 1..CANDIDATES - 1 {
-                let gap = (self.candidate[m + 1].onset - self.candidate[m - 1].onset) as f32;
-                let age = (self.block - self.candidate[m].onset) as f32 + 1.0;
-                if gap / age < least && self.candidate[m].onset != self.leading_onset {
-                    least = gap / age;
-                    worst = m;
+    fn start_watch(&mut self) {
+        let mut gain_variance = 0.0;
+        for axis in 0..AXES {
+            let contenders = &self.contender[axis];
+            let mut chosen = &contenders[0];
+            let mut best = chosen.log_likelihood;
+            for contender in contenders {
+                best = best.max(contender.log_likelihood);
+            }
+            for contender in contenders {
+                if contender.log_likelihood > best - self.config.level_margin {
+                    chosen = contender;
                 }
             }
-            self.candidate.copy_within(worst + 1.., worst);
-            self.candidate_count -= 1;
+            let state = &mut self.axis[axis];
+            state.filter = chosen.filter;
+            state.variance = chosen.variance;
+            state.probe = [LevelProbe::new(&chosen.filter); 2];
+            // Independent errors of gain ε on n rotors make a bias of variance ε² f² n · mean(F²).
+            let unit = self.mean_hover_thrust * self.mean_hover_thrust * state.column_square * self.rotor_count as f32;
+            let bias = chosen.filter.state[BIAS];
+            gain_variance += bias * bias / unit / AXES as f32;
         }
-        self.candidate[self.candidate_count] = Candidate {
-            onset: self.block,
-            ..Candidate::default()
-        };
-        self.candidate_count += 1;
+        let least = self.config.rotor_gain_spread * self.config.rotor_gain_spread;
+        self.rotor_gain_variance = (self.config.bias_factor * gain_variance).max(least);
+        self.onset.clear();
+        self.phase = Phase::Watch;
+        self.decision.verdict = FaultVerdict::Healthy;
+        self.decision.probability = 1.0;
+    }
+
+    fn watch(&mut self, block: &Block) {
+        let mut phi = [[0.0; STATES]; AXES];
+        let mut innovation = [Innovation::default(); AXES];
+        let mut evidence = [0.0; AXES];
+        let mut correlation = 0.0;
+        for axis in 0..AXES {
+            phi[axis] = self.phi(axis, block);
+            let disturbance = self.disturbance(axis, self.axis[axis].variance, block);
+            correlation = disturbance.correlation;
+            let state = &mut self.axis[axis];
+            let (known, known_variance) = state.filter.parameter_effect(&phi[axis]);
+            state.filter.predict(&phi[axis], &disturbance);
+            innovation[axis] = state.filter.update(block.defect[axis], disturbance.measurement);
+
+            state.surprise += (innovation[axis].surprise() - state.surprise) * self.config.surprise_weight;
+            evidence[axis] = innovation[axis].information / state.surprise.max(1.0);
+
+            self.follow_level(axis, block, known, known_variance, &disturbance);
+        }
+        self.onset
+            .update(&phi, &innovation, &evidence, correlation, block.elapsed);
+    }
+
+    /// Moves the time constants to their estimates. Only while nothing stands out: what the filters make of a fault is undone
+    /// exactly by [`onset`], but only as long as the model stays the same.
+    fn adopt_time_constants(&mut self) {
+        for axis in 0..AXES {
+            let state = &mut self.axis[axis].filter.state;
+            self.meter.shift_time_constant(axis, state[LAG]);
+            state[LAG] = 0.0;
+        }
+    }
+
+    /// Moves the level of gusts of one axis towards the likelier of the two probes.
+    fn follow_level(&mut self, axis: usize, block: &Block, known: f32, known_variance: f32, disturbance: &Disturbance) {
+        let c = &self.config;
+        let state = &mut self.axis[axis];
+        let mut log_likelihood = [0.0; 2];
+        for (side, factor) in [c.level_ratio, 1.0 / c.level_ratio].into_iter().enumerate() {
+            let mut assumed = *disturbance;
+            assumed.variance *= factor;
+            assumed.drift *= factor;
+            assumed.momentum_noise += known_variance;
+            log_likelihood[side] = state.probe[side].step(block.elapsed, known, &assumed, block.defect[axis]);
+        }
+        if self.pending {
+            return;
+        }
+        let step = (log_likelihood[0] - log_likelihood[1]).clamp(-c.level_clip, c.level_clip) * c.level_gain;
+        let floor = c.disturbance_floor * self.mean_hover_thrust;
+        let ceiling = c.disturbance_ceiling * self.mean_hover_thrust;
+        state.variance = (state.variance * (1.0 + step)).clamp(floor * floor, ceiling * ceiling);
+    }
+
+    /// Lost thrust of a fault that is part of the model, at hover, N.
+    fn known_loss(&self, rotor: usize) -> f32 {
+        self.known[rotor].fraction * self.hover_thrust[rotor]
+    }
+
+    /// The rotor with the largest loss in the model.
+    fn known_rotor(&self) -> Option<usize> {
+        let mut worst = None;
+        let mut most = 0.5 * self.config.smallest_loss * self.mean_hover_thrust;
+        for rotor in 0..self.rotor_count {
+            let loss = self.known_loss(rotor);
+            if loss > most {
+                most = loss;
+                worst = Some(rotor);
+            }
+        }
+        worst
+    }
+
+    /// A rotor can lose what it has, and get back what it lost.
+    fn rotor_evidence(&self, rotor: usize) -> Evidence {
+        let lost = self.known[rotor].fraction * self.thrust[rotor];
+        self.onset
+            .evidence(&self.column[rotor], -lost, self.thrust[rotor] - lost)
     }
 
     /// After the last block of a window.
     pub fn decide(&mut self) {
-        if self.phase != Phase::Watch || self.candidate_count == 0 {
+        if self.phase != Phase::Watch {
             return;
         }
-        let mut llr = [f32::NEG_INFINITY; MAX_ROTORS];
-        let mut loss = [0.0; MAX_ROTORS];
-        let mut at = [0usize; MAX_ROTORS];
-        for (index, candidate) in self.candidate[..self.candidate_count].iter().enumerate() {
-            for i in 0..self.rotor_count {
-                let f = &self.column[i];
-                let mut numerator = 0.0;
-                let mut denominator = 1e-9;
-                for axis in 0..AXES {
-                    numerator -= f[axis] * candidate.score[axis];
-                    denominator += f[axis] * f[axis] * candidate.information[axis];
-                }
-                let least = -self.loss_fraction[i] * self.hover_thrust[i];
-                let delta = (numerator / denominator).max(least);
-                let l = delta * (numerator - 0.5 * delta * denominator);
-                if l > llr[i] {
-                    llr[i] = l;
-                    loss[i] = delta;
-                    at[i] = index;
-                }
-            }
-        }
-        let base = self.primary();
-        if let Some(rotor) = base {
-            llr[rotor] += self.config.repeat_bonus;
-        }
+        let c = self.config;
+        let known = self.known_rotor();
         let mut first = 0;
-        for i in 1..self.rotor_count {
-            if llr[i] > llr[first] {
-                first = i;
+        let mut log_likelihood = [0.0; MAX_ROTORS];
+        let mut leading = self.rotor_evidence(0);
+        for rotor in 0..self.rotor_count {
+            let evidence = self.rotor_evidence(rotor);
+            log_likelihood[rotor] = evidence.log_likelihood;
+            if known == Some(rotor) {
+                log_likelihood[rotor] += c.repeat_bonus;
+            }
+            if rotor == 0 || log_likelihood[rotor] > log_likelihood[first] {
+                first = rotor;
+                leading = evidence;
             }
         }
-        self.leading_onset = self.candidate[at[first]].onset;
-        let mut second = f32::NEG_INFINITY;
-        for i in 0..self.rotor_count {
-            if i != first {
-                second = second.max(llr[i]);
+        let jump = self.onset.jump_evidence();
+        self.onset.set_leading(&leading, &jump);
+        let best = log_likelihood[first];
+        let mut next = 0.0f32;
+        for rotor in 0..self.rotor_count {
+            if rotor != first {
+                next = next.max(log_likelihood[rotor]);
             }
         }
-        self.diag[4] = llr[first];
-        self.diag[5] = second;
-        self.diag[6] = first as f32;
-        self.diag[7] = loss[first];
-        let strong = llr[first] > self.config.evidence_to_isolate
-            && llr[first] - second > self.config.margin_to_isolate
-            && (loss[first] > self.config.smallest_loss || base == Some(first));
-        match base {
+        let smallest = c.smallest_loss * self.mean_hover_thrust;
+        let relevant =
+            best > c.evidence_to_isolate && (leading.loss > smallest || (known == Some(first) && leading.loss < 0.0));
+        let jumped = jump.log_likelihood > best + c.margin_to_isolate;
+        let decisive = relevant && !jumped && best - next > c.margin_to_isolate;
+        let odds_against =
+            libm::expf((c.prior_log_odds - best).clamp(-80.0, 80.0)) + libm::expf((next - best).clamp(-80.0, 0.0));
+        let probability = 1.0 / (1.0 + odds_against);
+
+        match known {
+            Some(rotor) => self.report_known(rotor, (decisive && first == rotor).then_some(&leading)),
             None => {
-                if strong {
-                    self.verdict = FaultVerdict::Faulty { rotor: first as u8 };
-                    self.thrust_loss = loss[first];
-                } else if let FaultVerdict::Faulty { rotor } = self.verdict {
-                    if llr[usize::from(rotor)] < 0.5 * self.config.evidence_to_isolate {
-                        self.verdict = FaultVerdict::Healthy;
-                        self.thrust_loss = 0.0;
+                self.ambiguous_windows = if relevant && !jumped && !decisive {
+                    self.ambiguous_windows.saturating_add(1)
+                } else {
+                    0
+                };
+                let weak = 0.5 * c.evidence_to_isolate;
+                match self.decision.verdict {
+                    _ if decisive => self.report_pending(first, &leading, probability),
+                    FaultVerdict::Faulty { rotor } if log_likelihood[usize::from(rotor)] >= weak => {}
+                    _ if self.ambiguous_windows > self.ambiguity_windows => {
+                        // Some rotor, but which?
+                        let any = 1.0 / (1.0 + libm::expf((c.prior_log_odds - best).clamp(-80.0, 80.0)));
+                        self.report_none(FaultVerdict::Unknown, any);
+                    }
+                    FaultVerdict::Unknown if best >= weak => {}
+                    _ => {
+                        let healthy = 1.0 / (1.0 + libm::expf((best - c.prior_log_odds).clamp(-80.0, 80.0)));
+                        self.report_none(FaultVerdict::Healthy, healthy);
                     }
                 }
-                self.probability = 1.0
-                    / (1.0
-                        + libm::expf((self.config.prior_log_odds - llr[first]).clamp(-80.0, 80.0))
-                        + libm::expf((second - llr[first]).clamp(-80.0, 80.0)));
-                if self.verdict == FaultVerdict::Healthy {
-                    self.probability = 1.0 - self.probability;
-                }
-            }
-            Some(rotor) => {
-                self.verdict = FaultVerdict::Faulty { rotor: rotor as u8 };
-                self.thrust_loss = self.loss_fraction[rotor] * self.hover_thrust[rotor];
-                if strong && first == rotor {
-                    self.thrust_loss += loss[first];
-                }
             }
         }
-        let certain = strong && llr[first] > self.config.evidence_to_absorb;
-        self.pending = certain;
-        if certain {
-            let age = self.block - self.candidate[at[first]].onset;
-            if age >= self.settling_blocks {
-                self.absorb(first, at[first], loss[first]);
-            }
+        if jumped && jump.log_likelihood > c.evidence_to_isolate && self.onset.jump_age(&jump) >= self.settling_blocks {
+            self.absorb_jump(&jump);
+            return;
+        }
+        self.quiet = best < 0.5 * c.evidence_to_isolate;
+        if self.quiet {
+            self.adopt_time_constants();
+        }
+        self.pending = decisive && best > c.evidence_to_absorb;
+        if self.pending && self.onset.age(&leading) >= self.settling_blocks {
+            self.absorb(first, &leading, probability);
         }
     }
 
-    fn primary(&self) -> Option<usize> {
-        let mut best = None;
-        let mut largest = 0.0;
-        for i in 0..self.rotor_count {
-            let loss = self.loss_fraction[i] * self.hover_thrust[i];
-            if loss > largest {
-                largest = loss;
-                best = Some(i);
-            }
-        }
-        if largest > 0.5 * self.config.smallest_loss {
-            best
-        } else {
-            None
-        }
+    fn report_none(&mut self, verdict: FaultVerdict, probability: f32) {
+        self.decision = SequentialDecision {
+            verdict,
+            probability,
+            thrust_loss: 0.0,
+            thrust_loss_deviation: 0.0,
+        };
     }
 
-    fn absorb(&mut self, rotor: usize, index: usize, loss: f32) {
-        let candidate = self.candidate[index];
-        let f = &self.column[rotor];
-        let mut information = 1e-9;
-        for axis in 0..AXES {
-            information += f[axis] * f[axis] * candidate.information[axis];
+    fn report_pending(&mut self, rotor: usize, evidence: &Evidence, probability: f32) {
+        let variance = self.onset.change(evidence, &self.column[rotor]).variance;
+        self.decision = SequentialDecision {
+            verdict: FaultVerdict::Faulty { rotor: rotor as u8 },
+            probability,
+            thrust_loss: evidence.loss,
+            thrust_loss_deviation: libm::sqrtf(variance),
+        };
+    }
+
+    fn report_known(&mut self, rotor: usize, change: Option<&Evidence>) {
+        let known = self.known[rotor];
+        let mut loss = self.known_loss(rotor);
+        let mut variance = known.deviation * known.deviation;
+        if let Some(evidence) = change {
+            loss = (loss + evidence.loss).max(0.0);
+            variance += self.onset.change(evidence, &self.column[rotor]).variance;
         }
-        let variance = 1.0 / information;
+        self.decision = SequentialDecision {
+            verdict: FaultVerdict::Faulty { rotor: rotor as u8 },
+            probability: known.probability,
+            thrust_loss: loss,
+            thrust_loss_deviation: libm::sqrtf(variance),
+        };
+    }
+
+    /// Undoes what a jump of the momentum has done to the filters.
+    fn absorb_jump(&mut self, jump: &JumpEvidence) {
         for axis in 0..AXES {
-            let coefficient = -f[axis] * loss;
-            let filter = &mut self.filter[axis];
-            let mut direction = candidate.error[axis];
-            for j in 0..STATES {
-                filter.x[j] += coefficient * direction[j];
-            }
-            direction[B] += 1.0;
-            let spread = f[axis] * f[axis] * variance;
+            let (size, error) = self.onset.jump(jump, axis);
+            let state = &mut self.axis[axis];
             for i in 0..STATES {
+                state.filter.state[i] += size * error[i];
+            }
+            state.probe = [LevelProbe::new(&state.filter); 2];
+        }
+        self.onset.clear();
+        self.pending = false;
+        self.quiet = true;
+    }
+
+    /// Makes a change of one rotor part of the model; changes from now on are sought against it.
+    fn absorb(&mut self, rotor: usize, evidence: &Evidence, probability: f32) {
+        let column = &self.column[rotor];
+        let change = self.onset.change(evidence, column);
+        for axis in 0..AXES {
+            let state = &mut self.axis[axis];
+            let error = &change.error[axis];
+            let lost = -column[axis] * evidence.loss;
+            // What is wrong with Δ̂ goes on acting like a bias.
+            let mut direction = *error;
+            direction[BIAS] += 1.0;
+            let variance = column[axis] * column[axis] * change.variance;
+            for i in 0..STATES {
+                state.filter.state[i] += lost * error[i];
                 for j in 0..STATES {
-                    filter.p[i][j] += spread * direction[i] * direction[j];
+                    state.filter.covariance[i][j] += variance * direction[i] * direction[j];
                 }
             }
-            self.lag[axis].state += coefficient * self.arm[axis];
-            self.shadow[axis] = [Shadow::from_filter(filter); 2];
+            state.probe = [LevelProbe::new(&state.filter); 2];
         }
-        let fraction = self.loss_fraction[rotor] + loss / self.hover_thrust[rotor];
-        self.loss_fraction[rotor] = fraction.clamp(0.0, 1.0);
-        self.candidate_count = 0;
+
+        let thrust = self.thrust[rotor].max(0.1 * self.mean_hover_thrust);
+        let known = &mut self.known[rotor];
+        let before = known.fraction;
+        let mut fraction = (before + evidence.loss / thrust).clamp(0.0, 1.0);
+        if fraction < HEALED_SHARE * before {
+            fraction = 0.0;
+        }
+        *known = KnownFault {
+            fraction,
+            deviation: libm::sqrtf(change.variance),
+            probability,
+        };
+        self.loss_fraction[rotor] = fraction;
+        let removed = (fraction - before) * self.recent_thrust[rotor];
+        self.meter
+            .remove_wrench(&core::array::from_fn(|axis| removed * column[axis] * self.arm[axis]));
+        self.onset.clear();
         self.pending = false;
-        self.diag[8] += 1.0;
+        self.quiet = true;
     }
 }

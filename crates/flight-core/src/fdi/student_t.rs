@@ -28,12 +28,7 @@ pub fn two_sided_p_value(t: f64, degrees_of_freedom: f64) -> f64 {
     }
     // 1 − x is formed directly: it would lose its digits for a small t.
     let sum = degrees_of_freedom + t_squared;
-    incomplete_beta(
-        0.5 * degrees_of_freedom,
-        0.5,
-        degrees_of_freedom / sum,
-        t_squared / sum,
-    )
+    incomplete_beta(0.5 * degrees_of_freedom, 0.5, degrees_of_freedom / sum, t_squared / sum)
 }
 
 /// t > 0 with `two_sided_p_value(t, ν) = significance`.
@@ -42,9 +37,10 @@ pub fn two_sided_p_value(t: f64, degrees_of_freedom: f64) -> f64 {
 ///
 /// None outside of these ranges, and where t would not be finite.
 pub fn two_sided_critical_value(significance: f64, degrees_of_freedom: f64) -> Option<f64> {
-    if !(significance > 0.0 && significance < 1.0)
-        || !(degrees_of_freedom >= 1.0 && degrees_of_freedom.is_finite())
-    {
+    // Written so that NaN is refused, too.
+    let in_range =
+        significance > 0.0 && significance < 1.0 && degrees_of_freedom >= 1.0 && degrees_of_freedom.is_finite();
+    if !in_range {
         return None;
     }
     let mut low = 0.0;
@@ -76,9 +72,7 @@ fn incomplete_beta(a: f64, b: f64, x: f64, y: f64) -> f64 {
     if y <= 0.0 {
         return 1.0;
     }
-    let log_front = libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b)
-        + a * libm::log(x)
-        + b * libm::log(y);
+    let log_front = libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b) + a * libm::log(x) + b * libm::log(y);
     let front = libm::exp(log_front);
     if x < (a + 1.0) / (a + b + 2.0) {
         front * beta_fraction(a, b, x) / a

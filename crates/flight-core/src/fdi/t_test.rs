@@ -69,12 +69,7 @@ impl TTest {
     /// Verdict on one full window.
     ///
     /// * `baseline`: µ₀ of the wrench residual
-    pub fn evaluate(
-        &self,
-        geometry: &Geometry,
-        window: &WrenchStatistics,
-        baseline: &[f32; 4],
-    ) -> FaultVerdict {
+    pub fn evaluate(&self, geometry: &Geometry, window: &WrenchStatistics, baseline: &[f32; 4]) -> FaultVerdict {
         let rotor_count = geometry.rotor_count();
         let mut detections = 0;
         for i in 0..rotor_count {
@@ -174,11 +169,7 @@ mod tests {
                 let f = geometry.effectiveness();
                 let fault = core::array::from_fn(|axis| -f[axis][rotor] * 0.09 / 5.0);
                 let verdict = test.evaluate(&geometry, &window(fault, 1e-4), &[0.0; 4]);
-                assert_eq!(
-                    verdict,
-                    FaultVerdict::Faulty { rotor: rotor as u8 },
-                    "{count} rotors"
-                );
+                assert_eq!(verdict, FaultVerdict::Faulty { rotor: rotor as u8 }, "{count} rotors");
                 let baseline_removed = test.evaluate(&geometry, &window(fault, 1e-4), &fault);
                 assert_eq!(baseline_removed, FaultVerdict::Healthy);
             }

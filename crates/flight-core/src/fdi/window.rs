@@ -68,17 +68,11 @@ impl WrenchStatistics {
             return 0.0;
         }
         let c = &self.co_moment;
-        let diagonal =
-            v[0] * v[0] * c[0] + v[1] * v[1] * c[2] + v[2] * v[2] * c[5] + v[3] * v[3] * c[9];
-        let rest = v[1] * v[0] * c[1]
-            + v[2] * (v[0] * c[3] + v[1] * c[4])
-            + v[3] * (v[0] * c[6] + v[1] * c[7] + v[2] * c[8]);
+        let diagonal = v[0] * v[0] * c[0] + v[1] * v[1] * c[2] + v[2] * v[2] * c[5] + v[3] * v[3] * c[9];
+        let rest =
+            v[1] * v[0] * c[1] + v[2] * (v[0] * c[3] + v[1] * c[4]) + v[3] * (v[0] * c[6] + v[1] * c[7] + v[2] * c[8]);
         let sum = diagonal + 2.0 * rest;
-        if sum > 0.0 {
-            sum / (self.count - 1) as f32
-        } else {
-            0.0
-        }
+        if sum > 0.0 { sum / (self.count - 1) as f32 } else { 0.0 }
     }
 }
 

@@ -35,6 +35,9 @@ const LIFE_CHECK: Duration = Duration::from_millis(50);
 /// The news that somebody is gone may overtake its last words: they have this time to come.
 const LAST_WORDS: Duration = Duration::from_millis(50);
 
+/// How long a plant that gives up before the first step still answers those who come.
+const LATECOMERS: Duration = Duration::from_millis(80);
+
 /// A peer says again that it is there after this time without an answer.
 const JOIN_PERIOD: Duration = Duration::from_millis(100);
 
@@ -406,6 +409,24 @@ impl<E: Endpoint> EndpointLink<E> {
         Err(died)
     }
 
+    /// Peers that join while the run is being given up would wait for their Setup.
+    fn tell_latecomers(&mut self, finish: &Packet) {
+        let begin = now();
+        while let Some(left) = LATECOMERS.checked_sub(begin.elapsed()) {
+            let told = match self.endpoint.poll() {
+                Ok(Some(Packet::Join(join))) => {
+                    self.endpoint.send(finish).and_then(|_| self.endpoint.wake(join.role()))
+                }
+                Ok(Some(_)) => Ok(()),
+                Ok(None) => self.endpoint.wait(left),
+                Err(error) => Err(error),
+            };
+            if told.is_err() {
+                return;
+            }
+        }
+    }
+
     /// A peer took nothing: dead, or its queue is full.
     #[cold]
     fn undelivered(&mut self, what: &str, step: u64) -> LinkError {
@@ -566,13 +587,17 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                 }
             }),
         };
-        if let Err(error) = self.endpoint.send(&Packet::Finish(finish)) {
+        let finish = Packet::Finish(finish);
+        if let Err(error) = self.endpoint.send(&finish) {
             tracing::warn!("telling the peers that the run is over: {error}");
         }
         for role in [Role::Controller, Role::Fdi] {
             if let Err(error) = self.endpoint.wake(role) {
                 tracing::warn!("waking the {}: {error}", role_name(role));
             }
+        }
+        if failure.is_some() && !(self.controller.ready && self.fdi.ready) {
+            self.tell_latecomers(&finish);
         }
     }
 }

@@ -22,7 +22,12 @@ pub struct InProcessLink<C, F> {
 impl<C: ControllerPeer, F: FdiPeer> InProcessLink<C, F> {
     /// A link to these two.
     pub fn new(controller: C, fdi: F) -> Self {
-        Self { controller, fdi, rotor_count: 0, reports: VecDeque::with_capacity(4) }
+        Self {
+            controller,
+            fdi,
+            rotor_count: 0,
+            reports: VecDeque::with_capacity(4),
+        }
     }
 
     /// The two peers, for instance to look at their state after the run.
@@ -36,8 +41,14 @@ impl<C: ControllerPeer, F: FdiPeer> PlantLink for InProcessLink<C, F> {
         self.rotor_count = setup.controller.rotors.len();
         self.controller
             .setup(&setup.controller)
-            .map_err(|reason| LinkError::Refused { role: Role::Controller, reason })?;
-        self.fdi.setup(&setup.fdi).map_err(|reason| LinkError::Refused { role: Role::Fdi, reason })
+            .map_err(|reason| LinkError::Refused {
+                role: Role::Controller,
+                reason,
+            })?;
+        self.fdi.setup(&setup.fdi).map_err(|reason| LinkError::Refused {
+            role: Role::Fdi,
+            reason,
+        })
     }
 
     #[inline]
@@ -65,5 +76,9 @@ impl<C: ControllerPeer, F: FdiPeer> PlantLink for InProcessLink<C, F> {
 
 #[cold]
 fn nonsense(role: Role, step: u64, error: &convert::ConvertError) -> LinkError {
-    LinkError::Nonsense { role, step, reason: error.to_string() }
+    LinkError::Nonsense {
+        role,
+        step,
+        reason: error.to_string(),
+    }
 }

@@ -13,8 +13,10 @@
 //!
 //! # Files
 //! iceoryx2 keeps files in a root folder and segments in `/dev/shm`. The root is below `/dev/shm` too, so that one can never be
-//! lost (or be private to a container) without the other. The next start on the same root and prefix removes what a killed
-//! process left. No configuration file is read and no signal handler is installed.
+//! lost (or be private to a container) without the other. No configuration file is read and no signal handler is installed.
+//!
+//! What a killed process left is removed by the next start on the same root and prefix: by iceoryx2 itself where it can, and
+//! wholly by an end that finds itself alone there. A lock on a file tells: every end holds it shared as long as it lives.
 //!
 //! # Limits
 //! All processes of a run need the same user, `/dev/shm` and release of iceoryx2. There is no authentication below that: whoever
@@ -32,6 +34,9 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe;
 use prost::Message as _;
+use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
+use std::fs::File;
 use std::path::PathBuf;
 use std::sync::Once;
 use std::time::{Duration, Instant};
@@ -55,6 +60,9 @@ const CONTROL_QUEUE: usize = 16;
 /// segment added later is lost, with the last words in it, if its owner goes before everybody has seen it.
 const CONTROL_BYTES: usize = 32 << 10;
 
+/// Ends of the names of iceoryx2's segments.
+const SEGMENT_SUFFIXES: [&str; 5] = ["data", "dynamic", "connection", "event_mgmt", "global_mgmt"];
+
 /// How long to try again while another process creates or removes the same service.
 const OPEN_RETRY: Duration = Duration::from_secs(1);
 
@@ -67,9 +75,9 @@ const LEFT: usize = 1;
 /// Where the processes of a host meet, and how they wait.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Iox2Options {
-    /// Folder for iceoryx2's files; the same for all processes of a run.
+    /// Folder for iceoryx2's files; the same for all processes of a run. Created if it is not there.
     pub root: PathBuf,
-    /// Beginning of every file name; processes with different prefixes do not see each other.
+    /// Beginning of every file name, three characters or more; processes with different prefixes do not see each other.
     pub prefix: String,
     /// Looks at the inbox before going to sleep. 0 unless every process of the run has a core of its own, then about 200.
     pub spin: u32,
@@ -79,14 +87,18 @@ pub struct Iox2Options {
 impl Default for Iox2Options {
     fn default() -> Self {
         let user = rustix::process::getuid().as_raw();
-        Self { root: format!("{SHARED_MEMORY}/rotortwin-{user}").into(), prefix: format!("rt{user}_"), spin: 0 }
+        Self {
+            root: format!("{SHARED_MEMORY}/rotortwin-{user}").into(),
+            prefix: format!("rt{user}_"),
+            spin: 0,
+        }
     }
 }
 
 impl Iox2Options {
     fn config(&self) -> Result<Config, LinkError> {
         let mut config = Config::default();
-        let root = Path::new(self.root.as_os_str().as_encoded_bytes())
+        let root = Path::new(self.files().as_os_str().as_encoded_bytes())
             .map_err(|error| failed(&format!("using the folder {}", self.root.display()), error))?;
         config.global.set_root_path(&root);
         config.global.prefix = FileName::new(self.prefix.as_bytes())
@@ -96,10 +108,75 @@ impl Iox2Options {
         config.global.service.cleanup_dead_nodes_on_open = true;
         Ok(config)
     }
+
+    /// Where iceoryx2's own files are: nothing else is in there.
+    fn files(&self) -> PathBuf {
+        self.root.join("iceoryx2")
+    }
+
+    /// Takes the shared lock that says "somebody lives here", after removing what is left over if nobody did.
+    fn enter(&self) -> Result<File, LinkError> {
+        let problem = |error: std::io::Error| LinkError::Transport {
+            transport: TRANSPORT,
+            action: format!("using the folder {}", self.root.display()),
+            reason: error.to_string(),
+        };
+        if self.prefix.len() < 3 {
+            return Err(failed(
+                &format!("using the prefix {:?}", self.prefix),
+                "it needs three characters or more",
+            ));
+        }
+        std::fs::create_dir_all(&self.root).map_err(problem)?;
+        let lock = self.root.join("lock");
+        let lock = File::options()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(lock)
+            .map_err(problem)?;
+        match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => self.remove_leftovers(),
+            // Somebody lives here, or is just tidying up.
+            Err(Errno::WOULDBLOCK) => {}
+            Err(error) => return Err(problem(error.into())),
+        }
+        // Between the two locks another may come, find itself alone and tidy up: nothing of ours exists yet.
+        flock(&lock, FlockOperation::LockShared).map_err(|error| problem(error.into()))?;
+        Ok(lock)
+    }
+
+    /// Removes the files of killed processes. Nobody may live here.
+    fn remove_leftovers(&self) {
+        if let Err(error) = std::fs::remove_dir_all(self.files())
+            && error.kind() != std::io::ErrorKind::NotFound
+        {
+            tracing::warn!("removing {}: {error}", self.files().display());
+        }
+        let Ok(entries) = std::fs::read_dir(SHARED_MEMORY) else {
+            return;
+        };
+        for entry in entries.flatten() {
+            let name = entry.file_name();
+            let Some((stem, suffix)) = name.to_str().and_then(|name| name.rsplit_once('.')) else {
+                continue;
+            };
+            if stem.starts_with(&self.prefix) && SEGMENT_SUFFIXES.contains(&suffix) {
+                match std::fs::remove_file(entry.path()) {
+                    Ok(()) => tracing::debug!("removed {} of a killed process", entry.path().display()),
+                    Err(error) => tracing::warn!("removing {}: {error}", entry.path().display()),
+                }
+            }
+        }
+    }
 }
 
 fn failed(action: &str, reason: impl std::fmt::Debug) -> LinkError {
-    LinkError::Transport { transport: TRANSPORT, action: action.to_owned(), reason: format!("{reason:?}") }
+    LinkError::Transport {
+        transport: TRANSPORT,
+        action: action.to_owned(),
+        reason: format!("{reason:?}"),
+    }
 }
 
 /// Repeats what fails while another process creates or removes the same thing.
@@ -117,11 +194,15 @@ fn retried<T, E: std::fmt::Debug>(
     }
 }
 
-/// A full `/dev/shm` gives no error but SIGBUS: look before.
-fn check_free_space() -> Result<(), LinkError> {
+/// Bytes that are free for shared memory.
+fn free_space() -> Result<u64, LinkError> {
     let status = rustix::fs::statvfs(SHARED_MEMORY)
         .map_err(|error| failed(&format!("looking at the free space of {SHARED_MEMORY}"), error))?;
-    let free = status.f_bavail * status.f_frsize;
+    Ok(status.f_bavail * status.f_frsize)
+}
+
+/// A full `/dev/shm` gives no error but SIGBUS: look before.
+fn check_free_space(free: u64) -> Result<(), LinkError> {
     if free < FREE_SPACE {
         return Err(LinkError::Transport {
             transport: TRANSPORT,
@@ -164,6 +245,8 @@ pub struct Iox2Endpoint {
     command: Topic<CommandFrame>,
     report: Topic<FdiReport>,
     node: Node<Service>,
+    /// Shared: tells others that somebody lives here.
+    _lock: File,
 }
 
 /// Place of a role in an array.
@@ -197,8 +280,9 @@ impl Iox2Endpoint {
         if slot(role).is_none() {
             return Err(failed("creating an endpoint", "a role is needed"));
         }
-        check_free_space()?;
+        check_free_space(free_space()?)?;
         let config = options.config()?;
+        let lock = options.enter()?;
         let name = NodeName::new(&node_name(run_id, role)).map_err(|error| failed("naming the node", error))?;
         let node = retried(
             || format!("creating the node in {}", options.root.display()),
@@ -218,13 +302,19 @@ impl Iox2Endpoint {
         let sensors_out = is(Role::Plant).then(|| publisher(&sensors, role)).transpose()?;
         let sensors_in = (!is(Role::Plant)).then(|| subscriber(&sensors, role)).transpose()?;
         let command_out = is(Role::Controller).then(|| publisher(&command, role)).transpose()?;
-        let command_in = (!is(Role::Controller)).then(|| subscriber(&command, role)).transpose()?;
+        let command_in = (!is(Role::Controller))
+            .then(|| subscriber(&command, role))
+            .transpose()?;
         let report_out = is(Role::Fdi).then(|| publisher(&report, role)).transpose()?;
         let report_in = is(Role::Plant).then(|| subscriber(&report, role)).transpose()?;
 
         let to_plant = control_topic(&node, run_id, "to-plant", 2, 1)?;
         let to_peers = control_topic(&node, run_id, "to-peers", 1, 2)?;
-        let (outgoing, incoming) = if is(Role::Plant) { (&to_peers, &to_plant) } else { (&to_plant, &to_peers) };
+        let (outgoing, incoming) = if is(Role::Plant) {
+            (&to_peers, &to_plant)
+        } else {
+            (&to_plant, &to_peers)
+        };
         let control_out = retried(
             || port_action("publisher", "hand-shake", role),
             || {
@@ -236,8 +326,10 @@ impl Iox2Endpoint {
                     .create()
             },
         )?;
-        let control_in =
-            retried(|| port_action("subscriber", "hand-shake", role), || incoming.subscriber_builder().create())?;
+        let control_in = retried(
+            || port_action("subscriber", "hand-shake", role),
+            || incoming.subscriber_builder().create(),
+        )?;
 
         let mut notifiers = [None, None, None];
         let mut listener = None;
@@ -257,8 +349,10 @@ impl Iox2Endpoint {
                 },
             )?;
             if other == role {
-                listener =
-                    Some(retried(|| port_action("listener", "event", role), || event.listener_builder().create())?);
+                listener = Some(retried(
+                    || port_action("listener", "event", role),
+                    || event.listener_builder().create(),
+                )?);
             } else if let Some(slot) = slot(other) {
                 // The FDI engine has nothing to say to the controller.
                 if (role, other) != (Role::Fdi, Role::Controller) {
@@ -290,22 +384,34 @@ impl Iox2Endpoint {
             command,
             report,
             node,
+            _lock: lock,
         })
     }
 
     fn send_control(&mut self, kind: u8, body: &[u8]) -> Result<Delivery, LinkError> {
         let action = "sending a message of the hand-shake";
-        let sample = self.control_out.loan_slice_uninit(body.len() + 1).map_err(|error| failed(action, error))?;
+        let sample = self
+            .control_out
+            .loan_slice_uninit(body.len() + 1)
+            .map_err(|error| failed(action, error))?;
         let sample = sample.write_from_fn(|index| if index == 0 { kind } else { body[index - 1] });
         let receivers = sample.send().map_err(|error| failed(action, error))?;
-        Ok(if receivers == 0 { Delivery::Partial } else { Delivery::Complete })
+        Ok(if receivers == 0 {
+            Delivery::Partial
+        } else {
+            Delivery::Complete
+        })
     }
 
     fn poll_control(&mut self) -> Result<Option<Packet>, LinkError> {
-        while let Some(sample) =
-            self.control_in.receive().map_err(|error| failed("receiving a message of the hand-shake", error))?
+        while let Some(sample) = self
+            .control_in
+            .receive()
+            .map_err(|error| failed("receiving a message of the hand-shake", error))?
         {
-            let Some((&kind, body)) = sample.payload().split_first() else { continue };
+            let Some((&kind, body)) = sample.payload().split_first() else {
+                continue;
+            };
             let packet = match kind {
                 b'J' => Join::decode(body).map(Packet::Join),
                 b'S' => Setup::decode(body).map(|setup| Packet::Setup(Box::new(setup))),
@@ -339,7 +445,10 @@ fn service_name(run_id: u64, topic: &str) -> Result<ServiceName, LinkError> {
 }
 
 fn port_action(port: &str, topic: &str, role: Role) -> String {
-    format!("creating the {topic} {port} of the {} (does another one run already?)", super::role_name(role))
+    format!(
+        "creating the {topic} {port} of the {} (does another one run already?)",
+        super::role_name(role)
+    )
 }
 
 fn topic<T: ZeroCopySend + std::fmt::Debug>(
@@ -397,7 +506,12 @@ fn publisher<T: ZeroCopySend + std::fmt::Debug>(
 ) -> Result<Publisher<Service, T, ()>, LinkError> {
     retried(
         || port_action("publisher", std::any::type_name::<T>(), role),
-        || topic.publisher_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create(),
+        || {
+            topic
+                .publisher_builder()
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+        },
     )
 }
 
@@ -417,9 +531,17 @@ fn send_frame<T: ZeroCopySend + std::fmt::Debug + Copy>(
     frame: &T,
     receivers: usize,
 ) -> Result<Delivery, LinkError> {
-    let Some(port) = port else { return Err(failed("sending a frame", "this role does not send it")) };
-    let reached = port.send_copy(*frame).map_err(|error| failed("sending a frame", error))?;
-    Ok(if reached < receivers { Delivery::Partial } else { Delivery::Complete })
+    let Some(port) = port else {
+        return Err(failed("sending a frame", "this role does not send it"));
+    };
+    let reached = port
+        .send_copy(*frame)
+        .map_err(|error| failed("sending a frame", error))?;
+    Ok(if reached < receivers {
+        Delivery::Partial
+    } else {
+        Delivery::Complete
+    })
 }
 
 /// The oldest frame of a queue.
@@ -529,7 +651,10 @@ impl Endpoint for Iox2Endpoint {
         let mut is_dead = false;
         let listed = Node::<Service>::list(self.node.config(), |state| {
             if let NodeState::Dead(node) = state
-                && node.details().as_ref().is_some_and(|details| details.name().as_str() == wanted)
+                && node
+                    .details()
+                    .as_ref()
+                    .is_some_and(|details| details.name().as_str() == wanted)
             {
                 is_dead = true;
                 return CallbackProgression::Stop;
@@ -541,5 +666,53 @@ impl Endpoint for Iox2Endpoint {
         }
         self.control_due |= is_dead;
         is_dead
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_too_little_shared_memory_is_one_sentence() {
+        assert_eq!(check_free_space(FREE_SPACE), Ok(()));
+        let text = check_free_space(100 << 10).expect_err("100 kB are too few").to_string();
+        assert_eq!(
+            text,
+            "iceoryx2: starting failed: /dev/shm has 100 kB free and 4096 kB are needed; remove files from it or make it larger"
+        );
+        assert!(free_space().is_ok_and(|free| free > 0));
+    }
+
+    /// Only what has our prefix and is a segment, and only if nobody lives there.
+    #[test]
+    fn scenario_leftovers_are_removed_by_the_first_who_comes() {
+        let prefix = format!("rttidy{}_", std::process::id());
+        let options = Iox2Options {
+            root: format!("{SHARED_MEMORY}/{prefix}root").into(),
+            prefix,
+            spin: 0,
+        };
+        let segment = |name: &str| PathBuf::from(SHARED_MEMORY).join(format!("{}{name}", options.prefix));
+        let (stale, note) = (segment("0123_456.event_mgmt"), segment("notes.txt"));
+        let place = || {
+            std::fs::write(&stale, "x").expect("a new file");
+            std::fs::write(&note, "x").expect("a new file");
+            std::fs::create_dir_all(options.files().join("nodes")).expect("a new folder");
+        };
+        place();
+        let first = options.enter().expect("an empty place");
+        assert!(!stale.exists() && !options.files().exists() && note.exists());
+        place();
+        let second = options.enter().expect("a shared place");
+        assert!(stale.exists() && options.files().exists(), "somebody lives here");
+        drop(first);
+        drop(options.enter().expect("a shared place"));
+        assert!(stale.exists(), "somebody still lives here");
+        drop(second);
+        drop(options.enter().expect("an empty place"));
+        assert!(!stale.exists() && !options.files().exists() && note.exists());
+        std::fs::remove_file(&note).expect("it is there");
+        std::fs::remove_dir_all(&options.root).expect("it is there");
     }
 }

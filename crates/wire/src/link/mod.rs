@@ -99,7 +99,12 @@ pub struct LinkTiming {
 
 impl Default for LinkTiming {
     fn default() -> Self {
-        Self { join: Duration::from_secs(10), step: Duration::from_secs(5), fdi_window: 128, fdi_batch: 32 }
+        Self {
+            join: Duration::from_secs(10),
+            step: Duration::from_secs(5),
+            fdi_window: 128,
+            fdi_batch: 32,
+        }
     }
 }
 

@@ -68,7 +68,9 @@ pub(super) fn host_name() -> String {
 
 /// FNV-1a, 64 bit: the same in every build, unlike the hash of the standard library.
 fn fnv1a(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
 }
 
 #[cfg(test)]
@@ -84,13 +86,19 @@ mod tests {
 
     #[test]
     fn val_the_end_of_a_child_is_seen_before_it_is_reaped() {
-        let mut child = std::process::Command::new("sleep").arg("60").spawn().expect("sleep starts");
+        let mut child = std::process::Command::new("sleep")
+            .arg("60")
+            .spawn()
+            .expect("sleep starts");
         let watch = ProcessWatch::open(child.id(), process_space()).expect("a child can be watched");
         assert!(!watch.has_ended());
         child.kill().expect("a child can be killed");
         let begin = std::time::Instant::now();
         while !watch.has_ended() {
-            assert!(begin.elapsed() < std::time::Duration::from_secs(5), "its end was not seen");
+            assert!(
+                begin.elapsed() < std::time::Duration::from_secs(5),
+                "its end was not seen"
+            );
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         child.wait().expect("a child can be waited for");

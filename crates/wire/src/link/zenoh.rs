@@ -44,6 +44,13 @@ use zenoh::sample::SampleKind;
 /// The name of this transport in errors.
 const TRANSPORT: &str = "zenoh";
 
+/// Most steps or reports in one list.
+const LONGEST_LIST: usize = 64;
+
+/// Most bytes of a message. The low-latency transport does not cut messages into pieces; it closes the connection over one that
+/// is longer than a batch of 65535 bytes. The largest Setup has 15 kB, the longest list 25 kB.
+const LONGEST_MESSAGE: usize = 60_000;
+
 /// How this process reaches the others.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Attachment {
@@ -67,12 +74,19 @@ pub struct ZenohOptions {
 impl ZenohOptions {
     /// Listens on `endpoint`.
     pub fn listen(endpoint: impl Into<String>) -> Self {
-        Self { endpoint: endpoint.into(), attachment: Attachment::Listen, connect_timeout: Duration::from_secs(5) }
+        Self {
+            endpoint: endpoint.into(),
+            attachment: Attachment::Listen,
+            connect_timeout: Duration::from_secs(5),
+        }
     }
 
     /// Connects to `endpoint`, for up to 5 s.
     pub fn connect(endpoint: impl Into<String>) -> Self {
-        Self { attachment: Attachment::Connect, ..Self::listen(endpoint) }
+        Self {
+            attachment: Attachment::Connect,
+            ..Self::listen(endpoint)
+        }
     }
 
     /// "tcp/127.0.0.1:port" with a port that was free a moment ago, below the range that the kernel gives to outgoing
@@ -105,7 +119,11 @@ impl ZenohOptions {
             return Err(malformed("only \"tcp/address:port\" is supported".to_owned()));
         }
         let listens = self.attachment == Attachment::Listen;
-        let (listen, connect) = if listens { (Some(&self.endpoint), None) } else { (None, Some(&self.endpoint)) };
+        let (listen, connect) = if listens {
+            (Some(&self.endpoint), None)
+        } else {
+            (None, Some(&self.endpoint))
+        };
         let list = |endpoint: Option<&String>| endpoint.map_or_else(|| "[]".to_owned(), |it| format!("[{it:?}]"));
         let timeout = self.connect_timeout.as_millis().max(1);
         let mut config = zenoh::Config::default();
@@ -117,23 +135,33 @@ impl ZenohOptions {
             ("connect/timeout_ms", timeout.to_string()),
             ("connect/exit_on_failure", "true".to_owned()),
             // The other side may start a moment later.
-            ("connect/retry", "{ period_init_ms: 20, period_max_ms: 200, period_increase_factor: 1.5 }".to_owned()),
+            (
+                "connect/retry",
+                "{ period_init_ms: 20, period_max_ms: 200, period_increase_factor: 1.5 }".to_owned(),
+            ),
             ("scouting/multicast/enabled", "false".to_owned()),
             ("scouting/gossip/enabled", "false".to_owned()),
             ("adminspace/enabled", "false".to_owned()),
             ("transport/link/protocols", "[\"tcp\"]".to_owned()),
             ("transport/link/tx/lease", "2000".to_owned()),
+            // One thread less between us and the socket; a router that does not want it is met without it.
             ("transport/unicast/lowlatency", "true".to_owned()),
             ("transport/unicast/qos/enabled", "false".to_owned()),
         ] {
-            config.insert_json5(key, &value).map_err(|error| failed(&format!("setting {key} to {value}"), error))?;
+            config
+                .insert_json5(key, &value)
+                .map_err(|error| failed(&format!("setting {key} to {value}"), error))?;
         }
         Ok(config)
     }
 }
 
 fn failed(action: &str, reason: impl std::fmt::Display) -> LinkError {
-    LinkError::Transport { transport: TRANSPORT, action: action.to_owned(), reason: reason.to_string() }
+    LinkError::Transport {
+        transport: TRANSPORT,
+        action: action.to_owned(),
+        reason: reason.to_string(),
+    }
 }
 
 /// What a key carries.
@@ -207,10 +235,22 @@ pub struct ZenohEndpoint {
     options: ZenohOptions,
     prefix: String,
     inbox: Arc<Inbox>,
-    /// For the topic that this role sends in each step.
+    /// For what this role sends in each step, or in each batch.
     publisher: Publisher<'static>,
+    /// Plant: for what it passes on to the FDI engine.
+    steps_publisher: Option<Publisher<'static>>,
     /// Rotors of the vehicle, from the Setup that passed.
     rotor_count: usize,
+    /// Steps in a list for the FDI engine, from the Setup that passed.
+    batch: u64,
+    /// Plant: sensors that wait for their command.
+    unanswered: Option<SensorFrame>,
+    /// Plant: steps that wait to be passed on.
+    steps: Vec<proto::MeasuredStep>,
+    /// FDI engine: reports that wait to be sent.
+    reports: Vec<proto::FdiReport>,
+    /// FDI engine and plant: what is left of the last list.
+    decoded: VecDeque<Packet>,
     subscribers: Vec<Subscriber<()>>,
     token: Option<LivelinessToken>,
     session: zenoh::Session,
@@ -224,7 +264,11 @@ impl ZenohEndpoint {
             let action = match options.attachment {
                 Attachment::Listen => format!("listening on {}", options.endpoint),
                 Attachment::Connect => {
-                    format!("connecting to {} for {} ms", options.endpoint, options.connect_timeout.as_millis())
+                    format!(
+                        "connecting to {} for {} ms",
+                        options.endpoint,
+                        options.connect_timeout.as_millis()
+                    )
                 }
             };
             // zenoh's own text names source files of zenoh.
@@ -243,19 +287,23 @@ impl ZenohEndpoint {
                 "sensors",
                 &[
                     ("command", Topic::Command),
-                    ("report", Topic::Report),
+                    ("reports", Topic::Reports),
                     ("join", Topic::Join),
                     ("ready", Topic::Ready),
                 ],
             ),
-            Role::Controller => {
-                ("command", &[("sensors", Topic::Sensors), (&own_setup, Topic::Setup), ("finish", Topic::Finish)])
-            }
-            Role::Fdi => (
-                "report",
+            Role::Controller => (
+                "command",
                 &[
                     ("sensors", Topic::Sensors),
-                    ("command", Topic::Command),
+                    (&own_setup, Topic::Setup),
+                    ("finish", Topic::Finish),
+                ],
+            ),
+            Role::Fdi => (
+                "reports",
+                &[
+                    ("steps", Topic::Steps),
                     (&own_setup, Topic::Setup),
                     ("finish", Topic::Finish),
                 ],
@@ -284,7 +332,9 @@ impl ZenohEndpoint {
                 .callback(move |sample| {
                     let key = sample.key_expr().as_str();
                     let name = key.rsplit('/').next().unwrap_or(key);
-                    let who = [Role::Plant, Role::Controller, Role::Fdi].into_iter().find(|role| slug(*role) == name);
+                    let who = [Role::Plant, Role::Controller, Role::Fdi]
+                        .into_iter()
+                        .find(|role| slug(*role) == name);
                     if let Some(slot) = who.and_then(slot) {
                         inbox.change(|state| state.gone[slot] = sample.kind() == SampleKind::Delete);
                     }
@@ -293,13 +343,17 @@ impl ZenohEndpoint {
                 .map_err(|error| failed("watching who is alive", error))?
         };
         subscribers.push(lives);
-        let publisher = session
-            .declare_publisher(format!("{prefix}/{sends}"))
-            .congestion_control(CongestionControl::Block)
-            .priority(Priority::RealTime)
-            .express(true)
-            .wait()
-            .map_err(|error| failed(&format!("publishing {sends}"), error))?;
+        let declare = |key: &str| {
+            session
+                .declare_publisher(format!("{prefix}/{key}"))
+                .congestion_control(CongestionControl::Block)
+                .priority(Priority::RealTime)
+                .express(true)
+                .wait()
+                .map_err(|error| failed(&format!("publishing {key}"), error))
+        };
+        let publisher = declare(sends)?;
+        let steps_publisher = (role == Role::Plant).then(|| declare("steps")).transpose()?;
         let token = session
             .liveliness()
             .declare_token(format!("{prefix}/alive/{}", slug(role)))
@@ -312,7 +366,13 @@ impl ZenohEndpoint {
             prefix,
             inbox,
             publisher,
+            steps_publisher,
             rotor_count: 0,
+            batch: 1,
+            unanswered: None,
+            steps: Vec::new(),
+            reports: Vec::new(),
+            decoded: VecDeque::new(),
             subscribers,
             token: Some(token),
             session,
@@ -320,6 +380,10 @@ impl ZenohEndpoint {
     }
 
     fn put(&self, key: &str, bytes: Vec<u8>, congestion: CongestionControl) -> Result<Delivery, LinkError> {
+        if bytes.len() > LONGEST_MESSAGE {
+            let reason = format!("it has {} bytes, at most {LONGEST_MESSAGE} can be sent", bytes.len());
+            return Err(failed(&format!("sending {key}"), reason));
+        }
         self.session
             .put(format!("{}/{key}", self.prefix), bytes)
             .congestion_control(congestion)
@@ -332,40 +396,95 @@ impl ZenohEndpoint {
 
     /// A message of the 400 Hz loop.
     fn publish(&self, bytes: Vec<u8>) -> Result<Delivery, LinkError> {
-        self.publisher.put(bytes).wait().map_err(|error| failed("sending a frame", error))?;
-        Ok(Delivery::Complete)
+        publish(&self.publisher, bytes)
     }
 
-    fn decode(&mut self, topic: Topic, bytes: &[u8]) -> Result<Packet, LinkError> {
-        let rotor_count = self.rotor_count;
-        match topic {
+    /// Plant: keeps a step for the FDI engine, once its command is there, and passes on a full list.
+    fn pass_on(&mut self, command: &CommandFrame) -> Result<(), LinkError> {
+        let Some(sensors) = self.unanswered else { return Ok(()) };
+        if (sensors.stamp.run_id, sensors.stamp.step) != (command.stamp.run_id, command.stamp.step) {
+            return Ok(());
+        }
+        self.unanswered = None;
+        self.steps.push(proto::MeasuredStep {
+            sensors: Some((&sensors).into()),
+            command: Some(command.to_proto(self.rotor_count)),
+        });
+        if (sensors.stamp.step + 1).is_multiple_of(self.batch) || self.steps.len() >= LONGEST_LIST {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Sends the lists that are not yet full.
+    fn flush(&mut self) -> Result<(), LinkError> {
+        if let Some(publisher) = &self.steps_publisher
+            && !self.steps.is_empty()
+        {
+            let steps = proto::MeasuredSteps {
+                steps: std::mem::take(&mut self.steps),
+            };
+            publish(publisher, steps.encode_to_vec())?;
+        }
+        if !self.reports.is_empty() {
+            let reports = proto::FdiReports {
+                reports: std::mem::take(&mut self.reports),
+            };
+            self.publish(reports.encode_to_vec())?;
+        }
+        Ok(())
+    }
+
+    /// Decodes a message into `decoded`.
+    fn decode(&mut self, topic: Topic, bytes: &[u8]) -> Result<(), LinkError> {
+        let packet = match topic {
             Topic::Sensors => {
                 let message: proto::SensorFrame = parse(bytes, "SensorFrame", Role::Plant)?;
-                let frame = SensorFrame::try_from(&message);
-                Ok(Packet::Sensors(frame.map_err(|error| malformed(Role::Plant, step(&message.stamp), &error))?))
+                Packet::Sensors(sensors(&message)?)
             }
             Topic::Command => {
                 let message: proto::MotorCommand = parse(bytes, "MotorCommand", Role::Controller)?;
-                let frame = CommandFrame::from_proto(&message, rotor_count);
-                Ok(Packet::Command(frame.map_err(|error| malformed(Role::Controller, step(&message.stamp), &error))?))
+                let command = command(&message, self.rotor_count)?;
+                self.pass_on(&command)?;
+                Packet::Command(command)
             }
-            Topic::Report => {
-                let message: proto::FdiReport = parse(bytes, "FdiReport", Role::Fdi)?;
-                let frame = FdiReport::from_proto(&message, rotor_count);
-                Ok(Packet::Report(frame.map_err(|error| malformed(Role::Fdi, step(&message.stamp), &error))?))
+            Topic::Steps => {
+                let list: proto::MeasuredSteps = parse(bytes, "MeasuredSteps", Role::Plant)?;
+                for step in list.steps {
+                    let (Some(sent), Some(answer)) = (&step.sensors, &step.command) else {
+                        let missing = ConvertError::Missing("MeasuredStep.sensors or MeasuredStep.command");
+                        return Err(malformed(Role::Plant, 0, &missing));
+                    };
+                    self.decoded.push_back(Packet::Sensors(sensors(sent)?));
+                    self.decoded
+                        .push_back(Packet::Command(command(answer, self.rotor_count)?));
+                }
+                return Ok(());
             }
-            Topic::Join => Ok(Packet::Join(parse(bytes, "Join", Role::Unspecified)?)),
+            Topic::Reports => {
+                let list: proto::FdiReports = parse(bytes, "FdiReports", Role::Fdi)?;
+                for message in &list.reports {
+                    let report = FdiReport::from_proto(message, self.rotor_count)
+                        .map_err(|error| malformed(Role::Fdi, step(&message.stamp), &error))?;
+                    self.decoded.push_back(Packet::Report(report));
+                }
+                return Ok(());
+            }
+            Topic::Join => Packet::Join(parse(bytes, "Join", Role::Unspecified)?),
             Topic::Setup => {
                 let setup: Setup = parse(bytes, "Setup", Role::Plant)?;
                 self.learn(&setup);
-                Ok(Packet::Setup(Box::new(setup)))
+                Packet::Setup(Box::new(setup))
             }
-            Topic::Ready => Ok(Packet::Ready(parse(bytes, "Ready", Role::Unspecified)?)),
-            Topic::Finish => Ok(Packet::Finish(parse(bytes, "Finish", Role::Plant)?)),
-        }
+            Topic::Ready => Packet::Ready(parse(bytes, "Ready", Role::Unspecified)?),
+            Topic::Finish => Packet::Finish(parse(bytes, "Finish", Role::Plant)?),
+        };
+        self.decoded.push_back(packet);
+        Ok(())
     }
 
     fn learn(&mut self, setup: &Setup) {
+        self.batch = u64::from(setup.fdi_batch).max(1);
         self.rotor_count = match &setup.parameters {
             Some(Parameters::Controller(parameters)) => parameters.rotors.len(),
             Some(Parameters::Fdi(parameters)) => parameters.rotors.len(),
@@ -374,13 +493,38 @@ impl ZenohEndpoint {
     }
 }
 
+fn publish(publisher: &Publisher<'static>, bytes: Vec<u8>) -> Result<Delivery, LinkError> {
+    publisher
+        .put(bytes)
+        .wait()
+        .map_err(|error| failed("sending a frame", error))?;
+    Ok(Delivery::Complete)
+}
+
+fn sensors(message: &proto::SensorFrame) -> Result<SensorFrame, LinkError> {
+    SensorFrame::try_from(message).map_err(|error| malformed(Role::Plant, step(&message.stamp), &error))
+}
+
+fn command(message: &proto::MotorCommand, rotor_count: usize) -> Result<CommandFrame, LinkError> {
+    CommandFrame::from_proto(message, rotor_count)
+        .map_err(|error| malformed(Role::Controller, step(&message.stamp), &error))
+}
+
 fn step(stamp: &Option<proto::Stamp>) -> u64 {
     stamp.as_ref().map_or(0, |stamp| stamp.step)
 }
 
 fn parse<M: Message + Default>(bytes: &[u8], message: &'static str, sender: Role) -> Result<M, LinkError> {
-    M::decode(bytes)
-        .map_err(|error| malformed(sender, 0, &ConvertError::Malformed { message, reason: error.to_string() }))
+    M::decode(bytes).map_err(|error| {
+        malformed(
+            sender,
+            0,
+            &ConvertError::Malformed {
+                message,
+                reason: error.to_string(),
+            },
+        )
+    })
 }
 
 impl Endpoint for ZenohEndpoint {
@@ -403,34 +547,68 @@ impl Endpoint for ZenohEndpoint {
     fn send(&mut self, packet: &Packet) -> Result<Delivery, LinkError> {
         let block = CongestionControl::Block;
         match packet {
-            Packet::Sensors(frame) => self.publish(proto::SensorFrame::from(frame).encode_to_vec()),
+            Packet::Sensors(frame) => {
+                self.unanswered = Some(*frame);
+                self.publish(proto::SensorFrame::from(frame).encode_to_vec())
+            }
             Packet::Command(frame) => self.publish(frame.to_proto(self.rotor_count).encode_to_vec()),
-            Packet::Report(frame) => self.publish(frame.to_proto(self.rotor_count).encode_to_vec()),
+            Packet::Report(frame) => {
+                self.reports.push(frame.to_proto(self.rotor_count));
+                if self.reports.len() >= LONGEST_LIST {
+                    self.flush()?;
+                }
+                Ok(Delivery::Complete)
+            }
             Packet::Join(message) => self.put("join", message.encode_to_vec(), block),
             Packet::Ready(message) => self.put("ready", message.encode_to_vec(), block),
             Packet::Setup(message) => {
                 self.learn(message);
-                self.put(&format!("setup/{}", slug(message.role())), message.encode_to_vec(), block)
+                self.put(
+                    &format!("setup/{}", slug(message.role())),
+                    message.encode_to_vec(),
+                    block,
+                )
             }
             // The last word must not wait for a peer that takes nothing.
             Packet::Finish(message) => self.put("finish", message.encode_to_vec(), CongestionControl::Drop),
         }
     }
 
-    fn wake(&mut self, _role: Role) -> Result<(), LinkError> {
-        // Sending has woken it.
-        Ok(())
+    fn wake(&mut self, role: Role) -> Result<(), LinkError> {
+        // Sending has woken it, unless what is to be sent is still collected in a list.
+        match (self.role, role) {
+            (Role::Plant, Role::Fdi) | (Role::Fdi, Role::Plant) => self.flush(),
+            _ => Ok(()),
+        }
     }
 
     fn poll(&mut self) -> Result<Option<Packet>, LinkError> {
-        let next = self.inbox.lock().packets.pop_front();
-        next.map(|(topic, bytes)| self.decode(topic, &bytes)).transpose()
+        loop {
+            if let Some(packet) = self.decoded.pop_front() {
+                return Ok(Some(packet));
+            }
+            let next = self.inbox.lock().packets.pop_front();
+            let Some((topic, bytes)) = next else { return Ok(None) };
+            match (self.decode(topic, &bytes), topic) {
+                (Ok(()), _) => {}
+                // Nobody may end a run by a malformed greeting.
+                (Err(error), Topic::Join | Topic::Setup | Topic::Ready | Topic::Finish) => {
+                    tracing::warn!("a message of the hand-shake was dropped: {error}");
+                }
+                (Err(error), _) => return Err(error),
+            }
+        }
     }
 
     fn wait(&mut self, at_most: Duration) -> Result<(), LinkError> {
         let mut state = self.inbox.lock();
         if state.packets.is_empty() && !state.is_news {
-            state = self.inbox.arrival.wait_timeout(state, at_most).unwrap_or_else(PoisonError::into_inner).0;
+            state = self
+                .inbox
+                .arrival
+                .wait_timeout(state, at_most)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
         state.is_news = false;
         Ok(())

@@ -138,6 +138,29 @@ pub struct FdiReport {
     #[prost(bool, tag = "9")]
     pub window_end: bool,
 }
+/// What the FDI engine needs of one step.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct MeasuredStep {
+    #[prost(message, optional, tag = "1")]
+    pub sensors: ::core::option::Option<SensorFrame>,
+    /// The answer to it: same stamp.
+    #[prost(message, optional, tag = "2")]
+    pub command: ::core::option::Option<MotorCommand>,
+}
+/// Plant to FDI engine, where a message for each step would cost more than what it says (zenoh): the steps since the last one.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct MeasuredSteps {
+    /// In order, without gaps. \[1, 256\] of them
+    #[prost(message, repeated, tag = "1")]
+    pub steps: ::prost::alloc::vec::Vec<MeasuredStep>,
+}
+/// FDI engine to plant, in the same place: the reports since the last one.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct FdiReports {
+    /// In order, without gaps. \[1, 256\] of them
+    #[prost(message, repeated, tag = "1")]
+    pub reports: ::prost::alloc::vec::Vec<FdiReport>,
+}
 /// A verdict of one evaluator.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct Verdict {
@@ -479,6 +502,9 @@ pub struct NetworkSetup {
     /// z-score per feature, > 0.
     #[prost(float, repeated, tag = "9")]
     pub feature_deviations: ::prost::alloc::vec::Vec<f32>,
+    /// The residuals are taken less their mean over the calibration interval of the T-test; no verdict before its end.
+    #[prost(bool, tag = "10")]
+    pub self_calibrated: bool,
 }
 /// Parameters of the sequential detector, by name, so that a detector of another kind needs no new message.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -1,0 +1,520 @@
+//! Tests of the engine in the loop with the controller and a compact rigid body: lagged rotors, biases, sensor noise of Table 4,
+//! gusts. Not the project's plant (which the FDI engine may not see), and simpler than it: constant voltage, no drag.
+
+use super::test_vectors::{PERIOD, blade_a, body};
+use super::*;
+use crate::control::{Controller, ControllerConfig, PidGains, ThrustToDuty};
+use crate::frames::{EulerAngles, Vec3};
+use crate::signals::{MotorCommand, NavState, Reference};
+use proptest::prelude::*;
+use std::sync::OnceLock;
+use std::vec::Vec;
+
+const VOLTAGE: f32 = 16.0;
+const ROTOR_LAG: f64 = 0.05;
+const FULL_THRUST: f32 = 12.0059;
+
+/// Normal deviates from a linear congruential generator; good enough for tests, the same everywhere.
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// Conditions of a flight.
+#[derive(Clone, Copy)]
+struct Conditions {
+    rotor_count: usize,
+    seed: u64,
+    duration_s: f64,
+    /// Loss of lift, share, of `rotor` between the two times.
+    loss: f64,
+    rotor: usize,
+    from_s: f64,
+    to_s: f64,
+    /// Standard deviations of force (N) and torque (N·m) with 2 s of correlation.
+    gust: (f64, f64),
+    /// Factor on τ.
+    lag: f64,
+    circle: bool,
+}
+
+impl Conditions {
+    const CALM: Self = Self {
+        rotor_count: 6,
+        seed: 1,
+        duration_s: 14.0,
+        loss: 0.0,
+        rotor: 0,
+        from_s: 12.0,
+        to_s: 1e9,
+        gust: (0.0, 0.0),
+        lag: 1.0,
+        circle: true,
+    };
+}
+
+fn geometry(rotor_count: usize) -> Geometry {
+    Geometry::regular(rotor_count, 0.275, 0.016, core::f32::consts::PI / rotor_count as f32).expect("regular")
+}
+
+fn config(rotor_count: usize) -> FdiConfig {
+    FdiConfig {
+        geometry: geometry(rotor_count),
+        mass: body().mass,
+        inertia_body: body().inertia_body,
+        gravity: body().gravity,
+        linear_drag: 0.0,
+        angular_drag: 0.0,
+        period: PERIOD,
+        thrust_map: blade_a(),
+        nominal_thrust: NominalThrust::Static,
+        observer_gain: 5.0,
+        window_len: 25,
+        t_test: TTestConfig::paper(),
+        network: None,
+        sequential: SequentialConfig::standard(),
+    }
+}
+
+fn controller(rotor_count: usize) -> Controller {
+    let outer = PidGains {
+        proportional: 4.98,
+        integral: 2.08,
+        derivative: 3.90,
+    };
+    let inner = PidGains {
+        proportional: 242.0,
+        integral: 720.0,
+        derivative: 27.0,
+    };
+    let mut controller = Controller::new(ControllerConfig {
+        geometry: geometry(rotor_count),
+        mass: body().mass,
+        inertia_body: body().inertia_body,
+        gravity: body().gravity,
+        period: PERIOD,
+        position_gains: [outer; 3],
+        attitude_gains: [inner, inner, outer],
+        tilt_limit: 0.6,
+        thrust_to_duty: ThrustToDuty::Linear {
+            full_thrust: FULL_THRUST,
+        },
+    })
+    .expect("Table 5");
+    let hover = body().mass * body().gravity / rotor_count as f32;
+    controller.trim(blade_a().duty(hover, VOLTAGE), VOLTAGE);
+    controller
+}
+
+/// Flies and hands every measurement to `each`.
+fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
+    let c = conditions;
+    let n = c.rotor_count;
+    let dt = f64::from(PERIOD);
+    let geometry = geometry(n);
+    let map = blade_a();
+    let f = geometry.effectiveness();
+    let mut noise = Noise(c.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+    let bias: Vec<f64> = (0..n).map(|_| 0.010_756 * (2.0 * noise.uniform() - 1.0)).collect();
+    let mut controller = controller(n);
+    // p, v, η, ω.
+    let mut x = [0.0f64; 12];
+    let mut thrust = std::vec![f64::from(body().mass * body().gravity) / n as f64; n];
+    let mut gust = [0.0f64; 6];
+    let decay = libm::exp(-dt / 2.0);
+    let steps = libm::round(c.duration_s / dt) as usize;
+    for k in 0..steps {
+        let t = k as f64 * dt;
+        let turn = if c.circle { 0.4 * t } else { 0.0 };
+        let reference = Reference {
+            position_ned: Vec3::new(2.0 * libm::sin(turn) as f32, 2.0 - 2.0 * libm::cos(turn) as f32, 0.0),
+            velocity_ned: if c.circle {
+                Vec3::new(0.8 * libm::cos(turn) as f32, 0.8 * libm::sin(turn) as f32, 0.0)
+            } else {
+                Vec3::ZERO
+            },
+            yaw: 0.0,
+        };
+        let deviation = [0.000_784_8, 0.0078, 0.000_551_92, 0.0055];
+        let y: [f32; 12] = core::array::from_fn(|i| (x[i] + deviation[i / 3] * noise.normal()) as f32);
+        let nav = NavState {
+            position_ned: Vec3::new(y[0], y[1], y[2]),
+            velocity_ned: Vec3::new(y[3], y[4], y[5]),
+            attitude: EulerAngles {
+                roll: y[6],
+                pitch: y[7],
+                yaw: y[8],
+            },
+            body_rates: Vec3::new(y[9], y[10], y[11]),
+        };
+        let command = controller.step(&nav, &reference, VOLTAGE).command;
+        each(
+            t,
+            &Measurement {
+                nav,
+                command,
+                battery_voltage: VOLTAGE,
+            },
+        );
+
+        for i in 0..6 {
+            let level = if i < 3 { c.gust.0 } else { c.gust.1 };
+            gust[i] = decay * gust[i] + libm::sqrt(1.0 - decay * decay) * level * noise.normal();
+        }
+        let lost = if t >= c.from_s && t < c.to_s { c.loss } else { 0.0 };
+        let settled: Vec<f64> = (0..n)
+            .map(|i| {
+                let share = if i == c.rotor { 1.0 - lost } else { 1.0 };
+                share * f64::from(map.thrust(command.duty[i], VOLTAGE)) + bias[i]
+            })
+            .collect();
+        // Midpoint rule, with the thrust of the lag in closed form.
+        let half = rates(&x, &wrench_after(&settled, &thrust, 0.0, f, c), &gust);
+        let middle: [f64; 12] = core::array::from_fn(|i| x[i] + 0.5 * dt * half[i]);
+        let full = rates(&middle, &wrench_after(&settled, &thrust, 0.5 * dt, f, c), &gust);
+        for i in 0..12 {
+            x[i] += dt * full[i];
+        }
+        let end = libm::exp(-dt / (ROTOR_LAG * c.lag));
+        for i in 0..n {
+            thrust[i] = settled[i] + (thrust[i] - settled[i]) * end;
+        }
+    }
+}
+
+/// Wrench some time after the start of a step.
+fn wrench_after(settled: &[f64], start: &[f64], after: f64, f: &[[f32; MAX_ROTORS]; 4], c: &Conditions) -> [f64; 4] {
+    let decay = libm::exp(-after / (ROTOR_LAG * c.lag));
+    core::array::from_fn(|axis| {
+        (0..settled.len())
+            .map(|i| f64::from(f[axis][i]) * (settled[i] + (start[i] - settled[i]) * decay))
+            .sum()
+    })
+}
+
+/// Eq. 1 without drag; state p, v, η, ω.
+fn rates(x: &[f64; 12], wrench: &[f64; 4], gust: &[f64; 6]) -> [f64; 12] {
+    let (m, g) = (f64::from(body().mass), f64::from(body().gravity));
+    let j = body().inertia_body.map(f64::from);
+    let (sin_roll, cos_roll) = (libm::sin(x[6]), libm::cos(x[6]));
+    let (sin_pitch, cos_pitch) = (libm::sin(x[7]), libm::cos(x[7]));
+    let (sin_yaw, cos_yaw) = (libm::sin(x[8]), libm::cos(x[8]));
+    let (p, q, r) = (x[9], x[10], x[11]);
+    let down = [
+        sin_roll * sin_yaw + cos_roll * cos_yaw * sin_pitch,
+        cos_roll * sin_yaw * sin_pitch - cos_yaw * sin_roll,
+        cos_roll * cos_pitch,
+    ];
+    let turn = q * sin_roll + r * cos_roll;
+    [
+        x[3],
+        x[4],
+        x[5],
+        (down[0] * wrench[0] + gust[0]) / m,
+        (down[1] * wrench[0] + gust[1]) / m,
+        (down[2] * wrench[0] + gust[2]) / m + g,
+        p + turn * sin_pitch / cos_pitch,
+        q * cos_roll - r * sin_roll,
+        turn / cos_pitch,
+        (wrench[1] + gust[3] + (j[1] - j[2]) * q * r) / j[0],
+        (wrench[2] + gust[4] + (j[2] - j[0]) * r * p) / j[1],
+        (wrench[3] + gust[5] + (j[0] - j[1]) * p * q) / j[2],
+    ]
+}
+
+/// When the sequential detector first said what, s.
+#[derive(Default, Debug)]
+struct Log {
+    changes: Vec<(f64, FaultVerdict)>,
+    last: Option<FdiOutput>,
+    t_test: Vec<(f64, FaultVerdict)>,
+}
+
+fn run(conditions: &Conditions) -> Log {
+    let mut engine = FdiEngine::new(config(conditions.rotor_count)).expect("valid");
+    let mut log = Log::default();
+    fly(conditions, |t, measurement| {
+        let output = engine.step(measurement);
+        if output.window_end {
+            if log.changes.last().map(|change| change.1) != Some(output.sequential) {
+                log.changes.push((t + f64::from(PERIOD), output.sequential));
+            }
+            log.t_test.push((t, output.t_test));
+        }
+        log.last = Some(output);
+    });
+    log
+}
+
+#[test]
+fn scenario_every_rotor_is_isolated_at_once() {
+    for rotor_count in [4, 6, 8] {
+        for rotor in 0..rotor_count {
+            let log = run(&Conditions {
+                rotor_count,
+                rotor,
+                seed: 100 + rotor as u64,
+                loss: 0.035,
+                ..Conditions::CALM
+            });
+            let verdicts: Vec<FaultVerdict> = log.changes.iter().map(|change| change.1).collect();
+            let faulty = FaultVerdict::Faulty { rotor: rotor as u8 };
+            assert_eq!(
+                verdicts,
+                [FaultVerdict::NotReady, FaultVerdict::Healthy, faulty],
+                "rotor {rotor} of {rotor_count}"
+            );
+            assert!((log.changes[1].0 - 10.0).abs() < 0.1);
+            let delay = log.changes[2].0 - 12.0;
+            assert!((0.0..=0.4).contains(&delay), "{delay}");
+            let last = log.last.expect("samples");
+            assert!(last.sequential_probability > 0.99);
+            // 3.5 % of a hover thrust, which the controller raises by as much.
+            let lost = 0.035 * 1.55 * 9.81 / rotor_count as f32;
+            assert!(
+                (last.thrust_loss / lost - 1.0).abs() < 0.1,
+                "{} {lost}",
+                last.thrust_loss
+            );
+        }
+    }
+}
+
+#[test]
+fn scenario_wind_and_wrong_lag_raise_no_alarm_and_hide_no_fault() {
+    for (seed, lag) in [(1, 0.8), (2, 1.2), (3, 1.0)] {
+        let windy = Conditions {
+            seed,
+            lag,
+            gust: (0.5, 0.002),
+            duration_s: 40.0,
+            ..Conditions::CALM
+        };
+        let log = run(&windy);
+        assert_eq!(log.changes.len(), 2, "{:?}", log.changes);
+        let log = run(&Conditions {
+            loss: 0.035,
+            rotor: 4,
+            from_s: 30.0,
+            ..windy
+        });
+        assert_eq!(log.changes.len(), 3, "{:?}", log.changes);
+        assert_eq!(log.changes[2].1, FaultVerdict::Faulty { rotor: 4 });
+        assert!(log.changes[2].0 < 31.0, "{:?}", log.changes);
+    }
+}
+
+#[test]
+fn scenario_fault_that_heals_is_forgotten() {
+    let log = run(&Conditions {
+        loss: 0.08,
+        rotor: 1,
+        to_s: 16.0,
+        duration_s: 20.0,
+        ..Conditions::CALM
+    });
+    let last = log.changes.last().expect("verdicts");
+    assert_eq!(last.1, FaultVerdict::Healthy, "{:?}", log.changes);
+    assert!(last.0 > 16.0 && last.0 < 18.5);
+    assert_eq!(log.last.expect("samples").thrust_loss, 0.0);
+}
+
+#[test]
+fn scenario_t_test_isolates_in_calm_hover() {
+    let log = run(&Conditions {
+        loss: 0.08,
+        rotor: 2,
+        circle: false,
+        duration_s: 16.0,
+        ..Conditions::CALM
+    });
+    let share = |from: f64, to: f64, verdict: FaultVerdict| {
+        let within: Vec<_> = log
+            .t_test
+            .iter()
+            .filter(|entry| entry.0 >= from && entry.0 < to)
+            .collect();
+        within.iter().filter(|entry| entry.1 == verdict).count() as f64 / within.len() as f64
+    };
+    assert_eq!(share(0.0, 10.0, FaultVerdict::NotReady), 1.0);
+    assert_eq!(share(10.1, 12.0, FaultVerdict::Healthy), 1.0);
+    // From a second after the onset: h = 5/s has settled.
+    assert!(share(13.0, 16.0, FaultVerdict::Faulty { rotor: 2 }) > 0.8);
+}
+
+/// One calm flight with a fault, recorded once.
+fn record() -> &'static [Measurement] {
+    static RECORD: OnceLock<Vec<Measurement>> = OnceLock::new();
+    RECORD.get_or_init(|| {
+        let mut samples = Vec::new();
+        fly(
+            &Conditions {
+                loss: 0.05,
+                rotor: 3,
+                ..Conditions::CALM
+            },
+            |_, measurement| samples.push(*measurement),
+        );
+        samples
+    })
+}
+
+fn poisoned(sample: &Measurement, which: usize, value: f32) -> Measurement {
+    let mut bad = *sample;
+    match which % 8 {
+        0 => bad.nav.position_ned.x = value,
+        1 => bad.nav.velocity_ned.z = value,
+        2 => bad.nav.attitude.pitch = value,
+        3 => bad.nav.body_rates.y = value,
+        4 => bad.battery_voltage = value,
+        5 => bad.command.duty[3] = value,
+        6 => bad.nav.attitude.yaw = value,
+        _ => bad.nav.body_rates.z = value,
+    }
+    bad
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+
+    #[test]
+    fn prop_rejected_samples_leave_the_verdict(seed in 0u64..1000) {
+        let mut noise = Noise(seed + 1);
+        let mut engine = FdiEngine::new(config(6)).expect("valid");
+        let mut rejected = 0;
+        let mut last = None;
+        for sample in record() {
+            let bad = noise.uniform() < 0.05;
+            let before = engine.output;
+            let output = if bad {
+                let value = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][(noise.uniform() * 3.0) as usize];
+                rejected += 1;
+                engine.step(&poisoned(sample, (noise.uniform() * 8.0) as usize, value))
+            } else {
+                engine.step(sample)
+            };
+            prop_assert_eq!(output.rejected_samples, rejected);
+            if bad {
+                prop_assert_eq!(output.residuals, before.residuals);
+                prop_assert_eq!(output.sequential, before.sequential);
+                prop_assert!(!output.window_end);
+            }
+            prop_assert!(output.wrench_residual.iter().all(|r| r.is_finite()));
+            last = Some(output);
+        }
+        prop_assert!(rejected > 50);
+        prop_assert_eq!(last.expect("samples").sequential, FaultVerdict::Faulty { rotor: 3 });
+    }
+
+    #[test]
+    fn prop_short_spikes_leave_the_verdict(seed in 0u64..1000) {
+        let mut noise = Noise(seed + 1);
+        let mut engine = FdiEngine::new(config(6)).expect("valid");
+        let mut verdicts = Vec::new();
+        for (k, sample) in record().iter().enumerate() {
+            let spike = k > 1000 && noise.uniform() < 0.01;
+            let sample = if spike { poisoned(sample, 3, 5.0) } else { *sample };
+            let output = engine.step(&sample);
+            if verdicts.last() != Some(&output.sequential) {
+                verdicts.push(output.sequential);
+            }
+        }
+        prop_assert_eq!(verdicts, [FaultVerdict::NotReady, FaultVerdict::Healthy, FaultVerdict::Faulty { rotor: 3 }]);
+    }
+
+    #[test]
+    fn prop_absurd_input_neither_panics_nor_stays(
+        seed in 0u64..1000,
+        magnitude in 1.0f32..38.0,
+    ) {
+        let mut noise = Noise(seed + 1);
+        let mut engine = FdiEngine::new(config(6)).expect("valid");
+        let scale = libm::powf(10.0, magnitude);
+        for _ in 0..8000 {
+            let mut value = || (scale as f64 * noise.normal()) as f32;
+            let output = engine.step(&Measurement {
+                nav: NavState {
+                    position_ned: Vec3::new(value(), value(), value()),
+                    velocity_ned: Vec3::new(value(), value(), value()),
+                    attitude: EulerAngles { roll: value(), pitch: value(), yaw: value() },
+                    body_rates: Vec3::new(value(), value(), value()),
+                },
+                command: MotorCommand { duty: [value(); MAX_ROTORS] },
+                battery_voltage: value(),
+            });
+            prop_assert!(output.wrench_residual.iter().all(|r| r.is_finite()));
+            prop_assert!(output.sequential_probability.is_finite() && output.thrust_loss.is_finite());
+        }
+    }
+}
+
+#[test]
+fn val_steps_without_a_network_stay_not_ready() {
+    assert_eq!(
+        run(&Conditions::CALM).last.expect("samples").network,
+        FaultVerdict::NotReady
+    );
+}
+
+#[test]
+fn val_bad_configurations_are_refused() {
+    let refused = |change: fn(&mut FdiConfig), field: &str| {
+        let mut bad = config(6);
+        change(&mut bad);
+        let error = FdiEngine::new(bad).expect_err(field);
+        let text = std::format!("{error}");
+        assert!(text.contains(field), "{text}");
+    };
+    refused(|c| c.mass = 0.0, "mass");
+    refused(|c| c.inertia_body[2] = f32::NAN, "inertia_body");
+    refused(|c| c.gravity = -9.81, "gravity");
+    refused(|c| c.linear_drag = -1.0, "linear_drag");
+    refused(|c| c.angular_drag = f32::INFINITY, "angular_drag");
+    refused(|c| c.period = 0.0, "period");
+    refused(|c| c.observer_gain = 400.0, "observer_gain");
+    refused(|c| c.window_len = 1, "window_len");
+    refused(|c| c.t_test.alpha_detect = 2.0, "alpha_detect");
+    refused(|c| c.t_test.baseline_end = 1.0, "baseline_end");
+    refused(
+        |c| c.nominal_thrust = NominalThrust::Lagged { time_constant: 0.0 },
+        "time_constant",
+    );
+    refused(
+        |c| c.nominal_thrust = NominalThrust::Linear { full_thrust: f32::NAN },
+        "full_thrust",
+    );
+    refused(|c| c.sequential.calibration_end = 3.0, "calibration_end");
+    refused(|c| c.sequential.updates_per_window = 0, "updates_per_window");
+    refused(|c| c.sequential.evidence_to_isolate = f32::NAN, "evidence_to_isolate");
+    refused(|c| c.sequential.disturbance_ceiling = 0.0, "disturbance_ceiling");
+    let tables = [0.0; 4 * 3 * 4 * 3];
+    let network = Network::new(
+        4,
+        &NetworkWeights {
+            mean: &tables[..12],
+            deviation: &[1.0; 12],
+            hidden_weight: &tables[..144],
+            hidden_bias: &tables[..12],
+            output_weight: &tables[..60],
+            output_bias: &tables[..5],
+        },
+    )
+    .expect("complete");
+    let mut bad = config(6);
+    bad.network = Some(network);
+    assert_eq!(
+        FdiEngine::new(bad).expect_err("other vehicle"),
+        FdiConfigError::NetworkRotorCount { vehicle: 6, network: 4 }
+    );
+}

@@ -1,0 +1,398 @@
+//! Hypotheses "a rotor changed its thrust by Δ at that moment", for every rotor, any Δ and a set of moments at once.
+//!
+//! Generalised likelihood ratio of a change in a linear system (Willsky and Jones): the filters of [`super::axis_filter`] know
+//! nothing of the change, so their innovations carry its known signature. Per moment of onset and axis, three things are kept:
+//! the error that a unit of lost thrust leaves in the filter's states (it makes the signature of the next innovation), the
+//! correlation of innovations with signatures (score), and the energy of the signatures (information). A loss Δ on rotor i enters
+//! axis a with −F_ai Δ; so for every rotor
+//!
+//! N = −Σ_a F_ai score_a,  C = Σ_a F_ai² information_a,   Δ̂ = N/C,   ln L(Δ)/L(0) = Δ N − ½ Δ² C
+//!
+//! Beside the rotors stands a *jump* of the momentum itself, of any size on every axis: a sensor that shifts, a knock, or a short
+//! error of the model in a hard manoeuvre. Its signature is that of an impulse; what it explains better is no lost thrust.
+//!
+//! The moments are every block of the last second or so and ever sparser before: a fixed number, about evenly spaced in the
+//! logarithm of their age. Limits: one change at a time; a change is a step through the rotor lag.
+
+use super::axis_filter::{DEFECT, GUST, Innovation, STATES};
+use super::defect::AXES;
+
+/// Moments of onset under test.
+const MOMENTS: usize = 20;
+
+/// Blocks after which a step has settled through the rotor lag.
+const SETTLED: usize = 16;
+
+/// Keeps the division finite while there is no information yet, 1/N².
+const LEAST_INFORMATION: f32 = 1e-9;
+
+/// A later moment of onset must be likelier by this to be preferred, nats: within the first window, a small early fault and a
+/// large late one look alike.
+const LATER_MARGIN: f32 = 2.0;
+
+/// One signature on every axis.
+#[derive(Clone, Copy, Debug, Default)]
+struct Signature {
+    /// True state less estimated state per unit of what is supposed.
+    error: [[f32; STATES]; AXES],
+    score: [f32; AXES],
+    information: [f32; AXES],
+}
+
+impl Signature {
+    /// Takes in the innovations of one block.
+    ///
+    /// * `input`: what the supposition adds to the defect in this block, per unit
+    #[inline]
+    fn update(
+        &mut self,
+        input: f32,
+        phi: &[[f32; STATES]; AXES],
+        innovation: &[Innovation; AXES],
+        evidence: &[f32; AXES],
+        correlation: f32,
+    ) {
+        for axis in 0..AXES {
+            let error = &mut self.error[axis];
+            let mut signature = error[DEFECT] + input;
+            for j in 1..STATES {
+                signature += phi[axis][j] * error[j];
+            }
+            error[DEFECT] = signature;
+            error[GUST] *= correlation;
+            let weighted = signature * evidence[axis];
+            self.score[axis] += weighted * innovation[axis].value;
+            self.information[axis] += weighted * signature;
+            for j in 0..STATES {
+                error[j] -= innovation[axis].gain[j] * signature;
+            }
+        }
+    }
+}
+
+/// One moment of onset.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moment {
+    /// First block that a change can show in.
+    block: u32,
+    /// Per unit of wrench lost since.
+    loss: Signature,
+    /// Per unit of momentum at once.
+    jump: Signature,
+}
+
+/// What all moments together say about one rotor.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Evidence {
+    /// ln of the likelihood ratio against no change, at the best moment and size, nats.
+    pub log_likelihood: f32,
+    /// Δ̂, N; negative if thrust came back.
+    pub loss: f32,
+    index: usize,
+}
+
+/// What all moments together say about a jump.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct JumpEvidence {
+    /// ln of the likelihood ratio against no jump, at the best moment and sizes, nats.
+    pub log_likelihood: f32,
+    index: usize,
+}
+
+/// A change that is to become part of the model.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Change {
+    /// Error of each axis filter per unit of lost wrench.
+    pub error: [[f32; STATES]; AXES],
+    /// 1/C of the rotor, N².
+    pub variance: f32,
+}
+
+/// See the module.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OnsetHypotheses {
+    moment: [Moment; MOMENTS],
+    count: usize,
+    /// Onsets of the best loss and of the best jump, which thinning leaves alone.
+    leading: [u32; 2],
+    block: u32,
+    /// Change of the mean momentum per unit of lost wrench, block by block after the onset, s.
+    response: [f32; SETTLED],
+}
+
+impl OnsetHypotheses {
+    /// * `block_period`: s   * `time_constant`: τ of the rotors, s
+    pub(super) fn new(block_period: f32, time_constant: f32) -> Self {
+        // The lost thrust is 1 − e^(−t/τ) after an onset at the start of a block, its integral t − τ(1 − e^(−t/τ)), of which each
+        // block sees its mean.
+        let (length, tau) = (f64::from(block_period), f64::from(time_constant));
+        let mean = |block: usize| {
+            let (start, end) = (block as f64 * length, (block + 1) as f64 * length);
+            0.5 * (start + end) - tau + tau * tau / length * (libm::exp(-start / tau) - libm::exp(-end / tau))
+        };
+        let response = core::array::from_fn(|block| {
+            let before = if block == 0 { 0.0 } else { mean(block - 1) };
+            (mean(block) - before) as f32
+        });
+        Self {
+            moment: [Moment::default(); MOMENTS],
+            count: 0,
+            leading: [0; 2],
+            block: 0,
+            response,
+        }
+    }
+
+    /// Starts afresh: the model has changed.
+    pub(super) fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Adds the present block as a moment of onset, then takes in its innovations.
+    ///
+    /// * `evidence`: weight of each axis, 1/S or less   * `correlation`: of the gusts from block to block
+    /// * `elapsed`: of the block, s
+    pub(super) fn update(
+        &mut self,
+        phi: &[[f32; STATES]; AXES],
+        innovation: &[Innovation; AXES],
+        evidence: &[f32; AXES],
+        correlation: f32,
+        elapsed: f32,
+    ) {
+        self.open();
+        for moment in &mut self.moment[..self.count] {
+            let age = self.block.wrapping_sub(moment.block) as usize;
+            let input = if age < SETTLED { self.response[age] } else { elapsed };
+            moment.loss.update(input, phi, innovation, evidence, correlation);
+            let impulse = if age == 0 { 1.0 } else { 0.0 };
+            moment.jump.update(impulse, phi, innovation, evidence, correlation);
+        }
+        self.block = self.block.wrapping_add(1);
+    }
+
+    /// Makes room, and adds the present block.
+    fn open(&mut self) {
+        if self.count == MOMENTS {
+            // The one whose neighbours are closest to each other for their age goes.
+            let mut drop = 1;
+            let mut least = f32::INFINITY;
+            for m in 1..MOMENTS - 1 {
+                let gap = self.moment[m + 1].block.wrapping_sub(self.moment[m - 1].block) as f32;
+                let age = self.block.wrapping_sub(self.moment[m].block) as f32;
+                if gap < least * (age + 1.0) && !self.leading.contains(&self.moment[m].block) {
+                    least = gap / (age + 1.0);
+                    drop = m;
+                }
+            }
+            self.moment.copy_within(drop + 1.., drop);
+            self.count -= 1;
+        }
+        self.moment[self.count] = Moment {
+            block: self.block,
+            ..Moment::default()
+        };
+        self.count += 1;
+    }
+
+    /// Best moment and size of a change of one rotor.
+    ///
+    /// * `column`: F of the rotor, divided by the levers   * `least`, `most`: range of Δ, N: not more can come back than was lost, nor
+    ///   more be lost than is there
+    #[inline]
+    pub(super) fn evidence(&self, column: &[f32; AXES], least: f32, most: f32) -> Evidence {
+        let mut best = Evidence {
+            log_likelihood: 0.0,
+            loss: 0.0,
+            index: 0,
+        };
+        for (index, moment) in self.moment[..self.count].iter().enumerate() {
+            let mut numerator = 0.0;
+            let mut information = LEAST_INFORMATION;
+            for axis in 0..AXES {
+                numerator -= column[axis] * moment.loss.score[axis];
+                information += column[axis] * column[axis] * moment.loss.information[axis];
+            }
+            let loss = (numerator / information).min(most).max(least);
+            let log_likelihood = loss * (numerator - 0.5 * loss * information);
+            // From the oldest to the newest.
+            let lead = if index == 0 { 0.0 } else { LATER_MARGIN };
+            if log_likelihood > best.log_likelihood + lead {
+                best = Evidence {
+                    log_likelihood,
+                    loss,
+                    index,
+                };
+            }
+        }
+        best
+    }
+
+    /// Best moment and sizes of a jump.
+    pub(super) fn jump_evidence(&self) -> JumpEvidence {
+        let mut best = JumpEvidence {
+            log_likelihood: 0.0,
+            index: 0,
+        };
+        for (index, moment) in self.moment[..self.count].iter().enumerate() {
+            let jump = &moment.jump;
+            let mut log_likelihood = 0.0;
+            for axis in 0..AXES {
+                log_likelihood +=
+                    0.5 * jump.score[axis] * jump.score[axis] / jump.information[axis].max(LEAST_INFORMATION);
+            }
+            if log_likelihood > best.log_likelihood {
+                best = JumpEvidence { log_likelihood, index };
+            }
+        }
+        best
+    }
+
+    /// Blocks since the onset of a jump.
+    pub(super) fn jump_age(&self, evidence: &JumpEvidence) -> u32 {
+        self.block.wrapping_sub(self.moment[evidence.index].block)
+    }
+
+    /// Size of a jump on one axis, N·s, and the errors of that axis' filter per unit.
+    pub(super) fn jump(&self, evidence: &JumpEvidence, axis: usize) -> (f32, [f32; STATES]) {
+        let jump = &self.moment[evidence.index].jump;
+        let size = jump.score[axis] / jump.information[axis].max(LEAST_INFORMATION);
+        (size, jump.error[axis])
+    }
+
+    /// Says which hypotheses lead.
+    pub(super) fn set_leading(&mut self, loss: &Evidence, jump: &JumpEvidence) {
+        self.leading = [self.moment[loss.index].block, self.moment[jump.index].block];
+    }
+
+    /// Blocks since the onset of this hypothesis.
+    pub(super) fn age(&self, evidence: &Evidence) -> u32 {
+        self.block.wrapping_sub(self.moment[evidence.index].block)
+    }
+
+    /// Δ's variance and the errors behind this hypothesis.
+    pub(super) fn change(&self, evidence: &Evidence, column: &[f32; AXES]) -> Change {
+        let moment = &self.moment[evidence.index];
+        let mut information = LEAST_INFORMATION;
+        for axis in 0..AXES {
+            information += column[axis] * column[axis] * moment.loss.information[axis];
+        }
+        Change {
+            error: moment.loss.error,
+            variance: 1.0 / information,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::axis_filter::{AxisFilter, Disturbance};
+    use super::*;
+    use std::vec::Vec;
+
+    const BLOCK: f32 = 0.03125;
+
+    fn disturbance() -> Disturbance {
+        Disturbance {
+            correlation: 0.985,
+            variance: 2.5e-7,
+            momentum_noise: 1e-10,
+            drift: 1e-10,
+            measurement: 2e-8,
+        }
+    }
+
+    /// Runs one axis filter per axis over noiseless defects with a loss from block 100 on; the other axes see nothing.
+    fn run(column: &[f32; AXES], loss: f32, blocks: u32) -> OnsetHypotheses {
+        let d = disturbance();
+        let mut hypotheses = OnsetHypotheses::new(BLOCK, 0.05);
+        let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0]); AXES];
+        let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0]; AXES];
+        for block in 0..blocks {
+            let mut innovation = [Innovation::default(); AXES];
+            let input = match block.checked_sub(100) {
+                None => 0.0,
+                Some(age) if (age as usize) < SETTLED => hypotheses.response[age as usize],
+                Some(_) => BLOCK,
+            };
+            for axis in 0..AXES {
+                filter[axis].predict(&phi[axis], &d);
+                innovation[axis] = filter[axis].update(-column[axis] * loss * input, d.measurement);
+            }
+            let weight = innovation.map(|i| i.information);
+            hypotheses.update(&phi, &innovation, &weight, d.correlation, BLOCK);
+            let evidence = hypotheses.evidence(column, 0.0, 2.5);
+            hypotheses.set_leading(&evidence, &hypotheses.jump_evidence());
+        }
+        hypotheses
+    }
+
+    #[test]
+    fn val_size_and_onset_are_found() {
+        let column = [-1.0, -0.5, 0.866, 1.0];
+        for blocks in [104, 110, 130] {
+            let hypotheses = run(&column, 0.09, blocks);
+            let evidence = hypotheses.evidence(&column, 0.0, 2.5);
+            assert!((evidence.loss / 0.09 - 1.0).abs() < 1e-3, "{evidence:?}");
+            assert_eq!(hypotheses.age(&evidence), blocks - 100);
+            assert!(evidence.log_likelihood > 100.0);
+            // ½ Δ² C with a perfect fit.
+            let variance = hypotheses.change(&evidence, &column).variance;
+            let want = 0.5 * 0.09 * 0.09 / variance;
+            assert!((evidence.log_likelihood / want - 1.0).abs() < 1e-3);
+            // A rotor on the other side would have to gain thrust.
+            let opposite = [-1.0, 0.5, -0.866, -1.0];
+            assert!(hypotheses.evidence(&opposite, 0.0, 2.5).log_likelihood < 0.5 * evidence.log_likelihood);
+        }
+    }
+
+    #[test]
+    fn val_loss_and_jump_are_told_apart() {
+        let column = [-1.0, -0.5, 0.866, 1.0];
+        let loss = run(&column, 0.09, 110);
+        let (as_loss, as_jump) = (
+            loss.evidence(&column, 0.0, 2.5).log_likelihood,
+            loss.jump_evidence().log_likelihood,
+        );
+        assert!(as_loss > 1.3 * as_jump, "{as_loss} {as_jump}");
+
+        let d = disturbance();
+        let mut jump = OnsetHypotheses::new(BLOCK, 0.05);
+        let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0]); AXES];
+        let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0]; AXES];
+        for block in 0..110 {
+            let mut innovation = [Innovation::default(); AXES];
+            for axis in 0..AXES {
+                filter[axis].predict(&phi[axis], &d);
+                let defect = if block == 100 { column[axis] * -2e-3 } else { 0.0 };
+                innovation[axis] = filter[axis].update(defect, d.measurement);
+            }
+            let weight = innovation.map(|i| i.information);
+            jump.update(&phi, &innovation, &weight, d.correlation, BLOCK);
+        }
+        let evidence = jump.jump_evidence();
+        assert!(evidence.log_likelihood > 1.5 * jump.evidence(&column, 0.0, 2.5).log_likelihood);
+        assert_eq!(jump.jump_age(&evidence), 10);
+        assert!((jump.jump(&evidence, 0).0 / 2e-3 - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn val_nothing_is_found_where_nothing_is() {
+        let evidence = run(&[-1.0, -0.5, 0.866, 1.0], 0.0, 200).evidence(&[-1.0, -0.5, 0.866, 1.0], 0.0, 2.5);
+        assert_eq!(evidence.log_likelihood, 0.0);
+    }
+
+    #[test]
+    fn val_moments_thin_out_with_age() {
+        let mut hypotheses = OnsetHypotheses::new(BLOCK, 0.05);
+        let phi = [[0.0; STATES]; AXES];
+        for _ in 0..5000 {
+            hypotheses.update(&phi, &[Innovation::default(); AXES], &[0.0; AXES], 1.0, BLOCK);
+        }
+        let age: Vec<u32> = hypotheses.moment.iter().map(|m| 4999 - m.block).collect();
+        assert!(age.windows(2).all(|pair| pair[0] > pair[1]));
+        assert_eq!(age[MOMENTS - 1], 0);
+        assert!(age[MOMENTS - 4] < 8, "{age:?}");
+        assert!(age[2] > 500, "{age:?}");
+    }
+}
