@@ -11,7 +11,7 @@ use rotortwin_sim::events::{Change, Progress, RunEvent};
 use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Status, Summary, load_summary, verdict_text};
-use rotortwin_wire::link::LinkTiming;
+use rotortwin_wire::link::{LinkTiming, host_name};
 use rotortwin_wire::link::endpoint::PeerOptions;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -50,9 +50,9 @@ pub(crate) struct Args {
     /// Do not start these processes: they join by themselves, with the command that is printed
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHO")]
     pub(crate) external: Vec<External>,
-    /// Longest wait for both peers to join, ms [with --external: 10 min]
-    #[arg(long, value_name = "MS", default_value_t = 10_000, value_parser = whole_number(1..=3_600_000))]
-    pub(crate) join_timeout: u64,
+    /// Longest wait for both peers to join, ms [default: 10000, with --external 600000]
+    #[arg(long, value_name = "MS", value_parser = whole_number(1..=3_600_000))]
+    pub(crate) join_timeout: Option<u64>,
     /// Longest wait for the answer of a peer that is alive, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = whole_number(1..=3_600_000))]
     pub(crate) step_timeout: u64,
@@ -321,7 +321,7 @@ fn fly_in_processes(
             eprintln!(
                 "  rotortwin {} --link {} --run-id {:016x} --step-timeout {}",
                 who.name(),
-                peer_address(address),
+                address.for_peers(&host_name()),
                 config.run_id,
                 args.step_timeout
             );
@@ -357,16 +357,6 @@ fn fly_in_processes(
     Ok(summary)
 }
 
-/// The address that peers use: they connect where the plant listens.
-fn peer_address(address: &LinkAddress) -> LinkAddress {
-    match address {
-        LinkAddress::ZenohListen { endpoint } => LinkAddress::ZenohConnect {
-            endpoint: endpoint.clone(),
-        },
-        other => other.clone(),
-    }
-}
-
 fn parts(
     args: &Args,
     config: &SessionConfig,
@@ -374,11 +364,7 @@ fn parts(
     folder: &RunFolder,
     external: &BTreeSet<External>,
 ) -> Vec<Part> {
-    let join_timeout = if external.is_empty() {
-        args.join_timeout
-    } else {
-        args.join_timeout.max(600_000)
-    };
+    let join_timeout = args.join_timeout.unwrap_or(if external.is_empty() { 10_000 } else { 600_000 });
     let mut common = ArgList::default();
     common.option("--run-id", format!("{:016x}", config.run_id));
     common
@@ -404,7 +390,7 @@ fn parts(
     for who in [External::Controller, External::Fdi] {
         if !external.contains(&who) {
             let mut peer = common.clone();
-            peer.option("--link", peer_address(address).to_string());
+            peer.option("--link", address.for_peers("127.0.0.1").to_string());
             parts.push(Part {
                 name: who.name(),
                 args: peer.0,

@@ -5,6 +5,7 @@
 mod fly;
 mod output;
 mod replay;
+mod reproduce;
 mod show;
 mod supervise;
 
@@ -29,6 +30,10 @@ enum Command {
     Show(show::Args),
     /// Check a scenario and the files it names; prints every setting in effect
     Check(show::CheckArgs),
+    /// Reproduce the paper's tables and figures, its numbers beside ours
+    Reproduce(reproduce::Args),
+    /// Train a classifier and write its file
+    Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
     Sim(rotortwin_sim::process::Args),
     /// One process of a run, started by hand (e.g. on another host): the PID controller
@@ -48,6 +53,8 @@ pub fn run() -> ExitCode {
         Command::Replay(args) => replay::run(&args),
         Command::Show(args) => show::run(&args),
         Command::Check(args) => show::check(&args),
+        Command::Reproduce(args) => reproduce::run(&args),
+        Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),
         Command::Fdi(args) => rotortwin_fdi::run(args),

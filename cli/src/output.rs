@@ -2,7 +2,6 @@
 
 use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
 use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
-use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -45,7 +44,7 @@ pub(crate) fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
     }
     if let Some(folder) = folder {
         line(format!("Files        {}", folder.display()));
-        line("             report.html  telemetry.parquet  run.mcap  summary.json".to_owned());
+        line("             report.html  figures/  telemetry.parquet  run.mcap  summary.json".to_owned());
     }
     text
 }
@@ -84,7 +83,7 @@ fn verdict_table(summary: &Summary) -> Table {
             let (times, truth) = match line {
                 0 => (
                     format!("{:.2}–{:.2} s", interval.start_s, interval.end_s),
-                    interval.description.clone(),
+                    truth_text(interval),
                 ),
                 _ => (String::new(), String::new()),
             };
@@ -108,8 +107,16 @@ fn verdict_table(summary: &Summary) -> Table {
     table
 }
 
+/// What is wrong with the rotors, and with the sensors if anything is.
+fn truth_text(interval: &Interval) -> String {
+    match interval.sensor_faults.as_slice() {
+        [] => interval.description.clone(),
+        faults => format!("{}; {}", interval.description, faults.join("; ")),
+    }
+}
+
 /// A line above, below and under the header; nothing else.
-const TABLE_STYLE: TableStyle = TableStyle::new()
+pub(crate) const TABLE_STYLE: TableStyle = TableStyle::new()
     .top_border(LineStyle::new('─', '─', '─', '─'))
     .header_lines(ContentLineStyle::none())
     .header_separator(LineStyle::new('─', '─', '─', '─'))
@@ -121,7 +128,11 @@ fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
     let score = interval.scores.of(evaluator);
     let none = || "–".to_owned();
     if score.not_ready == interval.windows {
-        let verdict = if evaluator == Evaluator::Network { "none loaded".to_owned() } else { verdict_text(score.verdict_at_end) };
+        let verdict = if evaluator == Evaluator::Network {
+            "none loaded".to_owned()
+        } else {
+            verdict_text(score.verdict_at_end)
+        };
         return [verdict, none(), none(), none()];
     }
     let alarms = if interval.expected_verdict == 0 {
@@ -167,15 +178,14 @@ fn facts(summary: &Summary) -> Vec<String> {
         summary.simulated_s / summary.wall_s.max(1e-9)
     );
     if let Some(real_time) = &summary.real_time {
-        let _ = write!(
-            speed,
+        speed.push_str(&format!(
             "\nReal time    start of step late by {:.0} µs (median), {:.0} µs (99 %), {:.0} µs (worst); {} of {} deadlines missed",
             real_time.jitter_us_p50,
             real_time.jitter_us_p99,
             real_time.jitter_us_max,
             real_time.deadline_misses,
             summary.steps
-        );
+        ));
     }
     facts.push(speed);
     facts.push(format!("Run hash     {}", summary.run_hash));

@@ -4,7 +4,7 @@ use crate::output;
 use clap::Parser;
 use rotortwin_campaign::flight::{self, FlightEnd, NoObserver};
 use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::{Documents, Scenario, Simulation};
+use rotortwin_plant::{ConfigError, Documents, Scenario, Simulation};
 use rotortwin_sim::session;
 use rotortwin_store::summary::{Status, Summary, load_summary};
 use std::path::PathBuf;
@@ -34,18 +34,25 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             summary.status.as_str()
         ));
     }
-    match replay(&summary) {
+    let (scenario, simulation) = match prepare(args, &summary) {
+        Ok(prepared) => prepared,
+        Err(error) => return output::bad_input(error),
+    };
+    match replay(&scenario, simulation) {
         Ok(hash) => report(args, &summary, &hash),
         Err(sentence) => output::failed(sentence),
     }
 }
 
-fn replay(summary: &Summary) -> Result<String, String> {
-    let documents =
-        Documents::from_toml("the recorded scenario", &summary.scenario.text).map_err(|error| error.to_string())?;
-    let scenario = Scenario::from_documents(&documents).map_err(|error| error.to_string())?;
-    let mut simulation = Simulation::new(&scenario, summary.seed).map_err(|error| error.to_string())?;
-    let setup = session::run_setup(&scenario, &simulation, 1);
+fn prepare(args: &Args, summary: &Summary) -> Result<(Scenario, Simulation), ConfigError> {
+    let name = format!("{}, the recorded scenario", args.run.display());
+    let scenario = Scenario::from_documents(&Documents::from_toml(&name, &summary.scenario.text)?)?;
+    let simulation = Simulation::new(&scenario, summary.seed)?;
+    Ok((scenario, simulation))
+}
+
+fn replay(scenario: &Scenario, mut simulation: Simulation) -> Result<String, String> {
+    let setup = session::run_setup(scenario, &simulation, 1);
     let mut link = session::in_process_link();
     let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
     match outcome.end {

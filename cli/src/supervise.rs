@@ -280,20 +280,20 @@ impl Process {
     fn request(&mut self, request: &StopRequest) {
         let Some(line) = request_line(request) else { return };
         // Taken, but not closed before it has been read: the end of the pipe would mean that this process is dead.
-        if let Some(stdin) = self.child.stdin.as_mut() {
-            if let Err(error) = stdin.write_all(line.as_bytes()) {
-                tracing::debug!(%error, "the plant does not take requests any more");
-            }
+        if let Some(stdin) = self.child.stdin.as_mut()
+            && let Err(error) = stdin.write_all(line.as_bytes())
+        {
+            tracing::debug!(%error, "the plant does not take requests any more");
         }
     }
 }
 
 impl Drop for Process {
     fn drop(&mut self) {
-        if !self.has_ended() {
-            if let Err(error) = self.child.kill().and_then(|()| self.child.wait().map(|_| ())) {
-                tracing::warn!(name = self.name, %error, "could not end the process");
-            }
+        if !self.has_ended()
+            && let Err(error) = self.child.kill().and_then(|()| self.child.wait().map(|_| ()))
+        {
+            tracing::warn!(name = self.name, %error, "could not end the process");
         }
     }
 }

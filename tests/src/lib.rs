@@ -24,7 +24,9 @@ use std::io::Write as _;
 /// Notes that a test could not do all of its work here, and why; `./test` counts these lines.
 pub fn skip(reason: &str) {
     eprintln!("skipped: {reason}");
-    let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") else { return };
+    let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") else {
+        return;
+    };
     let written = std::fs::OpenOptions::new()
         .create(true)
         .append(true)

@@ -15,7 +15,15 @@ pub struct Process {
 struct Stat {
     state: char,
     parent: u32,
+    threads: u32,
     start_ticks: u64,
+}
+
+impl Stat {
+    /// A process whose first thread has ended holds its files and locks until the last one has.
+    fn has_ended(&self) -> bool {
+        matches!(self.state, 'Z' | 'X') && self.threads <= 1
+    }
 }
 
 fn stat(pid: u32) -> Option<Stat> {
@@ -25,26 +33,36 @@ fn stat(pid: u32) -> Option<Stat> {
     Some(Stat {
         state: fields.first()?.chars().next()?,
         parent: fields.get(1)?.parse().ok()?,
+        threads: fields.get(17)?.parse().ok()?,
         start_ticks: fields.get(19)?.parse().ok()?,
     })
 }
 
 fn command_line(pid: u32) -> Vec<String> {
     let bytes = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-    bytes.split(|&byte| byte == 0).map(|part| String::from_utf8_lossy(part).into_owned()).collect()
+    bytes
+        .split(|&byte| byte == 0)
+        .map(|part| String::from_utf8_lossy(part).into_owned())
+        .collect()
 }
 
 impl Process {
     /// The process with this id, if it lives.
     pub fn find(pid: u32) -> Option<Self> {
-        let stat = stat(pid).filter(|stat| !matches!(stat.state, 'Z' | 'X'))?;
-        Some(Self { pid, start_ticks: stat.start_ticks })
+        let stat = stat(pid).filter(|stat| !stat.has_ended())?;
+        Some(Self {
+            pid,
+            start_ticks: stat.start_ticks,
+        })
     }
 
     /// A child that nobody has waited for yet; it may have ended.
     pub fn of_child(child: &std::process::Child) -> Self {
         let stat = stat(child.id()).expect("the kernel keeps a child until somebody waits for it");
-        Self { pid: child.id(), start_ticks: stat.start_ticks }
+        Self {
+            pid: child.id(),
+            start_ticks: stat.start_ticks,
+        }
     }
 
     /// All living children of a process, each with its command line.
@@ -72,7 +90,10 @@ impl Process {
         if !self.is_alive() {
             return;
         }
-        let pid = i32::try_from(self.pid).ok().and_then(Pid::from_raw).expect("the kernel gave this id");
+        let pid = i32::try_from(self.pid)
+            .ok()
+            .and_then(Pid::from_raw)
+            .expect("the kernel gave this id");
         if let Err(error) = kill_process(pid, signal) {
             assert_eq!(error, rustix::io::Errno::SRCH, "a process of this user can be signaled");
         }
@@ -81,7 +102,10 @@ impl Process {
 
 fn all_pids() -> Vec<u32> {
     let entries = std::fs::read_dir("/proc").expect("/proc is mounted");
-    entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect()
+    entries
+        .flatten()
+        .filter_map(|entry| entry.file_name().to_str()?.parse().ok())
+        .collect()
 }
 
 /// Looks every millisecond whether something has come true; how long that took, or `None` after `limit`.

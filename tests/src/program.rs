@@ -18,9 +18,16 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 /// The program file. Cargo puts it beside the folder of the test programs.
 pub fn program() -> PathBuf {
     let test = std::env::current_exe().expect("a process has a program file");
-    let folder = test.parent().and_then(Path::parent).expect("test programs are in target/PROFILE/deps");
+    let folder = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("test programs are in target/PROFILE/deps");
     let program = folder.join("rotortwin-under-test");
-    assert!(program.is_file(), "{} is missing: run the tests with cargo test -p rotortwin-tests", program.display());
+    assert!(
+        program.is_file(),
+        "{} is missing: run the tests with cargo test -p rotortwin-tests",
+        program.display()
+    );
     program
 }
 
@@ -60,7 +67,9 @@ impl Call {
     /// Any command; it runs in the folder of the test.
     pub fn new<A: Into<OsString>>(scratch: &Scratch, args: impl IntoIterator<Item = A>) -> Self {
         let mut command = Command::new(program());
-        command.args(args.into_iter().map(Into::into)).current_dir(scratch.folder());
+        command
+            .args(args.into_iter().map(Into::into))
+            .current_dir(scratch.folder());
         Self { command, out: None }
     }
 
@@ -93,7 +102,10 @@ impl Call {
 
     /// Starts it.
     pub fn start(mut self) -> Run {
-        self.command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        self.command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
         let mut child = self.command.spawn().expect("the program starts");
         let mut stdout = child.stdout.take().expect("it is piped");
         let stderr = child.stderr.take().expect("it is piped");
@@ -111,7 +123,15 @@ impl Call {
             text
         });
         let supervisor = Process::of_child(&child);
-        Run { child, supervisor, lines, seen: Vec::new(), stdout: Some(stdout), out: self.out, members: Vec::new() }
+        Run {
+            child,
+            supervisor,
+            lines,
+            seen: Vec::new(),
+            stdout: Some(stdout),
+            out: self.out,
+            members: Vec::new(),
+        }
     }
 
     /// Starts it and waits for its end.
@@ -176,19 +196,27 @@ impl Run {
     /// Arguments of a process of the run.
     pub fn member_args(&mut self, name: MemberName) -> Vec<String> {
         self.member(name);
-        self.members.iter().find(|(found, ..)| *found == name).map(|(.., args)| args.clone()).unwrap_or_default()
+        self.members
+            .iter()
+            .find(|(found, ..)| *found == name)
+            .map(|(.., args)| args.clone())
+            .unwrap_or_default()
     }
 
     /// All processes of the run that are there now, the supervisor first.
     pub fn members(&mut self) -> Vec<Process> {
         self.find_members();
-        std::iter::once(self.supervisor).chain(self.members.iter().map(|(_, process, _)| *process)).collect()
+        std::iter::once(self.supervisor)
+            .chain(self.members.iter().map(|(_, process, _)| *process))
+            .collect()
     }
 
     fn find_members(&mut self) {
         for (process, args) in Process::children(self.supervisor.pid) {
             let subcommand = args.get(1).map_or("", String::as_str);
-            let name = ["sim", "controller", "fdi"].into_iter().find(|name| *name == subcommand);
+            let name = ["sim", "controller", "fdi"]
+                .into_iter()
+                .find(|name| *name == subcommand);
             if let Some(name) = name
                 && self.members.iter().all(|(_, known, _)| *known != process)
             {
@@ -201,14 +229,19 @@ impl Run {
     pub fn line(&mut self, fits: impl Fn(&str) -> bool) -> String {
         let deadline = Instant::now() + PATIENCE;
         loop {
-            match self.lines.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+            match self
+                .lines
+                .recv_timeout(deadline.saturating_duration_since(Instant::now()))
+            {
                 Ok(line) => {
                     self.seen.push(line.clone());
                     if fits(&line) {
                         return line;
                     }
                 }
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => self.give_up("the line that was waited for"),
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                    self.give_up("the line that was waited for")
+                }
             }
         }
     }
@@ -228,8 +261,17 @@ impl Run {
         while let Ok(line) = self.lines.recv_timeout(PATIENCE) {
             self.seen.push(line);
         }
-        let stdout = self.stdout.take().map(|reader| reader.join().expect("the reader does not panic")).unwrap_or_default();
-        Ended { code, stdout, stderr: std::mem::take(&mut self.seen), out: self.out.clone() }
+        let stdout = self
+            .stdout
+            .take()
+            .map(|reader| reader.join().expect("the reader does not panic"))
+            .unwrap_or_default();
+        Ended {
+            code,
+            stdout,
+            stderr: std::mem::take(&mut self.seen),
+            out: self.out.clone(),
+        }
     }
 
     /// Fails the test with what is known.
@@ -252,7 +294,11 @@ impl Drop for Run {
 
 /// The logs in a run folder.
 fn logs(out: &Path) -> String {
-    let read = |name: &str| std::fs::read_to_string(out.join(name)).map(|text| format!("{name}: {text}")).unwrap_or_default();
+    let read = |name: &str| {
+        std::fs::read_to_string(out.join(name))
+            .map(|text| format!("{name}: {text}"))
+            .unwrap_or_default()
+    };
     ["sim.log", "controller.log", "fdi.log"].map(read).concat()
 }
 
@@ -261,7 +307,13 @@ impl Ended {
     #[track_caller]
     pub fn expect_code(self, code: i32) -> Self {
         let logs = self.out.as_deref().map(logs).unwrap_or_default();
-        assert_eq!(self.code, Some(code), "printed:\n{}\n{}\n{logs}", self.stdout, self.stderr.join("\n"));
+        assert_eq!(
+            self.code,
+            Some(code),
+            "printed:\n{}\n{}\n{logs}",
+            self.stdout,
+            self.stderr.join("\n")
+        );
         self
     }
 

@@ -28,6 +28,12 @@ impl Random {
 
     /// A duration below `end`, to the microsecond.
     pub fn duration(&mut self, end: Duration) -> Duration {
-        Duration::from_micros(self.below(u64::try_from(end.as_micros()).expect("durations of tests are short").max(1)))
+        Duration::from_micros(
+            self.below(
+                u64::try_from(end.as_micros())
+                    .expect("durations of tests are short")
+                    .max(1),
+            ),
+        )
     }
 }

@@ -12,7 +12,10 @@ const KEPT: &str = ".global_mgmt";
 
 /// The root of the repository.
 pub fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("the repository is where it was built")
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .canonicalize()
+        .expect("the repository is where it was built")
 }
 
 /// A scenario that is shipped, by its file name without the ending.
@@ -23,8 +26,11 @@ pub fn shipped_scenario(name: &str) -> PathBuf {
 /// A hover of 6 s in which the detectors calibrate until 4.75 s and rotor 3 loses a fifth of its thrust at 5 s: short, and every
 /// part of the program has something to say.
 pub fn short_flight() -> String {
-    hover("short", 6.0, "[fdi]\ncalibration_start_s = 0.75\ncalibration_end_s = 4.75\n")
-        + "[[fault]]\ntime_s = 5.0\nrotor = 3\nthrust_loss_percent = 20.0\n"
+    hover(
+        "short",
+        6.0,
+        "[fdi]\ncalibration_start_s = 0.75\ncalibration_end_s = 4.75\n",
+    ) + "[[fault]]\ntime_s = 5.0\nrotor = 3\nthrust_loss_percent = 20.0\n"
 }
 
 /// Steps of [`short_flight`].
@@ -71,7 +77,10 @@ impl Scratch {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         Self {
-            folder: tempfile::Builder::new().prefix("rotortwin-test-").tempdir().expect("there is room for temporary files"),
+            folder: tempfile::Builder::new()
+                .prefix("rotortwin-test-")
+                .tempdir()
+                .expect("there is room for temporary files"),
             domain: format!("test-{}-{number}", std::process::id()),
         }
     }
@@ -116,14 +125,21 @@ impl Scratch {
     fn entries(&self) -> Vec<PathBuf> {
         let user = rustix::process::getuid().as_raw();
         let prefix = format!("rt{user}_{}_", self.domain);
-        let is_ours = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&prefix));
+        let is_ours = |path: &PathBuf| {
+            path.file_name()
+                .is_some_and(|name| name.to_string_lossy().starts_with(&prefix))
+        };
         let mut found: Vec<PathBuf> = std::fs::read_dir(SHARED_MEMORY)
             .expect("/dev/shm can be read")
             .flatten()
             .map(|entry| entry.path())
             .filter(is_ours)
             .collect();
-        found.extend(files_below(&Path::new(SHARED_MEMORY).join(format!("rotortwin-{user}"))).into_iter().filter(is_ours));
+        found.extend(
+            files_below(&Path::new(SHARED_MEMORY).join(format!("rotortwin-{user}")))
+                .into_iter()
+                .filter(is_ours),
+        );
         found
     }
 }

@@ -32,12 +32,22 @@ fn refuses(scratch: &Scratch, what: &str, call: Call, words: &[&str]) {
 /// `fly` and `check` refuse a scenario with the same sentence.
 #[track_caller]
 fn refuses_scenario(what: &str, scratch: &Scratch, path: &Path, words: &[&str]) {
-    refuses(scratch, what, Call::new(scratch, [OsString::from("check"), path.into()]), words);
+    refuses(
+        scratch,
+        what,
+        Call::new(scratch, [OsString::from("check"), path.into()]),
+        words,
+    );
     for link in [Link::InProcess, Link::Iceoryx2] {
         refuses(scratch, what, Call::fly(scratch, link, path, "out"), words);
     }
     // Without --out the run folder would be below runs/ in the present folder.
-    refuses(scratch, what, Call::new(scratch, [OsString::from("fly"), path.into()]), words);
+    refuses(
+        scratch,
+        what,
+        Call::new(scratch, [OsString::from("fly"), path.into()]),
+        words,
+    );
 }
 
 #[test]
@@ -49,25 +59,97 @@ fn scenario_documents_that_cannot_be_flown() {
         text.replace(from, to)
     };
     let table: &[(&str, String, &[&str])] = &[
-        ("unknown key", replaced("duration_s", "colour = 3\nduration_s"), &["line 4", "`colour`", "unknown key"]),
-        ("unknown section", hover("bad", 2.0, "[weather]\n"), &["line 8", "weather`", "unknown key"]),
-        ("wrong unit", replaced("duration_s", "duration_ms"), &["line 4", "`duration_ms`", "expected `duration_s`"]),
+        (
+            "unknown key",
+            replaced("duration_s", "colour = 3\nduration_s"),
+            &["line 4", "`colour`", "unknown key"],
+        ),
+        (
+            "unknown section",
+            hover("bad", 2.0, "[weather]\n"),
+            &["line 8", "weather`", "unknown key"],
+        ),
+        (
+            "wrong unit",
+            replaced("duration_s", "duration_ms"),
+            &["line 4", "`duration_ms`", "expected `duration_s`"],
+        ),
         ("missing key", replaced("name = 'bad'\n", ""), &["`name`", "missing"]),
-        ("wrong type", replaced("2.0", "'two'"), &["line 4", "`duration_s`", "expected a number"]),
-        ("out of range", replaced("2.0", "-2.0"), &["`duration_s`", "expected a number from 0.0025 to 86400 s, got -2"]),
-        ("not a number", replaced("2.0", "nan"), &["`duration_s`", "expected a number", "got NaN"]),
-        ("infinite", replaced("-5.0]", "-inf]"), &["`trajectory.position_ned_m[2]`", "got -inf"]),
-        ("not TOML", replaced("[trajectory]", "[trajectory"), &["line 5", "expected valid TOML"]),
-        ("same key twice", replaced("duration_s", "name = 'again'\nduration_s"), &["line 4", "duplicate key"]),
-        ("missing vehicle", replaced("f550.toml", "f551.toml"), &["`vehicle`", "f551.toml", "there is none"]),
-        ("vehicle is a folder", replaced("vehicles/f550.toml", "vehicles"), &["`vehicle`", "not a regular file"]),
-        ("rotor 7 of 6", fault("time_s = 1.0\nrotor = 7\nblade = 'b'"), &["`fault[0].rotor`", "from 1 to 6, got 7"]),
-        ("rotor 0", fault("time_s = 1.0\nrotor = 0\nblade = 'b'"), &["`fault[0].rotor`", "from 1 to 6, got 0"]),
-        ("unknown blade", fault("time_s = 1.0\nrotor = 1\nblade = 'q'"), &["`fault[0].blade`", "expected one of", "got q"]),
-        ("same blade", fault("time_s = 1.0\nrotor = 1\nblade = 'a'"), &["`fault[0].blade`", "cannot have an effect"]),
-        ("fault too late", fault("time_s = 2.0\nrotor = 1\nblade = 'b'"), &["`fault[0].time_s`", "cannot have an effect"]),
-        ("loss above 100 %", fault("time_s = 1.0\nrotor = 1\nthrust_loss_percent = 101"), &["`fault[0].thrust_loss_percent`"]),
-        ("wind, no drag", hover("bad", 2.0, "[wind]\nmean_ned_m_s = [5, 0, 0]\n"), &["`wind`", "cannot have an effect"]),
+        (
+            "wrong type",
+            replaced("2.0", "'two'"),
+            &["line 4", "`duration_s`", "expected a number"],
+        ),
+        (
+            "out of range",
+            replaced("2.0", "-2.0"),
+            &["`duration_s`", "expected a number from 0.0025 to 86400 s, got -2"],
+        ),
+        (
+            "not a number",
+            replaced("2.0", "nan"),
+            &["`duration_s`", "expected a number", "got NaN"],
+        ),
+        (
+            "infinite",
+            replaced("-5.0]", "-inf]"),
+            &["`trajectory.position_ned_m[2]`", "got -inf"],
+        ),
+        (
+            "not TOML",
+            replaced("[trajectory]", "[trajectory"),
+            &["line 5", "expected valid TOML"],
+        ),
+        (
+            "same key twice",
+            replaced("duration_s", "name = 'again'\nduration_s"),
+            &["line 4", "duplicate key"],
+        ),
+        (
+            "missing vehicle",
+            replaced("f550.toml", "f551.toml"),
+            &["`vehicle`", "f551.toml", "there is none"],
+        ),
+        (
+            "vehicle is a folder",
+            replaced("vehicles/f550.toml", "vehicles"),
+            &["`vehicle`", "expected the path of a TOML file"],
+        ),
+        (
+            "rotor 7 of 6",
+            fault("time_s = 1.0\nrotor = 7\nblade = 'b'"),
+            &["`fault[0].rotor`", "from 1 to 6, got 7"],
+        ),
+        (
+            "rotor 0",
+            fault("time_s = 1.0\nrotor = 0\nblade = 'b'"),
+            &["`fault[0].rotor`", "from 1 to 6, got 0"],
+        ),
+        (
+            "unknown blade",
+            fault("time_s = 1.0\nrotor = 1\nblade = 'q'"),
+            &["`fault[0].blade`", "expected one of", "got q"],
+        ),
+        (
+            "same blade",
+            fault("time_s = 1.0\nrotor = 1\nblade = 'a'"),
+            &["`fault[0].blade`", "cannot have an effect"],
+        ),
+        (
+            "fault too late",
+            fault("time_s = 2.0\nrotor = 1\nblade = 'b'"),
+            &["`fault[0].time_s`", "cannot have an effect"],
+        ),
+        (
+            "loss above 100 %",
+            fault("time_s = 1.0\nrotor = 1\nthrust_loss_percent = 101"),
+            &["`fault[0].thrust_loss_percent`"],
+        ),
+        (
+            "wind, no drag",
+            hover("bad", 2.0, "[wind]\nmean_ned_m_s = [5, 0, 0]\n"),
+            &["`wind`", "cannot have an effect"],
+        ),
     ];
     for (what, text, words) in table {
         let scratch = Scratch::new();
@@ -91,7 +173,9 @@ impl Spoilt {
         let spoilt = match self {
             Self::Replaced(from, to) => text.replacen(from, to, 1),
             Self::Without(words) => {
-                let kept = text.lines().filter(|line| !words.iter().any(|word| line.contains(word)));
+                let kept = text
+                    .lines()
+                    .filter(|line| !words.iter().any(|word| line.contains(word)));
                 kept.map(|line| format!("{line}\n")).collect()
             }
         };
@@ -105,14 +189,54 @@ fn scenario_vehicles_that_cannot_be_flown() {
     use Spoilt::{Replaced, Without};
     let second = "[0.00, 0.24, 0.0]";
     let table: &[(&str, &str, Spoilt, &[&str])] = &[
-        ("wrong unit", "f550", Replaced("mass_kg", "mass_g"), &["f550.toml", "`body.mass_g`", "expected `mass_kg`"]),
-        ("out of range", "f550", Replaced("= 1.55", "= 1550.0"), &["f550.toml", "`body.mass_kg`", "0.02 to 200", "got 1550"]),
-        ("not a number", "f550", Replaced("= 1.55", "= nan"), &["f550.toml", "`body.mass_kg`", "got NaN"]),
-        ("too heavy", "f550", Replaced("= 1.55", "= 15.5"), &["bad.toml", "`vehicle`", "cannot hover"]),
-        ("missing blades", "f550", Replaced("t9545", "t9546"), &["f550.toml", "`rotors.blades`", "t9546.toml"]),
-        ("a rotor twice", "hexa-h", Replaced("number = 2", "number = 3"), &["hexa-h.toml", "rotor 3 is given twice"]),
-        ("coaxial", "hexa-h", Replaced(second, "[0.30, 0.20, -0.1]"), &["hexa-h.toml", "rotors 1 and 2 are coaxial"]),
-        ("same position", "hexa-h", Replaced(second, "[0.30, 0.20, 0.0]"), &["hexa-h.toml", "rotors 1 and 2 are coaxial"]),
+        (
+            "wrong unit",
+            "f550",
+            Replaced("mass_kg", "mass_g"),
+            &["f550.toml", "`body.mass_g`", "expected `mass_kg`"],
+        ),
+        (
+            "out of range",
+            "f550",
+            Replaced("= 1.55", "= 1550.0"),
+            &["f550.toml", "`body.mass_kg`", "0.02 to 200", "got 1550"],
+        ),
+        (
+            "not a number",
+            "f550",
+            Replaced("= 1.55", "= nan"),
+            &["f550.toml", "`body.mass_kg`", "got NaN"],
+        ),
+        (
+            "too heavy",
+            "f550",
+            Replaced("= 1.55", "= 15.5"),
+            &["bad.toml", "`vehicle`", "cannot hover"],
+        ),
+        (
+            "missing blades",
+            "f550",
+            Replaced("t9545", "t9546"),
+            &["f550.toml", "`rotors.blades`", "t9546.toml"],
+        ),
+        (
+            "a rotor twice",
+            "hexa-h",
+            Replaced("number = 2", "number = 3"),
+            &["hexa-h.toml", "rotor 3 is given twice"],
+        ),
+        (
+            "coaxial",
+            "hexa-h",
+            Replaced(second, "[0.30, 0.20, -0.1]"),
+            &["hexa-h.toml", "rotors 1 and 2 are coaxial"],
+        ),
+        (
+            "same position",
+            "hexa-h",
+            Replaced(second, "[0.30, 0.20, 0.0]"),
+            &["hexa-h.toml", "rotors 1 and 2 are coaxial"],
+        ),
         (
             "three rotors",
             "hexa-h",
@@ -124,11 +248,25 @@ fn scenario_vehicles_that_cannot_be_flown() {
         let scratch = Scratch::new();
         for file in ["vehicles/f550.toml", "vehicles/hexa-h.toml", "blades/t9545.toml"] {
             let text = std::fs::read_to_string(repository().join("config").join(file)).expect("it is shipped");
-            scratch.write(file, if file.contains(vehicle) { spoilt.apply(&text) } else { text });
+            scratch.write(
+                file,
+                if file.contains(vehicle) {
+                    spoilt.apply(&text)
+                } else {
+                    text
+                },
+            );
         }
         let text = hover("bad", 2.0, "");
-        let line = text.lines().find(|line| line.starts_with("vehicle")).expect("it names a vehicle").to_owned();
-        let path = scratch.write("bad.toml", text.replace(&line, &format!("vehicle = 'vehicles/{vehicle}.toml'")));
+        let line = text
+            .lines()
+            .find(|line| line.starts_with("vehicle"))
+            .expect("it names a vehicle")
+            .to_owned();
+        let path = scratch.write(
+            "bad.toml",
+            text.replace(&line, &format!("vehicle = 'vehicles/{vehicle}.toml'")),
+        );
         refuses_scenario(what, &scratch, &path, words);
     }
 }
@@ -153,21 +291,43 @@ fn scenario_files_that_are_no_documents() {
         refuses_scenario(name, &scratch, &scratch.path(name), &words);
     }
     // An endless file must not be read to its end.
-    refuses(&scratch, "device", Call::new(&scratch, ["fly", "/dev/zero"]), &["/dev/zero", "not a regular file"]);
+    refuses(
+        &scratch,
+        "device",
+        Call::new(&scratch, ["fly", "/dev/zero"]),
+        &["/dev/zero", "not a regular file"],
+    );
     let strange = PathBuf::from(OsString::from_vec(b"n\xffne.toml".to_vec()));
-    refuses(&scratch, "name", Call::new(&scratch, [OsString::from("fly"), strange.into()]), &["there is none"]);
+    refuses(
+        &scratch,
+        "name",
+        Call::new(&scratch, [OsString::from("fly"), strange.into()]),
+        &["there is none"],
+    );
 }
 
 /// Paths that are unusual but right: no text in any encoding, and the look of an option.
 #[test]
 fn scenario_strange_paths_are_no_bad_input() {
-    for name in [b"n\xffme.toml".to_vec(), b"-name.toml".to_vec(), b"two words.toml".to_vec()] {
+    for name in [
+        b"n\xffme.toml".to_vec(),
+        b"-name.toml".to_vec(),
+        b"two words.toml".to_vec(),
+    ] {
         let scratch = Scratch::new();
         let name = OsString::from_vec(name);
         std::fs::write(scratch.folder().join(&name), short_flight()).expect("files can be written here");
         let mut out = OsString::from("out of ");
         out.push(&name);
-        let args = ["fly".into(), "--domain".into(), scratch.domain().into(), "--out".into(), out.clone(), "--".into(), name];
+        let args = [
+            "fly".into(),
+            "--domain".into(),
+            scratch.domain().into(),
+            "--out".into(),
+            out.clone(),
+            "--".into(),
+            name,
+        ];
         Call::new(&scratch, args).run().expect_code(0);
         assert!(scratch.folder().join(&out).join("summary.json").is_file());
     }
@@ -182,34 +342,104 @@ fn scenario_wrong_arguments() {
         (&["flie", scenario], &["'flie'", "unrecognized"]),
         (&["fly", scenario, "--colour"], &["'--colour'", "unexpected argument"]),
         (&["fly", scenario, "--seed", "-1"], &["'-1'", ""]),
-        (&["fly", scenario, "--seed=-1"], &["--seed", "'-1'", "whole number from 0 to 18446744073709551615"]),
-        (&["fly", scenario, "--seed", "1.5"], &["--seed", "'1.5'", "whole number from 0"]),
-        (&["fly", scenario, "--seed", "18446744073709551616"], &["--seed", "whole number from 0"]),
-        (&["fly", scenario, "--link", "udp"], &["--link", "'udp'", "in-process, iceoryx2, zenoh"]),
-        (&["fly", scenario, "--pace", "slow"], &["--pace", "'slow'", "fast, real-time"]),
-        (&["fly", scenario, "--step-timeout", "0"], &["--step-timeout", "from 1 to 3600000"]),
-        (&["fly", scenario, "--fdi-window", "257"], &["--fdi-window", "from 0 to 256"]),
+        (
+            &["fly", scenario, "--seed=-1"],
+            &["--seed", "'-1'", "whole number from 0 to 18446744073709551615"],
+        ),
+        (
+            &["fly", scenario, "--seed", "1.5"],
+            &["--seed", "'1.5'", "whole number from 0"],
+        ),
+        (
+            &["fly", scenario, "--seed", "18446744073709551616"],
+            &["--seed", "whole number from 0"],
+        ),
+        (
+            &["fly", scenario, "--link", "udp"],
+            &["--link", "'udp'", "in-process, iceoryx2, zenoh"],
+        ),
+        (
+            &["fly", scenario, "--pace", "slow"],
+            &["--pace", "'slow'", "fast, real-time"],
+        ),
+        (
+            &["fly", scenario, "--step-timeout", "0"],
+            &["--step-timeout", "from 1 to 3600000"],
+        ),
+        (
+            &["fly", scenario, "--fdi-window", "257"],
+            &["--fdi-window", "from 0 to 256"],
+        ),
         (&["fly", scenario, "--cpu", "1000"], &["CPU 1000"]),
-        (&["fly", scenario, "--cpu", "1000", "--link", "in-process"], &["CPU 1000"]),
-        (&["fly", scenario, "--external", "plant"], &["--external", "'plant'", "controller, fdi"]),
-        (&["fly", scenario, "--external", "fdi", "--link", "in-process"], &["--external", "expected --link"]),
+        (
+            &["fly", scenario, "--cpu", "1000", "--link", "in-process"],
+            &["CPU 1000"],
+        ),
+        (
+            &["fly", scenario, "--external", "plant"],
+            &["--external", "'plant'", "controller, fdi"],
+        ),
+        (
+            &["fly", scenario, "--external", "fdi", "--link", "in-process"],
+            &["--external", "expected --link"],
+        ),
         (&["fly", scenario, "--domain", "a/b"], &["--domain", "letters, digits"]),
-        (&["fly", scenario, "--domain", "a", "--link", "zenoh"], &["--domain", "--link iceoryx2"]),
-        (&["fly", scenario, "--listen", "tcp/127.0.0.1:7447"], &["--listen", "--link zenoh", "iceoryx2"]),
-        (&["fly", scenario, "--connect", "tcp/127.0.0.1:7447", "--link", "in-process"], &["--connect", "--link zenoh"]),
-        (&["fly", scenario, "--link", "zenoh", "--listen", "127.0.0.1:7447"], &["--listen", "tcp/HOST:PORT"]),
-        (&["fly", scenario, "--link", "zenoh", "--listen", "udp/127.0.0.1:7447"], &["--listen", "tcp/HOST:PORT"]),
-        (&["fly", scenario, "--link", "zenoh", "--listen", "tcp/127.0.0.1:70000"], &["--listen", "tcp/HOST:PORT"]),
+        (
+            &["fly", scenario, "--domain", "a", "--link", "zenoh"],
+            &["--domain", "--link iceoryx2"],
+        ),
+        (
+            &["fly", scenario, "--listen", "tcp/127.0.0.1:7447"],
+            &["--listen", "--link zenoh", "iceoryx2"],
+        ),
+        (
+            &[
+                "fly",
+                scenario,
+                "--connect",
+                "tcp/127.0.0.1:7447",
+                "--link",
+                "in-process",
+            ],
+            &["--connect", "--link zenoh"],
+        ),
+        (
+            &["fly", scenario, "--link", "zenoh", "--listen", "127.0.0.1:7447"],
+            &["--listen", "tcp/HOST:PORT"],
+        ),
+        (
+            &["fly", scenario, "--link", "zenoh", "--listen", "udp/127.0.0.1:7447"],
+            &["--listen", "tcp/HOST:PORT"],
+        ),
+        (
+            &["fly", scenario, "--link", "zenoh", "--listen", "tcp/127.0.0.1:70000"],
+            &["--listen", "tcp/HOST:PORT"],
+        ),
         // Of the block that is reserved for documentation (RFC 5737): no address of this host.
-        (&["fly", scenario, "--link", "zenoh", "--listen", "tcp/192.0.2.1:7447"], &["--listen", "tcp/192.0.2.1:7447"]),
-        (&["fly", scenario, "--link", "zenoh", "--connect", "tcp/no host:1"], &["--connect", "tcp/no host:1"]),
+        (
+            &["fly", scenario, "--link", "zenoh", "--listen", "tcp/192.0.2.1:7447"],
+            &["--listen", "tcp/192.0.2.1:7447"],
+        ),
+        (
+            &["fly", scenario, "--link", "zenoh", "--connect", "tcp/no host:1"],
+            &["--connect", "tcp/no host:1"],
+        ),
         (&["check"], &["SCENARIO", "required"]),
         (&["replay"], &["RUN", "required"]),
         (&["show", "none"], &["none", "no run here"]),
         (&["replay", "none"], &["none", "no run here"]),
-        (&["sim", scenario, "--out", "out", "--link", "tcp", "--run-id", "1"], &["--link", "'tcp'", "expected iceoryx2"]),
-        (&["sim", scenario, "--out", "out", "--link", "iceoryx2", "--run-id", "0"], &["--run-id", "hexadecimal"]),
-        (&["controller", "--link", "iceoryx2", "--run-id", "xyz"], &["--run-id", "hexadecimal"]),
+        (
+            &["sim", scenario, "--out", "out", "--link", "tcp", "--run-id", "1"],
+            &["--link", "'tcp'", "expected iceoryx2"],
+        ),
+        (
+            &["sim", scenario, "--out", "out", "--link", "iceoryx2", "--run-id", "0"],
+            &["--run-id", "hexadecimal"],
+        ),
+        (
+            &["controller", "--link", "iceoryx2", "--run-id", "xyz"],
+            &["--run-id", "hexadecimal"],
+        ),
     ];
     for (args, words) in table {
         let scratch = Scratch::new();
@@ -218,10 +448,30 @@ fn scenario_wrong_arguments() {
     // Without any argument the help comes with the sentence.
     let scratch = Scratch::new();
     let nothing = Call::new(&scratch, [] as [&str; 0]).run().expect_code(2);
-    assert!(nothing.stderr[0].starts_with("rotortwin: a command is missing"), "{:?}", nothing.stderr);
-    assert!(nothing.stderr.iter().any(|line| line.trim_start().starts_with("fly ")), "{:?}", nothing.stderr);
-    assert!(Call::new(&scratch, ["--help"]).run().expect_code(0).stdout.contains("Usage: rotortwin"));
-    assert!(Call::new(&scratch, ["--version"]).run().expect_code(0).stdout.starts_with("rotortwin "));
+    assert!(
+        nothing.stderr[0].starts_with("rotortwin: a command is missing"),
+        "{:?}",
+        nothing.stderr
+    );
+    assert!(
+        nothing.stderr.iter().any(|line| line.trim_start().starts_with("fly ")),
+        "{:?}",
+        nothing.stderr
+    );
+    assert!(
+        Call::new(&scratch, ["--help"])
+            .run()
+            .expect_code(0)
+            .stdout
+            .contains("Usage: rotortwin")
+    );
+    assert!(
+        Call::new(&scratch, ["--version"])
+            .run()
+            .expect_code(0)
+            .stdout
+            .starts_with("rotortwin ")
+    );
 }
 
 /// Nobody answers, or somebody else listens: found out before anything is written.
@@ -231,24 +481,56 @@ fn scenario_endpoints_that_do_not_work() {
     let scenario = scratch.write("short.toml", short_flight());
     let taken = TcpListener::bind("127.0.0.1:0").expect("a port is free");
     let endpoint = format!("tcp/{}", taken.local_addr().expect("it is bound"));
-    let fly = |option: &str, endpoint: &str| Call::fly(&scratch, Link::Zenoh, &scenario, "out").with([option, endpoint]);
-    refuses(&scratch, "port in use", fly("--listen", &endpoint), &["--listen", &endpoint, "in use", "expected"]);
+    let fly =
+        |option: &str, endpoint: &str| Call::fly(&scratch, Link::Zenoh, &scenario, "out").with([option, endpoint]);
+    refuses(
+        &scratch,
+        "port in use",
+        fly("--listen", &endpoint),
+        &["--listen", &endpoint, "in use", "expected"],
+    );
     drop(taken);
-    refuses(&scratch, "nobody there", fly("--connect", &endpoint), &["--connect", &endpoint, "nobody answers", "expected"]);
+    refuses(
+        &scratch,
+        "nobody there",
+        fly("--connect", &endpoint),
+        &["--connect", &endpoint, "nobody answers", "expected"],
+    );
 
-    // The processes by themselves.
-    let by_hand = |name: &str, extra: &[&str]| {
-        let call = Call::new(&scratch, [name, "--link", &format!("zenoh:connect={endpoint}"), "--run-id", "1"]);
-        call.with(extra).run()
+    // The processes by themselves. The peers wait for a while: the plant may be about to start.
+    let link = format!("zenoh:connect={endpoint}");
+    let by_hand = |name: &'static str, extra: &[&str]| {
+        (
+            name,
+            Call::new(
+                &scratch,
+                [name, "--link", &link, "--run-id", "1", "--join-timeout", "1000"],
+            )
+            .with(extra)
+            .start(),
+        )
     };
     let before = scratch.listing();
     let scenario = scenario.to_str().expect("a plain path");
-    for (name, extra) in [("sim", vec!["--out", "out", scenario]), ("controller", vec![]), ("fdi", vec![])] {
-        let ended = by_hand(name, &extra).expect_code(2);
-        assert_eq!((ended.stderr.len(), ended.stdout.as_str()), (1, ""), "{name}: {:?}", ended.stderr);
+    let started = [
+        by_hand("sim", &["--out", "out", scenario]),
+        by_hand("controller", &[]),
+        by_hand("fdi", &[]),
+    ];
+    for (name, run) in started {
+        let ended = run.end(PATIENCE).expect_code(2);
+        assert_eq!(
+            (ended.stderr.len(), ended.stdout.as_str()),
+            (1, ""),
+            "{name}: {:?}",
+            ended.stderr
+        );
         let sentence = &ended.stderr[0];
         assert!(sentence.starts_with(&format!("rotortwin-{name}: ")), "{sentence}");
-        assert!(sentence.contains(&endpoint) && sentence.contains("nobody answers"), "{sentence}");
+        assert!(
+            sentence.contains(&endpoint) && sentence.contains("nobody answers"),
+            "{sentence}"
+        );
     }
     assert_eq!(scratch.listing(), before, "something was written");
 }
@@ -264,15 +546,33 @@ fn scenario_run_folders_that_cannot_be_used() {
     for link in [Link::InProcess, Link::Iceoryx2] {
         refuses(&scratch, "not empty", fly(link, "full"), &["full", "not empty"]);
         refuses(&scratch, "a file", fly(link, "file"), &["file", "not a folder"]);
-        refuses(&scratch, "below a file", fly(link, "file/run"), &["file/run", "not a folder"]);
-        refuses(&scratch, "no such place", fly(link, "/proc/rotortwin/run"), &["/proc/rotortwin/run", "cannot create"]);
+        refuses(
+            &scratch,
+            "below a file",
+            fly(link, "file/run"),
+            &["file/run", "not a folder"],
+        );
+        refuses(
+            &scratch,
+            "no such place",
+            fly(link, "/proc/rotortwin/run"),
+            &["/proc/rotortwin/run", "cannot create"],
+        );
     }
-    assert_eq!(std::fs::read_to_string(scratch.path("full/notes.txt")).ok().as_deref(), Some("mine"));
+    assert_eq!(
+        std::fs::read_to_string(scratch.path("full/notes.txt")).ok().as_deref(),
+        Some("mine")
+    );
     unwritable_folders(&scratch, &scenario);
 
     // A folder that is there and empty is fine, and stays if the run cannot begin.
     std::fs::create_dir(scratch.path("empty")).expect("a folder can be made");
-    refuses(&scratch, "bad CPU", fly(Link::Iceoryx2, "empty").with(["--cpu", "1000"]), &["CPU"]);
+    refuses(
+        &scratch,
+        "bad CPU",
+        fly(Link::Iceoryx2, "empty").with(["--cpu", "1000"]),
+        &["CPU"],
+    );
     fly(Link::Iceoryx2, "empty").run().expect_code(0);
 }
 
@@ -288,13 +588,22 @@ fn unwritable_folders(scratch: &Scratch, scenario: &Path) {
     std::fs::create_dir(scratch.path("readable")).expect("a folder can be made");
     permit(&scratch.path("readable"), 0o555);
     let user = |call: Call| if is_root { call.as_user(NOBODY) } else { call };
-    if user(Call::new(scratch, ["check".as_ref(), scenario.as_os_str()])).run().code != Some(0) {
+    if user(Call::new(scratch, ["check".as_ref(), scenario.as_os_str()]))
+        .run()
+        .code
+        != Some(0)
+    {
         rotortwin_tests::skip("unwritable run folders: the program cannot be run as another user than root here");
         return;
     }
     for link in [Link::InProcess, Link::Iceoryx2] {
         for (out, words) in [("readable", "cannot write"), ("readable/new", "cannot create")] {
-            refuses(scratch, out, user(Call::fly(scratch, link, scenario, out)), &[out, words, "denied"]);
+            refuses(
+                scratch,
+                out,
+                user(Call::fly(scratch, link, scenario, out)),
+                &[out, words, "denied"],
+            );
         }
     }
 }
@@ -304,14 +613,28 @@ fn unwritable_folders(scratch: &Scratch, scenario: &Path) {
 fn scenario_runs_that_cannot_be_read() {
     let scratch = Scratch::new();
     let scenario = scratch.write("short.toml", short_flight());
-    let flown = Call::fly(&scratch, Link::InProcess, &scenario, "flown").run().expect_code(0);
+    let flown = Call::fly(&scratch, Link::InProcess, &scenario, "flown")
+        .run()
+        .expect_code(0);
     let summary = std::fs::read_to_string(flown.out().join("summary.json")).expect("it was written");
     let version = "\"schema_version\": 1,";
-    assert!(summary.contains(version) && summary.contains("\"status\": \"done\""), "{summary:.200}");
+    assert!(
+        summary.contains(version) && summary.contains("\"status\": \"done\""),
+        "{summary:.200}"
+    );
     scratch.write("cut/summary.json", &summary[..summary.len() / 2]);
-    scratch.write("later/summary.json", summary.replace(version, "\"schema_version\": 99,"));
-    scratch.write("failed/summary.json", summary.replace("\"status\": \"done\"", "\"status\": \"failed\""));
-    scratch.write("spoilt/summary.json", summary.replace("kind = \\\"hover\\\"", "kind = \\\"hoover\\\""));
+    scratch.write(
+        "later/summary.json",
+        summary.replace(version, "\"schema_version\": 99,"),
+    );
+    scratch.write(
+        "failed/summary.json",
+        summary.replace("\"status\": \"done\"", "\"status\": \"failed\""),
+    );
+    scratch.write(
+        "spoilt/summary.json",
+        summary.replace("kind = \\\"hover\\\"", "kind = \\\"hoover\\\""),
+    );
     std::fs::create_dir(scratch.path("empty")).expect("a folder can be made");
     for (command, name, words) in [
         ("show", "empty", ["empty", "summary.json"]),
@@ -320,9 +643,14 @@ fn scenario_runs_that_cannot_be_read() {
         ("replay", "empty", ["empty", "summary.json"]),
         ("replay", "cut", ["cut/summary.json", "not a summary"]),
         ("replay", "failed", ["failed", "only a run that was done"]),
-        ("replay", "spoilt", ["trajectory.kind", "hoover"]),
+        ("replay", "spoilt", ["spoilt, the recorded scenario", "trajectory.kind"]),
     ] {
-        refuses(&scratch, &format!("{command} {name}"), Call::new(&scratch, [command, name]), &words);
+        refuses(
+            &scratch,
+            &format!("{command} {name}"),
+            Call::new(&scratch, [command, name]),
+            &words,
+        );
     }
 }
 
@@ -330,7 +658,9 @@ fn scenario_runs_that_cannot_be_read() {
 #[test]
 fn scenario_nothing_waits_for_a_pipe() {
     let scratch = Scratch::new();
-    let made = std::process::Command::new("mkfifo").arg(scratch.path("pipe.toml")).status();
+    let made = std::process::Command::new("mkfifo")
+        .arg(scratch.path("pipe.toml"))
+        .status();
     if !made.is_ok_and(|status| status.success()) {
         rotortwin_tests::skip("reading a pipe as a scenario: no mkfifo here");
         return;

@@ -1,7 +1,7 @@
 //! The same scenario and seed give the same run, bit for bit: over every link, however the processes are scheduled, and again.
 
 use rotortwin_tests::process::wait_until;
-use rotortwin_tests::program::{Call, Link, PATIENCE, Run, read_json, text};
+use rotortwin_tests::program::{Call, Link, PATIENCE, Run, number, read_json, text, whole};
 use rotortwin_tests::random::Random;
 use rotortwin_tests::scratch::{SHORT_FLIGHT_STEPS, Scratch, repository, shipped_scenario, short_flight};
 use rustix::process::Signal;
@@ -44,7 +44,11 @@ fn same_hash_over(link: Link, seed: u64) -> (String, u32) {
     assert_eq!(here.summary()["steps"], SHORT_FLIGHT_STEPS);
     let at_end = here.summary()["intervals"][1]["scores"]["sequential"]["verdict_at_end"].clone();
     assert_eq!(at_end, 3, "seed {seed}: the hash holds a verdict");
-    assert_eq!(here.summary()["intervals"], there.summary()["intervals"], "seed {seed}: what the detectors said");
+    assert_eq!(
+        here.summary()["intervals"],
+        there.summary()["intervals"],
+        "seed {seed}: what the detectors said"
+    );
     (here.run_hash(), stops)
 }
 
@@ -65,8 +69,14 @@ fn same_hashes_over(link: Link) {
         workers.into_iter().flat_map(join).collect()
     });
     let stops: u32 = flown.iter().map(|(_, stops)| stops).sum();
-    eprintln!("{}: {SEEDS} seeds, processes stopped and continued {stops} times", link.name());
-    assert!(u64::from(stops) > SEEDS, "the scheduling was hardly disturbed: {stops} stops");
+    eprintln!(
+        "{}: {SEEDS} seeds, processes stopped and continued {stops} times",
+        link.name()
+    );
+    assert!(
+        u64::from(stops) > SEEDS,
+        "the scheduling was hardly disturbed: {stops} stops"
+    );
     let mut hashes: Vec<&String> = flown.iter().map(|(hash, _)| hash).collect();
     hashes.sort();
     hashes.dedup();
@@ -89,12 +99,76 @@ fn scenario_the_same_seed_again_and_replayed() {
     let scratch = Scratch::new();
     let scenario = scratch.write("short.toml", short_flight());
     for link in [Link::InProcess, Link::Iceoryx2, Link::Zenoh] {
-        let fly = |name: &str| Call::fly(&scratch, link, &scenario, &format!("{name}-{}", link.name())).run().expect_code(0);
+        let fly = |name: &str| {
+            Call::fly(&scratch, link, &scenario, &format!("{name}-{}", link.name()))
+                .run()
+                .expect_code(0)
+        };
         let (first, second) = (fly("first"), fly("second"));
         assert_eq!(first.run_hash(), second.run_hash(), "{}", link.name());
-        let replay = Call::new(&scratch, ["replay".as_ref(), first.out().as_os_str()]).run().expect_code(0);
-        assert!(replay.stdout.starts_with("same: 2400 steps") && replay.stdout.contains(&first.run_hash()), "{}", replay.stdout);
+        let replay = Call::new(&scratch, ["replay".as_ref(), first.out().as_os_str()])
+            .run()
+            .expect_code(0);
+        assert!(
+            replay.stdout.starts_with("same: 2400 steps") && replay.stdout.contains(&first.run_hash()),
+            "{}",
+            replay.stdout
+        );
     }
+}
+
+/// Pace, window and processors change when something happens, never what happens.
+#[test]
+fn scenario_settings_that_change_nothing() {
+    let scratch = Scratch::new();
+    let scenario = scratch.write("short.toml", short_flight());
+    let here = Call::fly(&scratch, Link::InProcess, &scenario, "here")
+        .run()
+        .expect_code(0);
+    let settings: [(Link, &[&str]); 6] = [
+        (Link::Iceoryx2, &["--fdi-window", "0"]),
+        (Link::Iceoryx2, &["--fdi-window", "256"]),
+        (Link::Zenoh, &["--fdi-window", "1"]),
+        (Link::Iceoryx2, &["--cpu", "0"]),
+        (Link::InProcess, &["--cpu", "0"]),
+        (Link::Iceoryx2, &["--pace", "real-time"]),
+    ];
+    for (index, (link, args)) in settings.into_iter().enumerate() {
+        let name = format!("{index}");
+        let there = Call::fly(&scratch, link, &scenario, &name)
+            .with(args.iter().copied())
+            .run()
+            .expect_code(0);
+        assert_eq!(there.run_hash(), here.run_hash(), "{} {args:?}", link.name());
+        if args.contains(&"real-time") {
+            let summary = there.summary();
+            assert!(
+                (5.99..7.0).contains(&number(&summary, "/wall_s")),
+                "6 s take 6 s: {}",
+                summary["wall_s"]
+            );
+            let p50 = number(&summary, "/real_time/jitter_us_p50");
+            let max = number(&summary, "/real_time/jitter_us_max");
+            assert!(0.0 <= p50 && p50 <= max, "{}", summary["real_time"]);
+            assert!(whole(&summary, "/real_time/deadline_misses") >= 0);
+        }
+    }
+}
+
+/// Runs side by side in one domain of shared memory, as when people start several at a time, do not see each other.
+#[test]
+fn scenario_runs_side_by_side() {
+    let scratch = Scratch::new();
+    let scenario = scratch.write("short.toml", short_flight());
+    let here = Call::fly(&scratch, Link::InProcess, &scenario, "here")
+        .run()
+        .expect_code(0);
+    let fly = |index: u32| Call::fly(&scratch, Link::Iceoryx2, &scenario, &format!("{index}")).start();
+    let runs: Vec<Run> = (0..5).map(fly).collect();
+    for run in runs {
+        assert_eq!(run.end(PATIENCE).expect_code(0).run_hash(), here.run_hash());
+    }
+    assert!(scratch.shared_memory().is_empty(), "{:?}", scratch.shared_memory());
 }
 
 /// `replay` compares indeed: with one bit of the recorded hash or one number of the recorded scenario changed it says so.
@@ -102,16 +176,25 @@ fn scenario_the_same_seed_again_and_replayed() {
 fn scenario_replay_tells_a_difference() {
     let scratch = Scratch::new();
     let scenario = scratch.write("short.toml", short_flight());
-    let flown = Call::fly(&scratch, Link::InProcess, &scenario, "flown").run().expect_code(0);
+    let flown = Call::fly(&scratch, Link::InProcess, &scenario, "flown")
+        .run()
+        .expect_code(0);
     let summary = std::fs::read_to_string(flown.out().join("summary.json")).expect("it was written");
     let hash = flown.run_hash();
     let other_hash = format!("{}{}", if hash.starts_with('0') { '1' } else { '0' }, &hash[1..]);
-    for (name, from, to) in [("hash", hash.as_str(), other_hash.as_str()), ("fault", "percent = 20.0", "percent = 20.1")] {
+    for (name, from, to) in [
+        ("hash", hash.as_str(), other_hash.as_str()),
+        ("fault", "percent = 20.0", "percent = 20.1"),
+    ] {
         assert!(summary.contains(from), "{from} stands in the summary");
         let changed = scratch.write(&format!("{name}/summary.json"), summary.replace(from, to));
-        let replay = Call::new(&scratch, ["replay".as_ref(), changed.as_os_str()]).run().expect_code(1);
+        let replay = Call::new(&scratch, ["replay".as_ref(), changed.as_os_str()])
+            .run()
+            .expect_code(1);
         assert!(replay.stdout.starts_with("DIFFERENT"), "{name}: {}", replay.stdout);
-        let json = Call::new(&scratch, ["replay".as_ref(), changed.as_os_str(), "--json".as_ref()]).run().expect_code(1);
+        let json = Call::new(&scratch, ["replay".as_ref(), changed.as_os_str(), "--json".as_ref()])
+            .run()
+            .expect_code(1);
         let json: serde_json::Value = serde_json::from_str(&json.stdout).expect("one JSON document");
         assert_eq!(json["same"], false, "{name}");
     }
@@ -127,7 +210,9 @@ fn regress_run_hashes_of_shipped_scenarios() {
     let flown: Vec<(String, String)> = SCENARIOS
         .iter()
         .map(|name| {
-            let ended = Call::fly(&scratch, Link::InProcess, &shipped_scenario(name), name).run().expect_code(0);
+            let ended = Call::fly(&scratch, Link::InProcess, &shipped_scenario(name), name)
+                .run()
+                .expect_code(0);
             let json = read_json(&ended.out().join("summary.json"));
             ((*name).to_owned(), text(&json, "/run_hash").to_owned())
         })
@@ -139,7 +224,11 @@ fn regress_run_hashes_of_shipped_scenarios() {
     let recorded: toml::Table = recorded.parse().expect("it is TOML");
     for (name, hash) in flown {
         let expected = recorded.get(&name).and_then(toml::Value::as_str);
-        assert_eq!(Some(hash.as_str()), expected, "{name} flies differently; if that was meant, refresh the file");
+        assert_eq!(
+            Some(hash.as_str()),
+            expected,
+            "{name} flies differently; if that was meant, refresh the file"
+        );
     }
 }
 

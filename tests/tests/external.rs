@@ -16,20 +16,29 @@ fn printed_command(run: &mut Run, who: &str) -> Vec<String> {
 fn scenario_external_peers_join_with_the_printed_command() {
     let scratch = Scratch::new();
     let scenario = scratch.write("short.toml", short_flight());
-    let here = Call::fly(&scratch, Link::InProcess, &scenario, "here").run().expect_code(0);
+    let here = Call::fly(&scratch, Link::InProcess, &scenario, "here")
+        .run()
+        .expect_code(0);
     for link in Link::BETWEEN_PROCESSES {
         for who in [&["controller"][..], &["fdi"], &["controller", "fdi"]] {
             for json in [&[][..], &["--json"]] {
                 let name = format!("{}-{}{}", link.name(), who.concat(), json.concat());
                 let call = Call::fly(&scratch, link, &scenario, &name).with(["--external", &who.join(",")]);
                 let mut run = call.with(json).start();
-                let peers: Vec<Run> =
-                    who.iter().map(|who| Call::new(&scratch, printed_command(&mut run, who)).start()).collect();
+                let peers: Vec<Run> = who
+                    .iter()
+                    .map(|who| Call::new(&scratch, printed_command(&mut run, who)).start())
+                    .collect();
                 let ended = run.end(PATIENCE).expect_code(0);
                 assert_eq!(ended.run_hash(), here.run_hash(), "{name}");
                 for peer in peers {
                     let ended = peer.end(PATIENCE).expect_code(0);
-                    assert_eq!((ended.stdout.as_str(), ended.stderr.len()), ("", 0), "{name}: {:?}", ended.stderr);
+                    assert_eq!(
+                        (ended.stdout.as_str(), ended.stderr.len()),
+                        ("", 0),
+                        "{name}: {:?}",
+                        ended.stderr
+                    );
                 }
                 if !json.is_empty() {
                     let summary: serde_json::Value = serde_json::from_str(&ended.stdout).expect("nothing but JSON");
@@ -56,7 +65,11 @@ fn scenario_external_peer_killed() {
         assert_eq!(text(&ended.summary(), "/failure/peer"), "controller");
         let served = fdi.end(PATIENCE).expect_code(1);
         let reason = text(&ended.summary(), "/failure/sentence").to_owned();
-        assert!(served.stderr.concat().contains(&reason), "{:?} does not say: {reason}", served.stderr);
+        assert!(
+            served.stderr.concat().contains(&reason),
+            "{:?} does not say: {reason}",
+            served.stderr
+        );
         assert_eq!(controller.end(PATIENCE).code, None);
         let tidy = wait_until(PATIENCE, || scratch.shared_memory().is_empty());
         assert!(tidy.is_some(), "shared memory is left: {:?}", scratch.shared_memory());

@@ -16,7 +16,11 @@ use std::path::Path;
 const STEPS: i64 = 36_000;
 
 /// Start and end of the intervals in which rotor 3 carries a damaged blade, s, and the blade.
-const FAULTS: [(f64, f64, &str); 3] = [(45.0, 60.0, "blade b"), (60.0, 75.0, "blade c"), (75.0, 90.0, "blade d")];
+const FAULTS: [(f64, f64, &str); 3] = [
+    (45.0, 60.0, "blade b"),
+    (60.0, 75.0, "blade c"),
+    (75.0, 90.0, "blade d"),
+];
 
 /// What the issue asks of the sequential detector: it names the rotor this soon after the first onset.
 const ISOLATED_WITHIN_S: f64 = 0.4;
@@ -34,20 +38,36 @@ fn check_verdicts(summary: &Value) {
     let last_healthy = healthy.last().expect("it begins healthy");
     assert!((number(last_healthy, "/end_s") - 45.0).abs() < 1e-9, "{last_healthy}");
     for interval in healthy {
-        assert_eq!(whole(interval, "/scores/sequential/false_alarm_events"), 0, "false alarm: {interval}");
+        assert_eq!(
+            whole(interval, "/scores/sequential/false_alarm_events"),
+            0,
+            "false alarm: {interval}"
+        );
     }
     assert_eq!(faulty.len(), FAULTS.len());
     for (interval, (start_s, end_s, blade)) in faulty.into_iter().zip(FAULTS) {
-        assert!((number(interval, "/start_s") - start_s).abs() < 1e-9 && (number(interval, "/end_s") - end_s).abs() < 1e-9);
+        assert!(
+            (number(interval, "/start_s") - start_s).abs() < 1e-9 && (number(interval, "/end_s") - end_s).abs() < 1e-9
+        );
         assert!(text(interval, "/description").contains("rotor 3") && text(interval, "/description").contains(blade));
         assert_eq!(interval["faulty_rotors"], serde_json::json!([3]));
         for evaluator in ["t_test", "sequential"] {
             let verdict = whole(interval, &format!("/scores/{evaluator}/verdict_at_end"));
-            assert_eq!(verdict, 3, "{evaluator} at the end of {start_s} to {end_s} s: {interval}");
+            assert_eq!(
+                verdict, 3,
+                "{evaluator} at the end of {start_s} to {end_s} s: {interval}"
+            );
         }
-        assert_eq!(whole(interval, "/scores/sequential/other_rotor"), 0, "it never blames another rotor: {interval}");
+        assert_eq!(
+            whole(interval, "/scores/sequential/other_rotor"),
+            0,
+            "it never blames another rotor: {interval}"
+        );
     }
-    let first = intervals.iter().find(|interval| interval["fault_label"] == 3).expect("rotor 3 is faulty");
+    let first = intervals
+        .iter()
+        .find(|interval| interval["fault_label"] == 3)
+        .expect("rotor 3 is faulty");
     let delay_s = number(first, "/scores/sequential/isolated_after_s");
     eprintln!("sequential detector: rotor 3 named {delay_s:.4} s after the onset at 45 s");
     assert!(delay_s <= ISOLATED_WITHIN_S, "isolated after {delay_s} s");
@@ -59,14 +79,27 @@ fn check_telemetry(out: &Path) {
     let reader = SerializedFileReader::new(file).expect("it is Parquet");
     let metadata = reader.metadata().file_metadata();
     assert_eq!(metadata.num_rows(), STEPS);
-    let names: Vec<&str> = metadata.schema_descr().columns().iter().map(|column| column.name()).collect();
-    let column = |name: &str| names.iter().position(|known| *known == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
+    let names: Vec<&str> = metadata
+        .schema_descr()
+        .columns()
+        .iter()
+        .map(|column| column.name())
+        .collect();
+    let column = |name: &str| {
+        names
+            .iter()
+            .position(|known| *known == name)
+            .unwrap_or_else(|| panic!("no {name} in {names:?}"))
+    };
     let (step, sequential) = (column("step"), column("verdict_sequential"));
     let mut rows = 0;
     let mut last = 0;
     for row in reader.get_row_iter(None).expect("it has rows") {
         let row = row.expect("it can be read");
-        let number = row.get_long(step).or_else(|_| row.get_ulong(step).map(u64::cast_signed)).expect("a whole number");
+        let number = row
+            .get_long(step)
+            .or_else(|_| row.get_ulong(step).map(u64::cast_signed))
+            .expect("a whole number");
         assert_eq!(number, rows, "every step once, in order");
         rows += 1;
         last = row.get_int(sequential).expect("a verdict code");
@@ -85,15 +118,25 @@ fn check_mcap(out: &Path) {
         assert!(message.log_time >= last_time, "in the order of time");
         last_time = message.log_time;
         *messages.entry(message.channel.topic.clone()).or_default() += 1;
-        let schema = message.channel.schema.as_ref().expect("every channel says what it carries");
+        let schema = message
+            .channel
+            .schema
+            .as_ref()
+            .expect("every channel says what it carries");
         schemas.insert(message.channel.topic.clone(), schema.name.clone());
     }
     eprintln!("run.mcap: {messages:?}");
-    let summary = mcap::Summary::read(&bytes).expect("its summary can be read").expect("it has one");
+    let summary = mcap::Summary::read(&bytes)
+        .expect("its summary can be read")
+        .expect("it has one");
     let statistics = summary.stats.expect("with statistics");
     assert_eq!(statistics.message_count, messages.values().sum::<u64>());
     for topic in ["/nav", "/reference", "/command", "/fdi", "/battery", "/truth"] {
-        assert_eq!(messages.get(topic), Some(&STEPS.unsigned_abs()), "{topic} has every step: {messages:?}");
+        assert_eq!(
+            messages.get(topic),
+            Some(&STEPS.unsigned_abs()),
+            "{topic} has every step: {messages:?}"
+        );
     }
     assert!(schemas["/nav"].starts_with("rotortwin.v1."), "{schemas:?}");
     // A vehicle that moves in the viewer, and a word about each fault.
@@ -103,13 +146,25 @@ fn check_mcap(out: &Path) {
 /// The report stands alone and shows the figures of the paper.
 fn check_report(ended: &Ended) {
     let report = std::fs::read_to_string(ended.out().join("report.html")).expect("it was written");
-    assert!(report.starts_with("<!DOCTYPE html>") || report.starts_with("<!doctype html>"), "{report:.80}");
+    assert!(
+        report.starts_with("<!DOCTYPE html>") || report.starts_with("<!doctype html>"),
+        "{report:.80}"
+    );
     assert!(report.trim_end().ends_with("</html>"));
-    for word in ["reference-flight", &ended.run_hash(), "rotor 3: blade b", "rotor 3: blade c", "rotor 3: blade d"] {
+    for word in [
+        "reference-flight",
+        &ended.run_hash(),
+        "rotor 3: blade b",
+        "rotor 3: blade c",
+        "rotor 3: blade d",
+    ] {
         assert!(report.contains(word), "{word:?} is not in the report");
     }
     for figure in ["position", "attitude", "battery", "residuals", "normal", "verdicts"] {
-        assert!(report.contains(&format!("id=\"figure-{figure}\"")), "no figure of {figure}");
+        assert!(
+            report.contains(&format!("id=\"figure-{figure}\"")),
+            "no figure of {figure}"
+        );
     }
     // It needs nothing else, also without a network: the browser is told to fetch nothing, and is asked for nothing.
     assert!(report.contains("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none';"));
@@ -121,11 +176,18 @@ fn check_report(ended: &Ended) {
         }
     }
     for number in 9..=14 {
-        let figures = std::fs::read_dir(ended.out().join("figures")).expect("they were drawn").flatten();
+        let figures = std::fs::read_dir(ended.out().join("figures"))
+            .expect("they were drawn")
+            .flatten();
         let name = format!("figure-{number:02}-");
-        let figure = figures.map(|entry| entry.path()).find(|path| path.to_string_lossy().contains(&name));
+        let figure = figures
+            .map(|entry| entry.path())
+            .find(|path| path.to_string_lossy().contains(&name));
         let svg = std::fs::read_to_string(figure.unwrap_or_else(|| panic!("no {name}…"))).expect("it can be read");
-        assert!(svg.starts_with("<svg ") && svg.trim_end().ends_with("</svg>"), "{svg:.80}");
+        assert!(
+            svg.starts_with("<svg ") && svg.trim_end().ends_with("</svg>"),
+            "{svg:.80}"
+        );
     }
 }
 
@@ -139,21 +201,41 @@ fn check_commands(scratch: &Scratch, ended: &Ended) {
     let json = |args: &[&str]| -> Value { serde_json::from_str(&call(args).stdout).expect("one JSON document") };
 
     let shown = call(&["show", run]).stdout;
-    for word in ["reference-flight", "blade b", "blade c", "blade d", "rotor 3", &hash, "report.html"] {
+    for word in [
+        "reference-flight",
+        "blade b",
+        "blade c",
+        "blade d",
+        "rotor 3",
+        &hash,
+        "report.html",
+    ] {
         assert!(shown.contains(word), "{word:?} is not in:\n{shown}");
     }
     assert_eq!(json(&["show", run, "--json"]), ended.summary());
     let summary_file = ended.out().join("summary.json");
-    assert_eq!(json(&["show", summary_file.to_str().expect("a plain path"), "--json"]), ended.summary());
+    assert_eq!(
+        json(&["show", summary_file.to_str().expect("a plain path"), "--json"]),
+        ended.summary()
+    );
 
     let checked = call(&["check", scenario]).stdout;
     let settings: toml::Table = checked.parse().expect("the settings in effect are TOML");
     assert_eq!(settings["scenario"]["name"].as_str(), Some("reference-flight"));
-    assert_eq!(text(&json(&["check", scenario, "--json"]), "/scenario/name"), "reference-flight");
+    assert_eq!(
+        text(&json(&["check", scenario, "--json"]), "/scenario/name"),
+        "reference-flight"
+    );
 
     let replayed = call(&["replay", run]).stdout;
-    assert!(replayed.starts_with("same: 36000 steps") && replayed.contains(&hash), "{replayed}");
-    assert_eq!(json(&["replay", run, "--json"]), serde_json::json!({ "same": true, "recorded": hash, "replayed": hash }));
+    assert!(
+        replayed.starts_with("same: 36000 steps") && replayed.contains(&hash),
+        "{replayed}"
+    );
+    assert_eq!(
+        json(&["replay", run, "--json"]),
+        serde_json::json!({ "same": true, "recorded": hash, "replayed": hash })
+    );
 }
 
 #[test]
@@ -166,15 +248,26 @@ fn scenario_reference_flight_through_three_processes() {
     for word in ["blade b", "rotor 3", "Run hash", "flown"] {
         assert!(spoken.stdout.contains(word), "{word:?} is not in:\n{}", spoken.stdout);
     }
-    let said = |start: &str, end: &str| spoken.stderr.iter().any(|line| line.starts_with(start) && line.contains(end));
+    let said = |start: &str, end: &str| {
+        spoken
+            .stderr
+            .iter()
+            .any(|line| line.starts_with(start) && line.contains(end))
+    };
     assert!(said("t  45.000 s  truth", "rotor 3 faulty"), "{:?}", spoken.stderr);
     assert!(said("t  45.", "sequential  rotor 3"), "{:?}", spoken.stderr);
 
-    let ended = Call::fly(&scratch, Link::Iceoryx2, &scenario, "silent").with(["--json"]).run().expect_code(0);
+    let ended = Call::fly(&scratch, Link::Iceoryx2, &scenario, "silent")
+        .with(["--json"])
+        .run()
+        .expect_code(0);
     assert_eq!(ended.stderr, [] as [&str; 0], "with --json there is nothing but JSON");
     let summary: Value = serde_json::from_str(&ended.stdout).expect("one JSON document");
     assert_eq!(summary, ended.summary());
-    assert!(spoken.stdout.contains(text(&summary, "/run_hash")), "the same flight twice");
+    assert!(
+        spoken.stdout.contains(text(&summary, "/run_hash")),
+        "the same flight twice"
+    );
     assert_eq!(summary["status"], "done");
     assert_eq!(whole(&summary, "/steps"), STEPS);
     check_verdicts(&summary);
@@ -199,7 +292,11 @@ fn step(time_s: f64) -> u64 {
 impl FlightObserver for Verdicts {
     fn sample(&mut self, sample: &Sample) -> Result<(), String> {
         if sample.report.window_end != 0 {
-            self.windows.push((sample.sensors.stamp.step, sample.report.t_test, sample.report.sequential));
+            self.windows.push((
+                sample.sensors.stamp.step,
+                sample.report.t_test,
+                sample.report.sequential,
+            ));
         }
         Ok(())
     }
@@ -228,7 +325,10 @@ fn scenario_reference_flight_with_other_seeds() {
                 wrong.push(format!("seed {seed}: sequential says {sequential} at step {at}"));
             }
         }
-        let named = verdicts.windows.iter().find(|(at, _, sequential)| *at >= onset && *sequential == 3);
+        let named = verdicts
+            .windows
+            .iter()
+            .find(|(at, _, sequential)| *at >= onset && *sequential == 3);
         // The verdict is there at the end of the step.
         delays_s.push(named.map_or(f64::INFINITY, |(at, ..)| (at + 1 - onset) as f64 / 400.0));
         for (start_s, end_s, blade) in FAULTS {
@@ -240,17 +340,26 @@ fn scenario_reference_flight_with_other_seeds() {
             }
             // The T-test looks at each window by itself.
             let right = windows.iter().filter(|(_, t_test, _)| *t_test == 3).count();
-            let blamed = windows.iter().filter(|(_, t_test, _)| !matches!(t_test, -1 | 0 | 3)).count();
+            let blamed = windows
+                .iter()
+                .filter(|(_, t_test, _)| !matches!(t_test, -1 | 0 | 3))
+                .count();
             shares.push(right as f64 / windows.len() as f64);
             if blamed > 0 {
-                wrong.push(format!("seed {seed}, {blade}: the T-test blames another rotor in {blamed} windows"));
+                wrong.push(format!(
+                    "seed {seed}, {blade}: the T-test blames another rotor in {blamed} windows"
+                ));
             }
         }
     }
     delays_s.sort_by(f64::total_cmp);
     shares.sort_by(f64::total_cmp);
     eprintln!("delays of the sequential detector over {SEEDS} seeds, s: {delays_s:?}");
-    eprintln!("shares of windows in which the T-test names rotor 3: {:.3} to {:.3}", shares[0], shares[shares.len() - 1]);
+    eprintln!(
+        "shares of windows in which the T-test names rotor 3: {:.3} to {:.3}",
+        shares[0],
+        shares[shares.len() - 1]
+    );
     assert_eq!(wrong, [] as [String; 0]);
     assert!(delays_s.iter().all(|delay| *delay <= ISOLATED_WITHIN_S), "{delays_s:?}");
     assert!(shares[0] >= T_TEST_SHARE, "{shares:?}");

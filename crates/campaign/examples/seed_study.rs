@@ -10,8 +10,14 @@ use rotortwin_wire::frames::FdiReport;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 
-const EVALUATORS: [(&str, fn(&FdiReport) -> i32); 3] =
-    [("T-test", |r| r.t_test), ("sequential", |r| r.sequential), ("network", |r| r.network)];
+/// Reads one evaluator's verdict off a report.
+type Verdict = fn(&FdiReport) -> i32;
+
+const EVALUATORS: [(&str, Verdict); 3] = [
+    ("T-test", |r| r.t_test),
+    ("sequential", |r| r.sequential),
+    ("network", |r| r.network),
+];
 
 /// What one evaluator did in one flight.
 #[derive(Clone, Copy, Default)]
@@ -66,15 +72,23 @@ impl FlightObserver for Study {
 fn main() {
     let mut args = std::env::args().skip(1);
     let path = args.next().expect("first argument: a scenario file");
-    let flights: u64 = args.next().map_or(100, |text| text.parse().expect("second argument: number of flights"));
+    let flights: u64 = args
+        .next()
+        .map_or(100, |text| text.parse().expect("second argument: number of flights"));
     let scenario = Scenario::load(&path).expect("the scenario is good");
     let half = flights / 2;
     let studies: Vec<Study> = std::thread::scope(|scope| {
-        let parts = [1..=half, half + 1..=flights].map(|seeds| scope.spawn(|| seeds.map(|seed| fly(&scenario, seed)).collect::<Vec<_>>()));
-        parts.into_iter().flat_map(|part| part.join().expect("a flight does not panic")).collect()
+        let parts = [1..=half, half + 1..=flights]
+            .map(|seeds| scope.spawn(|| seeds.map(|seed| fly(&scenario, seed)).collect::<Vec<_>>()));
+        parts
+            .into_iter()
+            .flat_map(|part| part.join().expect("a flight does not panic"))
+            .collect()
     });
     println!("{}, seeds 1 to {flights}", scenario.name());
-    println!("evaluator    right windows   flights isolated   delay median / worst   false alarms (healthy hours; per hour, 95 %)");
+    println!(
+        "evaluator    right windows   flights isolated   delay median / worst   false alarms (healthy hours; per hour, 95 %)"
+    );
     for (index, (name, _)) in EVALUATORS.into_iter().enumerate() {
         let scores: Vec<Score> = studies.iter().map(|study| study.scores[index]).collect();
         println!("{name:<12} {}", line(&scores));
@@ -108,7 +122,11 @@ fn line(scores: &[Score]) -> String {
     let hours = sum(|s| s.healthy_windows) as f64 * 0.0625 / 3600.0;
     let alarms = sum(|s| s.alarms);
     // Upper limit of a Poisson rate; for no event the rule of three.
-    let upper = if alarms == 0 { 3.0 } else { alarms as f64 + 1.96 * (alarms as f64).sqrt() + 1.92 } / hours;
+    let upper = if alarms == 0 {
+        3.0
+    } else {
+        alarms as f64 + 1.96 * (alarms as f64).sqrt() + 1.92
+    } / hours;
     format!(
         "{:>9.3} %      {:>3} of {:<3}         {delay:<20}   {alarms} ({hours:.2} h; ≤ {upper:.1}/h)",
         100.0 * right as f64 / windows as f64,

@@ -25,6 +25,8 @@ pub struct Fold {
     pub validation: f64,
     /// Rows trained on.
     pub training_rows: usize,
+    /// Rows held back.
+    pub validation_rows: usize,
     /// Verdicts on the trajectory held out.
     pub test: Confusion,
     /// The network.
@@ -44,7 +46,13 @@ pub fn paper_network(rotor_count: usize, z_score: ZScore) -> TrainingConfig {
 }
 
 /// Trains on all trajectories but `held_out` and tests on that one. All configurations of a seed split alike.
-pub fn fold(data: &GroupedSamples, config: &TrainingConfig, rotor_count: usize, held_out: Option<Course>, seed: u64) -> Fold {
+pub fn fold(
+    data: &GroupedSamples,
+    config: &TrainingConfig,
+    rotor_count: usize,
+    held_out: Option<Course>,
+    seed: u64,
+) -> Fold {
     let label = held_out.map_or("all", Course::name);
     let rows = data.rows(|course| Some(course) != held_out);
     let mut random = RandomStream::new(seed, &format!("split/{label}"));
@@ -67,6 +75,7 @@ pub fn fold(data: &GroupedSamples, config: &TrainingConfig, rotor_count: usize, 
         training: training.accuracy(),
         validation: validation.accuracy(),
         training_rows: split.training.len(),
+        validation_rows: split.validation.len(),
         test,
         trained,
     }

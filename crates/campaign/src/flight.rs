@@ -222,8 +222,11 @@ impl Flight {
                 return Err(reason);
             }
             let result = self.step(simulation, link, observer);
-            if result.is_err() {
-                // Keep what is complete: the engine may have answered more steps than were taken.
+            if let Err(StopReason::Failed(failure)) = &result
+                && failure.peer != "fdi"
+            {
+                // Keep what is complete: the engine may have answered more steps than were taken. A dead or stalled engine is
+                // not waited for again.
                 while let Ok(true) = self.take_report(link, observer, false) {}
             }
             result?;

@@ -151,8 +151,8 @@ pub fn flight_scenario(base: &Scenario, conduct: Conduct, plan: &FlightPlan) -> 
     let scenario = &mut documents.scenario;
     scenario.fdi.network = None;
     scenario.name = format!(
-        "{}, charge {}, rotor {}",
-        plan.course.name(),
+        "{}_charge-{}_rotor-{}",
+        plan.course.name().replace(' ', "-"),
         plan.charge,
         plan.rotor + 1
     );

@@ -108,7 +108,8 @@ pub fn fly(scenario: &Scenario, seed: u64, collect: &Collect) -> Result<FlightWi
         linear_drag: config.linear_drag,
         angular_drag: config.angular_drag,
     };
-    let t_test = TTest::new(&config.t_test, config.window_len).ok_or("the significances of the T-test are not usable")?;
+    let t_test =
+        TTest::new(&config.t_test, config.window_len).ok_or("the significances of the T-test are not usable")?;
     let mut simulation = Simulation::new(scenario, seed).map_err(|error| error.to_string())?;
     let mut controller = PidPeer::default();
     controller.setup(&crate::setup::run_setup(scenario, &simulation, 1).controller)?;
@@ -133,8 +134,7 @@ pub fn fly(scenario: &Scenario, seed: u64, collect: &Collect) -> Result<FlightWi
             return Err(format!("step {}: the sensed state is not finite", sensed.step));
         }
         if collect.attitude_errors {
-            attitude_errors
-                .push([0, 1].map(|axis| command.attitude_setpoint_rad[axis] - sensors.attitude_rad[axis]));
+            attitude_errors.push([0, 1].map(|axis| command.attitude_setpoint_rad[axis] - sensors.attitude_rad[axis]));
         }
         let thrust = static_thrust(&config.thrust_map, rotor_count, &input);
         let static_wrench = geometry.wrench_from_thrust(&thrust);
@@ -247,7 +247,10 @@ mod tests {
     const MEAN_TOLERANCE: f64 = 1e-5;
 
     fn base() -> Scenario {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/scenarios/reference-flight.toml");
+        let path = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../config/scenarios/reference-flight.toml"
+        );
         Scenario::load(path).expect("the reference flight is good")
     }
 

@@ -190,7 +190,9 @@ impl Document {
                 line = None;
             }
             path.truncate(depth);
-            path.push(name.to_owned());
+            if path.last() != Some(&name.to_owned()) {
+                path.push(name.to_owned());
+            }
             key = join(&path);
         } else if path.len() == depth {
             // Tables with a `kind` are buffered by serde, which forgets where their values stood.

@@ -244,7 +244,7 @@ impl NominalThrustModel {
 
 impl FdiSettings {
     fn check(&self) -> Result<(), Refusal> {
-        in_range("window_samples", f64::from(self.window_samples), 2.0, 4000.0, "")?;
+        in_range("window_samples", f64::from(self.window_samples), 2.0, 1000.0, "")?;
         in_range("observer_gain_1_s", self.observer_gain_1_s, 0.01, 399.0, "1/s")?;
         in_range("alpha_detect", self.alpha_detect, 1e-300, 0.5, "")?;
         in_range("alpha_isolate", self.alpha_isolate, 1e-300, 0.5, "")?;
@@ -268,8 +268,15 @@ impl ScenarioDocument {
     }
 
     fn check(&self, vehicle: &VehicleModel) -> Result<(), Refusal> {
-        if self.name.trim().is_empty() {
-            return Err(Refusal::new("name", "expected a name"));
+        // It becomes the name of a folder.
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        let starts_well = self.name.starts_with(|c: char| c.is_ascii_alphanumeric());
+        if self.name.len() > 64 || !starts_well || !self.name.chars().all(plain) {
+            let reason = format!(
+                "expected a name of 1 to 64 letters, digits, '-', '_' and '.' that begins with a letter or digit, got {:?}",
+                self.name
+            );
+            return Err(Refusal::new("name", reason));
         }
         in_range("duration_s", self.duration_s, crate::STEP_S, MAX_DURATION_S, "s")?;
         in_range(
@@ -375,12 +382,18 @@ impl Scenario {
         let path = path.as_ref();
         let document = Document::read(path)?;
         let directory = path.parent().unwrap_or(Path::new(""));
-        Self::resolve(document.with_overrides(overrides)?, directory)
+        Self::resolve(document.with_overrides(overrides)?, directory, true)
+    }
+
+    /// [`Scenario::load`] as if `fdi.network` were absent: for training, which must work without the file that it is to write.
+    pub fn load_without_classifier(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
+        let path = path.as_ref();
+        Self::resolve(Document::read(path)?, path.parent().unwrap_or(Path::new("")), false)
     }
 
     /// As [`Scenario::load`], from a text; the vehicle's path is relative to `directory`.
     pub fn parse(text: &str, directory: impl AsRef<Path>) -> Result<Self, ConfigError> {
-        Self::resolve(Document::from_text("scenario", text)?, directory.as_ref())
+        Self::resolve(Document::from_text("scenario", text)?, directory.as_ref(), true)
     }
 
     /// Checks documents that are in memory already, such as those of a recorded run.
@@ -392,13 +405,14 @@ impl Scenario {
             &render("vehicle", text(toml::to_string(&documents.vehicle)))?,
             &render("blades", text(toml::to_string(&documents.blades)))?,
             documents.classifier.clone(),
+            true,
         )
     }
 
-    fn resolve(scenario: Document, directory: &Path) -> Result<Self, ConfigError> {
+    fn resolve(scenario: Document, directory: &Path, with_classifier: bool) -> Result<Self, ConfigError> {
         let parsed: ScenarioDocument = scenario.parse()?;
         let vehicle_path = directory.join(&parsed.vehicle);
-        let network = parsed.fdi.network;
+        let network = parsed.fdi.network.filter(|_| with_classifier);
         let vehicle = scenario.follow("vehicle", &vehicle_path)?;
         let parsed: VehicleModel = vehicle.parse()?;
         let blades_path = vehicle_path
@@ -409,7 +423,7 @@ impl Scenario {
         let classifier = network
             .map(|path| scenario.follow_classifier("fdi.network", &directory.join(path)))
             .transpose()?;
-        Self::assemble(&scenario, &vehicle, &blades, classifier)
+        Self::assemble(&scenario, &vehicle, &blades, classifier, with_classifier)
     }
 
     fn assemble(
@@ -417,13 +431,17 @@ impl Scenario {
         vehicle: &Document,
         blades: &Document,
         classifier: Option<Classifier>,
+        with_classifier: bool,
     ) -> Result<Self, ConfigError> {
-        let documents = Documents {
+        let mut documents = Documents {
             scenario: scenario.parse()?,
             vehicle: vehicle.parse()?,
             blades: blades.parse()?,
             classifier,
         };
+        if !with_classifier {
+            documents.scenario.fdi.network = None;
+        }
         documents.blades.check().map_err(|r| blades.refuse(r))?;
         documents
             .vehicle

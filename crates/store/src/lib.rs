@@ -30,6 +30,9 @@ pub use spool::{SpoolHeader, SpoolReader, SpoolWriter};
 pub use summary::{Summary, load_summary};
 pub use telemetry::{Column, Kind, TelemetryRow, TruthRow, telemetry_columns};
 
+/// Style sheet of `report.html`, for other pages that are to look like it.
+pub const REPORT_CSS: &str = include_str!("../assets/report.css");
+
 #[cfg(test)]
 extern crate self as rotortwin_store;
 #[cfg(test)]

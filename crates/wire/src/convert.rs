@@ -318,10 +318,8 @@ impl CommandFrame {
                 expected: format!("one for each of the {rotor_count} rotors"),
             });
         }
-        let setpoint = message
-            .attitude_setpoint
-            .as_ref()
-            .ok_or(ConvertError::Missing("MotorCommand.attitude_setpoint"))?;
+        // For plots only: a controller that has none leaves it out.
+        let setpoint = message.attitude_setpoint.unwrap_or_default();
         let mut frame = Self {
             stamp: message.stamp.ok_or(ConvertError::Missing("MotorCommand.stamp"))?.into(),
             duty: [0.0; MAX_ROTORS],

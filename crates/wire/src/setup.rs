@@ -411,5 +411,6 @@ sequential_parameters!(
     level_ratio,
     surprise_weight,
     ambiguity_time,
+    unexplained_share,
     spike_sigma,
 );

@@ -398,6 +398,24 @@ impl Drop for Cleaner {
     }
 }
 
+/// A test that failed or was killed could not remove its files: those of processes that live no more go.
+fn remove_files_of_dead_tests() {
+    for path in shared_memory_files("rtt") {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let process = name
+            .trim_start_matches("rtt")
+            .split('_')
+            .next()
+            .unwrap_or_default()
+            .to_owned();
+        if !process.is_empty() && !std::path::Path::new("/proc").join(process).exists() {
+            std::fs::remove_file(&path)
+                .or_else(|_| std::fs::remove_dir_all(&path))
+                .ok();
+        }
+    }
+}
+
 fn shared_memory_files(prefix: &str) -> Vec<std::path::PathBuf> {
     std::fs::read_dir("/dev/shm")
         .expect("Linux has /dev/shm")
@@ -415,6 +433,7 @@ impl Transport for Iox2 {
 
     fn create() -> Self {
         static COUNT: AtomicU64 = AtomicU64::new(0);
+        remove_files_of_dead_tests();
         let name = format!("rtt{}_{}_", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
         let options = Iox2Options {
             root: format!("/dev/shm/{name}root").into(),

@@ -79,6 +79,21 @@ fn host_and_port(endpoint: &str) -> &str {
     endpoint.split_once('/').map_or(endpoint, |(_, rest)| rest)
 }
 
+impl LinkAddress {
+    /// The address that peers of the plant use: they connect where it listens. `host` stands for the plant's host where the plant
+    /// listens on all of its addresses.
+    #[must_use]
+    pub fn for_peers(&self, host: &str) -> Self {
+        match self {
+            Self::ZenohListen { endpoint } => {
+                let endpoint = endpoint.replacen("/0.0.0.0:", &format!("/{host}:"), 1).replacen("/[::]:", &format!("/{host}:"), 1);
+                Self::ZenohConnect { endpoint }
+            }
+            other => other.clone(),
+        }
+    }
+}
+
 /// Domain of runs that name none.
 const DEFAULT_DOMAIN: &str = "default";
 
@@ -188,6 +203,15 @@ mod tests {
         assert_eq!(probe(listen), Ok(()));
         let sentence = probe(format!("zenoh:connect=tcp/127.0.0.1:{port}")).expect_err("nobody listens any more");
         assert!(sentence.contains("nobody answers at tcp/127.0.0.1"), "{sentence}");
+    }
+
+    #[test]
+    fn val_peers_connect_where_the_plant_listens() {
+        let peers = |text: &str| text.parse::<LinkAddress>().expect("well formed").for_peers("bench-1").to_string();
+        assert_eq!(peers("zenoh:listen=tcp/10.0.0.1:7447"), "zenoh:connect=tcp/10.0.0.1:7447");
+        assert_eq!(peers("zenoh:listen=tcp/0.0.0.0:7447"), "zenoh:connect=tcp/bench-1:7447");
+        assert_eq!(peers("zenoh:listen=tcp/[::]:7447"), "zenoh:connect=tcp/bench-1:7447");
+        assert_eq!(peers("iceoryx2:a"), "iceoryx2:a");
     }
 
     #[test]

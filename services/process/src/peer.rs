@@ -37,16 +37,16 @@ impl PeerArgs {
     /// Serves one run as its controller; the number of steps if it ended well.
     pub fn serve_controller(&self, program: &str, controller: &mut impl ControllerPeer) -> ExitCode {
         self.serve(program, Role::Controller, |endpoint, options| match endpoint {
-            AnyEndpoint::Iox2(mut endpoint) => serve_controller(&mut endpoint, controller, options),
-            AnyEndpoint::Zenoh(mut endpoint) => serve_controller(&mut endpoint, controller, options),
+            AnyEndpoint::Iox2(mut endpoint) => serve_controller(endpoint.as_mut(), controller, options),
+            AnyEndpoint::Zenoh(mut endpoint) => serve_controller(endpoint.as_mut(), controller, options),
         })
     }
 
     /// Serves one run as its FDI engine.
     pub fn serve_fdi(&self, program: &str, fdi: &mut impl FdiPeer) -> ExitCode {
         self.serve(program, Role::Fdi, |endpoint, options| match endpoint {
-            AnyEndpoint::Iox2(mut endpoint) => serve_fdi(&mut endpoint, fdi, options),
-            AnyEndpoint::Zenoh(mut endpoint) => serve_fdi(&mut endpoint, fdi, options),
+            AnyEndpoint::Iox2(mut endpoint) => serve_fdi(endpoint.as_mut(), fdi, options),
+            AnyEndpoint::Zenoh(mut endpoint) => serve_fdi(endpoint.as_mut(), fdi, options),
         })
     }
 
@@ -64,7 +64,7 @@ impl PeerArgs {
         if let Err(sentence) = self.settle() {
             return complain(&sentence, EXIT_BAD_INPUT);
         }
-        let endpoint = match AnyEndpoint::open(&self.link, role, self.run_id) {
+        let endpoint = match AnyEndpoint::open(&self.link, role, self.run_id, self.timing().join) {
             Ok(endpoint) => endpoint,
             Err(error) => return complain(&error, EXIT_BAD_INPUT),
         };
@@ -116,25 +116,27 @@ pub fn parse_run_id(text: &str) -> Result<u64, String> {
 /// One process's end of any link between processes.
 pub enum AnyEndpoint {
     /// Shared memory.
-    Iox2(Iox2Endpoint),
+    Iox2(Box<Iox2Endpoint>),
     /// TCP.
-    Zenoh(ZenohEndpoint),
+    Zenoh(Box<ZenohEndpoint>),
 }
 
 impl AnyEndpoint {
-    /// Opens the end of `role` at `address`.
-    pub fn open(address: &LinkAddress, role: Role, run_id: u64) -> Result<Self, LinkError> {
+    /// Opens the end of `role` at `address`; tries to connect for up to `limit`.
+    pub fn open(address: &LinkAddress, role: Role, run_id: u64, limit: Duration) -> Result<Self, LinkError> {
         match address {
             LinkAddress::Iceoryx2 { domain } => {
                 let mut options = Iox2Options::default();
                 options.prefix.push_str(&format!("{domain}_"));
-                Iox2Endpoint::new(role, run_id, options).map(Self::Iox2)
+                Iox2Endpoint::new(role, run_id, options).map(|endpoint| Self::Iox2(Box::new(endpoint)))
             }
             LinkAddress::ZenohListen { endpoint } => {
-                ZenohEndpoint::new(role, run_id, ZenohOptions::listen(endpoint.clone())).map(Self::Zenoh)
+                ZenohEndpoint::new(role, run_id, ZenohOptions::listen(endpoint.clone()))
+                    .map(|endpoint| Self::Zenoh(Box::new(endpoint)))
             }
             LinkAddress::ZenohConnect { endpoint } => {
-                ZenohEndpoint::new(role, run_id, ZenohOptions::connect(endpoint.clone())).map(Self::Zenoh)
+                ZenohEndpoint::new(role, run_id, ZenohOptions { connect_timeout: limit, ..ZenohOptions::connect(endpoint.clone()) })
+                    .map(|endpoint| Self::Zenoh(Box::new(endpoint)))
             }
         }
     }
@@ -143,7 +145,7 @@ impl AnyEndpoint {
     pub fn tidy(address: &LinkAddress) {
         const NO_RUN: u64 = u64::MAX;
         if let LinkAddress::Iceoryx2 { .. } = address
-            && let Err(error) = Self::open(address, Role::Fdi, NO_RUN)
+            && let Err(error) = Self::open(address, Role::Fdi, NO_RUN, Duration::ZERO)
         {
             tracing::warn!(%error, "what killed processes left in shared memory stays until the next run");
         }

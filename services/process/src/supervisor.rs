@@ -3,8 +3,11 @@
 //! The plant of a supervised run has a pipe from its supervisor on standard input. A line on it ends the run: `cancel`, or
 //! `fail WHO SENTENCE` for something that only the supervisor could see. The end of the pipe means that the supervisor is dead,
 //! whatever killed it. The controller and the FDI engine have nothing to save: the kernel ends them with their parent.
+//!
+//! The plant must know why its peers died so suddenly. The kernel therefore sends it a signal, too, when its parent dies, and
+//! before it ends the peers: the plant was started first. The pipe alone would be read too late now and then.
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use std::io::BufRead as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -29,6 +32,8 @@ pub enum StopRequest {
 #[derive(Clone, Debug, Default)]
 pub struct Supervisor {
     stop: Arc<AtomicBool>,
+    /// The parent process is dead.
+    orphaned: Arc<AtomicBool>,
     request: Arc<Mutex<Option<StopRequest>>>,
 }
 
@@ -39,6 +44,10 @@ impl Supervisor {
         signal_hook::flag::register(SIGTERM, Arc::clone(&supervisor.stop))?;
         signal_hook::flag::register(SIGINT, Arc::clone(&supervisor.stop))?;
         if supervised {
+            // In this order: whoever sees the request to stop sees the reason as well.
+            signal_hook::flag::register(SIGUSR1, Arc::clone(&supervisor.orphaned))?;
+            signal_hook::flag::register(SIGUSR1, Arc::clone(&supervisor.stop))?;
+            rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::USR1))?;
             let reader = supervisor.clone();
             std::thread::Builder::new()
                 .name("supervisor".to_owned())
@@ -78,8 +87,11 @@ impl Supervisor {
     /// The reason to stop, if there is one. A signal without words is a cancellation.
     #[inline]
     pub fn stop_request(&self) -> Option<StopRequest> {
-        if !self.stop.load(Ordering::Relaxed) {
+        if !self.stop.load(Ordering::Acquire) {
             return None;
+        }
+        if self.orphaned.load(Ordering::Relaxed) {
+            return Some(StopRequest::Orphaned);
         }
         let request = self.request.lock().unwrap_or_else(PoisonError::into_inner);
         Some(request.clone().unwrap_or(StopRequest::Cancel))

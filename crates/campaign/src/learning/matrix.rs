@@ -101,7 +101,15 @@ pub enum Left {
 }
 
 /// c = a b + c over the first `rows` rows of c and the first `inner` of the sum.
-pub fn multiply_add(rows: usize, inner: usize, a: &Matrix, left: Left, b: &Matrix, c: &mut Matrix, pack: &mut Vec<f64>) {
+pub fn multiply_add(
+    rows: usize,
+    inner: usize,
+    a: &Matrix,
+    left: Left,
+    b: &Matrix,
+    c: &mut Matrix,
+    pack: &mut Vec<f64>,
+) {
     let (row_step, inner_step) = match left {
         Left::AsIs => (a.stride, 1),
         Left::Transposed => (1, a.stride),

@@ -167,13 +167,7 @@ impl Workspace {
     }
 
     /// Mean cross-entropy of the first `count` rows of `x` and its gradient.
-    pub fn gradient(
-        &mut self,
-        network: &Parameters,
-        x: &Matrix,
-        labels: &[u8],
-        gradient: &mut Parameters,
-    ) -> f64 {
+    pub fn gradient(&mut self, network: &Parameters, x: &Matrix, labels: &[u8], gradient: &mut Parameters) -> f64 {
         let count = labels.len();
         let shape = network.shape();
         self.forward(network, x, count);

@@ -187,7 +187,9 @@ mod tests {
 
     #[test]
     fn prop_split_keeps_the_share_of_each_class_and_every_row_once() {
-        let labels: Vec<u8> = (0..1000).map(|i| if i % 2 == 0 { 0 } else { 1 + (i % 6) as u8 }).collect();
+        let labels: Vec<u8> = (0..1000)
+            .map(|i| if i % 2 == 0 { 0 } else { 1 + (i % 6) as u8 })
+            .collect();
         let rows: Vec<u32> = (100..900).collect();
         let split = stratified_split(&labels, &rows, 0.7, &mut RandomStream::new(1, "split"));
         let mut all = [split.training.clone(), split.validation.clone()].concat();
@@ -196,7 +198,10 @@ mod tests {
         for class in 0..7 {
             let count = |rows: &[u32]| rows.iter().filter(|row| labels[**row as usize] == class).count() as f64;
             let (training, total) = (count(&split.training), count(&rows));
-            assert!((training - 0.7 * total).abs() <= 0.5, "class {class}: {training} of {total}");
+            assert!(
+                (training - 0.7 * total).abs() <= 0.5,
+                "class {class}: {training} of {total}"
+            );
         }
         let again = stratified_split(&labels, &rows, 0.7, &mut RandomStream::new(1, "split"));
         assert_eq!(again, split);

@@ -44,6 +44,8 @@ struct Conditions {
     to_s: f64,
     /// Standard deviations of force (N) and torque (N·m) with 2 s of correlation.
     gust: (f64, f64),
+    /// Torque about pitch that sets in at `from_s` and stays, N·m.
+    pitch_torque: f64,
     /// Factor on τ.
     lag: f64,
     circle: bool,
@@ -59,6 +61,7 @@ impl Conditions {
         from_s: 12.0,
         to_s: 1e9,
         gust: (0.0, 0.0),
+        pitch_torque: 0.0,
         lag: 1.0,
         circle: true,
     };
@@ -172,6 +175,10 @@ fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
             let level = if i < 3 { c.gust.0 } else { c.gust.1 };
             gust[i] = decay * gust[i] + libm::sqrt(1.0 - decay * decay) * level * noise.normal();
         }
+        let mut push = gust;
+        if t >= c.from_s {
+            push[4] += c.pitch_torque;
+        }
         let lost = if t >= c.from_s && t < c.to_s { c.loss } else { 0.0 };
         let settled: Vec<f64> = (0..n)
             .map(|i| {
@@ -180,9 +187,9 @@ fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
             })
             .collect();
         // Midpoint rule, with the thrust of the lag in closed form.
-        let half = rates(&x, &wrench_after(&settled, &thrust, 0.0, f, c), &gust);
+        let half = rates(&x, &wrench_after(&settled, &thrust, 0.0, f, c), &push);
         let middle: [f64; 12] = core::array::from_fn(|i| x[i] + 0.5 * dt * half[i]);
-        let full = rates(&middle, &wrench_after(&settled, &thrust, 0.5 * dt, f, c), &gust);
+        let full = rates(&middle, &wrench_after(&settled, &thrust, 0.5 * dt, f, c), &push);
         for i in 0..12 {
             x[i] += dt * full[i];
         }
@@ -328,6 +335,44 @@ fn scenario_fault_that_heals_is_forgotten() {
     assert_eq!(last.1, FaultVerdict::Healthy, "{:?}", log.changes);
     assert!(last.0 > 16.0 && last.0 < 18.5);
     assert_eq!(log.last.expect("samples").thrust_loss, 0.0);
+}
+
+#[test]
+fn scenario_torque_between_two_rotors_is_unknown() {
+    // Rotors 1 and 6 sit 30° to the right and left of forward: a nose-down torque is what both lose on average.
+    let log = run(&Conditions {
+        pitch_torque: -0.02,
+        duration_s: 16.0,
+        ..Conditions::CALM
+    });
+    let verdicts: Vec<FaultVerdict> = log.changes.iter().map(|change| change.1).collect();
+    assert_eq!(
+        verdicts,
+        [FaultVerdict::NotReady, FaultVerdict::Healthy, FaultVerdict::Unknown],
+        "{:?}",
+        log.changes
+    );
+}
+
+#[test]
+fn scenario_shifted_gyro_is_no_fault() {
+    let mut engine = FdiEngine::new(config(6)).expect("valid");
+    let mut verdicts = Vec::new();
+    let calm = Conditions {
+        duration_s: 20.0,
+        ..Conditions::CALM
+    };
+    fly(&calm, |t, measurement| {
+        let mut shifted = *measurement;
+        if t >= 12.0 {
+            shifted.nav.body_rates.x += 0.02;
+        }
+        let verdict = engine.step(&shifted).sequential;
+        if verdicts.last() != Some(&verdict) {
+            verdicts.push(verdict);
+        }
+    });
+    assert_eq!(verdicts, [FaultVerdict::NotReady, FaultVerdict::Healthy]);
 }
 
 #[test]

@@ -109,6 +109,32 @@ fn now() -> Instant {
     Instant::now()
 }
 
+/// How much longer somebody may be silent.
+///
+/// Time that this process did not live through (stopped by Ctrl-Z, together with the others) is not held against anybody.
+#[derive(Clone, Copy, Debug)]
+struct Patience {
+    left: Duration,
+    last_look: Instant,
+}
+
+impl Patience {
+    fn new(limit: Duration, at: Instant) -> Self {
+        Self {
+            left: limit,
+            last_look: at,
+        }
+    }
+
+    /// Looked at after every sleep of at most [`LIFE_CHECK`].
+    fn is_over(&mut self, at: Instant) -> bool {
+        let slept = at.saturating_duration_since(self.last_look);
+        self.last_look = at;
+        self.left = self.left.saturating_sub(slept.min(2 * LIFE_CHECK));
+        self.left.is_zero()
+    }
+}
+
 /// Another process, as seen from here.
 #[derive(Debug)]
 struct Other {
@@ -510,6 +536,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
             return Err(self.undelivered("the sensors", step));
         }
         self.endpoint.wake(Role::Controller)?;
+        let mut patience = Patience::new(self.timing.step, begin);
         let mut has_slept = false;
         loop {
             self.drain()?;
@@ -520,7 +547,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
             if has_slept {
                 let at = now();
                 self.check_life(at, false)?;
-                if at.saturating_duration_since(begin) >= self.timing.step {
+                if patience.is_over(at) {
                     return Err(self.controller.silent(self.timing.step));
                 }
             }
@@ -537,7 +564,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
             return Ok(None);
         }
         let must_wait = wait || self.untaken() > self.timing.fdi_window;
-        let mut begin = None;
+        let mut patience: Option<Patience> = None;
         loop {
             // Not `drain`: one report is enough, the others stay where they are.
             while let Some(packet) = self.endpoint.poll()? {
@@ -550,19 +577,20 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                 return Ok(None);
             }
             // The first sleep is begun without a look at the clock or at the peers' lives.
-            match begin {
+            match &mut patience {
                 None => {
-                    begin = Some(now());
+                    patience = Some(Patience::new(self.timing.step, now()));
                     if wait {
                         // The last steps may not fill a batch.
                         self.endpoint.wake(Role::Fdi)?;
                     }
                 }
-                Some(begin) => {
+                Some(patience) => {
                     let at = now();
                     self.clock = at;
+                    let is_over = patience.is_over(at);
                     self.check_life(at, false)?;
-                    if at.saturating_duration_since(begin) >= self.timing.step {
+                    if is_over {
                         return Err(self.fdi.silent(self.timing.step));
                     }
                     self.endpoint.wake(Role::Fdi)?;
@@ -644,6 +672,7 @@ struct Peer<'a, E: Endpoint> {
     gone: Option<Instant>,
     /// Steps answered; also the number of the next one.
     steps: u64,
+    patience: Patience,
     last_sleep: Instant,
     last_life_check: Instant,
 }
@@ -658,6 +687,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             heard: false,
             gone: None,
             steps: 0,
+            patience: Patience::new(options.join, now()),
             last_sleep: now(),
             last_life_check: now(),
         }
@@ -746,17 +776,18 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             }
             return self.endpoint.wait(LAST_WORDS / 10);
         }
-        if std::mem::take(&mut self.heard) {
-            // It came during the last sleep, at the earliest.
-            self.plant.last_heard = self.last_sleep;
-        }
-        self.last_sleep = before;
         let limit = if self.steps == 0 {
             self.options.join
         } else {
             self.options.idle
         };
-        if before.saturating_duration_since(self.plant.last_heard) >= limit {
+        if std::mem::take(&mut self.heard) {
+            // It came during the last sleep, at the earliest.
+            self.plant.last_heard = self.last_sleep;
+            self.patience = Patience::new(limit, before);
+        }
+        self.last_sleep = before;
+        if self.patience.is_over(before) {
             return Err(self.plant.silent(limit));
         }
         let thorough = before.saturating_duration_since(self.last_life_check) >= LIFE_CHECK;
@@ -934,4 +965,22 @@ pub fn serve_fdi<E: Endpoint>(
 /// A message that could not be decoded, blamed on its sender.
 pub(super) fn malformed(sender: Role, step: u64, error: &ConvertError) -> LinkError {
     nonsense(sender, step, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_patience_counts_only_time_lived_through() {
+        let begin = now();
+        let at = |millis| begin + Duration::from_millis(millis);
+        let mut patience = Patience::new(Duration::from_millis(300), begin);
+        assert!(!patience.is_over(at(50)));
+        // Stopped for an hour: counts as one long sleep of 100 ms.
+        assert!(!patience.is_over(at(3_600_000)));
+        assert!(!patience.is_over(at(3_600_100)));
+        assert!(patience.is_over(at(3_600_150)));
+        assert!(Patience::new(Duration::ZERO, begin).is_over(begin));
+    }
 }

@@ -114,6 +114,11 @@ impl Iox2Options {
         self.root.join("iceoryx2")
     }
 
+    /// Removes what killed processes left, if nobody lives here. Every start does that too.
+    pub fn tidy(&self) -> Result<(), LinkError> {
+        self.enter().map(drop)
+    }
+
     /// Takes the shared lock that says "somebody lives here", after removing what is left over if nobody did.
     fn enter(&self) -> Result<File, LinkError> {
         let problem = |error: std::io::Error| LinkError::Transport {
@@ -158,10 +163,7 @@ impl Iox2Options {
         };
         for entry in entries.flatten() {
             let name = entry.file_name();
-            let Some((stem, suffix)) = name.to_str().and_then(|name| name.rsplit_once('.')) else {
-                continue;
-            };
-            if stem.starts_with(&self.prefix) && SEGMENT_SUFFIXES.contains(&suffix) {
+            if name.to_str().is_some_and(|name| is_segment(name, &self.prefix)) {
                 match std::fs::remove_file(entry.path()) {
                     Ok(()) => tracing::debug!("removed {} of a killed process", entry.path().display()),
                     Err(error) => tracing::warn!("removing {}: {error}", entry.path().display()),
@@ -192,6 +194,20 @@ fn retried<T, E: std::fmt::Debug>(
             Err(_) => std::thread::sleep(Duration::from_millis(5)),
         }
     }
+}
+
+/// True for the name of a segment that iceoryx2 made under this very prefix: prefix, hash of 40 digits, identity, suffix. (Another
+/// prefix may begin with this one.)
+fn is_segment(name: &str, prefix: &str) -> bool {
+    let Some((stem, suffix)) = name.rsplit_once('.') else {
+        return false;
+    };
+    let hash = stem
+        .strip_prefix(prefix)
+        .and_then(|rest| rest.split_once('_'))
+        .map(|(hash, _)| hash);
+    SEGMENT_SUFFIXES.contains(&suffix)
+        && hash.is_some_and(|hash| hash.len() == 40 && hash.bytes().all(|digit| digit.is_ascii_hexdigit()))
 }
 
 /// Bytes that are free for shared memory.
@@ -694,15 +710,19 @@ mod tests {
             spin: 0,
         };
         let segment = |name: &str| PathBuf::from(SHARED_MEMORY).join(format!("{}{name}", options.prefix));
-        let (stale, note) = (segment("0123_456.event_mgmt"), segment("notes.txt"));
+        let hash = "0123456789abcdef0123456789abcdef01234567";
+        let stale = segment(&format!("{hash}_456.event_mgmt"));
+        let others = [segment("notes.txt"), segment(&format!("more_{hash}_456.event_mgmt"))];
         let place = || {
             std::fs::write(&stale, "x").expect("a new file");
-            std::fs::write(&note, "x").expect("a new file");
+            others
+                .iter()
+                .for_each(|other| std::fs::write(other, "x").expect("a new file"));
             std::fs::create_dir_all(options.files().join("nodes")).expect("a new folder");
         };
         place();
         let first = options.enter().expect("an empty place");
-        assert!(!stale.exists() && !options.files().exists() && note.exists());
+        assert!(!stale.exists() && !options.files().exists() && others.iter().all(|other| other.exists()));
         place();
         let second = options.enter().expect("a shared place");
         assert!(stale.exists() && options.files().exists(), "somebody lives here");
@@ -710,9 +730,11 @@ mod tests {
         drop(options.enter().expect("a shared place"));
         assert!(stale.exists(), "somebody still lives here");
         drop(second);
-        drop(options.enter().expect("an empty place"));
-        assert!(!stale.exists() && !options.files().exists() && note.exists());
-        std::fs::remove_file(&note).expect("it is there");
+        options.tidy().expect("an empty place");
+        assert!(!stale.exists() && !options.files().exists() && others.iter().all(|other| other.exists()));
+        others
+            .iter()
+            .for_each(|other| std::fs::remove_file(other).expect("it is there"));
         std::fs::remove_dir_all(&options.root).expect("it is there");
     }
 }

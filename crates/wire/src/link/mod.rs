@@ -31,6 +31,8 @@ pub mod iox2;
 mod watch;
 pub mod zenoh;
 
+pub use watch::host_name;
+
 /// The plant's view of the controller and the FDI engine of its run.
 pub trait PlantLink {
     /// Waits until both peers are there, hands them their parameters and waits until both are ready.

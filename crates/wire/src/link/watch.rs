@@ -61,7 +61,7 @@ pub(super) fn process_space() -> u64 {
 }
 
 /// Name of this host, for messages to people.
-pub(super) fn host_name() -> String {
+pub fn host_name() -> String {
     std::fs::read_to_string("/proc/sys/kernel/hostname")
         .map_or_else(|_| "unknown host".to_owned(), |name| name.trim().to_owned())
 }

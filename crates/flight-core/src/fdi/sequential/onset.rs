@@ -40,6 +40,14 @@ struct Signature {
 }
 
 impl Signature {
+    /// ln of the likelihood ratio of every axis, each at its best size, nats.
+    #[inline]
+    fn free_fit(&self) -> [f32; AXES] {
+        core::array::from_fn(|axis| {
+            0.5 * self.score[axis] * self.score[axis] / self.information[axis].max(LEAST_INFORMATION)
+        })
+    }
+
     /// Takes in the innovations of one block.
     ///
     /// * `input`: what the supposition adds to the defect in this block, per unit
@@ -91,12 +99,23 @@ pub(super) struct Evidence {
     index: usize,
 }
 
-/// What all moments together say about a jump.
+/// What all moments together say about something that acts on every axis as it likes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct JumpEvidence {
-    /// ln of the likelihood ratio against no jump, at the best moment and sizes, nats.
+pub(super) struct FreeEvidence {
+    /// ln of the likelihood ratio against nothing, at the best moment and sizes, nats.
     pub log_likelihood: f32,
+    /// The same of every axis.
+    pub axis: [f32; AXES],
     index: usize,
+}
+
+/// How well a loss of one rotor fits what the innovations say; axes that a jump explains better do not count.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fit {
+    /// What the loss makes likelier, nats.
+    pub explained: f32,
+    /// What lasting forces and torques of any direction would make likelier beyond that, nats.
+    pub unexplained: f32,
 }
 
 /// A change that is to become part of the model.
@@ -113,8 +132,8 @@ pub(super) struct Change {
 pub(super) struct OnsetHypotheses {
     moment: [Moment; MOMENTS],
     count: usize,
-    /// Onsets of the best loss and of the best jump, which thinning leaves alone.
-    leading: [u32; 2],
+    /// Onsets of the best loss, jump and push, which thinning leaves alone.
+    leading: [u32; 3],
     block: u32,
     /// Change of the mean momentum per unit of lost wrench, block by block after the onset, s.
     response: [f32; SETTLED],
@@ -137,7 +156,7 @@ impl OnsetHypotheses {
         Self {
             moment: [Moment::default(); MOMENTS],
             count: 0,
-            leading: [0; 2],
+            leading: [0; 3],
             block: 0,
             response,
         }
@@ -197,10 +216,9 @@ impl OnsetHypotheses {
 
     /// Best moment and size of a change of one rotor.
     ///
-    /// * `column`: F of the rotor, divided by the levers   * `least`, `most`: range of Δ, N: not more can come back than was lost, nor
-    ///   more be lost than is there
+    /// * `column`: F of the rotor, divided by the levers   * `least`: smallest Δ possible, N: not more can come back than was lost
     #[inline]
-    pub(super) fn evidence(&self, column: &[f32; AXES], least: f32, most: f32) -> Evidence {
+    pub(super) fn evidence(&self, column: &[f32; AXES], least: f32) -> Evidence {
         let mut best = Evidence {
             log_likelihood: 0.0,
             loss: 0.0,
@@ -213,7 +231,7 @@ impl OnsetHypotheses {
                 numerator -= column[axis] * moment.loss.score[axis];
                 information += column[axis] * column[axis] * moment.loss.information[axis];
             }
-            let loss = (numerator / information).min(most).max(least);
+            let loss = (numerator / information).max(least);
             let log_likelihood = loss * (numerator - 0.5 * loss * information);
             // From the oldest to the newest.
             let lead = if index == 0 { 0.0 } else { LATER_MARGIN };
@@ -229,40 +247,81 @@ impl OnsetHypotheses {
     }
 
     /// Best moment and sizes of a jump.
-    pub(super) fn jump_evidence(&self) -> JumpEvidence {
-        let mut best = JumpEvidence {
+    pub(super) fn jump_evidence(&self) -> FreeEvidence {
+        self.free_evidence(|moment| &moment.jump)
+    }
+
+    /// Best moment and sizes of a lasting force and torque of any direction.
+    pub(super) fn push_evidence(&self) -> FreeEvidence {
+        self.free_evidence(|moment| &moment.loss)
+    }
+
+    fn free_evidence(&self, of: impl Fn(&Moment) -> &Signature) -> FreeEvidence {
+        let mut best = FreeEvidence {
             log_likelihood: 0.0,
+            axis: [0.0; AXES],
             index: 0,
         };
         for (index, moment) in self.moment[..self.count].iter().enumerate() {
-            let jump = &moment.jump;
-            let mut log_likelihood = 0.0;
-            for axis in 0..AXES {
-                log_likelihood +=
-                    0.5 * jump.score[axis] * jump.score[axis] / jump.information[axis].max(LEAST_INFORMATION);
-            }
+            let axis = of(moment).free_fit();
+            let log_likelihood = axis.iter().sum();
             if log_likelihood > best.log_likelihood {
-                best = JumpEvidence { log_likelihood, index };
+                best = FreeEvidence {
+                    log_likelihood,
+                    axis,
+                    index,
+                };
             }
         }
         best
     }
 
+    /// How well a loss fits, axis by axis.
+    ///
+    /// * `margin`: a jump claims an axis that it explains better than the loss by this, nats, and better than any lasting push
+    pub(super) fn fit(
+        &self,
+        loss: &Evidence,
+        column: &[f32; AXES],
+        jump: &FreeEvidence,
+        push: &FreeEvidence,
+        margin: f32,
+    ) -> Fit {
+        let supposed = &self.moment[loss.index].loss;
+        let of_any = supposed.free_fit();
+        let mut fit = Fit {
+            explained: 0.0,
+            unexplained: 0.0,
+        };
+        for axis in 0..AXES {
+            let lost = -column[axis] * loss.loss;
+            let of_loss = lost * (supposed.score[axis] - 0.5 * lost * supposed.information[axis]);
+            let jumped = jump.axis[axis] > push.axis[axis];
+            if !jumped || jump.axis[axis] <= of_loss + margin {
+                fit.explained += of_loss;
+            }
+            if !jumped || jump.axis[axis] <= of_any[axis] + margin {
+                fit.unexplained += of_any[axis] - of_loss;
+            }
+        }
+        fit
+    }
+
     /// Blocks since the onset of a jump.
-    pub(super) fn jump_age(&self, evidence: &JumpEvidence) -> u32 {
+    pub(super) fn jump_age(&self, evidence: &FreeEvidence) -> u32 {
         self.block.wrapping_sub(self.moment[evidence.index].block)
     }
 
     /// Size of a jump on one axis, N·s, and the errors of that axis' filter per unit.
-    pub(super) fn jump(&self, evidence: &JumpEvidence, axis: usize) -> (f32, [f32; STATES]) {
+    pub(super) fn jump(&self, evidence: &FreeEvidence, axis: usize) -> (f32, [f32; STATES]) {
         let jump = &self.moment[evidence.index].jump;
         let size = jump.score[axis] / jump.information[axis].max(LEAST_INFORMATION);
         (size, jump.error[axis])
     }
 
     /// Says which hypotheses lead.
-    pub(super) fn set_leading(&mut self, loss: &Evidence, jump: &JumpEvidence) {
-        self.leading = [self.moment[loss.index].block, self.moment[jump.index].block];
+    pub(super) fn set_leading(&mut self, loss: &Evidence, jump: &FreeEvidence, push: &FreeEvidence) {
+        self.leading = [loss.index, jump.index, push.index].map(|index| self.moment[index].block);
     }
 
     /// Blocks since the onset of this hypothesis.
@@ -321,8 +380,9 @@ mod tests {
             }
             let weight = innovation.map(|i| i.information);
             hypotheses.update(&phi, &innovation, &weight, d.correlation, BLOCK);
-            let evidence = hypotheses.evidence(column, 0.0, 2.5);
-            hypotheses.set_leading(&evidence, &hypotheses.jump_evidence());
+            let evidence = hypotheses.evidence(column, 0.0);
+            let (jump, push) = (hypotheses.jump_evidence(), hypotheses.push_evidence());
+            hypotheses.set_leading(&evidence, &jump, &push);
         }
         hypotheses
     }
@@ -332,7 +392,7 @@ mod tests {
         let column = [-1.0, -0.5, 0.866, 1.0];
         for blocks in [104, 110, 130] {
             let hypotheses = run(&column, 0.09, blocks);
-            let evidence = hypotheses.evidence(&column, 0.0, 2.5);
+            let evidence = hypotheses.evidence(&column, 0.0);
             assert!((evidence.loss / 0.09 - 1.0).abs() < 1e-3, "{evidence:?}");
             assert_eq!(hypotheses.age(&evidence), blocks - 100);
             assert!(evidence.log_likelihood > 100.0);
@@ -342,7 +402,7 @@ mod tests {
             assert!((evidence.log_likelihood / want - 1.0).abs() < 1e-3);
             // A rotor on the other side would have to gain thrust.
             let opposite = [-1.0, 0.5, -0.866, -1.0];
-            assert!(hypotheses.evidence(&opposite, 0.0, 2.5).log_likelihood < 0.5 * evidence.log_likelihood);
+            assert!(hypotheses.evidence(&opposite, 0.0).log_likelihood < 0.5 * evidence.log_likelihood);
         }
     }
 
@@ -351,7 +411,7 @@ mod tests {
         let column = [-1.0, -0.5, 0.866, 1.0];
         let loss = run(&column, 0.09, 110);
         let (as_loss, as_jump) = (
-            loss.evidence(&column, 0.0, 2.5).log_likelihood,
+            loss.evidence(&column, 0.0).log_likelihood,
             loss.jump_evidence().log_likelihood,
         );
         assert!(as_loss > 1.3 * as_jump, "{as_loss} {as_jump}");
@@ -371,14 +431,14 @@ mod tests {
             jump.update(&phi, &innovation, &weight, d.correlation, BLOCK);
         }
         let evidence = jump.jump_evidence();
-        assert!(evidence.log_likelihood > 1.5 * jump.evidence(&column, 0.0, 2.5).log_likelihood);
+        assert!(evidence.log_likelihood > 1.5 * jump.evidence(&column, 0.0).log_likelihood);
         assert_eq!(jump.jump_age(&evidence), 10);
         assert!((jump.jump(&evidence, 0).0 / 2e-3 - 1.0).abs() < 1e-3);
     }
 
     #[test]
     fn val_nothing_is_found_where_nothing_is() {
-        let evidence = run(&[-1.0, -0.5, 0.866, 1.0], 0.0, 200).evidence(&[-1.0, -0.5, 0.866, 1.0], 0.0, 2.5);
+        let evidence = run(&[-1.0, -0.5, 0.866, 1.0], 0.0, 200).evidence(&[-1.0, -0.5, 0.866, 1.0], 0.0);
         assert_eq!(evidence.log_likelihood, 0.0);
     }
 

@@ -1,0 +1,630 @@
+//! `rotortwin reproduce` and `rotortwin train`: the paper's tables and figures, and the classifiers behind them.
+
+use crate::output;
+use clap::{Parser, ValueEnum};
+use comfy_table::{CellAlignment, Table};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rotortwin_campaign::classifiers;
+use rotortwin_campaign::cross_validation::Fold;
+use rotortwin_campaign::pace::Pace;
+use rotortwin_campaign::parallel::available_threads;
+use rotortwin_campaign::protocol::Course;
+use rotortwin_campaign::reproduction::report::{Figure, PageFacts, render};
+use rotortwin_campaign::reproduction::tables::{ResultTable, tables};
+use rotortwin_campaign::reproduction::{self, Item, Method, Options, Reproduction};
+use rotortwin_plant::{Classifier, Scenario};
+use rotortwin_sim::session::{self, SessionConfig};
+use rotortwin_store::run_folder::RunFolder;
+use rotortwin_store::summary::Status;
+use std::collections::BTreeSet;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Vehicle, controller and detectors of the data set, unless another scenario is named.
+const BASE_SCENARIO: &str = "config/scenarios/reference-flight.toml";
+
+/// Options that `reproduce` and `train` share.
+#[derive(Debug, Parser)]
+struct Common {
+    /// Scenario that gives vehicle, controller, sensors and detector settings
+    #[arg(long, value_name = "FILE", default_value = BASE_SCENARIO)]
+    scenario: PathBuf,
+    /// Data sets, one a seed
+    #[arg(long, value_name = "COUNT", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    seeds: u16,
+    /// First seed; the others follow
+    #[arg(long, value_name = "SEED", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 53))]
+    first_seed: u64,
+    /// Threads [default: as many as the machine has]
+    #[arg(long, value_name = "COUNT")]
+    threads: Option<NonZeroUsize>,
+    /// Print the result as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Arguments of `rotortwin reproduce`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    /// Only this table; may be given several times [default: all tables and figures]
+    #[arg(long, value_enum, value_name = "TABLE")]
+    table: Vec<TableArg>,
+    /// Only this figure, 9 to 17; may be given several times
+    #[arg(long, value_name = "FIGURE", value_parser = clap::value_parser!(u8).range(9..=17))]
+    figure: Vec<u8>,
+    /// Folder to write; must not exist or be empty [default: runs/reproduce, with a number if that exists]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Epochs of the network of [32]; its learning rate is 2e-3 over this (the paper: 2000, which takes minutes a seed)
+    #[arg(long, value_name = "EPOCHS", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    tracking_epochs: u32,
+    /// Write the paper's network, trained on all trajectories, as a classifier file
+    #[arg(long, value_name = "FILE")]
+    save_classifier: Option<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Arguments of `rotortwin train`.
+#[derive(Debug, Parser)]
+pub(crate) struct TrainArgs {
+    /// Classifier file to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// What the network reads and how it is trained
+    #[arg(long, value_enum, default_value_t = MethodArg::Paper)]
+    method: MethodArg,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// A table of the paper, or the one beyond it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TableArg {
+    /// Cross-validation of the network
+    #[value(name = "6")]
+    Table6,
+    /// Its confusion matrix
+    #[value(name = "7")]
+    Table7,
+    /// The network without battery compensation
+    #[value(name = "8")]
+    Table8,
+    /// The T-test
+    #[value(name = "9")]
+    Table9,
+    /// The network of [32] on tracking errors
+    #[value(name = "10")]
+    Table10,
+    /// Beyond the paper
+    Improved,
+}
+
+impl From<TableArg> for Item {
+    fn from(table: TableArg) -> Self {
+        match table {
+            TableArg::Table6 => Self::Table6,
+            TableArg::Table7 => Self::Table7,
+            TableArg::Table8 => Self::Table8,
+            TableArg::Table9 => Self::Table9,
+            TableArg::Table10 => Self::Table10,
+            TableArg::Improved => Self::Improved,
+        }
+    }
+}
+
+/// A network that can be a classifier file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MethodArg {
+    /// §5.2 and Table 5; for scenarios with nominal_thrust = "static"
+    Paper,
+    /// Rotor lag in the residuals, self-calibrated, Adam; for scenarios with nominal_thrust = "lagged"
+    Improved,
+}
+
+impl MethodArg {
+    fn method(self) -> Method {
+        match self {
+            Self::Paper => Method::Paper,
+            Self::Improved => Method::Improved,
+        }
+    }
+}
+
+impl Common {
+    fn options(&self) -> Options {
+        Options {
+            items: BTreeSet::new(),
+            methods: BTreeSet::new(),
+            seeds: (self.first_seed..).take(usize::from(self.seeds)).collect(),
+            threads: self.threads.unwrap_or_else(available_threads),
+            tracking_epochs: 20,
+        }
+    }
+
+    /// The arguments that decide the numbers, as they would be typed.
+    fn command_line(&self) -> String {
+        let mut line = format!(" --seeds {} --first-seed {}", self.seeds, self.first_seed);
+        if self.scenario != Path::new(BASE_SCENARIO) {
+            line += &format!(" --scenario {}", self.scenario.display());
+        }
+        line
+    }
+
+    fn progress(&self, jobs: u64) -> ProgressBar {
+        let target = if self.json {
+            ProgressDrawTarget::hidden()
+        } else {
+            ProgressDrawTarget::stderr()
+        };
+        let bar = ProgressBar::with_draw_target(Some(jobs), target);
+        let style = ProgressStyle::with_template("{bar:28.cyan/blue} {percent:>3} %  {msg}")
+            .expect("the template is well formed");
+        bar.set_style(style.progress_chars("━╸─"));
+        bar.set_message("flights and networks");
+        bar
+    }
+}
+
+/// Reproduces what was asked for; exit code 0 if everything was written, 1 if it failed, 2 for bad input.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    let base = match Scenario::load_without_classifier(&args.common.scenario) {
+        Ok(base) => base,
+        Err(error) => return output::bad_input(error),
+    };
+    let folder = match args.out.clone().map_or_else(next_free_folder, Ok).and_then(|path| {
+        // The same conditions as for the folder of a run.
+        RunFolder::create(&path).map_err(|error| error.to_string())
+    }) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    match reproduce(args, &base, folder.path()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+/// `runs/reproduce`, or the first of `runs/reproduce-2`, `-3`, … that does not exist.
+fn next_free_folder() -> Result<PathBuf, String> {
+    let base = Path::new("runs").join("reproduce");
+    (1..10_000)
+        .map(|number| match number {
+            1 => base.clone(),
+            _ => base.with_file_name(format!("reproduce-{number}")),
+        })
+        .find(|path| !path.exists())
+        .ok_or_else(|| {
+            format!(
+                "{} and 9998 numbered ones exist; name a folder with --out",
+                base.display()
+            )
+        })
+}
+
+fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> {
+    let start = Instant::now();
+    let everything = args.table.is_empty() && args.figure.is_empty();
+    let figures: BTreeSet<u8> = if everything {
+        (9..=17).collect()
+    } else {
+        args.figure.iter().copied().collect()
+    };
+    let mut options = Options {
+        tracking_epochs: args.tracking_epochs,
+        ..args.common.options()
+    };
+    options.items = if everything {
+        Item::ALL.into()
+    } else {
+        args.table.iter().map(|table| Item::from(*table)).collect()
+    };
+    if !figures.is_empty() {
+        options.methods.extend([Method::Paper, Method::UncompensatedPooled]);
+    }
+    if args.save_classifier.is_some() {
+        options.methods.insert(Method::Paper);
+    }
+    let rotor_count = base.fdi_config().geometry.rotor_count();
+    let bar = args.common.progress(options.jobs(rotor_count));
+    let result = reproduction::run(base, &options, &|| bar.inc(1))?;
+    bar.set_message("reference flight and files");
+
+    let tables = tables(&result);
+    let mut files = write_numbers(&result, folder)?;
+    let drawn = draw_figures(args, base, &result, &figures, folder)?;
+    files.extend(drawn.iter().map(|figure| figure.file.clone()));
+    if let Some(path) = &args.save_classifier {
+        let seed = args.common.first_seed;
+        let command = train_command(MethodArg::Paper, &args.common);
+        save_classifier(base, &result, Method::Paper, seed, &command, path)?;
+        files.push(path.clone());
+    }
+    let facts = PageFacts {
+        css: rotortwin_store::REPORT_CSS.to_owned(),
+        command: command_line(args),
+        program: format!("rotortwin {}", env!("CARGO_PKG_VERSION")),
+        files: ["numbers", "confusions", "windows"]
+            .map(|name| format!("{name}.parquet"))
+            .into(),
+    };
+    let figures: Vec<Figure> = drawn.into_iter().map(|drawn| drawn.figure).collect();
+    let report = folder.join("report.html");
+    write(&report, &render(&result, &tables, &figures, &facts))?;
+    files.insert(0, report);
+    bar.finish_and_clear();
+    if args.common.json {
+        print_json(&result, &tables, &files, start);
+    } else {
+        print_text(&result, &tables, &files, start);
+    }
+    Ok(())
+}
+
+/// As it would be typed.
+fn command_line(args: &Args) -> String {
+    let mut line = "rotortwin reproduce".to_owned();
+    for table in &args.table {
+        line += &format!(" --table {}", Item::from(*table).key());
+    }
+    for figure in &args.figure {
+        line += &format!(" --figure {figure}");
+    }
+    line += &args.common.command_line();
+    if args.tracking_epochs != 20 {
+        line += &format!(" --tracking-epochs {}", args.tracking_epochs);
+    }
+    line
+}
+
+fn train_command(method: MethodArg, common: &Common) -> String {
+    let method = method.to_possible_value().expect("no method is hidden");
+    format!(
+        "rotortwin train --method {}{} --out FILE",
+        method.get_name(),
+        common.command_line()
+    )
+}
+
+fn write(path: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(path, text).map_err(|error| format!("{}: cannot write the file: {error}", path.display()))
+}
+
+/// Every number as CSV and Parquet; every window as Parquet only.
+fn write_numbers(result: &Reproduction, folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let mut files = Vec::new();
+    for (name, table) in [("numbers", result.numbers()), ("confusions", result.confusions())] {
+        let csv = folder.join(format!("{name}.csv"));
+        let parquet = folder.join(format!("{name}.parquet"));
+        table.write_csv(&csv).map_err(|error| error.to_string())?;
+        table.write_parquet(&parquet).map_err(|error| error.to_string())?;
+        files.extend([csv, parquet]);
+    }
+    if let Some(windows) = result.windows() {
+        let parquet = folder.join("windows.parquet");
+        windows.write_parquet(&parquet).map_err(|error| error.to_string())?;
+        files.push(parquet);
+    }
+    Ok(files)
+}
+
+/// A picture and where it stands.
+struct Drawn {
+    figure: Figure,
+    file: PathBuf,
+}
+
+/// The two flights that the figures are of.
+const FLIGHTS: [(&str, Method); 2] = [
+    ("reference-flight", Method::Paper),
+    ("reference-flight-without-battery-model", Method::UncompensatedPooled),
+];
+
+/// Numbers, place in [`FLIGHTS`], file in its folder, title, what to see.
+const FIGURES: [(&[u8], usize, &str, &str, &str); 9] = [
+    (
+        &[9],
+        0,
+        "figure-09-position.svg",
+        "Position",
+        "Reference against the true state.",
+    ),
+    (
+        &[10],
+        0,
+        "figure-10-attitude.svg",
+        "Attitude",
+        "Reference against the true state.",
+    ),
+    (
+        &[11],
+        0,
+        "figure-11-battery.svg",
+        "Charge and voltage",
+        "Both fall through the flight.",
+    ),
+    (
+        &[12],
+        0,
+        "figure-12-residuals.svg",
+        "Residuals",
+        "With battery compensation. Residual 3 does not see a fault of rotor 3.",
+    ),
+    (
+        &[13],
+        0,
+        "figure-13-normal-plot.svg",
+        "Normal plot",
+        "With battery compensation: a fault shifts the mean of the arm component.",
+    ),
+    (
+        &[14, 17],
+        0,
+        "figure-14-verdicts.svg",
+        "Verdicts",
+        "Network and T-test with battery compensation.",
+    ),
+    (
+        &[15],
+        1,
+        "figure-12-residuals.svg",
+        "Residuals without battery compensation",
+        "Far from zero from the start.",
+    ),
+    (
+        &[16],
+        1,
+        "figure-13-normal-plot.svg",
+        "Normal plot without battery compensation",
+        "Offsets that no fault has made.",
+    ),
+    (
+        &[14, 17],
+        1,
+        "figure-14-verdicts.svg",
+        "Verdicts without battery compensation",
+        "Network (one z-score for all features, as in Table 8) and T-test. The sequential detector has its own model and is not affected.",
+    ),
+];
+
+/// Flies the reference flight, as often as the wanted figures need, and collects its pictures.
+fn draw_figures(
+    args: &Args,
+    base: &Scenario,
+    result: &Reproduction,
+    wanted: &BTreeSet<u8>,
+    folder: &Path,
+) -> Result<Vec<Drawn>, String> {
+    let is_wanted = |numbers: &[u8]| numbers.iter().any(|number| wanted.contains(number));
+    for (place, (name, method)) in FLIGHTS.into_iter().enumerate() {
+        if FIGURES.iter().any(|figure| figure.1 == place && is_wanted(figure.0)) {
+            fly_reference(args, base, result, method, &folder.join(name))?;
+        }
+    }
+    FIGURES
+        .iter()
+        .filter(|figure| is_wanted(figure.0))
+        .map(|(numbers, place, file, title, about)| {
+            let (name, _) = FLIGHTS[*place];
+            let file = folder.join(name).join("figures").join(file);
+            let svg = std::fs::read_to_string(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+            let numbers: Vec<String> = numbers.iter().map(u8::to_string).collect();
+            Ok(Drawn {
+                figure: Figure {
+                    label: format!("Fig. {}", numbers.join(" and ")),
+                    title: (*title).to_owned(),
+                    about: (*about).to_owned(),
+                    svg,
+                    report: format!("{name}/report.html"),
+                },
+                file,
+            })
+        })
+        .collect()
+}
+
+/// One run folder of the base scenario with a network that has not seen its trajectory.
+fn fly_reference(
+    args: &Args,
+    base: &Scenario,
+    result: &Reproduction,
+    method: Method,
+    folder: &Path,
+) -> Result<(), String> {
+    let seed = args.common.first_seed;
+    let flown = &base.document().trajectory;
+    let held_out = Course::ALL.into_iter().find(|course| course.trajectory() == *flown);
+    let own: Option<Fold> = match held_out {
+        Some(_) => None,
+        None => classifiers::train_on_all(result, method, seed),
+    };
+    let first = result.seeds.first().ok_or("there is no seed")?;
+    let fold = match (held_out, &own) {
+        (Some(course), _) => &first.networks[&method][course.index()],
+        (None, Some(fold)) => fold,
+        (None, None) => return Err("no flights were kept to train on".to_owned()),
+    };
+    let command = command_line(args);
+    let classifier = classifiers::classifier_file(base, result, method, seed, fold, &command)
+        .ok_or("no flights were kept to train on")?;
+    let scenario = classifiers::with_classifier(base, classifier, "(trained by rotortwin reproduce)")
+        .map_err(|error| error.to_string())?;
+    let config = SessionConfig {
+        scenario_path: args.common.scenario.clone(),
+        seed: scenario.seed(),
+        link_name: "in-process".to_owned(),
+        pace: Pace::Fast,
+        run_id: 1,
+    };
+    let folder = RunFolder::create(folder).map_err(|error| error.to_string())?;
+    let mut link = session::in_process_link();
+    let summary = session::fly(&scenario, &config, &mut link, &folder, &mut |_| (), &mut || None)
+        .map_err(|error| error.to_string())?;
+    match (summary.status, summary.failure) {
+        (Status::Done, _) => Ok(()),
+        (_, Some(failure)) => Err(failure.sentence),
+        (_, None) => Err("the reference flight was not finished".to_owned()),
+    }
+}
+
+fn save_classifier(
+    base: &Scenario,
+    result: &Reproduction,
+    method: Method,
+    seed: u64,
+    command: &str,
+    path: &Path,
+) -> Result<Classifier, String> {
+    let classifier = classifiers::train_on_all(result, method, seed)
+        .and_then(|fold| classifiers::classifier_file(base, result, method, seed, &fold, command))
+        .ok_or("no flights were kept to train on")?;
+    write(path, &classifier.to_json())?;
+    Ok(classifier)
+}
+
+/// Trains a classifier and writes its file; exit code as for [`run`].
+pub(crate) fn train(args: &TrainArgs) -> ExitCode {
+    rotortwin_process::start_logging();
+    let base = match Scenario::load_without_classifier(&args.common.scenario) {
+        Ok(base) => base,
+        Err(error) => return output::bad_input(error),
+    };
+    let parent = args.out.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent
+        && !parent.is_dir()
+    {
+        return output::bad_input(format!("--out: there is no folder {}", parent.display()));
+    }
+    match train_classifier(args, &base) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+fn train_classifier(args: &TrainArgs, base: &Scenario) -> Result<(), String> {
+    let method = args.method.method();
+    let options = classifiers::options_for(method, args.common.options());
+    let bar = args
+        .common
+        .progress(options.jobs(base.fdi_config().geometry.rotor_count()));
+    let result = reproduction::run(base, &options, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let command = train_command(args.method, &args.common);
+    let seed = args.common.first_seed;
+    let classifier = save_classifier(base, &result, method, seed, &command, &args.out)?;
+    let provenance = &classifier.provenance;
+    let cross_validation = &provenance.cross_validation;
+    if args.common.json {
+        let json = serde_json::json!({ "file": args.out, "name": classifier.name, "provenance": provenance });
+        println!("{json:#}");
+        return Ok(());
+    }
+    println!("{}", args.out.display());
+    println!(
+        "{}: {} rotors, nominal_thrust = \"{}\"{}",
+        classifier.name,
+        classifier.inputs.rotor_count,
+        classifier.inputs.nominal_thrust.as_str(),
+        if classifier.inputs.self_calibrated {
+            ", self-calibrated"
+        } else {
+            ""
+        }
+    );
+    println!(
+        "trained on {:.2} %, held back {:.2} % right; trajectories not seen: {:.2} % (± {:.2} over folds, ± {:.2} over {} seeds)",
+        100.0 * provenance.training_accuracy,
+        100.0 * provenance.validation_accuracy,
+        100.0 * cross_validation.test_mean,
+        100.0 * cross_validation.test_deviation_over_folds,
+        100.0 * cross_validation.test_interval_over_seeds,
+        cross_validation.seeds.len()
+    );
+    Ok(())
+}
+
+fn print_json(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], start: Instant) {
+    let seeds: Vec<_> = result
+        .seeds
+        .iter()
+        .map(|seed| {
+            serde_json::json!({
+                "seed": seed.seed,
+                "data_hash": seed.data_hash,
+                "flights": seed.flights,
+                "steps": seed.steps,
+                "generation_s": seed.generation.as_secs_f64(),
+                "wall_s": seed.wall.as_secs_f64(),
+            })
+        })
+        .collect();
+    let json = serde_json::json!({
+        "vehicle": result.vehicle,
+        "model_hash": result.model_hash,
+        "seeds": seeds,
+        "tables": tables,
+        "files": files,
+        "wall_s": start.elapsed().as_secs_f64(),
+    });
+    println!("{json:#}");
+}
+
+fn print_text(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], start: Instant) {
+    for table in tables {
+        println!("{}\n{}", table.title, text_table(table));
+        for note in &table.notes {
+            println!("{}", wrapped(note));
+        }
+        println!();
+    }
+    for (i, file) in files.iter().enumerate() {
+        println!(
+            "{}{}",
+            if i == 0 { "Files        " } else { "             " },
+            file.display()
+        );
+    }
+    let flights: usize = result.seeds.iter().map(|seed| seed.flights).sum();
+    let generation: f64 = result.seeds.iter().map(|seed| seed.generation.as_secs_f64()).sum();
+    let seeds = result.seeds.len();
+    println!(
+        "Speed        {seeds} {}, {flights} flights in {:.1} s on {} threads; a data set takes {:.2} s",
+        if seeds == 1 { "seed" } else { "seeds" },
+        start.elapsed().as_secs_f64(),
+        result.options.threads,
+        generation / seeds as f64
+    );
+}
+
+fn text_table(result: &ResultTable) -> Table {
+    let mut table = Table::new();
+    table.load_style(output::TABLE_STYLE);
+    table.set_header(&result.columns);
+    for row in &result.rows {
+        table.add_row(row);
+    }
+    for column in 1..result.columns.len() {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
+}
+
+/// Words in lines of at most 100 letters, the later ones indented.
+fn wrapped(text: &str) -> String {
+    let mut lines = vec!["· ".to_owned()];
+    for word in text.split_whitespace() {
+        let line = lines.last_mut().expect("there is a first line");
+        if line.chars().count() + word.chars().count() > 100 {
+            lines.push(format!("  {word} "));
+        } else {
+            line.push_str(word);
+            line.push(' ');
+        }
+    }
+    lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
+}

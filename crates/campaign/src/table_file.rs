@@ -1,0 +1,203 @@
+//! Tables of numbers as CSV (for people and spreadsheets) and Parquet (for pandas, Polars, DuckDB).
+//!
+//! Both files have the same columns and rows. Floating-point numbers are written so that they read back to the same bits.
+
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, FloatType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Values of one column.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Values {
+    /// Texts.
+    Text(Vec<String>),
+    /// Whole numbers.
+    Integer(Vec<i64>),
+    /// Numbers; NaN where there is none.
+    Double(Vec<f64>),
+    /// Numbers as flight code has them.
+    Single(Vec<f32>),
+}
+
+impl Values {
+    fn len(&self) -> usize {
+        match self {
+            Self::Text(values) => values.len(),
+            Self::Integer(values) => values.len(),
+            Self::Double(values) => values.len(),
+            Self::Single(values) => values.len(),
+        }
+    }
+
+    fn cell(&self, row: usize) -> String {
+        match self {
+            Self::Text(values) => quoted(&values[row]),
+            Self::Integer(values) => values[row].to_string(),
+            Self::Double(values) if values[row].is_nan() => String::new(),
+            Self::Double(values) => values[row].to_string(),
+            Self::Single(values) => values[row].to_string(),
+        }
+    }
+}
+
+/// A CSV field; quoted where it has to be.
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+/// A table: columns of equal length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TableFile {
+    columns: Vec<(String, Values)>,
+}
+
+/// Why a file was not written.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: cannot write the table: {reason}")]
+pub struct TableFileError {
+    path: PathBuf,
+    reason: String,
+}
+
+impl TableFile {
+    /// Adds a column.
+    pub fn column(&mut self, name: &str, values: Values) -> &mut Self {
+        if let Some((_, first)) = self.columns.first() {
+            assert_eq!(values.len(), first.len(), "column {name} is as long as the others");
+        }
+        self.columns.push((name.to_owned(), values));
+        self
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |(_, values)| values.len())
+    }
+
+    /// As CSV text, with a header.
+    pub fn to_csv(&self) -> String {
+        let mut text = String::new();
+        let names: Vec<String> = self.columns.iter().map(|(name, _)| quoted(name)).collect();
+        writeln!(text, "{}", names.join(",")).expect("a String takes everything");
+        for row in 0..self.rows() {
+            for (i, (_, values)) in self.columns.iter().enumerate() {
+                text.push_str(if i > 0 { "," } else { "" });
+                text.push_str(&values.cell(row));
+            }
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Writes `to_csv` to `path`.
+    pub fn write_csv(&self, path: &Path) -> Result<(), TableFileError> {
+        std::fs::write(path, self.to_csv()).map_err(|error| refused(path, &error))
+    }
+
+    /// Writes the table to `path` as Parquet.
+    pub fn write_parquet(&self, path: &Path) -> Result<(), TableFileError> {
+        let file = File::create(path).map_err(|error| refused(path, &error))?;
+        self.encode(BufWriter::new(file)).map_err(|error| refused(path, &error))
+    }
+
+    fn encode(&self, file: BufWriter<File>) -> Result<(), ParquetError> {
+        let fields = self
+            .columns
+            .iter()
+            .map(|(name, values)| {
+                let (physical, logical) = match values {
+                    Values::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+                    Values::Integer(_) => (Physical::INT64, None),
+                    Values::Double(_) => (Physical::DOUBLE, None),
+                    Values::Single(_) => (Physical::FLOAT, None),
+                };
+                Type::primitive_type_builder(name, physical)
+                    .with_repetition(Repetition::REQUIRED)
+                    .with_logical_type(logical)
+                    .build()
+                    .map(Arc::new)
+            })
+            .collect::<Result<_, _>>()?;
+        let schema = Type::group_type_builder("table").with_fields(fields).build()?;
+        let properties = WriterProperties::builder()
+            .set_created_by(format!("rotortwin-campaign {}", env!("CARGO_PKG_VERSION")))
+            .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
+            .build();
+        let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))?;
+        let mut group = writer.next_row_group()?;
+        for (_, values) in &self.columns {
+            let mut column = group
+                .next_column()?
+                .ok_or_else(|| ParquetError::General("the schema has fewer columns than the table".to_owned()))?;
+            match values {
+                Values::Text(values) => {
+                    let values: Vec<ByteArray> = values.iter().map(|text| ByteArray::from(text.as_str())).collect();
+                    column.typed::<ByteArrayType>().write_batch(&values, None, None)?
+                }
+                Values::Integer(values) => column.typed::<Int64Type>().write_batch(values, None, None)?,
+                Values::Double(values) => column.typed::<DoubleType>().write_batch(values, None, None)?,
+                Values::Single(values) => column.typed::<FloatType>().write_batch(values, None, None)?,
+            };
+            column.close()?;
+        }
+        group.close()?;
+        writer.close()?;
+        Ok(())
+    }
+}
+
+fn refused(path: &Path, reason: &dyn std::fmt::Display) -> TableFileError {
+    TableFileError {
+        path: path.to_path_buf(),
+        reason: reason.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use parquet::file::reader::{FileReader as _, SerializedFileReader};
+    use parquet::record::RowAccessor as _;
+
+    #[test]
+    fn val_both_files_hold_what_was_put_in() {
+        let mut table = TableFile::default();
+        table
+            .column("name", Values::Text(vec!["a".to_owned(), "b, \"c\"".to_owned()]))
+            .column("count", Values::Integer(vec![-1, 7]))
+            .column("share", Values::Double(vec![0.1 + 0.2, f64::NAN]))
+            .column("mean", Values::Single(vec![0.1, 1e-9]));
+        assert_eq!(
+            table.to_csv(),
+            "name,count,share,mean\na,-1,0.30000000000000004,0.1\n\"b, \"\"c\"\"\",7,,0.000000001\n"
+        );
+        let folder = std::env::temp_dir().join(format!("rotortwin-table-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("writable");
+        let path = folder.join("table.parquet");
+        table.write_parquet(&path).expect("written");
+        let reader = SerializedFileReader::new(File::open(&path).expect("there")).expect("Parquet");
+        let rows: Vec<_> = reader
+            .get_row_iter(None)
+            .expect("rows")
+            .map(|row| row.expect("row"))
+            .collect();
+        assert_eq!(rows.len(), 2);
+        assert_eq!(rows[1].get_string(0).expect("text"), "b, \"c\"");
+        assert_eq!(rows[0].get_long(1).expect("integer"), -1);
+        assert_eq!(rows[0].get_double(2).expect("double"), 0.1 + 0.2);
+        assert_eq!(rows[1].get_float(3).expect("single"), 1e-9);
+        std::fs::remove_dir_all(&folder).expect("removable");
+    }
+}
