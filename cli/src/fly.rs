@@ -11,8 +11,8 @@ use rotortwin_sim::events::{Change, Progress, RunEvent};
 use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Status, Summary, load_summary, verdict_text};
-use rotortwin_wire::link::{LinkTiming, host_name};
 use rotortwin_wire::link::endpoint::PeerOptions;
+use rotortwin_wire::link::{LinkTiming, host_name};
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::io::IsTerminal as _;
@@ -364,7 +364,9 @@ fn parts(
     folder: &RunFolder,
     external: &BTreeSet<External>,
 ) -> Vec<Part> {
-    let join_timeout = args.join_timeout.unwrap_or(if external.is_empty() { 10_000 } else { 600_000 });
+    let join_timeout = args
+        .join_timeout
+        .unwrap_or(if external.is_empty() { 10_000 } else { 600_000 });
     let mut common = ArgList::default();
     common.option("--run-id", format!("{:016x}", config.run_id));
     common

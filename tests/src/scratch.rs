@@ -10,6 +10,9 @@ const SHARED_MEMORY: &str = "/dev/shm";
 /// iceoryx2 keeps one file of 16 bytes per domain for good; every later run uses it again.
 const KEPT: &str = ".global_mgmt";
 
+/// Empty folders and files that stay in the folder of a domain.
+const KEPT_IN_ROOT: [&str; 5] = ["lock", "prefixes", "iceoryx2", "iceoryx2/nodes", "iceoryx2/services"];
+
 /// The root of the repository.
 pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -81,7 +84,7 @@ impl Scratch {
                 .prefix("rotortwin-test-")
                 .tempdir()
                 .expect("there is room for temporary files"),
-            domain: format!("test-{}-{number}", std::process::id()),
+            domain: short_name(u64::from(std::process::id()) << 10 | u64::from(number)),
         }
     }
 
@@ -117,39 +120,62 @@ impl Scratch {
 
     /// What runs of this domain hold in shared memory now.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
-        let mut entries = self.entries();
-        entries.retain(|path| !path.as_os_str().to_string_lossy().ends_with(KEPT));
+        let is_kept = |path: &PathBuf| {
+            let below_root = path
+                .strip_prefix(self.root())
+                .map(|path| path.to_string_lossy().into_owned());
+            match below_root {
+                Ok(name) => KEPT_IN_ROOT.contains(&name.as_str()) || name.starts_with("prefixes/"),
+                Err(_) => path.to_string_lossy().ends_with(KEPT),
+            }
+        };
+        let mut entries = self.segments();
+        entries.extend(files_below(&self.root()));
+        entries.retain(|path| !is_kept(path));
         entries
     }
 
-    fn entries(&self) -> Vec<PathBuf> {
-        let user = rustix::process::getuid().as_raw();
-        let prefix = format!("rt{user}_{}_", self.domain);
-        let is_ours = |path: &PathBuf| {
-            path.file_name()
-                .is_some_and(|name| name.to_string_lossy().starts_with(&prefix))
-        };
-        let mut found: Vec<PathBuf> = std::fs::read_dir(SHARED_MEMORY)
-            .expect("/dev/shm can be read")
+    /// Beginning of the names of everything that runs of this domain have in shared memory.
+    fn prefix(&self) -> String {
+        format!("rt{}_{}", rustix::process::getuid().as_raw(), self.domain)
+    }
+
+    /// Folder of this domain.
+    fn root(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(self.prefix())
+    }
+
+    /// Segments of this domain.
+    fn segments(&self) -> Vec<PathBuf> {
+        let prefix = format!("{}_", self.prefix());
+        let entries = std::fs::read_dir(SHARED_MEMORY).expect("/dev/shm can be read");
+        let ours = entries
             .flatten()
-            .map(|entry| entry.path())
-            .filter(is_ours)
-            .collect();
-        found.extend(
-            files_below(&Path::new(SHARED_MEMORY).join(format!("rotortwin-{user}")))
-                .into_iter()
-                .filter(is_ours),
-        );
-        found
+            .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
+        ours.map(|entry| entry.path()).collect()
     }
 }
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        for path in self.entries() {
+        for path in self.segments() {
             drop(std::fs::remove_file(path));
         }
+        drop(std::fs::remove_dir_all(self.root()));
     }
+}
+
+/// A number in few letters and digits.
+fn short_name(mut number: u64) -> String {
+    let mut name = String::from("t");
+    while number > 0 {
+        name.extend(char::from_digit(
+            u32::try_from(number % 36).expect("it is below 36"),
+            36,
+        ));
+        number /= 36;
+    }
+    name
 }
 
 /// Everything below a folder; what disappears meanwhile is left out.

@@ -48,7 +48,7 @@ impl Moment {
 const fn flight_s(link: Link) -> u32 {
     match link {
         Link::Zenoh => 40,
-        Link::InProcess | Link::Iceoryx2 => 90,
+        Link::InProcess | Link::Iceoryx2 => 60,
     }
 }
 

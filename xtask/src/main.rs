@@ -13,6 +13,7 @@ const USAGE: &str = "usage: cargo xtask TASK
   check             what the gate asks of the tree: format, lints, generated code, house rules, no_std build
   codegen [--check] Rust code from proto/ (--check: only say whether it is up to date)
   thumb             build flight-core for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
+  seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
   bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link";
 
 fn main() -> std::process::ExitCode {
@@ -34,6 +35,8 @@ fn run_task() -> Result<()> {
         ["codegen"] => codegen::write(&root),
         ["codegen", "--check"] => codegen::check(&root),
         ["thumb"] => thumb::run(&root),
+        ["seeds"] => seeds(&root, "config/scenarios/reference-flight.toml"),
+        ["seeds", scenario] => seeds(&root, scenario),
         ["bench"] => bench::run(&root, false),
         ["bench", "--quick"] => bench::run(&root, true),
         _ => bail!("{USAGE}"),
@@ -46,6 +49,22 @@ fn root() -> Result<PathBuf> {
         .parent()
         .map(Path::to_path_buf)
         .context("xtask stands in the repository root")
+}
+
+/// Flies a scenario with seeds 1 to 100 and prints what the evaluators did.
+fn seeds(root: &Path, scenario: &str) -> Result<()> {
+    let args = [
+        "run",
+        "--release",
+        "--locked",
+        "--quiet",
+        "-p",
+        "rotortwin-campaign",
+        "--example",
+        "seed_study",
+        "--",
+    ];
+    run("seeds 1 to 100", cargo(root).args(args).args([scenario, "100"]))
 }
 
 /// A `cargo` command in the repository root.

@@ -72,8 +72,9 @@ pub fn classifier_file(
             program: format!("rotortwin {}", env!("CARGO_PKG_VERSION")),
             command: command.to_owned(),
             data: format!(
-                "{} flights of 90 s (§5.2), {flown}; {:.0} % of the windows trained on, the rest held back",
+                "{} flights of 90 s (§5.2) with {}, {flown}; {:.0} % of the windows trained on, the rest held back",
                 data.flights.len(),
+                reproduction.world,
                 100.0 * TRAINING_SHARE
             ),
             data_hash: method.samples(data).samples.content_hash(),

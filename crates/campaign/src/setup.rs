@@ -27,3 +27,22 @@ pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> R
         fdi: setup::fdi_setup(&scenario.fdi_config(), network),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenario_network_reaches_the_fdi_engine_bit_for_bit() {
+        for (name, self_calibrated) in [("reference-flight", false), ("lag-aware-reference-flight", true)] {
+            let path = format!("{}/../../config/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+            let scenario = Scenario::load(path).expect("a good scenario");
+            let simulation = Simulation::new(&scenario, 1).expect("a good scenario");
+            let sent = run_setup(&scenario, &simulation, 1).fdi;
+            let received = setup::fdi_config(&sent).expect("good parameters");
+            let network = received.network.expect("the scenario names a classifier");
+            assert_eq!(Some(network), scenario.fdi_config().network);
+            assert_eq!(network.self_calibrated(), self_calibrated);
+        }
+    }
+}

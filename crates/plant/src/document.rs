@@ -105,7 +105,10 @@ impl Document {
         if path.is_file() {
             return Classifier::read(path);
         }
-        let reason = format!("expected the path of a classifier file, there is none at {}", plain(path));
+        let reason = format!(
+            "expected the path of a classifier file, there is none at {}",
+            plain(path)
+        );
         Err(self.refuse(Refusal::new(key, reason)))
     }
 

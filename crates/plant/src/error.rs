@@ -130,14 +130,23 @@ pub(crate) fn in_range(key: &str, value: f64, min: f64, max: f64, unit: &str) ->
     };
     Err(Refusal::new(
         key,
-        format!("expected a number from {} to {}{unit}, got {}", plain(min), plain(max), plain(value)),
+        format!(
+            "expected a number from {} to {}{unit}, got {}",
+            plain(min),
+            plain(max),
+            plain(value)
+        ),
     ))
 }
 
 /// A number as people write it: 1e-300 rather than 300 zeros.
 fn plain(value: f64) -> String {
     let size = value.abs();
-    if size != 0.0 && size.is_finite() && !(1e-4..1e7).contains(&size) { format!("{value:e}") } else { value.to_string() }
+    if size != 0.0 && size.is_finite() && !(1e-4..1e7).contains(&size) {
+        format!("{value:e}")
+    } else {
+        value.to_string()
+    }
 }
 
 /// [`in_range`] for every entry of a list.

@@ -77,9 +77,11 @@ impl Scenario {
                 baseline_start: calibration_start,
                 baseline_end: calibration_end,
             },
-            network: self
-                .classifier()
-                .map(|classifier| classifier.network().expect("the classifier was checked with the scenario")),
+            network: self.classifier().map(|classifier| {
+                classifier
+                    .network()
+                    .expect("the classifier was checked with the scenario")
+            }),
             sequential: SequentialConfig {
                 calibration_start,
                 calibration_end,

@@ -347,12 +347,21 @@ impl Documents {
             (None, None) => Ok(()),
             (Some(_), Some(classifier)) => {
                 classifier.check().map_err(|refusal| {
-                    Refusal::new("fdi.network", format!("`{}` of the classifier: {}", refusal.key, refusal.reason))
+                    Refusal::new(
+                        "fdi.network",
+                        format!("`{}` of the classifier: {}", refusal.key, refusal.reason),
+                    )
                 })?;
                 classifier.check_fits(settings, self.vehicle.rotor_count())
             }
-            (Some(_), None) => Err(Refusal::new("fdi.network", "expected the classifier with the documents, it is missing")),
-            (None, Some(_)) => Err(Refusal::new("fdi.network", "expected this key, as there is a classifier")),
+            (Some(_), None) => Err(Refusal::new(
+                "fdi.network",
+                "expected the classifier with the documents, it is missing",
+            )),
+            (None, Some(_)) => Err(Refusal::new(
+                "fdi.network",
+                "expected this key, as there is a classifier",
+            )),
         }
     }
 

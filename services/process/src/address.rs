@@ -16,7 +16,7 @@ use std::time::Duration;
 pub enum LinkAddress {
     /// Shared memory of this host.
     Iceoryx2 {
-        /// Letters, digits, `-` and `_`.
+        /// 1 to 8 letters, digits, `-` and `_`.
         domain: String,
     },
     /// TCP; the plant listens.
@@ -86,7 +86,10 @@ impl LinkAddress {
     pub fn for_peers(&self, host: &str) -> Self {
         match self {
             Self::ZenohListen { endpoint } => {
-                let endpoint = endpoint.replacen("/0.0.0.0:", &format!("/{host}:"), 1).replacen("/[::]:", &format!("/{host}:"), 1);
+                let endpoint =
+                    endpoint
+                        .replacen("/0.0.0.0:", &format!("/{host}:"), 1)
+                        .replacen("/[::]:", &format!("/{host}:"), 1);
                 Self::ZenohConnect { endpoint }
             }
             other => other.clone(),
@@ -95,7 +98,10 @@ impl LinkAddress {
 }
 
 /// Domain of runs that name none.
-const DEFAULT_DOMAIN: &str = "default";
+pub(crate) const DEFAULT_DOMAIN: &str = "default";
+
+/// Most characters of a domain: it is part of the path of a socket, which has at most 107 bytes.
+const MAX_DOMAIN: usize = 8;
 
 /// What is wrong with an address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -136,8 +142,8 @@ impl FromStr for LinkAddress {
             }),
             Some(("iceoryx2", domain)) => {
                 let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-                if domain.is_empty() || domain.len() > 32 || !domain.chars().all(plain) {
-                    return refuse("a domain has 1 to 32 letters, digits, '-' and '_'");
+                if domain.is_empty() || domain.len() > MAX_DOMAIN || !domain.chars().all(plain) {
+                    return refuse("a domain has 1 to 8 letters, digits, '-' and '_'");
                 }
                 Ok(Self::Iceoryx2 {
                     domain: domain.to_owned(),
@@ -207,8 +213,16 @@ mod tests {
 
     #[test]
     fn val_peers_connect_where_the_plant_listens() {
-        let peers = |text: &str| text.parse::<LinkAddress>().expect("well formed").for_peers("bench-1").to_string();
-        assert_eq!(peers("zenoh:listen=tcp/10.0.0.1:7447"), "zenoh:connect=tcp/10.0.0.1:7447");
+        let peers = |text: &str| {
+            text.parse::<LinkAddress>()
+                .expect("well formed")
+                .for_peers("bench-1")
+                .to_string()
+        };
+        assert_eq!(
+            peers("zenoh:listen=tcp/10.0.0.1:7447"),
+            "zenoh:connect=tcp/10.0.0.1:7447"
+        );
         assert_eq!(peers("zenoh:listen=tcp/0.0.0.0:7447"), "zenoh:connect=tcp/bench-1:7447");
         assert_eq!(peers("zenoh:listen=tcp/[::]:7447"), "zenoh:connect=tcp/bench-1:7447");
         assert_eq!(peers("iceoryx2:a"), "iceoryx2:a");
@@ -221,6 +235,7 @@ mod tests {
             ("iceoryx", "no such link"),
             ("iceoryx2:", "a domain has"),
             ("iceoryx2:a/b", "a domain has"),
+            ("iceoryx2:a-domain-too-long", "a domain has"),
             ("zenoh", "no such link"),
             ("zenoh:tcp/1.2.3.4:5", "needs listen= or connect="),
             ("zenoh:listen=1.2.3.4:5", "no tcp/HOST:PORT"),

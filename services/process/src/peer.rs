@@ -1,5 +1,6 @@
 //! What a controller or FDI process is told on its command line, and how it serves a run.
 
+use crate::address::DEFAULT_DOMAIN;
 use crate::{EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor};
 use clap::Args;
 use rotortwin_wire::link::endpoint::{PeerOptions, serve_controller, serve_fdi};
@@ -113,6 +114,17 @@ pub fn parse_run_id(text: &str) -> Result<u64, String> {
     }
 }
 
+/// Where the processes of a domain meet.
+fn iox2_options(domain: &str) -> Iox2Options {
+    let mut options = Iox2Options::default();
+    if domain != DEFAULT_DOMAIN {
+        // Domains in one folder would remove each other's dead processes there, but not what these have elsewhere.
+        options.root = options.root.with_file_name(format!("{}{domain}", options.prefix));
+    }
+    options.prefix.push_str(&format!("{domain}_"));
+    options
+}
+
 /// One process's end of any link between processes.
 pub enum AnyEndpoint {
     /// Shared memory.
@@ -126,26 +138,28 @@ impl AnyEndpoint {
     pub fn open(address: &LinkAddress, role: Role, run_id: u64, limit: Duration) -> Result<Self, LinkError> {
         match address {
             LinkAddress::Iceoryx2 { domain } => {
-                let mut options = Iox2Options::default();
-                options.prefix.push_str(&format!("{domain}_"));
-                Iox2Endpoint::new(role, run_id, options).map(|endpoint| Self::Iox2(Box::new(endpoint)))
+                Iox2Endpoint::new(role, run_id, iox2_options(domain)).map(|endpoint| Self::Iox2(Box::new(endpoint)))
             }
             LinkAddress::ZenohListen { endpoint } => {
                 ZenohEndpoint::new(role, run_id, ZenohOptions::listen(endpoint.clone()))
                     .map(|endpoint| Self::Zenoh(Box::new(endpoint)))
             }
-            LinkAddress::ZenohConnect { endpoint } => {
-                ZenohEndpoint::new(role, run_id, ZenohOptions { connect_timeout: limit, ..ZenohOptions::connect(endpoint.clone()) })
-                    .map(|endpoint| Self::Zenoh(Box::new(endpoint)))
-            }
+            LinkAddress::ZenohConnect { endpoint } => ZenohEndpoint::new(
+                role,
+                run_id,
+                ZenohOptions {
+                    connect_timeout: limit,
+                    ..ZenohOptions::connect(endpoint.clone())
+                },
+            )
+            .map(|endpoint| Self::Zenoh(Box::new(endpoint))),
         }
     }
 
-    /// Removes what killed processes have left in shared memory. Opening an end there does that, whatever the run.
+    /// Removes what killed processes have left in shared memory.
     pub fn tidy(address: &LinkAddress) {
-        const NO_RUN: u64 = u64::MAX;
-        if let LinkAddress::Iceoryx2 { .. } = address
-            && let Err(error) = Self::open(address, Role::Fdi, NO_RUN, Duration::ZERO)
+        if let LinkAddress::Iceoryx2 { domain } = address
+            && let Err(error) = iox2_options(domain).tidy()
         {
             tracing::warn!(%error, "what killed processes left in shared memory stays until the next run");
         }

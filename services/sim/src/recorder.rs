@@ -80,7 +80,8 @@ impl<'a> Recorder<'a> {
     fn report_progress(&mut self, sample: &Sample) -> Result<(), String> {
         let step = sample.sensors.stamp.step + 1;
         let last = step == self.step_count;
-        if !last && (!step.is_multiple_of(STEPS_PER_CLOCK_READING) || self.last_progress.elapsed() < PROGRESS_INTERVAL) {
+        if !last && (!step.is_multiple_of(STEPS_PER_CLOCK_READING) || self.last_progress.elapsed() < PROGRESS_INTERVAL)
+        {
             return Ok(());
         }
         self.last_progress = Instant::now();

@@ -24,6 +24,7 @@ use crate::scores::Confusion;
 use crate::windows::Collect;
 use rotortwin_flight_core::fdi::FaultVerdict;
 use rotortwin_plant::Scenario;
+use rotortwin_plant::mismatch::{MismatchModel, MismatchPreset};
 use rotortwin_plant::scenario::{NominalThrustModel, Start, ThrustToDutyMap};
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
@@ -348,6 +349,10 @@ pub struct Reproduction {
     pub options: Options,
     /// n_a.
     pub rotor_count: usize,
+    /// Name of the base scenario.
+    pub scenario: String,
+    /// What the true vehicle differs in from its document, in words.
+    pub world: String,
     /// Name of the vehicle.
     pub vehicle: String,
     /// Content hash of vehicle and blades.
@@ -366,10 +371,33 @@ pub fn run(base: &Scenario, options: &Options, done: &(dyn Fn() + Sync)) -> Resu
     Ok(Reproduction {
         options: options.clone(),
         rotor_count: base.fdi_config().geometry.rotor_count(),
+        scenario: base.name().to_owned(),
+        world: world(base),
         vehicle: base.vehicle().name.clone(),
         model_hash: crate::run_hash::model_hash(base),
         seeds,
     })
+}
+
+/// The mismatch of the base scenario in words.
+fn world(base: &Scenario) -> String {
+    let mismatch = &base.document().mismatch;
+    let preset = match mismatch.preset {
+        MismatchPreset::None => "no mismatch",
+        MismatchPreset::Paper => "the paper's mismatch",
+        MismatchPreset::Realistic => "the realistic mismatch",
+    };
+    if mismatch.magnitudes()
+        == (MismatchModel {
+            preset: mismatch.preset,
+            ..MismatchModel::default()
+        })
+        .magnitudes()
+    {
+        preset.to_owned()
+    } else {
+        format!("{preset}, with magnitudes of its own")
+    }
 }
 
 fn run_seed(base: &Scenario, options: &Options, seed: u64, done: &(dyn Fn() + Sync)) -> Result<SeedResult, String> {

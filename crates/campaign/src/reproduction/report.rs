@@ -52,9 +52,10 @@ pub fn render(reproduction: &Reproduction, tables: &[ResultTable], figures: &[Fi
     let seeds: Vec<String> = reproduction.seeds.iter().map(|seed| seed.seed.to_string()).collect();
     put!(
         html,
-        "<header><h1>The paper's tables, reproduced</h1><p class=\"sub\">{} · {} rotors · seeds {}</p></header>",
+        "<header><h1>The paper's tables, reproduced</h1><p class=\"sub\">{} · {} rotors · {} · seeds {}</p></header>",
         escape(&reproduction.vehicle),
         reproduction.rotor_count,
+        escape(&reproduction.world),
         seeds.join(", ")
     );
     tiles(&mut html, reproduction);

@@ -38,7 +38,8 @@
 //! # Limits
 //!
 //! One fault at a time: a second one may be absorbed, but the verdict names the rotor that has lost most. Torque disturbances that
-//! come suddenly and last, and point like a rotor's loss, are taken for one. A loss below `smallest_loss` is never reported. The
+//! come suddenly and last, and point like a rotor's loss, are taken for one; those that point between rotors are an unknown fault, and
+//! stay one until later data speak against it. A loss below `smallest_loss` is never reported. The
 //! sensor noise is taken to stay as it was measured.
 //!
 //! Glossary: *block*, part of a window after which the filters are updated; *level*, standard deviation of the gusts; *lever*, the
@@ -71,7 +72,7 @@ const LEAST_NOISE_SAMPLES: f32 = 200.0;
 /// A loss that comes back but for this share has healed: more cannot be told from an error of the estimate.
 const HEALED_SHARE: f32 = 0.15;
 
-/// What noise alone leaves unexplained, nats: half a χ² with three degrees of freedom exceeds it once in 50,000.
+/// What noise alone leaves unexplained, nats: half a χ² with three degrees of freedom exceeds it once in 40,000.
 const UNEXPLAINED_NATS: f32 = 12.0;
 
 /// Time over which the thrust of every rotor is averaged to turn a loss in newtons into a share, s.
@@ -109,7 +110,7 @@ pub struct SequentialConfig {
     /// Highest level, share of the hover thrust.
     pub disturbance_ceiling: f32,
     /// λ, evidence that it takes to name a rotor, nats. In 55 h of simulated healthy flight, most of it with wind and wrong
-    /// parameters, the evidence for some rotor came to 26 once and else stayed below 23.
+    /// parameters, the evidence for some rotor passed 24 in one flight, where it fitted none.
     pub evidence_to_isolate: f32,
     /// Lead over the next best rotor that it takes to name one, nats.
     pub margin_to_isolate: f32,
@@ -383,6 +384,8 @@ pub struct SequentialDetector {
     config: SequentialConfig,
     rotor_count: usize,
     block_period: f32,
+    /// Of the gusts, from block to block.
+    correlation: f32,
     /// Mean hover thrust of a rotor, N.
     mean_hover_thrust: f32,
     hover_thrust: [f32; MAX_ROTORS],
@@ -459,6 +462,7 @@ impl SequentialDetector {
             config: *config,
             rotor_count,
             block_period,
+            correlation: libm::expf(-block_period / config.disturbance_correlation_time),
             mean_hover_thrust,
             hover_thrust,
             column,
@@ -568,7 +572,7 @@ impl SequentialDetector {
         let measurement = self.axis[axis].noise / block.samples;
         let excursion = self.rotor_gain_variance * block.excursion * self.axis[axis].column_square;
         Disturbance {
-            correlation: libm::expf(-self.block_period / self.config.disturbance_correlation_time),
+            correlation: self.correlation,
             variance,
             momentum_noise: self.config.momentum_noise_share * measurement + excursion * block.elapsed * block.elapsed,
             drift: self.config.drift_share * variance * self.block_period,
@@ -665,11 +669,9 @@ impl SequentialDetector {
         let mut phi = [[0.0; STATES]; AXES];
         let mut innovation = [Innovation::default(); AXES];
         let mut evidence = [0.0; AXES];
-        let mut correlation = 0.0;
         for axis in 0..AXES {
             phi[axis] = self.phi(axis, block);
             let disturbance = self.disturbance(axis, self.axis[axis].variance, block);
-            correlation = disturbance.correlation;
             let state = &mut self.axis[axis];
             let (known, known_variance) = state.filter.parameter_effect(&phi[axis]);
             state.filter.predict(&phi[axis], &disturbance);
@@ -681,7 +683,7 @@ impl SequentialDetector {
             self.follow_level(axis, block, known, known_variance, &disturbance);
         }
         self.onset
-            .update(&phi, &innovation, &evidence, correlation, block.elapsed);
+            .update(&phi, &innovation, &evidence, self.correlation, block.elapsed);
     }
 
     /// Moves the time constants to their estimates. Only while nothing stands out: what the filters make of a fault is undone

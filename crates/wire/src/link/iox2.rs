@@ -148,28 +148,37 @@ impl Iox2Options {
         }
         // Between the two locks another may come, find itself alone and tidy up: nothing of ours exists yet.
         flock(&lock, FlockOperation::LockShared).map_err(|error| problem(error.into()))?;
+        std::fs::create_dir_all(self.prefixes()).map_err(problem)?;
+        File::create(self.prefixes().join(&self.prefix)).map_err(problem)?;
         Ok(lock)
     }
 
-    /// Removes the files of killed processes. Nobody may live here.
+    /// Where every prefix that was used under this root has an empty file of its name.
+    fn prefixes(&self) -> PathBuf {
+        self.root.join("prefixes")
+    }
+
+    /// Removes the files of killed processes, whatever their prefix. Nobody may live here.
     fn remove_leftovers(&self) {
-        if let Err(error) = std::fs::remove_dir_all(self.files())
-            && error.kind() != std::io::ErrorKind::NotFound
-        {
-            tracing::warn!("removing {}: {error}", self.files().display());
-        }
-        let Ok(entries) = std::fs::read_dir(SHARED_MEMORY) else {
-            return;
+        let remove_folder = |folder: PathBuf| match std::fs::remove_dir_all(&folder) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                tracing::warn!("removing {}: {error}", folder.display());
+            }
+            _ => {}
         };
-        for entry in entries.flatten() {
-            let name = entry.file_name();
-            if name.to_str().is_some_and(|name| is_segment(name, &self.prefix)) {
-                match std::fs::remove_file(entry.path()) {
-                    Ok(()) => tracing::debug!("removed {} of a killed process", entry.path().display()),
-                    Err(error) => tracing::warn!("removing {}: {error}", entry.path().display()),
+        remove_folder(self.files());
+        let mut prefixes = names(&self.prefixes());
+        prefixes.push(self.prefix.clone());
+        for name in names(std::path::Path::new(SHARED_MEMORY)) {
+            if prefixes.iter().any(|prefix| is_segment(&name, prefix)) {
+                let path = PathBuf::from(SHARED_MEMORY).join(name);
+                match std::fs::remove_file(&path) {
+                    Ok(()) => tracing::debug!("removed {} of a killed process", path.display()),
+                    Err(error) => tracing::warn!("removing {}: {error}", path.display()),
                 }
             }
         }
+        remove_folder(self.prefixes());
     }
 }
 
@@ -194,6 +203,19 @@ fn retried<T, E: std::fmt::Debug>(
             Err(_) => std::thread::sleep(Duration::from_millis(5)),
         }
     }
+}
+
+/// The names in a folder; none if it is not there.
+fn names(folder: &std::path::Path) -> Vec<String> {
+    std::fs::read_dir(folder).map_or_else(
+        |_| Vec::new(),
+        |entries| {
+            entries
+                .flatten()
+                .filter_map(|entry| entry.file_name().into_string().ok())
+                .collect()
+        },
+    )
 }
 
 /// True for the name of a segment that iceoryx2 made under this very prefix: prefix, hash of 40 digits, identity, suffix. (Another
@@ -730,7 +752,18 @@ mod tests {
         drop(options.enter().expect("a shared place"));
         assert!(stale.exists(), "somebody still lives here");
         drop(second);
+        // Left by somebody with another prefix under this root.
+        let elsewhere = Iox2Options {
+            prefix: format!("{}else_", options.prefix),
+            ..options.clone()
+        };
+        drop(elsewhere.enter().expect("an empty place"));
+        assert!(!stale.exists());
+        place();
+        let stale_elsewhere = segment(&format!("else_{hash}_456.data"));
+        std::fs::write(&stale_elsewhere, "x").expect("a new file");
         options.tidy().expect("an empty place");
+        assert!(!stale_elsewhere.exists());
         assert!(!stale.exists() && !options.files().exists() && others.iter().all(|other| other.exists()));
         others
             .iter()
