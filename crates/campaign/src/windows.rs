@@ -222,6 +222,7 @@ mod tests {
     #[derive(Default)]
     struct Verdicts {
         t_test: Vec<i32>,
+        network: Vec<i32>,
         sum: [f64; 4],
         mean: Vec<[f64; 4]>,
     }
@@ -233,6 +234,7 @@ mod tests {
             }
             if sample.report.window_end == 1 {
                 self.t_test.push(sample.report.t_test);
+                self.network.push(sample.report.network);
                 self.mean.push(std::mem::take(&mut self.sum));
             }
             Ok(())
@@ -298,6 +300,44 @@ mod tests {
             // Blade b on rotor 5 from 45 s on, that is from window 720 on.
             assert!(windows.labels[..720].iter().all(|label| *label == 0));
             assert!(windows.labels[720..].iter().all(|label| *label == 5));
+        }
+    }
+
+    /// What a network was trained on is what it reads in flight, with and without self-calibration.
+    #[test]
+    fn val_network_verdicts_are_those_of_the_fdi_engine() {
+        for name in ["reference-flight", "lag-aware-reference-flight"] {
+            let path = format!("{}/../../config/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+            let scenario = Scenario::load(path).expect("a good scenario");
+            let mut simulation = Simulation::new(&scenario, 5).expect("a good scenario");
+            let setup = crate::setup::run_setup(&scenario, &simulation, 1);
+            let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
+            let mut engine = Verdicts::default();
+            flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut engine);
+
+            let classifier = scenario.classifier().expect("the scenario names one");
+            let network = classifier.network().expect("it was checked");
+            let model = classifier.inputs.nominal_thrust;
+            let collect = Collect {
+                models: vec![model],
+                calibration_s: [2.0, 10.0],
+                attitude_errors: false,
+            };
+            let flown = fly(&scenario, 5, &collect).expect("a good flight");
+            let windows = flown.of(model);
+            let geometry = scenario.fdi_config().geometry;
+            let verdicts: Vec<i32> = (0..flown.labels.len())
+                .map(|i| {
+                    if network.self_calibrated() && windows.t_test[i] == FaultVerdict::NotReady {
+                        return FaultVerdict::NotReady.code();
+                    }
+                    let input = windows.network_input(&geometry, i, network.self_calibrated());
+                    network.evaluate(&input).code()
+                })
+                .collect();
+            assert_eq!(verdicts, engine.network, "{name}");
+            assert_eq!(verdicts[0] == FaultVerdict::NotReady.code(), network.self_calibrated());
+            assert!(verdicts.contains(&3), "{name}: the fault was not found");
         }
     }
 }
