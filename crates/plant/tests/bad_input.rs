@@ -142,7 +142,7 @@ fn val_ranges_and_not_a_number() {
     let expected = "scenario, line 4, key `duration_s`: expected a number from 0.0025 to 86400 s, got";
     assert_eq!(swapped("10.0", "nan"), format!("{expected} NaN"));
     assert_eq!(swapped("10.0", "-1"), format!("{expected} -1"));
-    assert_eq!(swapped("10.0", "1e300"), format!("{expected} {}", 1e300));
+    assert_eq!(swapped("10.0", "1e300"), format!("{expected} 1e300"));
     assert_eq!(
         swapped("-5.0]", "inf]"),
         "scenario, line 7, key `trajectory.position_ned_m[2]`: expected a number from -10000 to 10000 m, got inf"
