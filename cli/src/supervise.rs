@@ -36,6 +36,9 @@ const GRACE: Duration = Duration::from_millis(800);
 /// How often the children are looked after while no event comes.
 const POLL: Duration = Duration::from_millis(20);
 
+/// The program of this very process, also if its file has been replaced since: all processes of a run are of one build.
+const OWN_PROGRAM: &str = "/proc/self/exe";
+
 /// One process to start.
 pub(crate) struct Part {
     /// `sim`, `controller` or `fdi`: the subcommand, and the name of its log.
@@ -248,11 +251,14 @@ struct Process {
 
 impl Process {
     fn spawn(part: &Part, log_dir: &Path, is_plant: bool) -> Result<Self> {
-        let program = std::env::current_exe().context("finding the program file of rotortwin")?;
         let log = log_dir.join(format!("{}.log", part.name));
         let log_file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
-        let mut command = Command::new(&program);
-        command.arg(part.name).stderr(log_file).process_group(0);
+        let mut command = Command::new(OWN_PROGRAM);
+        command
+            .arg0("rotortwin")
+            .arg(part.name)
+            .stderr(log_file)
+            .process_group(0);
         if is_plant {
             command.arg("--supervised").stdin(Stdio::piped()).stdout(Stdio::piped());
         } else {
@@ -264,7 +270,7 @@ impl Process {
         command.args(&part.args);
         let child = command
             .spawn()
-            .with_context(|| format!("starting the {} process ({})", part.name, program.display()))?;
+            .with_context(|| format!("starting the {} process", part.name))?;
         Ok(Self {
             name: part.name,
             child,
