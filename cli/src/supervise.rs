@@ -36,9 +36,6 @@ const GRACE: Duration = Duration::from_millis(800);
 /// How often the children are looked after while no event comes.
 const POLL: Duration = Duration::from_millis(20);
 
-/// The program of this very process, also if its file has been replaced since: all processes of a run are of one build.
-const OWN_PROGRAM: &str = "/proc/self/exe";
-
 /// One process to start.
 pub(crate) struct Part {
     /// `sim`, `controller` or `fdi`: the subcommand, and the name of its log.
@@ -253,12 +250,8 @@ impl Process {
     fn spawn(part: &Part, log_dir: &Path, is_plant: bool) -> Result<Self> {
         let log = log_dir.join(format!("{}.log", part.name));
         let log_file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
-        let mut command = Command::new(OWN_PROGRAM);
-        command
-            .arg0("rotortwin")
-            .arg(part.name)
-            .stderr(log_file)
-            .process_group(0);
+        let mut command = Command::new(own_program()?);
+        command.arg(part.name).stderr(log_file).process_group(0);
         if is_plant {
             command.arg("--supervised").stdin(Stdio::piped()).stdout(Stdio::piped());
         } else {
@@ -302,6 +295,13 @@ impl Drop for Process {
             tracing::warn!(name = self.name, %error, "could not end the process");
         }
     }
+}
+
+/// The program file of this process. If it has been replaced since, what the kernel still holds of it: all processes of a run are
+/// of one build.
+fn own_program() -> Result<PathBuf> {
+    let path = std::env::current_exe().context("finding the program file of rotortwin")?;
+    Ok(if path.exists() { path } else { "/proc/self/exe".into() })
 }
 
 /// Events of the plant, read by a thread until its standard output closes.

@@ -140,6 +140,8 @@ impl ZenohOptions {
                 "{ period_init_ms: 20, period_max_ms: 200, period_increase_factor: 1.5 }".to_owned(),
             ),
             ("scouting/multicast/enabled", "false".to_owned()),
+            // With scouting off there is nothing to wait for; the default is half a second.
+            ("scouting/delay", "0".to_owned()),
             ("scouting/gossip/enabled", "false".to_owned()),
             ("adminspace/enabled", "false".to_owned()),
             ("transport/link/protocols", "[\"tcp\"]".to_owned()),
