@@ -93,11 +93,6 @@ impl FaultPlan {
         }
         Ok(Self(plan))
     }
-
-    /// Steps at which a fault sets in, rising.
-    pub(crate) fn onset_steps(&self) -> impl Iterator<Item = (u64, usize)> + '_ {
-        self.0.iter().map(|fault| (fault.step, fault.rotor))
-    }
 }
 
 impl FaultEntry {

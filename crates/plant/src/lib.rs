@@ -75,6 +75,6 @@ pub const STEP_S: f64 = 0.0025;
 pub const STEP_NS: u64 = 2_500_000;
 
 /// The step nearest to a time in s, for finite times from 0.
-fn nearest_step(time_s: f64) -> u64 {
+pub fn nearest_step(time_s: f64) -> u64 {
     libm::round(time_s * STEP_RATE_HZ) as u64
 }

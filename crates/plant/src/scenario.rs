@@ -531,9 +531,4 @@ impl Scenario {
     pub fn starts_trimmed(&self) -> bool {
         self.documents.scenario.initial.start == Start::Trimmed
     }
-
-    /// Fault onsets, (step, rotor from 0), in time order.
-    pub fn fault_onsets(&self) -> impl Iterator<Item = (u64, usize)> + '_ {
-        self.fault_plan.onset_steps()
-    }
 }

@@ -5,7 +5,7 @@
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::sensor_faults::SensorFaultEntry;
 use rotortwin_plant::sensors::Sensor;
-use rotortwin_plant::{STEP_RATE_HZ, Scenario};
+use rotortwin_plant::{Scenario, nearest_step};
 use std::collections::BTreeMap;
 
 /// The schedule of one scenario, walked through step by step.
@@ -93,10 +93,7 @@ impl ConditionSchedule {
     /// Codes of the rotors and mask of the sensor faults in force at `step`. Steps must not go back.
     #[inline]
     pub fn at(&mut self, step: u64) -> ([i32; MAX_ROTORS], u32) {
-        while let Some(&(first_step, rotor, code)) =
-            self.rotor_changes.get(self.passed).filter(|change| change.0 <= step)
-        {
-            debug_assert!(first_step <= step);
+        while let Some(&(_, rotor, code)) = self.rotor_changes.get(self.passed).filter(|change| change.0 <= step) {
             self.rotors[rotor] = code;
             self.passed += 1;
         }
@@ -128,8 +125,4 @@ fn sensor_fault_name(entry: &SensorFaultEntry) -> String {
         (None, None, None) => "stuck".to_owned(),
     };
     format!("{sensor}: {kind}")
-}
-
-fn nearest_step(time_s: f64) -> u64 {
-    (time_s * STEP_RATE_HZ).round() as u64
 }
