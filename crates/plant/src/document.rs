@@ -1,6 +1,7 @@
 //! Reading one TOML document with errors that name file, line and key.
 //!
-//! serde says *what* is wrong, the spanned tree of the same text says *where*; this module joins the two.
+//! serde says *what* is wrong, the spanned tree of the same text says *where*; this module joins the two. Public, because the
+//! model versions of the twin are documents of the same kind.
 
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
@@ -19,7 +20,7 @@ const MAX_SUSPECTS: usize = 256;
 
 /// A TOML text and the name under which errors speak of it.
 #[derive(Debug, Clone)]
-pub(crate) struct Document {
+pub struct Document {
     name: String,
     text: String,
     /// False where the text is not the one that the user wrote, so that line numbers would mislead.
@@ -27,7 +28,8 @@ pub(crate) struct Document {
 }
 
 impl Document {
-    pub(crate) fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ConfigError> {
+    /// A text that errors call `name`; refused if it is larger than a mebibyte.
+    pub fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ConfigError> {
         let (name, text) = (name.into(), text.into());
         if text.len() as u64 > MAX_DOCUMENT_BYTES {
             return Err(too_large(&name, text.len() as u64));
@@ -39,7 +41,8 @@ impl Document {
         })
     }
 
-    pub(crate) fn read(path: &Path) -> Result<Self, ConfigError> {
+    /// Reads the file at `path`.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let name = plain(path);
         let refuse = |reason: String| ConfigError::new(&name, None, None, reason);
         let metadata = std::fs::metadata(path).map_err(|e| refuse(unreadable(&e)))?;
@@ -92,7 +95,7 @@ impl Document {
     }
 
     /// Reads the document at `path`, which the value of `key` names; a failure is told where the key stands.
-    pub(crate) fn follow(&self, key: &str, path: &Path) -> Result<Self, ConfigError> {
+    pub fn follow(&self, key: &str, path: &Path) -> Result<Self, ConfigError> {
         if path.is_file() {
             return Self::read(path);
         }
@@ -113,18 +116,28 @@ impl Document {
     }
 
     /// The document as `T`; unknown keys, missing keys and wrong types are errors.
-    pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
         toml::from_str(&self.text).map_err(|error| self.explain::<T>(&error))
     }
 
     /// Gives a refused value its file and line.
-    pub(crate) fn refuse(&self, refusal: Refusal) -> ConfigError {
+    pub fn refuse(&self, refusal: Refusal) -> ConfigError {
         let line = self
             .span_of(&refusal.key)
             .filter(|_| self.as_written)
             .map(|span| self.line_at(span.start));
         let key = (!refusal.key.is_empty()).then_some(refusal.key);
         ConfigError::new(&self.name, line, key, refusal.reason)
+    }
+
+    /// Whether the document is a TOML table with this key at its top.
+    pub fn has_key(&self, key: &str) -> bool {
+        DeTable::parse(&self.text).is_ok_and(|root| root.get_ref().iter().any(|(name, _)| name.get_ref() == key))
+    }
+
+    /// What errors call the document.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     fn line_at(&self, offset: usize) -> usize {

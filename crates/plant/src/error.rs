@@ -20,7 +20,8 @@ pub struct ConfigError {
 }
 
 impl ConfigError {
-    pub(crate) fn new(file: &str, line: Option<usize>, key: Option<String>, reason: impl Into<String>) -> Self {
+    /// An error in `file`, at a line and key where these are known.
+    pub fn new(file: &str, line: Option<usize>, key: Option<String>, reason: impl Into<String>) -> Self {
         Self {
             file: file.to_owned(),
             line,
@@ -94,13 +95,16 @@ pub enum SimulationError {
 
 /// A value that a document must not hold: the key relative to the document, and the sentence about it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Refusal {
-    pub(crate) key: String,
-    pub(crate) reason: String,
+pub struct Refusal {
+    /// Dotted path of the key, relative to the document or table that was checked.
+    pub key: String,
+    /// What was expected and what was found.
+    pub reason: String,
 }
 
 impl Refusal {
-    pub(crate) fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
+    /// A refused value.
+    pub fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
         Self {
             key: key.into(),
             reason: reason.into(),
@@ -108,7 +112,8 @@ impl Refusal {
     }
 
     /// The same refusal, seen from the table `prefix` that holds the key.
-    pub(crate) fn under(mut self, prefix: &str) -> Self {
+    #[must_use]
+    pub fn under(mut self, prefix: &str) -> Self {
         self.key = if self.key.is_empty() {
             prefix.to_owned()
         } else {
@@ -119,7 +124,7 @@ impl Refusal {
 }
 
 /// Refuses a number that is NaN, infinite or outside `[min, max]`.
-pub(crate) fn in_range(key: &str, value: f64, min: f64, max: f64, unit: &str) -> Result<(), Refusal> {
+pub fn in_range(key: &str, value: f64, min: f64, max: f64, unit: &str) -> Result<(), Refusal> {
     if value >= min && value <= max {
         return Ok(());
     }

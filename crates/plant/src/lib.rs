@@ -40,7 +40,7 @@
 pub mod battery;
 pub mod blades;
 pub mod classifier;
-mod document;
+pub mod document;
 pub mod environment;
 pub mod error;
 pub mod faults;
@@ -60,12 +60,14 @@ pub mod trajectory;
 mod validation;
 mod vector;
 pub mod vehicle;
+pub mod vehicle_documents;
 
 pub use classifier::Classifier;
 pub use error::{ConfigError, SimulationError};
 pub use scenario::{Documents, Scenario};
 pub use simulation::{SensedSample, Simulation, TruthSample};
 pub use vector::Vector3;
+pub use vehicle_documents::VehicleDocuments;
 
 /// Steps per second: the paper's control rate (Table 5); fixed.
 pub const STEP_RATE_HZ: f64 = 400.0;

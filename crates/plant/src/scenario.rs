@@ -8,7 +8,6 @@ use std::path::Path;
 
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::fdi::FdiEngine;
-use rotortwin_flight_core::thrust_map::ThrustMap;
 use serde::{Deserialize, Serialize};
 
 use crate::blades::{Blade, BladeSet};
@@ -22,6 +21,7 @@ use crate::sensor_faults::{SensorFaultEntry, SensorFaultPlan};
 use crate::sensors::SensorModel;
 use crate::trajectory::Trajectory;
 use crate::vehicle::VehicleModel;
+use crate::vehicle_documents::check_together;
 use crate::{nearest_step, simulation};
 
 /// Longest flight, s.
@@ -451,15 +451,8 @@ impl Scenario {
         if !with_classifier {
             documents.scenario.fdi.network = None;
         }
-        documents.blades.check().map_err(|r| blades.refuse(r))?;
-        documents
-            .vehicle
-            .check(&documents.blades)
-            .map_err(|r| vehicle.refuse(r))?;
+        check_together(&documents.vehicle, vehicle, &documents.blades, blades)?;
         let nominal = &documents.vehicle.rotors.nominal_blade;
-        let blade = documents.blades.blade[nominal];
-        ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
-            .map_err(|error| blades.refuse(Refusal::new(format!("blade.{nominal}"), error.to_string())))?;
 
         let document = &documents.scenario;
         let refuse = |refusal| scenario.refuse(refusal);

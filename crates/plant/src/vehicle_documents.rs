@@ -1,0 +1,81 @@
+//! A vehicle without a scenario: the vehicle document and the blades that it names, read and checked together.
+//!
+//! What the twin holds against flight logs; a [`crate::Scenario`] checks the same pair with the same function.
+
+use std::path::Path;
+
+use rotortwin_flight_core::thrust_map::ThrustMap;
+use serde::{Deserialize, Serialize};
+
+use crate::blades::{Blade, BladeSet};
+use crate::document::Document;
+use crate::error::{ConfigError, Refusal};
+use crate::vehicle::VehicleModel;
+
+/// A vehicle and its blades.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VehicleDocuments {
+    /// The vehicle.
+    pub vehicle: VehicleModel,
+    /// The blades that its rotors can carry.
+    pub blades: BladeSet,
+}
+
+impl VehicleDocuments {
+    /// Reads and checks the vehicle document at `path` and the blade document that it names.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
+        let path = path.as_ref();
+        let vehicle = Document::read(path)?;
+        let model: VehicleModel = vehicle.parse()?;
+        let blades_path = path.parent().unwrap_or(Path::new("")).join(&model.rotors.blades);
+        let blades = vehicle.follow("rotors.blades", &blades_path)?;
+        let set: BladeSet = blades.parse()?;
+        check_together(&model, &vehicle, &set, &blades)?;
+        Ok(Self {
+            vehicle: model,
+            blades: set,
+        })
+    }
+
+    /// Checks documents that are in memory already; keys are relative to this pair, such as `vehicle.body.mass_kg`.
+    pub fn check(&self) -> Result<(), Refusal> {
+        self.blades.check().map_err(|r| r.under("blades"))?;
+        self.vehicle.check(&self.blades).map_err(|r| r.under("vehicle"))?;
+        nominal_map(&self.vehicle, &self.blades)
+            .map(|_| ())
+            .map_err(|r| r.under("blades"))
+    }
+
+    /// The blade of a healthy rotor.
+    pub fn nominal_blade(&self) -> &Blade {
+        &self.blades.blade[&self.vehicle.rotors.nominal_blade]
+    }
+
+    /// Number of rotors.
+    pub fn rotor_count(&self) -> usize {
+        self.vehicle.rotor_count()
+    }
+}
+
+/// Eq. 19 of the nominal blade; the refusal is relative to the blade document.
+fn nominal_map(vehicle: &VehicleModel, blades: &BladeSet) -> Result<ThrustMap, Refusal> {
+    let nominal = &vehicle.rotors.nominal_blade;
+    let blade = blades.blade[nominal];
+    ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
+        .map_err(|error| Refusal::new(format!("blade.{nominal}"), error.to_string()))
+}
+
+/// Checks a vehicle and its blades; each complaint is told with the document it concerns.
+pub(crate) fn check_together(
+    vehicle: &VehicleModel,
+    vehicle_document: &Document,
+    blades: &BladeSet,
+    blade_document: &Document,
+) -> Result<(), ConfigError> {
+    blades.check().map_err(|r| blade_document.refuse(r))?;
+    vehicle.check(blades).map_err(|r| vehicle_document.refuse(r))?;
+    nominal_map(vehicle, blades)
+        .map(|_| ())
+        .map_err(|r| blade_document.refuse(r))
+}
