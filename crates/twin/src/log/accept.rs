@@ -1,0 +1,296 @@
+//! From a table to a log: every refusal of the canonical format, Euler angles, the account of the import.
+
+use super::report::{Gap, ImportReport, MissingCells, UnusedColumn};
+use super::side_file::SideFile;
+use super::table::{RawColumn, Table};
+use super::{FlightLog, GAP_FACTOR, LogError, LogSource, names, resample};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Attitude quaternions may be this far from unit length (rounding of a printed quaternion is 1e-3).
+const QUATERNION_TOLERANCE: f64 = 0.02;
+/// Duties may leave 0…1 by this much (rounding of f32 and of PWM counts); they are limited to 0…1.
+const DUTY_TOLERANCE: f64 = 1e-6;
+/// The median specific force of a flight is near 9.81 m/s²; between these, in units of the column, it can only be g.
+const ACCEL_IN_G: std::ops::Range<f64> = 0.7..1.4;
+/// No pitch in radians is beyond ±π/2; rounding allowed.
+const PITCH_LIMIT_RAD: f64 = std::f64::consts::FRAC_PI_2 + 1e-3;
+
+/// Checks a table and makes a log of it.
+pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) -> Result<FlightLog, LogError> {
+    let path = source.path.clone();
+    let mut report = ImportReport::default();
+    let mut columns = BTreeMap::new();
+    let mut time = None;
+    for column in table.columns {
+        refuse_cells(&path, &column)?;
+        if column.name == names::TIME {
+            time = Some(column.values);
+        } else if column.bad_cells > 0 && column.values.iter().all(|value| value.is_nan()) {
+            report.unused_columns.push(UnusedColumn {
+                column: column.name,
+                reason: "no number in it".to_owned(),
+            });
+        } else {
+            if let Some((row, text)) = &column.bad {
+                report.notes.push(format!(
+                    "column {}: {} cells that are not numbers are treated as empty (first: '{text}' in row {row})",
+                    column.name, column.bad_cells
+                ));
+            }
+            columns.insert(column.name, column.values);
+        }
+    }
+    let time_s = time.ok_or_else(|| {
+        let known: Vec<&str> = columns.keys().map(String::as_str).take(8).collect();
+        LogError::format(
+            &path,
+            format!(
+                "column {} is missing (found: {})",
+                names::TIME,
+                if known.is_empty() {
+                    "nothing".to_owned()
+                } else {
+                    known.join(", ")
+                }
+            ),
+        )
+    })?;
+    refuse_time(&path, &time_s)?;
+    refuse_rotor_gaps(&path, &columns)?;
+    limit_duties(&path, &mut columns)?;
+    refuse_units(&path, &columns)?;
+    euler_from_quaternion(&path, &mut columns, &mut report)?;
+
+    report.rows = time_s.len();
+    report.sample_rate_hz = resample::median_rate_hz(&time_s);
+    report.gaps = gaps(&time_s);
+    report.unknown_columns = columns
+        .keys()
+        .filter(|name| !names::is_canonical(name))
+        .cloned()
+        .collect();
+    report.missing_cells = missing_cells(&columns);
+    let side = side.unwrap_or_default();
+    if let Some(origin) = side.source {
+        report.notes.push(format!("source: {origin}"));
+    }
+    Ok(FlightLog {
+        name: path
+            .file_stem()
+            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+        source,
+        time_s,
+        columns,
+        segments: side.segments,
+        vehicle: side.vehicle,
+        origin: side.origin,
+        licence: side.licence,
+        report,
+    })
+}
+
+/// A canonical column holds numbers or nothing.
+fn refuse_cells(path: &Path, column: &RawColumn) -> Result<(), LogError> {
+    let Some((row, text)) = &column.bad else {
+        return Ok(());
+    };
+    if !names::is_canonical(&column.name) {
+        return Ok(());
+    }
+    let lower = text.to_ascii_lowercase();
+    let word = lower.trim_start_matches(['-', '+']);
+    let reason = if ["nan", "inf", "infinity"].contains(&word) {
+        format!("'{text}' is not a finite number; leave a cell without a value empty")
+    } else {
+        format!("'{text}' is not a number")
+    };
+    Err(LogError::cell(path, *row, &column.name, reason))
+}
+
+fn refuse_time(path: &Path, time_s: &[f64]) -> Result<(), LogError> {
+    if time_s.len() < 2 {
+        let found = time_s.len();
+        return Err(LogError::format(path, format!("{found} rows; a log has at least two")));
+    }
+    if let Some(row) = time_s.iter().position(|time| time.is_nan()) {
+        return Err(LogError::cell(
+            path,
+            row + 1,
+            names::TIME,
+            "empty; every row needs its time",
+        ));
+    }
+    for (index, pair) in time_s.windows(2).enumerate() {
+        let row = index + 2;
+        if pair[1] == pair[0] {
+            return Err(LogError::cell(
+                path,
+                row,
+                names::TIME,
+                format!("{} s stands in the row before as well; time must increase", pair[1]),
+            ));
+        }
+        if pair[1] < pair[0] {
+            return Err(LogError::cell(
+                path,
+                row,
+                names::TIME,
+                format!("{} s after {} s; time must increase", pair[1], pair[0]),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// `duty_1`, `duty_3` without `duty_2` is a mistake in a header, not a vehicle.
+fn refuse_rotor_gaps(path: &Path, columns: &BTreeMap<String, Vec<f64>>) -> Result<(), LogError> {
+    let count = columns
+        .keys()
+        .filter_map(|name| names::duty_rotor(name))
+        .max()
+        .unwrap_or(0);
+    for rotor in 1..=count {
+        let name = names::duty(rotor);
+        if !columns.contains_key(&name) {
+            return Err(LogError::column(
+                path,
+                &name,
+                format!("missing, but {} is there", names::duty(count)),
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn limit_duties(path: &Path, columns: &mut BTreeMap<String, Vec<f64>>) -> Result<(), LogError> {
+    for (name, values) in columns.iter_mut().filter(|(name, _)| names::duty_rotor(name).is_some()) {
+        for (index, value) in values.iter_mut().enumerate() {
+            if *value < -DUTY_TOLERANCE || *value > 1.0 + DUTY_TOLERANCE {
+                return Err(LogError::cell(
+                    path,
+                    index + 1,
+                    name,
+                    format!("{value} is not a duty; 0 to 1 was expected"),
+                ));
+            }
+            if !value.is_nan() {
+                *value = value.clamp(0.0, 1.0);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Units that cannot be right, whatever flew.
+fn refuse_units(path: &Path, columns: &BTreeMap<String, Vec<f64>>) -> Result<(), LogError> {
+    let accel: Vec<&Vec<f64>> = names::ACCEL.iter().filter_map(|name| columns.get(*name)).collect();
+    if accel.len() == 3 {
+        let norms = (0..accel[0].len()).map(|row| accel.iter().map(|axis| axis[row] * axis[row]).sum::<f64>().sqrt());
+        refuse_g(path, "|accel|", norms.collect())?;
+    } else if let Some(values) = columns.get(names::ACCEL[2]) {
+        refuse_g(path, names::ACCEL[2], values.iter().map(|value| value.abs()).collect())?;
+    }
+    if let Some(values) = columns.get(names::ATTITUDE[1])
+        && let Some(row) = values.iter().position(|pitch| pitch.abs() > PITCH_LIMIT_RAD)
+    {
+        return Err(LogError::cell(
+            path,
+            row + 1,
+            names::ATTITUDE[1],
+            format!("{} cannot be a pitch in radians (−π/2 to π/2); degrees?", values[row]),
+        ));
+    }
+    Ok(())
+}
+
+fn refuse_g(path: &Path, what: &str, mut norms: Vec<f64>) -> Result<(), LogError> {
+    norms.retain(|norm| !norm.is_nan());
+    match resample::median(&mut norms) {
+        Some(median) if ACCEL_IN_G.contains(&median) => Err(LogError::column(
+            path,
+            names::ACCEL[2],
+            format!(
+                "the median of {what} is {median:.3}, so the accelerometer is in g; m/s² was expected (about 9.81)"
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Roll, pitch and yaw from the quaternion, where the file has only that.
+fn euler_from_quaternion(
+    path: &Path,
+    columns: &mut BTreeMap<String, Vec<f64>>,
+    report: &mut ImportReport,
+) -> Result<(), LogError> {
+    if !names::QUATERNION.iter().all(|name| columns.contains_key(*name)) {
+        return Ok(());
+    }
+    let parts = names::QUATERNION.map(|name| columns[name].clone());
+    let rows = parts[0].len();
+    let mut angles = [vec![f64::NAN; rows], vec![f64::NAN; rows], vec![f64::NAN; rows]];
+    for row in 0..rows {
+        let quaternion = [parts[0][row], parts[1][row], parts[2][row], parts[3][row]];
+        let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
+        if length.is_nan() {
+            continue;
+        }
+        if (length - 1.0).abs() > QUATERNION_TOLERANCE {
+            return Err(LogError::cell(
+                path,
+                row + 1,
+                names::QUATERNION[0],
+                format!("the quaternion has length {length:.4}; 1 was expected"),
+            ));
+        }
+        for (angle, value) in angles.iter_mut().zip(euler(quaternion.map(|part| part / length))) {
+            angle[row] = value;
+        }
+    }
+    if names::ATTITUDE.iter().any(|name| columns.contains_key(*name)) {
+        report
+            .notes
+            .push("both Euler angles and a quaternion are there; the Euler angles are used".to_owned());
+        return Ok(());
+    }
+    for (name, values) in names::ATTITUDE.iter().zip(angles) {
+        columns.insert((*name).to_owned(), values);
+    }
+    report
+        .conversions
+        .push("roll_rad, pitch_rad, yaw_rad from the quaternion".to_owned());
+    Ok(())
+}
+
+/// Euler angles ZYX (roll, pitch, yaw), rad, of a unit quaternion (w, x, y, z), body → NED.
+pub(crate) fn euler([w, x, y, z]: [f64; 4]) -> [f64; 3] {
+    [
+        (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y)),
+        (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin(),
+        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)),
+    ]
+}
+
+fn gaps(time_s: &[f64]) -> Vec<Gap> {
+    let rate = resample::median_rate_hz(time_s);
+    time_s
+        .windows(2)
+        .filter(|pair| (pair[1] - pair[0]) * rate > GAP_FACTOR)
+        .map(|pair| Gap {
+            start_s: pair[0],
+            end_s: pair[1],
+        })
+        .collect()
+}
+
+fn missing_cells(columns: &BTreeMap<String, Vec<f64>>) -> Vec<MissingCells> {
+    columns
+        .iter()
+        .map(|(name, values)| MissingCells {
+            column: name.clone(),
+            cells: values.iter().filter(|value| value.is_nan()).count(),
+        })
+        .filter(|missing| missing.cells > 0)
+        .collect()
+}

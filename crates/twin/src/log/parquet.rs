@@ -1,0 +1,193 @@
+//! Parquet logs: flat columns of numbers; null = missing.
+//!
+//! Read: any flat schema with double, float, integer or Boolean columns; zstd, snappy or no compression. Text columns are named in
+//! the report. Written: f64 columns, optional (null = no value), zstd.
+
+use super::table::{RawColumn, Table};
+use super::{FlightLog, LogError, MAX_CELLS, error, names};
+use parquet::basic::{Compression, Encoding, Repetition, Type as Physical, ZstdLevel};
+use parquet::column::reader::ColumnReader;
+use parquet::data_type::DoubleType;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Rows asked for at a time.
+const BATCH: usize = 16_384;
+
+/// Reads the table of a Parquet file.
+pub(crate) fn read(path: &Path, bytes: Vec<u8>) -> Result<Table, LogError> {
+    let wrap = |source: ParquetError| LogError::format(path, format!("not a Parquet file that can be read: {source}"));
+    let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(wrap)?;
+    let metadata = reader.metadata();
+    let schema = metadata.file_metadata().schema_descr_ptr();
+    if schema.num_columns() == 0 {
+        return Err(LogError::format(path, "the file has no columns"));
+    }
+    let promised = usize::try_from(metadata.file_metadata().num_rows()).unwrap_or(usize::MAX);
+    if promised > MAX_CELLS / schema.num_columns() {
+        return Err(LogError::format(
+            path,
+            format!(
+                "{promised} rows of {} columns are more than this program takes",
+                schema.num_columns()
+            ),
+        ));
+    }
+    let mut columns = Vec::new();
+    for (index, column) in schema.columns().iter().enumerate() {
+        let name = column.path().string();
+        if column.max_rep_level() > 0 {
+            return Err(LogError::column(
+                path,
+                &name,
+                "lists are not expected; one number a row is",
+            ));
+        }
+        if columns.iter().any(|other: &RawColumn| other.name == name) {
+            return Err(LogError::column(path, &name, "this name stands twice in the schema"));
+        }
+        let mut raw = RawColumn::new(&name);
+        for group in 0..reader.num_row_groups() {
+            let group = reader.get_row_group(group).map_err(wrap)?;
+            let expected = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
+            let before = raw.values.len();
+            read_column(
+                group.get_column_reader(index).map_err(wrap)?,
+                column.max_def_level(),
+                expected,
+                &mut raw,
+            )
+            .map_err(|source| LogError::column(path, &name, format!("the file is damaged: {source}")))?;
+            if raw.values.len() != before + expected {
+                return Err(LogError::column(
+                    path,
+                    &name,
+                    "the file is damaged: it has fewer rows than it says",
+                ));
+            }
+        }
+        columns.push(raw);
+    }
+    Ok(Table { columns })
+}
+
+/// Appends the cells of one column of one row group; text becomes bad cells.
+fn read_column(reader: ColumnReader, full_level: i16, rows: usize, into: &mut RawColumn) -> Result<(), ParquetError> {
+    macro_rules! numbers {
+        ($reader:expr, $number:expr) => {{
+            let mut reader = $reader;
+            let mut done = 0;
+            while done < rows {
+                let (mut levels, mut values) = (Vec::new(), Vec::new());
+                let (records, _, _) =
+                    reader.read_records(BATCH.min(rows - done), Some(&mut levels), None, &mut values)?;
+                if records == 0 {
+                    break;
+                }
+                done += records;
+                let mut values = values.iter().map($number);
+                for record in 0..records {
+                    if full_level > 0 && levels.get(record) != Some(&full_level) {
+                        into.values.push(f64::NAN);
+                        continue;
+                    }
+                    match values.next() {
+                        Some(Ok(value)) if value.is_finite() => into.values.push(value),
+                        Some(Ok(value)) => into.push_bad(&value.to_string()),
+                        Some(Err(text)) => into.push_bad(&text),
+                        None => return Err(ParquetError::General("values are missing".to_owned())),
+                    }
+                }
+            }
+        }};
+    }
+    let text = |bytes: &[u8]| Err::<f64, String>(String::from_utf8_lossy(bytes).into_owned());
+    match reader {
+        ColumnReader::DoubleColumnReader(reader) => numbers!(reader, |value: &f64| Ok::<f64, String>(*value)),
+        ColumnReader::FloatColumnReader(reader) => numbers!(reader, |value: &f32| Ok::<f64, String>(f64::from(*value))),
+        ColumnReader::Int32ColumnReader(reader) => numbers!(reader, |value: &i32| Ok::<f64, String>(f64::from(*value))),
+        ColumnReader::Int64ColumnReader(reader) => numbers!(reader, |value: &i64| Ok::<f64, String>(*value as f64)),
+        ColumnReader::BoolColumnReader(reader) => {
+            numbers!(reader, |value: &bool| Ok::<f64, String>(f64::from(u8::from(*value))));
+        }
+        ColumnReader::Int96ColumnReader(reader) => {
+            numbers!(reader, |_value: &parquet::data_type::Int96| Err::<f64, String>(
+                "a date".to_owned()
+            ));
+        }
+        ColumnReader::ByteArrayColumnReader(reader) => {
+            numbers!(reader, |value: &parquet::data_type::ByteArray| text(value.data()));
+        }
+        ColumnReader::FixedLenByteArrayColumnReader(reader) => {
+            numbers!(reader, |value: &parquet::data_type::FixedLenByteArray| text(
+                value.data()
+            ));
+        }
+    }
+    Ok(())
+}
+
+impl FlightLog {
+    /// Writes the log as Parquet: f64 columns, null = no value, zstd; units in the metadata.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_parquet(&self, path: &Path) -> Result<(), LogError> {
+        let file = std::fs::File::create(path).map_err(error::io(path, "cannot write the log"))?;
+        self.write_parquet_to(file)
+            .map_err(|source| LogError::format(path, format!("cannot write Parquet: {source}")))
+    }
+
+    fn write_parquet_to(&self, file: std::fs::File) -> Result<(), ParquetError> {
+        let mut columns = vec![(names::TIME, self.time_s.as_slice())];
+        columns.extend(self.columns_in_order());
+        let fields = columns
+            .iter()
+            .map(|(name, _)| {
+                Type::primitive_type_builder(name, Physical::DOUBLE)
+                    .with_repetition(Repetition::OPTIONAL)
+                    .build()
+                    .map(Arc::new)
+            })
+            .collect::<Result<_, _>>()?;
+        let schema = Arc::new(Type::group_type_builder("flight_log").with_fields(fields).build()?);
+        let units = columns
+            .iter()
+            .filter_map(|(name, _)| Some(format!("{name}: {}", names::unit(name)?)))
+            .collect::<Vec<_>>();
+        let metadata = vec![
+            KeyValue::new("rotortwin.log".to_owned(), self.name.clone()),
+            KeyValue::new("rotortwin.source_hash".to_owned(), self.source.content_hash.clone()),
+            KeyValue::new("rotortwin.units".to_owned(), units.join("; ")),
+        ];
+        let properties = WriterProperties::builder()
+            .set_created_by(format!("rotortwin-twin {}", env!("CARGO_PKG_VERSION")))
+            .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
+            .set_dictionary_enabled(false)
+            .set_encoding(Encoding::BYTE_STREAM_SPLIT)
+            .set_key_value_metadata(Some(metadata))
+            .build();
+        let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+        let mut group = writer.next_row_group()?;
+        for (_, values) in &columns {
+            let mut column = group
+                .next_column()?
+                .ok_or_else(|| ParquetError::General("the schema lacks a column".to_owned()))?;
+            let levels: Vec<i16> = values.iter().map(|value| i16::from(!value.is_nan())).collect();
+            let present: Vec<f64> = values.iter().copied().filter(|value| !value.is_nan()).collect();
+            column
+                .typed::<DoubleType>()
+                .write_batch(&present, Some(&levels), None)?;
+            column.close()?;
+        }
+        group.close()?;
+        writer.close()?;
+        Ok(())
+    }
+}

@@ -1,0 +1,115 @@
+//! What an import did: nothing of an accepted log is dropped silently.
+
+use super::findings::Finding;
+use serde::Serialize;
+
+/// Account of one import.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ImportReport {
+    /// Rows accepted.
+    pub rows: usize,
+    /// Median sample rate of the rows, Hz.
+    pub sample_rate_hz: f64,
+    /// Intervals without rows, longer than [`GAP_FACTOR`] median intervals.
+    pub gaps: Vec<Gap>,
+    /// How streams of different rate were put on the time base; empty if the file has one time base.
+    pub streams: Vec<Stream>,
+    /// Columns that were not read as numbers or stayed without use, with the reason.
+    pub unused_columns: Vec<UnusedColumn>,
+    /// Columns that are not canonical; kept.
+    pub unknown_columns: Vec<String>,
+    /// Cells without a value, per column (only columns that have some).
+    pub missing_cells: Vec<MissingCells>,
+    /// What is missing and what that rules out.
+    pub missing: Vec<Missing>,
+    /// Delays between columns that physics couples, estimated; not applied unless stated.
+    pub delays: Vec<Delay>,
+    /// What looks wrong although it could be read.
+    pub findings: Vec<Finding>,
+    /// Noise and quantisation of the columns.
+    pub noise: Vec<ColumnNoise>,
+    /// Conversions that were applied (units, frames, quaternion to Euler angles), in words.
+    pub conversions: Vec<String>,
+    /// Anything else that a reader of the result must know.
+    pub notes: Vec<String>,
+}
+
+/// An interval is a gap when it is longer than this many median intervals.
+pub const GAP_FACTOR: f64 = 3.5;
+
+/// An interval without rows.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// Last row before it, s.
+    pub start_s: f64,
+    /// First row after it, s.
+    pub end_s: f64,
+}
+
+/// One stream of a log with several time bases.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Stream {
+    /// Topic or message name.
+    pub name: String,
+    /// Samples in it.
+    pub samples: usize,
+    /// Median rate, Hz.
+    pub sample_rate_hz: f64,
+    /// How it came onto the time base of the log.
+    pub resampling: String,
+}
+
+/// A column of the file that is not in the log.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct UnusedColumn {
+    /// Name in the file.
+    pub column: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// Empty cells of one column.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MissingCells {
+    /// The column.
+    pub column: String,
+    /// Cells without a value.
+    pub cells: usize,
+}
+
+/// A group of columns that the log lacks, and what cannot be tested without it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Missing {
+    /// The columns.
+    pub columns: Vec<String>,
+    /// What is ruled out, one clause.
+    pub rules_out: String,
+}
+
+/// Estimated delay of one signal behind another that physics couples to it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Delay {
+    /// Column(s) that come late if the delay is positive.
+    pub signal: String,
+    /// What it was held against.
+    pub against: String,
+    /// Delay of `signal`, s.
+    pub delay_s: f64,
+    /// Standard error of the delay, s.
+    pub uncertainty_s: f64,
+    /// Correlation at the delay.
+    pub correlation: f64,
+    /// True if the signal was shifted by the delay.
+    pub applied: bool,
+}
+
+/// Noise and resolution of one column.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ColumnNoise {
+    /// The column.
+    pub column: String,
+    /// White noise estimated from third differences, unit of the column.
+    pub noise: f64,
+    /// Smallest step between different values, unit of the column; 0 if it looks continuous.
+    pub resolution: f64,
+}

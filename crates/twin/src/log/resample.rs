@@ -1,0 +1,167 @@
+//! Parts of a log and other sample rates.
+//!
+//! A duty is held until the next row, so it is resampled by holding; everything else is interpolated linearly, angles the short way
+//! round. A sample between two rows that are a gap apart, or beside an empty cell, has no value. There is no anti-alias filter:
+//! a lower rate folds what is above half of it.
+
+use super::{FlightLog, GAP_FACTOR, names};
+use std::f64::consts::{PI, TAU};
+
+/// Median of finite values; `None` of nothing. Reorders the values.
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// 1 / median interval, Hz.
+pub(crate) fn median_rate_hz(time_s: &[f64]) -> f64 {
+    let mut intervals: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    median(&mut intervals).map_or(0.0, |interval| 1.0 / interval)
+}
+
+/// How a column is continued between its rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Between {
+    /// The value holds until the next row.
+    Hold,
+    /// Straight line.
+    Linear,
+    /// Straight line on the circle, in radians.
+    Angle,
+}
+
+impl Between {
+    /// For a column by its name.
+    pub(crate) fn of(name: &str) -> Self {
+        let commanded =
+            names::duty_rotor(name).is_some() || name == names::THRUST_COMMAND || names::TORQUE_COMMAND.contains(&name);
+        if commanded || !names::is_canonical(name) {
+            Self::Hold
+        } else if name == names::ATTITUDE[0] || name == names::ATTITUDE[2] || name == names::REFERENCE[3] {
+            Self::Angle
+        } else {
+            Self::Linear
+        }
+    }
+}
+
+/// An angle in (−π, π].
+pub(crate) fn wrapped(angle_rad: f64) -> f64 {
+    let turn = angle_rad.rem_euclid(TAU);
+    if turn > PI { turn - TAU } else { turn }
+}
+
+/// Values at other times; both time bases increase. No value outside of the old time base, over gaps, beside empty cells.
+pub(crate) fn at_times(old_s: &[f64], values: &[f64], new_s: &[f64], between: Between, gap_s: f64) -> Vec<f64> {
+    // Times that differ by rounding are the same row.
+    const SAME_S: f64 = 1e-9;
+    let mut row = 0;
+    new_s
+        .iter()
+        .map(|&time| {
+            while row + 1 < old_s.len() && old_s[row + 1] <= time + SAME_S {
+                row += 1;
+            }
+            let since = time - old_s[row];
+            if since < -SAME_S {
+                return f64::NAN;
+            }
+            if since <= SAME_S {
+                return values[row];
+            }
+            let Some(&next_s) = old_s.get(row + 1) else {
+                return if between == Between::Hold && since <= gap_s {
+                    values[row]
+                } else {
+                    f64::NAN
+                };
+            };
+            if next_s - old_s[row] > gap_s {
+                return f64::NAN;
+            }
+            let share = since / (next_s - old_s[row]);
+            match between {
+                Between::Hold => values[row],
+                Between::Linear => values[row] + share * (values[row + 1] - values[row]),
+                Between::Angle => wrapped(values[row] + share * wrapped(values[row + 1] - values[row])),
+            }
+        })
+        .collect()
+}
+
+impl FlightLog {
+    /// The rows with `start_s` ≤ time ≤ `end_s`; segments are cut to it. Times stay.
+    ///
+    /// Fewer than two rows remain if the interval is outside of the log: check [`FlightLog::time_s`].
+    #[must_use]
+    pub fn slice(&self, start_s: f64, end_s: f64) -> Self {
+        let first = self.time_s.partition_point(|time| *time < start_s);
+        let last = self.time_s.partition_point(|time| *time <= end_s).max(first);
+        let mut part = self.clone();
+        part.time_s = self.time_s[first..last].to_vec();
+        for values in part.columns.values_mut() {
+            *values = values[first..last].to_vec();
+        }
+        part.segments
+            .retain(|segment| segment.end_s > start_s && segment.start_s < end_s);
+        for segment in &mut part.segments {
+            segment.start_s = segment.start_s.max(start_s);
+            segment.end_s = segment.end_s.min(end_s);
+        }
+        part.report.rows = part.time_s.len();
+        part.report.sample_rate_hz = median_rate_hz(&part.time_s);
+        part.report
+            .gaps
+            .retain(|gap| gap.end_s > start_s && gap.start_s < end_s);
+        part
+    }
+
+    /// The log at a constant rate from its first time on; a note of it goes into the report.
+    ///
+    /// * `rate_hz`: 0 exclusive to 100 kHz
+    #[must_use]
+    pub fn resampled(&self, rate_hz: f64) -> Self {
+        let start_s = self.time_s.first().copied().unwrap_or(0.0);
+        // One row more than whole intervals; rounding must not lose the last.
+        let rows = 1 + (self.duration_s() * rate_hz + 1e-6).floor() as usize;
+        let new_s: Vec<f64> = (0..rows).map(|row| start_s + row as f64 / rate_hz).collect();
+        let old_rate_hz = median_rate_hz(&self.time_s);
+        let gap_s = GAP_FACTOR / old_rate_hz;
+        let mut log = self.clone();
+        for (name, values) in &mut log.columns {
+            *values = at_times(&self.time_s, values, &new_s, Between::of(name), gap_s);
+        }
+        log.time_s = new_s;
+        log.report.rows = rows;
+        log.report.sample_rate_hz = rate_hz;
+        log.report.notes.push(format!(
+            "resampled from {old_rate_hz:.3} Hz (median) to {rate_hz} Hz: duties and unknown columns held, the rest linear"
+        ));
+        log
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_angles_are_interpolated_the_short_way() {
+        let values = at_times(&[0.0, 1.0], &[3.0, -3.0], &[0.5], Between::Angle, 2.0);
+        assert!((wrapped(values[0] - PI)).abs() < 1e-12, "{values:?}");
+    }
+
+    #[test]
+    fn val_gaps_and_ends_have_no_value() {
+        let old_s = [0.0, 1.0, 5.0];
+        let values = at_times(
+            &old_s,
+            &[1.0, 2.0, 3.0],
+            &[-1.0, 0.5, 1.0, 2.0, 5.0, 6.0],
+            Between::Linear,
+            2.0,
+        );
+        assert!(values[0].is_nan() && values[3].is_nan() && values[5].is_nan());
+        assert_eq!((values[1], values[2], values[4]), (1.5, 2.0, 3.0));
+    }
+}
