@@ -41,6 +41,7 @@ pub mod battery;
 pub mod blades;
 pub mod classifier;
 pub mod document;
+pub mod effects;
 pub mod environment;
 pub mod error;
 pub mod faults;

@@ -1,0 +1,292 @@
+//! What an effect says of itself: equation, parameters with units and plausible sizes, channels, how to excite it.
+//!
+//! One declaration serves the simulator, the diagnosis, the command line and the documents.
+
+use super::Constants;
+use super::hooks::ActiveEffect;
+
+/// What kind of thing an effect is: physics is added to the model, a fault of sensor or timing is mended in the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EffectClass {
+    /// Dynamics that the nominal model lacks.
+    Physics,
+    /// A sensor that reads something else than the truth.
+    SensorFault,
+    /// A channel of the log that is late.
+    TimingFault,
+    /// Always present and fitted with every flight; never a finding.
+    Nuisance,
+}
+
+impl EffectClass {
+    /// As written in documents.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Physics => "physics",
+            Self::SensorFault => "sensor-fault",
+            Self::TimingFault => "timing-fault",
+            Self::Nuisance => "nuisance",
+        }
+    }
+}
+
+/// Where in the chain from command to reading an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Place {
+    /// Duty on its way to the rotor.
+    Command,
+    /// Static lift (Eq. 19), before the lag.
+    StaticLift,
+    /// The lag from static lift to thrust.
+    RotorDynamics,
+    /// Thrust that acts on the body.
+    RotorThrust,
+    /// Force on the body.
+    Force,
+    /// Torque on the body.
+    Torque,
+    /// Mass, inertia, centre of mass, geometry.
+    MassProperties,
+    /// The air around the vehicle.
+    Wind,
+    /// Battery.
+    Battery,
+    /// What a sensor says.
+    Reading,
+    /// When a sensor says it.
+    Timing,
+}
+
+impl Place {
+    /// As written in documents.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Command => "command",
+            Self::StaticLift => "static-lift",
+            Self::RotorDynamics => "rotor-dynamics",
+            Self::RotorThrust => "rotor-thrust",
+            Self::Force => "force",
+            Self::Torque => "torque",
+            Self::MassProperties => "mass-properties",
+            Self::Wind => "wind",
+            Self::Battery => "battery",
+            Self::Reading => "reading",
+            Self::Timing => "timing",
+        }
+    }
+}
+
+/// Groups of the residual channels in which an effect shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ChannelGroup {
+    /// F: accelerometer against the force of the model.
+    Force,
+    /// M: angular acceleration against the torque of the model.
+    Moment,
+    /// KV: derivative of the velocity against accelerometer and attitude.
+    VelocityKinematics,
+    /// KA: derivative of the attitude against the gyroscope.
+    AttitudeKinematics,
+    /// KP: derivative of the position against the velocity.
+    PositionKinematics,
+    /// V: battery voltage.
+    Voltage,
+}
+
+impl ChannelGroup {
+    /// Every group, in the order of the channels.
+    pub const ALL: [Self; 6] = [
+        Self::Force,
+        Self::Moment,
+        Self::VelocityKinematics,
+        Self::AttitudeKinematics,
+        Self::PositionKinematics,
+        Self::Voltage,
+    ];
+
+    /// Short symbol: F, M, KV, KA, KP, V.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Self::Force => "F",
+            Self::Moment => "M",
+            Self::VelocityKinematics => "KV",
+            Self::AttitudeKinematics => "KA",
+            Self::PositionKinematics => "KP",
+            Self::Voltage => "V",
+        }
+    }
+}
+
+/// What a parameter does when it is 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ParameterKind {
+    /// How large the effect is: with every size at 0 there is no effect, bit for bit. Absent in a document: 0.
+    Size,
+    /// How the effect looks (a length, a time constant, a place): cannot be told from a flight without a size. Absent in a
+    /// document: its typical value.
+    Shape,
+}
+
+/// One parameter of an effect. The neutral value of a size is always 0.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct ParameterDeclaration {
+    /// Key in documents, with the unit: `drag_n_s_m`.
+    pub name: &'static str,
+    /// Letter in the equation.
+    pub symbol: &'static str,
+    /// Unit shown to people; empty for fractions.
+    pub unit: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+    /// Size or shape.
+    pub kind: ParameterKind,
+    /// Lowest value met on real vehicles.
+    pub plausible_low: f64,
+    /// Highest value met on real vehicles.
+    pub plausible_high: f64,
+    /// Plausible size: standard deviation of the slab of the prior.
+    pub size: f64,
+    /// Standard deviation of the spike of the prior: what every real vehicle has unnoticed.
+    pub clutter: f64,
+    /// Value of an ordinary case, for examples and tests.
+    pub typical: f64,
+}
+
+/// Share of the plausible size that counts as clutter.
+const CLUTTER_SHARE: f64 = 0.02;
+
+impl ParameterDeclaration {
+    /// A size with the clutter of 2 %. `range` is the plausible range, `size` the slab.
+    pub const fn size(
+        name: &'static str,
+        symbol: &'static str,
+        unit: &'static str,
+        meaning: &'static str,
+        range: (f64, f64),
+        size: f64,
+        typical: f64,
+    ) -> Self {
+        Self {
+            name,
+            symbol,
+            unit,
+            meaning,
+            kind: ParameterKind::Size,
+            plausible_low: range.0,
+            plausible_high: range.1,
+            size,
+            clutter: CLUTTER_SHARE * size,
+            typical,
+        }
+    }
+
+    /// A size with another clutter: timing errors of 1 ms to 2 ms are in every log.
+    pub const fn with_clutter(mut self, clutter: f64) -> Self {
+        self.clutter = clutter;
+        self
+    }
+
+    /// A shape; its slab is half its plausible range and it has no clutter of its own.
+    pub const fn shape(
+        name: &'static str,
+        symbol: &'static str,
+        unit: &'static str,
+        meaning: &'static str,
+        range: (f64, f64),
+        typical: f64,
+    ) -> Self {
+        Self {
+            name,
+            symbol,
+            unit,
+            meaning,
+            kind: ParameterKind::Shape,
+            plausible_low: range.0,
+            plausible_high: range.1,
+            size: 0.5 * (range.1 - range.0),
+            clutter: 0.0,
+            typical,
+        }
+    }
+
+    /// What an absent key means.
+    pub fn default_value(&self) -> f64 {
+        match self.kind {
+            ParameterKind::Size => 0.0,
+            ParameterKind::Shape => self.typical,
+        }
+    }
+}
+
+/// What an effect is built from.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup<'a> {
+    /// Parameters in the order of the declaration, defaults filled in.
+    pub values: &'a [f64],
+    /// Rotor from 0 of an effect of one rotor; 0 otherwise.
+    pub rotor: usize,
+    /// The nominal vehicle.
+    pub nominal: &'a Constants,
+    /// Seed of the run, for effects that draw.
+    pub seed: u64,
+    /// Place of the effect in its list, so that two of a kind draw different numbers.
+    pub index: usize,
+}
+
+/// How the physics of a declaration is made.
+#[derive(Debug, Clone, Copy)]
+pub enum Build {
+    /// In this crate.
+    BuiltIn(fn(&Setup<'_>) -> Box<dyn ActiveEffect>),
+}
+
+/// One entry of the catalogue.
+#[derive(Debug, Clone, Copy)]
+pub struct EffectDeclaration {
+    /// Key in documents: `rotor-drag`.
+    pub id: &'static str,
+    /// Name shown to people.
+    pub name: &'static str,
+    /// Row of the catalogue of effects, from 1; absent for effects of users.
+    pub catalogue_number: Option<u8>,
+    /// Physics, or a fault of the log.
+    pub class: EffectClass,
+    /// Equation in the symbols of the parameters.
+    pub equation: &'static str,
+    /// Where it acts.
+    pub places: &'static [Place],
+    /// Where it shows.
+    pub channels: &'static [ChannelGroup],
+    /// Parameters; an effect with two sizes has both or neither.
+    pub parameters: &'static [ParameterDeclaration],
+    /// One instance belongs to one rotor.
+    pub per_rotor: bool,
+    /// Effects of which one must be there for this one to act: wind acts through drag.
+    pub needs: &'static [&'static str],
+    /// What a flight must contain for the effect to show.
+    pub excited_by: &'static str,
+    /// Ids of effects with a similar signature.
+    pub confused_with: &'static [&'static str],
+    /// Where equation and sizes come from.
+    pub source: &'static str,
+    /// Makes the physics.
+    pub build: Build,
+}
+
+impl EffectDeclaration {
+    /// Place of a parameter in [`EffectDeclaration::parameters`].
+    pub fn parameter_index(&self, name: &str) -> Option<usize> {
+        self.parameters.iter().position(|p| p.name == name)
+    }
+
+    /// The physics with these parameters.
+    pub fn build(&self, setup: &Setup<'_>) -> Box<dyn ActiveEffect> {
+        match self.build {
+            Build::BuiltIn(build) => build(setup),
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! Thrust of one rotor: a damaged or foreign blade, a worn motor.
+
+use super::declaration::{Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, Place};
+use super::hooks::Changes;
+
+/// Row 23 of the catalogue.
+pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
+    id: "rotor-thrust-scale",
+    name: "Thrust of one rotor (damaged blade)",
+    catalogue_number: Some(23),
+    class: EffectClass::Physics,
+    equation: "f_i → (1 + s) f_i",
+    places: &[Place::StaticLift],
+    channels: &[ChannelGroup::Force, ChannelGroup::Moment],
+    parameters: &[ParameterDeclaration::size(
+        "share",
+        "s",
+        "",
+        "relative error of the static lift",
+        (-0.3, 0.1),
+        0.05,
+        -0.05,
+    )],
+    per_rotor: true,
+    needs: &[],
+    excited_by: "always",
+    confused_with: &["centre-of-mass", "rotor-lift-bias"],
+    source: "Table 1, blades b, c, d; Eq. 19",
+    build: Build::BuiltIn(|setup| Changes::<1>::boxed(setup, |c, [s], i| c.rotor_gain[i] *= 1.0 + s)),
+};
