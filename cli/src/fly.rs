@@ -506,9 +506,29 @@ fn change_line(change: &Change) -> Option<String> {
             sequential: sequential @ 1..,
             probability,
             thrust_loss_n,
+            thrust_loss_low_n,
+            thrust_loss_high_n,
+            ..
         } => Some(format!(
-            "t {sim_time_s:7.3} s  sequential  rotor {sequential} (probability {probability:.4}, loses {thrust_loss_n:.3} N)"
+            "t {sim_time_s:7.3} s  sequential  {} (probability {probability:.4}, loses {thrust_loss_n:.3} N \
+             [{thrust_loss_low_n:.3}, {thrust_loss_high_n:.3}])",
+            verdict_text(*sequential)
         )),
+        Change::Verdict {
+            sim_time_s,
+            sequential: -3,
+            suspect_rotors,
+            ..
+        } => {
+            let rotors: Vec<String> = (0..32)
+                .filter(|i| suspect_rotors >> i & 1 == 1)
+                .map(|i| (i + 1).to_string())
+                .collect();
+            Some(format!(
+                "t {sim_time_s:7.3} s  sequential  ambiguous: among rotors {}",
+                rotors.join(", ")
+            ))
+        }
         Change::Verdict {
             sim_time_s, sequential, ..
         } => Some(format!(

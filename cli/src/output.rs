@@ -140,8 +140,26 @@ fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
     } else {
         none()
     };
+    let mut verdict = verdict_text(score.verdict_at_end);
+    if evaluator == Evaluator::Sequential {
+        let severity = &interval.severity;
+        let losses: Vec<String> = severity
+            .losses
+            .iter()
+            .map(|loss| {
+                let [low, high] = loss.interval_share.map(|end| 100.0 * end);
+                format!("{:.1} % [{low:.1}, {high:.1}]", 100.0 * loss.share)
+            })
+            .collect();
+        if !losses.is_empty() {
+            verdict = format!("{verdict}, lost {}", losses.join(" and "));
+        } else if !severity.suspect_rotors.is_empty() {
+            let rotors: Vec<String> = severity.suspect_rotors.iter().map(u32::to_string).collect();
+            verdict = format!("{verdict}: among {}", rotors.join(", "));
+        }
+    }
     [
-        verdict_text(score.verdict_at_end),
+        verdict,
         score
             .share_right
             .map_or_else(none, |share| format!("{:.1} %", 100.0 * share)),

@@ -71,7 +71,14 @@ impl RunHasher {
         for code in [report.t_test, report.network, report.sequential] {
             bytes.u32(code.cast_unsigned());
         }
-        bytes.f32s(&[report.sequential_probability, report.thrust_loss_n]);
+        bytes.f32s(&[report.sequential_probability]);
+        bytes.f32s(&report.thrust_loss.values());
+        bytes.f32s(&report.second_thrust_loss.values());
+        bytes.u32(report.suspect_rotors);
+        bytes.u32(report.hypothesis_count);
+        for rotors in report.hypothesis_rotors {
+            bytes.u32(rotors);
+        }
         bytes.u32(report.window_end);
 
         let truth = &sample.truth;

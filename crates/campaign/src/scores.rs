@@ -24,7 +24,8 @@ impl Confusion {
         let column = match verdict {
             FaultVerdict::Healthy => 0,
             FaultVerdict::Faulty { rotor } => usize::from(rotor) + 1,
-            FaultVerdict::Unknown => unknown,
+            // Sets of rotors name none of them: in this table they count as unknown.
+            FaultVerdict::Unknown | FaultVerdict::FaultyPair { .. } | FaultVerdict::Ambiguous => unknown,
             FaultVerdict::NotReady => {
                 debug_assert!(false, "a window without a verdict is not scored");
                 unknown

@@ -10,8 +10,8 @@
 //!   are one event, also across two intervals without a fault.
 
 use crate::spool::{Chunk, SpoolHeader};
-use crate::summary::{BatteryUse, Evaluator, Interval, Tracking};
-use crate::telemetry::{Column, HEALTHY, NOT_READY, UNKNOWN};
+use crate::summary::{BatteryUse, Evaluator, Interval, LossRecord, Severity, Tracking};
+use crate::telemetry::{AMBIGUOUS, Column, HEALTHY, NOT_READY, UNKNOWN};
 
 /// Observers with the paper's gain of 5 /s have forgotten the state before after this, s.
 const SETTLE_S: f64 = 1.0;
@@ -110,6 +110,9 @@ struct Places {
     residuals: usize,
     verdicts: [usize; 3],
     window_end: usize,
+    losses: [usize; 2],
+    hypothesis_count: usize,
+    suspects: usize,
     reference: usize,
     position: usize,
     attitude: usize,
@@ -152,6 +155,9 @@ impl Analysis {
                 residuals: place("residual_1_arm_nms"),
                 verdicts: Evaluator::ALL.map(|evaluator| place(evaluator.column())),
                 window_end: place("window_end"),
+                losses: [place("thrust_loss_n"), place("second_thrust_loss_n")],
+                hypothesis_count: place("hypothesis_count"),
+                suspects: place("suspect_rotors"),
                 reference: place("reference_north_m"),
                 position: place("true_position_north_m"),
                 attitude: place("true_roll_rad"),
@@ -241,21 +247,35 @@ impl Analysis {
 
         let window_end = at(self.places.window_end) > 0.5;
         open.interval.windows += u64::from(window_end);
+        let suspects = at(self.places.suspects) as u64;
+        if window_end {
+            open.interval.severity = severity(
+                at(self.places.verdicts[Evaluator::Sequential as usize]) as i32,
+                suspects,
+                at(self.places.hypothesis_count) as u32,
+                self.places.losses.map(|first| core::array::from_fn(|i| at(first + i))),
+            );
+        }
         for (slot, evaluator) in Evaluator::ALL.into_iter().enumerate() {
             let verdict = at(self.places.verdicts[slot]) as i32;
+            let right = is_right(verdict, suspects, &open.interval);
+            let pair = pair_code(&open.interval.faulty_rotors);
             let score = open.interval.scores.of_mut(evaluator);
             score.verdict_at_end = verdict;
+            score.right_at_end = right;
             if !window_end {
                 continue;
             }
             let label = open.interval.fault_label;
             match verdict {
                 NOT_READY => score.not_ready += 1,
-                UNKNOWN => score.unknown += 1,
+                UNKNOWN | AMBIGUOUS => score.unknown += 1,
                 HEALTHY => score.healthy += 1,
-                rotor => score.other_rotor += u64::from(rotor != label),
+                rotor => {
+                    score.other_rotor += u64::from(rotor != label && rotor != pair);
+                }
             }
-            if verdict == open.interval.expected_verdict {
+            if right {
                 score.right += 1;
                 if label != HEALTHY && score.isolated_after_s.is_none() {
                     score.isolated_after_s = Some(time + self.step_s - open.interval.start_s);
@@ -388,6 +408,61 @@ fn wrapped(angle: f64) -> f64 {
     (angle + PI).rem_euclid(TAU) - PI
 }
 
+/// Numbers (from 1) of the rotors in a mask.
+fn rotors_of(mask: u64) -> Vec<u32> {
+    (0..32).filter(|i| mask >> i & 1 == 1).map(|i| i + 1).collect()
+}
+
+/// Verdict code of two faulty rotors, 0 for any other number of them.
+fn pair_code(faulty_rotors: &[u32]) -> i32 {
+    match faulty_rotors {
+        [first, second] => (100 * first + second).cast_signed(),
+        _ => 0,
+    }
+}
+
+/// True of the expected verdict, of both names of two faulty rotors, and of an ambiguous verdict that leaves all of several faulty
+/// rotors open.
+fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
+    let several = interval.fault_label == UNKNOWN;
+    let faulty = || {
+        interval
+            .faulty_rotors
+            .iter()
+            .all(|rotor| suspects >> (rotor - 1) & 1 == 1)
+    };
+    verdict == interval.expected_verdict
+        || several && verdict == pair_code(&interval.faulty_rotors)
+        || several && verdict == AMBIGUOUS && faulty()
+}
+
+/// * `losses`: N, ends, share, ends; of the first and the second rotor named
+fn severity(verdict: i32, suspects: u64, hypothesis_count: u32, losses: [[f64; 6]; 2]) -> Severity {
+    let suspect_rotors = rotors_of(suspects);
+    let losses = if verdict > HEALTHY {
+        suspect_rotors
+            .iter()
+            .zip(losses)
+            .map(
+                |(&rotor, [loss_n, low_n, high_n, share, share_low, share_high])| LossRecord {
+                    rotor,
+                    loss_n,
+                    interval_n: [low_n, high_n],
+                    share,
+                    interval_share: [share_low, share_high],
+                },
+            )
+            .collect()
+    } else {
+        Vec::new()
+    };
+    Severity {
+        suspect_rotors,
+        hypothesis_count,
+        losses,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -492,6 +567,7 @@ mod tests {
             false_alarm_windows: 3,
             false_alarm_events: 2,
             verdict_at_end: 4,
+            right_at_end: false,
         };
         assert_eq!(before.scores.t_test, expected);
         assert_eq!(before.scores.network.share_right, None);

@@ -552,13 +552,11 @@ fn verdicts(plots: &Plots, summary: &Summary) -> String {
             );
         };
         for interval in &summary.intervals {
-            mark(
-                interval.start_s,
-                interval.end_s,
-                interval.fault_label,
-                0.85 * LANE,
-                "#d5e4f7",
-            );
+            let healthy = [HEALTHY];
+            let faulty: Vec<i32> = interval.faulty_rotors.iter().map(|rotor| rotor.cast_signed()).collect();
+            for code in if faulty.is_empty() { &healthy[..] } else { &faulty } {
+                mark(interval.start_s, interval.end_s, *code, 0.85 * LANE, "#d5e4f7");
+            }
         }
         for interval in &summary.intervals {
             for seen in &verdicts.seen {
@@ -570,6 +568,7 @@ fn verdicts(plots: &Plots, summary: &Summary) -> String {
                 for code in (UNKNOWN..=plots.rotor_count as i32).filter(|code| seen.codes >> (code + 2) & 1 == 1) {
                     let colour = match code {
                         code if code == interval.expected_verdict => GOOD,
+                        1.. if interval.faulty_rotors.contains(&code.unsigned_abs()) => GOOD,
                         UNKNOWN => WARN,
                         _ => BAD,
                     };

@@ -151,6 +151,32 @@ mod messages {
         pub(super) thrust_loss_n: f32,
         #[prost(bool, tag = "10")]
         pub(super) window_end: bool,
+        #[prost(float, tag = "11")]
+        pub(super) thrust_loss_low_n: f32,
+        #[prost(float, tag = "12")]
+        pub(super) thrust_loss_high_n: f32,
+        #[prost(float, tag = "13")]
+        pub(super) thrust_loss_share: f32,
+        #[prost(float, tag = "14")]
+        pub(super) thrust_loss_share_low: f32,
+        #[prost(float, tag = "15")]
+        pub(super) thrust_loss_share_high: f32,
+        #[prost(float, tag = "16")]
+        pub(super) second_thrust_loss_n: f32,
+        #[prost(float, tag = "17")]
+        pub(super) second_thrust_loss_low_n: f32,
+        #[prost(float, tag = "18")]
+        pub(super) second_thrust_loss_high_n: f32,
+        #[prost(float, tag = "19")]
+        pub(super) second_thrust_loss_share: f32,
+        #[prost(float, tag = "20")]
+        pub(super) second_thrust_loss_share_low: f32,
+        #[prost(float, tag = "21")]
+        pub(super) second_thrust_loss_share_high: f32,
+        #[prost(uint32, tag = "22")]
+        pub(super) suspect_rotors: u32,
+        #[prost(uint32, tag = "23")]
+        pub(super) hypothesis_count: u32,
     }
 }
 use messages::{
@@ -370,7 +396,20 @@ impl<W: Write + Seek> McapSink<W> {
             verdict_sequential: sequential,
             sequential_probability: f(verdicts + 3),
             thrust_loss_n: f(verdicts + 4),
-            window_end: at(verdicts + 5) > 0.5,
+            thrust_loss_low_n: f(verdicts + 5),
+            thrust_loss_high_n: f(verdicts + 6),
+            thrust_loss_share: f(verdicts + 7),
+            thrust_loss_share_low: f(verdicts + 8),
+            thrust_loss_share_high: f(verdicts + 9),
+            second_thrust_loss_n: f(verdicts + 10),
+            second_thrust_loss_low_n: f(verdicts + 11),
+            second_thrust_loss_high_n: f(verdicts + 12),
+            second_thrust_loss_share: f(verdicts + 13),
+            second_thrust_loss_share_low: f(verdicts + 14),
+            second_thrust_loss_share_high: f(verdicts + 15),
+            hypothesis_count: at(verdicts + 16) as u32,
+            suspect_rotors: at(verdicts + 17) as u32,
+            window_end: at(verdicts + 18) > 0.5,
         };
         self.write(stamp(self.channels.fdi), &message)?;
 

@@ -9,7 +9,7 @@
 use crate::analysis::column;
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::Evaluator;
-use crate::telemetry::{Column, HEALTHY, NOT_READY};
+use crate::telemetry::{AMBIGUOUS, Column, HEALTHY, NOT_READY, UNKNOWN};
 
 /// Buckets of the full-width plots: at most twice as many points.
 const WIDE_BUCKETS: u64 = 1950;
@@ -199,7 +199,7 @@ pub(crate) struct Seen {
     pub(crate) start_s: f64,
     /// s.
     pub(crate) end_s: f64,
-    /// Bit (code + 2) set: the verdict was in force.
+    /// Bit (code + 2) set: the verdict was in force; a pair sets the bits of both rotors, an ambiguous verdict that of an unknown fault.
     pub(crate) codes: u32,
 }
 
@@ -404,8 +404,15 @@ impl Plots {
                 self.bucket_start_s = time;
             }
             for verdicts in &mut self.verdicts {
-                let code = (chunk.columns[verdicts.place][row] as i32).clamp(NOT_READY, 29);
-                verdicts.open |= 1 << (code - NOT_READY);
+                let code = chunk.columns[verdicts.place][row] as i32;
+                let marks = match code {
+                    AMBIGUOUS => [UNKNOWN; 2],
+                    100.. => [code / 100, code % 100],
+                    _ => [code; 2],
+                };
+                for mark in marks {
+                    verdicts.open |= 1 << (mark.clamp(NOT_READY, 29) - NOT_READY);
+                }
             }
             self.in_bucket += 1;
             self.end_s = time + self.step_s;

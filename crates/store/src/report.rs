@@ -347,7 +347,7 @@ fn verdict_cell(interval: &Interval, score: &Score, absent: bool, evaluator: Eva
         return format!("<td class=\"verdict\"><span class=\"muted\">{why}</span></td>");
     };
     let healthy = interval.fault_label == HEALTHY;
-    let held = score.verdict_at_end == interval.expected_verdict;
+    let held = score.verdict_at_end == interval.expected_verdict || (!healthy && score.right_at_end);
     let mostly = held && share >= GOOD_SHARE;
     let (class, mark) = match (healthy, score.false_alarm_events, score.isolated_after_s, mostly) {
         (true, 0, _, _) | (false, _, Some(_), true) => ("good", "✓"),
@@ -381,6 +381,11 @@ fn verdict_cell(interval: &Interval, score: &Score, absent: bool, evaluator: Eva
         if count > 0 {
             details.push(format!("{} {what}", grouped(count)));
         }
+    }
+    if evaluator == Evaluator::Sequential
+        && let Some(text) = interval.severity.text()
+    {
+        details.push(format!("loses {text}"));
     }
     if !held {
         details.push(format!("at the end: {}", verdict_text(score.verdict_at_end)));

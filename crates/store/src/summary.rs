@@ -9,7 +9,7 @@
 
 use crate::error::{Result, StoreError, io};
 use crate::run_folder::SUMMARY_FILE;
-use crate::telemetry::{HEALTHY, NOT_READY, UNKNOWN};
+use crate::telemetry::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -201,6 +201,79 @@ pub struct Score {
     pub false_alarm_events: u64,
     /// Code of the verdict in force at the end of the interval.
     pub verdict_at_end: i32,
+    /// Whether it is right.
+    #[serde(default)]
+    pub right_at_end: bool,
+}
+
+/// Estimated losses of thrust of the rotors that the sequential detector names, and the rotors that it leaves open.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Severity {
+    /// Rotors that are or may be concerned, from 1.
+    pub suspect_rotors: Vec<u32>,
+    /// Sets of rotors that an ambiguous verdict leaves open.
+    pub hypothesis_count: u32,
+    /// One for each rotor named.
+    pub losses: Vec<LossRecord>,
+}
+
+/// Estimated loss of thrust of one rotor with its 95 % interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LossRecord {
+    /// From 1.
+    pub rotor: u32,
+    /// At hover, N.
+    #[serde(deserialize_with = "number")]
+    pub loss_n: f64,
+    /// Ends of its interval, N.
+    pub interval_n: [f64; 2],
+    /// Share of the rotor's nominal thrust at hover, fraction.
+    #[serde(deserialize_with = "number")]
+    pub share: f64,
+    /// Ends of its interval, fraction.
+    pub interval_share: [f64; 2],
+}
+
+impl Severity {
+    /// For people: "0.088 N [0.085, 0.092], 3.5 % [3.4, 3.6]" for each rotor named, or the rotors in question.
+    pub fn text(&self) -> Option<String> {
+        let list = |rotors: &[u32]| {
+            let names: Vec<String> = rotors.iter().map(u32::to_string).collect();
+            names.join(", ")
+        };
+        if self.losses.is_empty() {
+            let open = self.suspect_rotors.as_slice();
+            return (!open.is_empty()).then(|| {
+                format!(
+                    "{} sets of rotors {} come into question",
+                    self.hypothesis_count,
+                    list(open)
+                )
+            });
+        }
+        let several = self.losses.len() > 1;
+        let texts: Vec<String> = self
+            .losses
+            .iter()
+            .map(|loss| {
+                let who = if several {
+                    format!("rotor {}: ", loss.rotor)
+                } else {
+                    String::new()
+                };
+                format!(
+                    "{who}{:.1} % [{:.1}, {:.1}], {:.3} N [{:.3}, {:.3}]",
+                    100.0 * loss.share,
+                    100.0 * loss.interval_share[0],
+                    100.0 * loss.interval_share[1],
+                    loss.loss_n,
+                    loss.interval_n[0],
+                    loss.interval_n[1]
+                )
+            })
+            .collect();
+        Some(texts.join("; "))
+    }
 }
 
 /// One [`Score`] per evaluator.
@@ -249,8 +322,12 @@ pub struct Interval {
     /// Names of the sensor faults in force.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensor_faults: Vec<String>,
-    /// The verdict that is right here: equal to the fault label (several faulty rotors match no single one: "unknown fault").
+    /// The verdict that is right here: equal to the fault label (several faulty rotors match no single one: "unknown fault"). Of two
+    /// faulty rotors it is also right to name both, of several to leave open a choice that holds them.
     pub expected_verdict: i32,
+    /// What the sequential detector says of the rotors concerned at the end of the interval.
+    #[serde(default)]
+    pub severity: Severity,
     /// Evaluation windows that end here. One that began earlier counts here, too.
     pub windows: u64,
     /// What the evaluators said.
@@ -356,6 +433,8 @@ pub fn verdict_text(code: i32) -> String {
         NOT_READY => "not ready".to_owned(),
         UNKNOWN => "unknown fault".to_owned(),
         HEALTHY => "healthy".to_owned(),
+        AMBIGUOUS => "ambiguous".to_owned(),
+        100.. => format!("rotors {} and {}", code / 100, code % 100),
         rotor => format!("rotor {rotor}"),
     }
 }

@@ -25,6 +25,8 @@ pub const MAX_ROTORS: usize = 16;
 pub const NOT_READY: i32 = -2;
 /// Verdict code: a fault that matches no rotor. As `fault_label`: several rotors are faulty.
 pub const UNKNOWN: i32 = -1;
+/// Verdict code: several sets of rotors explain the fault.
+pub const AMBIGUOUS: i32 = -3;
 /// Verdict code and `fault_label`: no fault. Codes above it are rotor numbers, from 1.
 pub const HEALTHY: i32 = 0;
 
@@ -143,8 +145,15 @@ pub struct TelemetryRow {
     pub sequential: i32,
     /// Probability that the sequential detector gives to its verdict, fraction.
     pub sequential_probability: f32,
-    /// Loss of thrust that the sequential detector estimates, N.
-    pub thrust_loss_n: f32,
+    /// Loss of thrust that the sequential detector estimates: N, lower and upper end of its 95 % interval, the same as shares of the
+    /// rotor's nominal thrust.
+    pub thrust_loss: [f32; 6],
+    /// The same of the other rotor of a pair.
+    pub second_thrust_loss: [f32; 6],
+    /// Bit i set: rotor i (from 0) is or may be concerned.
+    pub suspect_rotors: u32,
+    /// Sets of rotors that an ambiguous verdict leaves open.
+    pub hypothesis_count: u32,
     /// True on the last step of an evaluation window: the verdicts are new, otherwise held.
     pub window_end: bool,
 }
@@ -295,6 +304,66 @@ impl Sink for Bytes<'_> {
         self.put(value.to_le_bytes());
     }
 }
+
+/// Estimated loss of the rotor that the sequential detector names.
+const LOSS_COLUMNS: [Label; 6] = [
+    one(
+        "thrust_loss_n",
+        "N",
+        "Loss of thrust that the sequential detector estimates",
+    ),
+    one("thrust_loss_low_n", "N", "Lower end of the 95 % interval of the loss"),
+    one("thrust_loss_high_n", "N", "Upper end of the 95 % interval of the loss"),
+    one(
+        "thrust_loss_share",
+        "1",
+        "Loss as a share of the rotor's nominal thrust at hover",
+    ),
+    one(
+        "thrust_loss_share_low",
+        "1",
+        "Lower end of the 95 % interval of the share",
+    ),
+    one(
+        "thrust_loss_share_high",
+        "1",
+        "Upper end of the 95 % interval of the share",
+    ),
+];
+
+/// Of the other rotor of a pair.
+const SECOND_LOSS_COLUMNS: [Label; 6] = [
+    one(
+        "second_thrust_loss_n",
+        "N",
+        "Loss of thrust that the sequential detector estimates, other rotor of a pair",
+    ),
+    one(
+        "second_thrust_loss_low_n",
+        "N",
+        "Lower end of the 95 % interval of the loss, other rotor of a pair",
+    ),
+    one(
+        "second_thrust_loss_high_n",
+        "N",
+        "Upper end of the 95 % interval of the loss, other rotor of a pair",
+    ),
+    one(
+        "second_thrust_loss_share",
+        "1",
+        "Loss as a share of the rotor's nominal thrust at hover, other rotor of a pair",
+    ),
+    one(
+        "second_thrust_loss_share_low",
+        "1",
+        "Lower end of the 95 % interval of the share, other rotor of a pair",
+    ),
+    one(
+        "second_thrust_loss_share_high",
+        "1",
+        "Upper end of the 95 % interval of the share, other rotor of a pair",
+    ),
+];
 
 impl TelemetryRow {
     /// Hands every column of a run with `rotor_count` rotors to `sink`, in the order of the schema.
@@ -550,7 +619,7 @@ impl TelemetryRow {
             one(
                 "verdict_sequential",
                 "1",
-                "Verdict of the sequential detector, codes as verdict_t_test",
+                "Verdict of the sequential detector, codes as verdict_t_test, also -3 ambiguous and 100 i + j rotors i and j",
             ),
             self.sequential,
         );
@@ -562,13 +631,27 @@ impl TelemetryRow {
             ),
             self.sequential_probability,
         );
-        sink.f32(
+        for (column, value) in LOSS_COLUMNS.into_iter().zip(self.thrust_loss) {
+            sink.f32(column, value);
+        }
+        for (column, value) in SECOND_LOSS_COLUMNS.into_iter().zip(self.second_thrust_loss) {
+            sink.f32(column, value);
+        }
+        sink.i32(
             one(
-                "thrust_loss_n",
-                "N",
-                "Loss of thrust that the sequential detector estimates",
+                "hypothesis_count",
+                "1",
+                "Sets of rotors that an ambiguous verdict leaves open",
             ),
-            self.thrust_loss_n,
+            self.hypothesis_count.cast_signed(),
+        );
+        sink.i32(
+            one(
+                "suspect_rotors",
+                "1",
+                "Bit i set if rotor i+1 is or may be concerned, by the sequential detector",
+            ),
+            self.suspect_rotors.cast_signed(),
         );
         sink.i32(
             one("window_end", "1", "1 on the last step of an evaluation window, else 0"),

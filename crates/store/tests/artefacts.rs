@@ -163,7 +163,10 @@ fn val_mcap_messages_are_those_of_the_proto_files() {
     row.t_test = -1;
     row.sequential = 3;
     row.sequential_probability = 0.75;
-    row.thrust_loss_n = 0.125;
+    row.thrust_loss = [0.125, 0.0625, 0.25, 0.5, 0.375, 0.625];
+    row.second_thrust_loss = [0.75, 0.6875, 0.875, 0.03125, 0.015625, 0.046875];
+    row.suspect_rotors = 6;
+    row.hypothesis_count = 9;
     row.saturated_rotors = 5;
     row.sensor_faults = 1;
     row.window_end = true;
@@ -239,6 +242,19 @@ fn val_mcap_messages_are_those_of_the_proto_files() {
         ("/fdi", "verdict_sequential", 3.0),
         ("/fdi", "sequential_probability", 0.75),
         ("/fdi", "thrust_loss_n", 0.125),
+        ("/fdi", "thrust_loss_low_n", 0.0625),
+        ("/fdi", "thrust_loss_high_n", 0.25),
+        ("/fdi", "thrust_loss_share", 0.5),
+        ("/fdi", "thrust_loss_share_low", 0.375),
+        ("/fdi", "thrust_loss_share_high", 0.625),
+        ("/fdi", "second_thrust_loss_n", 0.75),
+        ("/fdi", "second_thrust_loss_low_n", 0.6875),
+        ("/fdi", "second_thrust_loss_high_n", 0.875),
+        ("/fdi", "second_thrust_loss_share", 0.03125),
+        ("/fdi", "second_thrust_loss_share_low", 0.015625),
+        ("/fdi", "second_thrust_loss_share_high", 0.046875),
+        ("/fdi", "suspect_rotors", 6.0),
+        ("/fdi", "hypothesis_count", 9.0),
         ("/fdi", "window_end", 1.0),
     ] {
         assert_eq!(value_at(&messages[topic], path), expected, "{topic} {path}");

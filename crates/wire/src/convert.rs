@@ -6,7 +6,7 @@
 //! Protobuf does not carry the sign of a zero in a scalar field (−0 equals the default and is left out). Links therefore hand
 //! over frames in their `canonical` form, where −0 has become +0, over every back end alike: see [`SensorFrame::canonical`].
 
-use crate::frames::{CommandFrame, FdiReport, SensorFrame, Stamp};
+use crate::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
 use crate::proto::{self, verdict::Kind};
 use rotortwin_flight_core::MAX_ROTORS;
 
@@ -122,7 +122,8 @@ pub fn check_command(frame: &CommandFrame, rotor_count: usize) -> Result<(), Con
 pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), ConvertError> {
     finite("FdiReport.residual_nms", frame.residuals_nms.as_flattened())?;
     finite("FdiReport.wrench_residual", &frame.wrench_residual)?;
-    finite("FdiReport.thrust_loss_n", &[frame.thrust_loss_n])?;
+    check_loss("FdiReport.thrust_loss", &frame.thrust_loss)?;
+    check_loss("FdiReport.second_thrust_loss", &frame.second_thrust_loss)?;
     if !(0.0..=1.0).contains(&frame.sequential_probability) {
         return Err(ConvertError::OutOfRange {
             field: "FdiReport.sequential_probability".to_owned(),
@@ -131,11 +132,7 @@ pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), Convert
         });
     }
     let highest = i32::try_from(rotor_count.min(MAX_ROTORS)).expect("MAX_ROTORS fits in i32");
-    for (field, code) in [
-        ("t_test", frame.t_test),
-        ("network", frame.network),
-        ("sequential", frame.sequential),
-    ] {
+    for (field, code) in [("t_test", frame.t_test), ("network", frame.network)] {
         if !(-2..=highest).contains(&code) {
             return Err(ConvertError::OutOfRange {
                 field: format!("FdiReport.{field}"),
@@ -144,7 +141,54 @@ pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), Convert
             });
         }
     }
+    let code = frame.sequential;
+    let (first, second) = (code / 100, code % 100);
+    if !(-3..=highest).contains(&code) && !(first >= 1 && first < second && second <= highest) {
+        return Err(ConvertError::OutOfRange {
+            field: "FdiReport.sequential".to_owned(),
+            value: f64::from(code),
+            expected: "-3 (ambiguous), -2 (not ready), -1 (unknown), 0 (healthy), the number of a rotor, or of two as 100 i + j",
+        });
+    }
+    let beyond = |mask: u32| mask >> rotor_count.min(MAX_ROTORS) != 0;
+    if beyond(frame.suspect_rotors) {
+        return Err(ConvertError::OutOfRange {
+            field: "FdiReport.suspect_rotors".to_owned(),
+            value: f64::from(frame.suspect_rotors),
+            expected: "bits of rotors that the vehicle has",
+        });
+    }
+    let listed = frame.hypothesis_count.min(MAX_HYPOTHESES as u32) as usize;
+    for (index, &mask) in frame.hypothesis_rotors.iter().enumerate() {
+        if (mask != 0) != (index < listed) || beyond(mask) {
+            return Err(ConvertError::OutOfRange {
+                field: format!("FdiReport.hypothesis_rotors[{index}]"),
+                value: f64::from(mask),
+                expected: "bits of rotors that the vehicle has, up to hypothesis_count",
+            });
+        }
+    }
     Ok(())
+}
+
+fn check_loss(field: &'static str, loss: &LossEstimate) -> Result<(), ConvertError> {
+    finite(field, &loss.values())?;
+    let ordered = |low: f32, middle: f32, high: f32| 0.0 <= low && low <= middle && middle <= high;
+    let without_interval = LossEstimate {
+        loss_n: loss.loss_n,
+        ..LossEstimate::default()
+    };
+    if *loss == without_interval {
+        return Ok(());
+    }
+    if ordered(loss.low_n, loss.loss_n, loss.high_n) && ordered(loss.share_low, loss.share, loss.share_high) {
+        return Ok(());
+    }
+    Err(ConvertError::OutOfRange {
+        field: field.to_owned(),
+        value: f64::from(loss.loss_n),
+        expected: "a loss of 0 or more inside of its interval",
+    })
 }
 
 /// −0 becomes +0, everything else stays.
@@ -191,7 +235,9 @@ impl FdiReport {
         plus_zero(self.residuals_nms.as_flattened_mut());
         plus_zero(&mut self.wrench_residual);
         self.sequential_probability += 0.0;
-        self.thrust_loss_n += 0.0;
+        for loss in [&mut self.thrust_loss, &mut self.second_thrust_loss] {
+            *loss = LossEstimate::from_values(loss.values().map(|value| value + 0.0));
+        }
         self
     }
 }
@@ -334,29 +380,51 @@ impl CommandFrame {
 
 /// The message of a verdict code; a code that does not exist becomes "unspecified", which every receiver refuses.
 pub fn verdict_to_proto(code: i32) -> proto::Verdict {
-    let (kind, rotor) = match code {
-        -2 => (Kind::NotReady, 0),
-        -1 => (Kind::Unknown, 0),
-        0 => (Kind::Healthy, 0),
-        1.. => (Kind::Faulty, code.unsigned_abs()),
-        _ => (Kind::Unspecified, 0),
+    let (kind, rotor, second_rotor) = match code {
+        -3 => (Kind::Ambiguous, 0, 0),
+        -2 => (Kind::NotReady, 0, 0),
+        -1 => (Kind::Unknown, 0, 0),
+        0 => (Kind::Healthy, 0, 0),
+        1..100 => (Kind::Faulty, code.unsigned_abs(), 0),
+        100.. => (Kind::FaultyPair, code.unsigned_abs() / 100, code.unsigned_abs() % 100),
+        _ => (Kind::Unspecified, 0, 0),
     };
     proto::Verdict {
         kind: kind.into(),
         rotor,
+        second_rotor,
     }
 }
 
-/// The code of a verdict: −2 not ready, −1 unknown fault, 0 healthy, i rotor i (from 1).
+/// The code of a verdict: −3 ambiguous, −2 not ready, −1 unknown fault, 0 healthy, i rotor i (from 1), 100 i + j rotors i and j.
 ///
 /// * `field`: name for the error, with the message
 pub fn verdict_from_proto(verdict: &Option<proto::Verdict>, field: &'static str) -> Result<i32, ConvertError> {
     let verdict = verdict.as_ref().ok_or(ConvertError::Missing(field))?;
+    if verdict.kind() == Kind::FaultyPair {
+        let small = |rotor: u32| i32::try_from(rotor).ok().filter(|rotor| (1..100).contains(rotor));
+        return match (small(verdict.rotor), small(verdict.second_rotor)) {
+            (Some(first), Some(second)) if first < second => Ok(100 * first + second),
+            _ => Err(ConvertError::OutOfRange {
+                field: format!("{field}.second_rotor"),
+                value: f64::from(verdict.second_rotor),
+                expected: "the number of a rotor above `rotor` with KIND_FAULTY_PAIR",
+            }),
+        };
+    }
+    if verdict.second_rotor != 0 {
+        return Err(ConvertError::OutOfRange {
+            field: format!("{field}.second_rotor"),
+            value: f64::from(verdict.second_rotor),
+            expected: "0 unless the kind is KIND_FAULTY_PAIR",
+        });
+    }
     match (verdict.kind(), i32::try_from(verdict.rotor)) {
+        (Kind::Ambiguous, Ok(0)) => Ok(-3),
         (Kind::NotReady, Ok(0)) => Ok(-2),
         (Kind::Unknown, Ok(0)) => Ok(-1),
         (Kind::Healthy, Ok(0)) => Ok(0),
-        (Kind::Faulty, Ok(rotor @ 1..)) => Ok(rotor),
+        (Kind::Faulty, Ok(rotor @ 1..100)) => Ok(rotor),
         (Kind::Faulty, _) => Err(ConvertError::OutOfRange {
             field: format!("{field}.rotor"),
             value: f64::from(verdict.rotor),
@@ -375,6 +443,31 @@ pub fn verdict_from_proto(verdict: &Option<proto::Verdict>, field: &'static str)
     }
 }
 
+/// Absent if there is nothing to say.
+fn interval_to_proto(loss: &LossEstimate) -> Option<proto::LossInterval> {
+    let [_, interval @ ..] = loss.values();
+    let [low_n, high_n, share, share_low, share_high] = interval;
+    (interval != [0.0; 5]).then_some(proto::LossInterval {
+        low_n,
+        high_n,
+        share,
+        share_low,
+        share_high,
+    })
+}
+
+fn loss_from_proto(loss_n: f32, interval: Option<proto::LossInterval>) -> LossEstimate {
+    let interval = interval.unwrap_or_default();
+    LossEstimate {
+        loss_n,
+        low_n: interval.low_n,
+        high_n: interval.high_n,
+        share: interval.share,
+        share_low: interval.share_low,
+        share_high: interval.share_high,
+    }
+}
+
 impl FdiReport {
     /// The message with three residuals for each of `rotor_count` rotors, at most [`MAX_ROTORS`].
     pub fn to_proto(&self, rotor_count: usize) -> proto::FdiReport {
@@ -388,8 +481,14 @@ impl FdiReport {
             network: Some(verdict_to_proto(self.network)),
             sequential: Some(verdict_to_proto(self.sequential)),
             sequential_probability: self.sequential_probability,
-            thrust_loss_n: self.thrust_loss_n,
             window_end: self.window_end != 0,
+            thrust_loss_n: self.thrust_loss.loss_n,
+            thrust_loss_interval: interval_to_proto(&self.thrust_loss),
+            second_thrust_loss_n: self.second_thrust_loss.loss_n,
+            second_thrust_loss_interval: interval_to_proto(&self.second_thrust_loss),
+            suspect_rotors: self.suspect_rotors,
+            hypothesis_count: self.hypothesis_count,
+            hypothesis_rotors: self.hypothesis_rotors[..(self.hypothesis_count as usize).min(MAX_HYPOTHESES)].to_vec(),
         }
     }
 
@@ -408,6 +507,16 @@ impl FdiReport {
                 found: message.wrench_residual.len(),
                 expected: "4".to_owned(),
             })?;
+        let listed = message.hypothesis_rotors.len();
+        if listed != (message.hypothesis_count as usize).min(MAX_HYPOTHESES) {
+            return Err(ConvertError::Length {
+                field: "FdiReport.hypothesis_rotors",
+                found: listed,
+                expected: format!("as many as hypothesis_count says, {MAX_HYPOTHESES} at most"),
+            });
+        }
+        let mut hypothesis_rotors = [0; MAX_HYPOTHESES];
+        hypothesis_rotors[..listed].copy_from_slice(&message.hypothesis_rotors);
         let mut frame = Self {
             stamp: message.stamp.ok_or(ConvertError::Missing("FdiReport.stamp"))?.into(),
             residuals_nms: [[0.0; 3]; MAX_ROTORS],
@@ -416,7 +525,11 @@ impl FdiReport {
             network: verdict_from_proto(&message.network, "FdiReport.network")?,
             sequential: verdict_from_proto(&message.sequential, "FdiReport.sequential")?,
             sequential_probability: message.sequential_probability,
-            thrust_loss_n: message.thrust_loss_n,
+            thrust_loss: loss_from_proto(message.thrust_loss_n, message.thrust_loss_interval),
+            second_thrust_loss: loss_from_proto(message.second_thrust_loss_n, message.second_thrust_loss_interval),
+            suspect_rotors: message.suspect_rotors,
+            hypothesis_count: message.hypothesis_count,
+            hypothesis_rotors,
             window_end: u32::from(message.window_end),
         };
         frame.residuals_nms.as_flattened_mut()[..3 * rotor_count].copy_from_slice(&message.residual_nms);

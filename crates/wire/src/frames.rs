@@ -122,6 +122,58 @@ impl CommandFrame {
     }
 }
 
+/// Most sets of rotors that a report lists.
+pub const MAX_HYPOTHESES: usize = rotortwin_flight_core::fdi::MAX_HYPOTHESES;
+
+/// Lost thrust of one rotor at hover with its 95 % interval; all 0 if no rotor is named, all but the loss of an engine that gives no
+/// interval.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[type_name("rotortwin.v1.LossEstimate")]
+pub struct LossEstimate {
+    /// N.
+    pub loss_n: f32,
+    /// Lower end, N.
+    pub low_n: f32,
+    /// Upper end, N.
+    pub high_n: f32,
+    /// Share of the rotor's nominal thrust at hover, fraction.
+    pub share: f32,
+    /// Lower end, fraction.
+    pub share_low: f32,
+    /// Upper end, fraction.
+    pub share_high: f32,
+}
+
+impl LossEstimate {
+    /// In the order of the fields.
+    #[inline]
+    pub const fn values(&self) -> [f32; 6] {
+        [
+            self.loss_n,
+            self.low_n,
+            self.high_n,
+            self.share,
+            self.share_low,
+            self.share_high,
+        ]
+    }
+
+    /// From the order of the fields.
+    #[inline]
+    pub const fn from_values(values: [f32; 6]) -> Self {
+        let [loss_n, low_n, high_n, share, share_low, share_high] = values;
+        Self {
+            loss_n,
+            low_n,
+            high_n,
+            share,
+            share_low,
+            share_high,
+        }
+    }
+}
+
 /// FDI engine to plant: residuals and verdicts of the step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
@@ -133,7 +185,8 @@ pub struct FdiReport {
     pub residuals_nms: [[f32; 3]; MAX_ROTORS],
     /// Residual of the equivalent four-axis observer: F_z (N s), M_x, M_y, M_z (N m s), body.
     pub wrench_residual: [f32; 4],
-    /// Verdict codes: −2 not ready, −1 unknown fault, 0 healthy, i rotor i (from 1).
+    /// Verdict codes: −2 not ready, −1 unknown fault, 0 healthy, i rotor i (from 1); of the sequential detector also −3 ambiguous
+    /// and 100 i + j rotors i and j.
     pub t_test: i32,
     /// As `t_test`, of the trained network.
     pub network: i32,
@@ -141,8 +194,16 @@ pub struct FdiReport {
     pub sequential: i32,
     /// Probability that the sequential detector gives to its verdict, fraction.
     pub sequential_probability: f32,
-    /// Loss of thrust that the sequential detector estimates, N.
-    pub thrust_loss_n: f32,
+    /// Loss of thrust that the sequential detector estimates: of the rotor it names, of a pair the one with the lower number.
+    pub thrust_loss: LossEstimate,
+    /// Of the other rotor of a pair.
+    pub second_thrust_loss: LossEstimate,
+    /// Bit i set: rotor i (from 0) is or may be concerned.
+    pub suspect_rotors: u32,
+    /// Sets of rotors that an ambiguous verdict leaves open; there may be more than are listed.
+    pub hypothesis_count: u32,
+    /// The likeliest of them as bit masks, likeliest first; 0 past the count.
+    pub hypothesis_rotors: [u32; MAX_HYPOTHESES],
     /// 1 on the last step of an evaluation window, else 0.
     pub window_end: u32,
 }

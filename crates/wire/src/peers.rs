@@ -1,11 +1,11 @@
 //! Our own controller and FDI engine, as the peers of a link. They hold no truth and no scenario: only what the hand-shake brings.
 
-use crate::frames::{CommandFrame, FdiReport, SensorFrame};
+use crate::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame};
 use crate::link::{ControllerPeer, FdiPeer};
 use crate::proto::{ControllerSetup, FdiSetup};
 use crate::setup;
 use rotortwin_flight_core::control::Controller;
-use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_flight_core::fdi::{self, FdiEngine};
 
 /// The cascaded PID controller of `flight-core` (Table 5).
 #[derive(Default)]
@@ -69,8 +69,25 @@ impl FdiPeer for FdiEnginePeer {
             network: output.network.code(),
             sequential: output.sequential.code(),
             sequential_probability: output.sequential_probability,
-            thrust_loss_n: output.thrust_loss,
+            thrust_loss: loss_frame(&output.thrust_loss[0]),
+            second_thrust_loss: loss_frame(&output.thrust_loss[1]),
+            suspect_rotors: output.suspects.rotors,
+            hypothesis_count: u32::from(output.suspects.hypothesis_count),
+            hypothesis_rotors: output.suspects.hypotheses,
             window_end: u32::from(output.window_end),
         }
+    }
+}
+
+#[inline]
+fn loss_frame(loss: &fdi::LossEstimate) -> LossEstimate {
+    let share = loss.share();
+    LossEstimate {
+        loss_n: loss.loss,
+        low_n: loss.low,
+        high_n: loss.high,
+        share: share[0],
+        share_low: share[1],
+        share_high: share[2],
     }
 }

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use prost::Message;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_wire::convert::{check_command, check_report, check_sensors};
-use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame, Stamp};
+use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
 use rotortwin_wire::proto::{self, verdict::Kind};
 
 /// Finite numbers of every size, subnormal ones and zeros of both signs among them.
@@ -66,6 +66,23 @@ fn command_frame() -> impl Strategy<Value = (usize, CommandFrame)> {
         )
 }
 
+/// A loss inside of its interval.
+fn loss() -> impl Strategy<Value = LossEstimate> {
+    proptest::array::uniform6(0.0_f32..1e3).prop_map(|mut values| {
+        values[..3].sort_by(f32::total_cmp);
+        values[3..].sort_by(f32::total_cmp);
+        let [low_n, loss_n, high_n, share_low, share, share_high] = values;
+        LossEstimate {
+            loss_n,
+            low_n,
+            high_n,
+            share,
+            share_low,
+            share_high,
+        }
+    })
+}
+
 fn fdi_report() -> impl Strategy<Value = (usize, FdiReport)> {
     rotor_count().prop_flat_map(move |rotor_count| {
         let code = -2..=rotor_count as i32;
@@ -74,23 +91,37 @@ fn fdi_report() -> impl Strategy<Value = (usize, FdiReport)> {
             proptest::array::uniform16(proptest::array::uniform3(finite())),
             proptest::array::uniform4(finite()),
             [code.clone(), code.clone(), code],
-            (0.0_f32..=1.0, finite(), 0..=1_u32),
+            (0.0_f32..=1.0, loss(), loss(), 0..=1_u32),
+            (0..1_u32 << rotor_count, 0..20_u32, 1..1_u32 << rotor_count, 0..4_u8),
         )
-            .prop_map(move |(stamp, mut residuals_nms, wrench_residual, codes, rest)| {
-                residuals_nms[rotor_count..].fill([0.0; 3]);
-                let report = FdiReport {
-                    stamp,
-                    residuals_nms,
-                    wrench_residual,
-                    t_test: codes[0],
-                    network: codes[1],
-                    sequential: codes[2],
-                    sequential_probability: rest.0,
-                    thrust_loss_n: rest.1,
-                    window_end: rest.2,
-                };
-                (rotor_count, report)
-            })
+            .prop_map(
+                move |(stamp, mut residuals_nms, wrench_residual, codes, rest, suspects)| {
+                    residuals_nms[rotor_count..].fill([0.0; 3]);
+                    let report = FdiReport {
+                        stamp,
+                        residuals_nms,
+                        wrench_residual,
+                        t_test: codes[0],
+                        network: codes[1],
+                        // Codes that only this detector has, too.
+                        sequential: match suspects.3 {
+                            0 => -3,
+                            1 => 100 * (rotor_count as i32 - 1) + rotor_count as i32,
+                            _ => codes[2],
+                        },
+                        sequential_probability: rest.0,
+                        thrust_loss: rest.1,
+                        second_thrust_loss: rest.2,
+                        suspect_rotors: suspects.0,
+                        hypothesis_count: suspects.1,
+                        hypothesis_rotors: core::array::from_fn(
+                            |i| if (i as u32) < suspects.1 { suspects.2 } else { 0 },
+                        ),
+                        window_end: rest.3,
+                    };
+                    (rotor_count, report)
+                },
+            )
     })
 }
 
@@ -120,14 +151,23 @@ fn command_bits(f: &CommandFrame) -> (Stamp, Vec<u32>, Vec<u32>, u32) {
     )
 }
 
-fn report_bits(f: &FdiReport) -> (Stamp, Vec<u32>, Vec<u32>, [i32; 3], u32) {
-    let rest = [&f.wrench_residual[..], &[f.sequential_probability, f.thrust_loss_n]].concat();
+fn report_bits(f: &FdiReport) -> (Stamp, Vec<u32>, Vec<u32>, [i32; 3], [u32; MAX_HYPOTHESES + 3]) {
+    let rest = [
+        &f.wrench_residual[..],
+        &[f.sequential_probability],
+        &f.thrust_loss.values(),
+        &f.second_thrust_loss.values(),
+    ]
+    .concat();
+    let mut whole = [0; MAX_HYPOTHESES + 3];
+    whole[..3].copy_from_slice(&[f.window_end, f.suspect_rotors, f.hypothesis_count]);
+    whole[3..].copy_from_slice(&f.hypothesis_rotors);
     (
         f.stamp,
         bits(f.residuals_nms.as_flattened()),
         bits(&rest),
         [f.t_test, f.network, f.sequential],
-        f.window_end,
+        whole,
     )
 }
 
@@ -305,23 +345,35 @@ fn val_verdicts_that_contradict_themselves_are_refused() {
         good.t_test,
         Some(proto::Verdict {
             kind: Kind::Faulty.into(),
-            rotor: 3
+            rotor: 3,
+            second_rotor: 0,
         })
     );
     assert!(FdiReport::from_proto(&good, 6).is_ok());
-    for (kind, rotor) in [
-        (Kind::Unspecified, 0),
-        (Kind::Faulty, 0),
-        (Kind::Faulty, 7),
-        (Kind::Faulty, u32::MAX),
-        (Kind::Healthy, 1),
-        (Kind::NotReady, 1),
-        (Kind::Unknown, 1),
+    for (kind, rotor, second_rotor) in [
+        (Kind::Unspecified, 0, 0),
+        (Kind::Faulty, 0, 0),
+        (Kind::Faulty, 7, 0),
+        (Kind::Faulty, 1, 2),
+        (Kind::Faulty, u32::MAX, 0),
+        (Kind::Healthy, 1, 0),
+        (Kind::Healthy, 0, 1),
+        (Kind::NotReady, 1, 0),
+        (Kind::Unknown, 1, 0),
+        (Kind::Ambiguous, 1, 0),
+        // Verdicts that only the sequential detector has.
+        (Kind::Ambiguous, 0, 0),
+        (Kind::FaultyPair, 1, 2),
+        // No pair at all.
+        (Kind::FaultyPair, 2, 1),
+        (Kind::FaultyPair, 0, 1),
+        (Kind::FaultyPair, u32::MAX, u32::MAX),
     ] {
         let bad = proto::FdiReport {
             t_test: Some(proto::Verdict {
                 kind: kind.into(),
                 rotor,
+                second_rotor,
             }),
             ..good.clone()
         };

@@ -4,7 +4,7 @@
 //! The peers of these tests fold everything they have seen into everything they answer: the plant's digest of a run is right
 //! only if each step came exactly once and in order to both peers, and each answer came back bit for bit.
 
-use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame, Stamp};
+use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
 use rotortwin_wire::link::endpoint::{
     Delivery, Endpoint, EndpointLink, Packet, PeerOptions, serve_controller, serve_fdi,
 };
@@ -82,10 +82,13 @@ fn mix_report(state: u64, r: &FdiReport) -> u64 {
     let state = [r.t_test, r.network, r.sequential]
         .iter()
         .fold(state, |state, &code| mix(state, code as u64));
-    mix(
-        mix_floats(state, &[r.sequential_probability, r.thrust_loss_n]),
-        u64::from(r.window_end),
-    )
+    let state = mix_floats(state, &[r.sequential_probability]);
+    let state = mix_floats(state, &r.thrust_loss.values());
+    let state = mix_floats(state, &r.second_thrust_loss.values());
+    [r.suspect_rotors, r.hypothesis_count, r.window_end]
+        .iter()
+        .chain(&r.hypothesis_rotors)
+        .fold(state, |state, &word| mix(state, u64::from(word)))
 }
 
 /// A number from 0 to 1 out of a state; sometimes a zero, of either sign.
@@ -100,6 +103,21 @@ fn fraction(state: u64) -> f32 {
 /// Any number of moderate size, of either sign.
 fn number(state: u64) -> f32 {
     (fraction(state) - 0.5) * 8.0 * if state % 32 < 16 { 1e-7 } else { 1.0 }
+}
+
+/// A loss inside of its interval; zeros of either sign among them.
+fn loss(state: u64) -> LossEstimate {
+    let part = |index| fraction(mix(state, index));
+    let (low_n, share_low) = (part(0), part(1));
+    let (loss_n, share) = (low_n + part(2), share_low + part(3));
+    LossEstimate {
+        loss_n,
+        low_n,
+        high_n: loss_n + part(4),
+        share,
+        share_low,
+        share_high: share + part(5),
+    }
 }
 
 /// What the plant of these tests senses in a step.
@@ -246,7 +264,13 @@ impl FdiPeer for Folding {
         let code = |index| (mix(self.state, index) % (ROTORS as u64 + 3)) as i32 - 2;
         (report.t_test, report.network, report.sequential) = (code(70), code(71), code(72));
         report.sequential_probability = fraction(mix(self.state, 73));
-        report.thrust_loss_n = number(mix(self.state, 74));
+        report.thrust_loss = loss(mix(self.state, 74));
+        report.second_thrust_loss = loss(mix(self.state, 75));
+        report.suspect_rotors = (mix(self.state, 76) % (1 << ROTORS)) as u32;
+        report.hypothesis_count = (mix(self.state, 77) % 20) as u32;
+        for index in 0..MAX_HYPOTHESES.min(report.hypothesis_count as usize) {
+            report.hypothesis_rotors[index] = 1 + (mix(self.state, 78 + index as u64) % ((1 << ROTORS) - 1)) as u32;
+        }
         report.window_end = (self.state & 1) as u32;
         if self.nan_at == Some(sensors.stamp.step) {
             report.residuals_nms[1][2] = f32::INFINITY;

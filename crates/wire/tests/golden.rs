@@ -5,7 +5,7 @@
 //! to a message later is absent from the old file and has its default here.
 
 use prost::Message;
-use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame, Stamp};
+use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
 use rotortwin_wire::proto::{
     BodyVector, ControllerSetup, FdiReports, FdiSetup, Finish, Join, MeasuredStep, MeasuredSteps, NetworkSetup,
     PidGains, Ready, RigidBody, Role, Rotor, SequentialSetup, Setup, TTestSetup, ThrustMap, controller_setup,
@@ -74,8 +74,37 @@ fn report() -> FdiReport {
         network: -2,
         sequential: -1,
         sequential_probability: 0.9375,
-        thrust_loss_n: 0.125,
+        thrust_loss: LossEstimate {
+            loss_n: 0.125,
+            ..LossEstimate::default()
+        },
         window_end: 1,
+        ..FdiReport::default()
+    }
+}
+
+/// With what was added later: the pair of rotors 2 and 5, intervals, sets of rotors.
+fn report_of_a_pair() -> FdiReport {
+    FdiReport {
+        sequential: 205,
+        thrust_loss: LossEstimate {
+            loss_n: 0.125,
+            low_n: 0.0625,
+            high_n: 0.25,
+            share: 0.5,
+            share_low: 0.375,
+            share_high: 0.625,
+        },
+        second_thrust_loss: LossEstimate {
+            loss_n: 0.75,
+            low_n: 0.5,
+            high_n: 1.0,
+            ..LossEstimate::default()
+        },
+        suspect_rotors: 0b10110,
+        hypothesis_count: 9,
+        hypothesis_rotors: [0b10010, 0b00110, 0b10000, 1, 2, 3, 4, 5],
+        ..report()
     }
 }
 
@@ -84,6 +113,7 @@ fn regress_golden_loop_messages() {
     check("SensorFrame", &rotortwin_wire::proto::SensorFrame::from(&sensors()));
     check("MotorCommand", &command().to_proto(6));
     check("FdiReport", &report().to_proto(6));
+    check("FdiReport-pair", &report_of_a_pair().to_proto(6));
     let healthy = FdiReport {
         t_test: 0,
         window_end: 0,
@@ -117,6 +147,8 @@ fn regress_golden_native_frames() {
     assert_eq!(CommandFrame::from_proto(&message, 6), Ok(command()));
     let message = Message::decode(read("FdiReport.bin").as_slice()).expect("it decodes");
     assert_eq!(FdiReport::from_proto(&message, 6), Ok(report()));
+    let message = Message::decode(read("FdiReport-pair.bin").as_slice()).expect("it decodes");
+    assert_eq!(FdiReport::from_proto(&message, 6), Ok(report_of_a_pair()));
 }
 
 fn rotors() -> Vec<Rotor> {

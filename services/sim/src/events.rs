@@ -36,7 +36,7 @@ pub struct Progress {
     pub state_of_charge: f64,
     /// Truth: 0 no fault, i rotor i, −1 several.
     pub fault_label: i32,
-    /// Verdict codes: −2 not ready, −1 unknown, 0 healthy, i rotor i.
+    /// Verdict codes: −3 ambiguous, −2 not ready, −1 unknown, 0 healthy, i rotor i, 100 i + j rotors i and j.
     pub t_test: i32,
     /// As `t_test`.
     pub network: i32,
@@ -63,7 +63,13 @@ pub enum Change {
         sequential: i32,
         /// Probability that it gives to it, fraction.
         probability: f32,
-        /// Estimated loss of thrust, N.
+        /// Estimated loss of thrust, of a pair the first rotor's, N.
         thrust_loss_n: f32,
+        /// Lower end of its 95 % interval, N.
+        thrust_loss_low_n: f32,
+        /// Upper end, N.
+        thrust_loss_high_n: f32,
+        /// Bit i set: rotor i (from 0) is or may be concerned.
+        suspect_rotors: u32,
     },
 }

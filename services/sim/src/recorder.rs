@@ -72,7 +72,10 @@ impl<'a> Recorder<'a> {
                 sim_time_s,
                 sequential,
                 probability: sample.report.sequential_probability,
-                thrust_loss_n: sample.report.thrust_loss_n,
+                thrust_loss_n: sample.report.thrust_loss.loss_n,
+                thrust_loss_low_n: sample.report.thrust_loss.low_n,
+                thrust_loss_high_n: sample.report.thrust_loss.high_n,
+                suspect_rotors: sample.report.suspect_rotors,
             }));
         }
     }
@@ -161,7 +164,10 @@ fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, sensor_fa
         network: report.network,
         sequential: report.sequential,
         sequential_probability: report.sequential_probability,
-        thrust_loss_n: report.thrust_loss_n,
+        thrust_loss: report.thrust_loss.values(),
+        second_thrust_loss: report.second_thrust_loss.values(),
+        suspect_rotors: report.suspect_rotors,
+        hypothesis_count: report.hypothesis_count,
         window_end: report.window_end != 0,
     };
 }

@@ -33,7 +33,9 @@ mod closed_loop;
 pub use network::{Network, NetworkError, NetworkWeights};
 pub use nominal_thrust::NominalThrust;
 pub use residual::Residuals;
-pub use sequential::{SequentialConfig, SequentialConfigError, SequentialDecision};
+pub use sequential::{
+    LossEstimate, MAX_HYPOTHESES, SequentialConfig, SequentialConfigError, SequentialDecision, Suspects,
+};
 pub use t_test::TTestConfig;
 
 use crate::MAX_ROTORS;
@@ -62,12 +64,22 @@ pub enum FaultVerdict {
         /// From 0.
         rotor: u8,
     },
-    /// Something is wrong, but it fits no single rotor.
+    /// Something is wrong, but it fits no single rotor, and no pair of rotors.
     Unknown,
+    /// Two rotors have lost thrust, and no other explanation comes close; only the sequential detector says so.
+    FaultyPair {
+        /// From 0.
+        first: u8,
+        /// From 0, above `first`.
+        second: u8,
+    },
+    /// Some rotors have lost thrust, but several sets of them explain it: see [`Suspects`]. Only the sequential detector says so.
+    Ambiguous,
 }
 
 impl FaultVerdict {
-    /// The paper's number: 0 healthy, i rotor i (from 1), −1 unknown fault; −2 not ready.
+    /// The paper's number: 0 healthy, i rotor i (from 1), −1 unknown fault; beyond the paper −2 not ready, −3 ambiguous, and
+    /// 100 i + j the rotors i and j.
     #[inline]
     pub const fn code(self) -> i32 {
         match self {
@@ -75,6 +87,8 @@ impl FaultVerdict {
             Self::Unknown => -1,
             Self::Healthy => 0,
             Self::Faulty { rotor } => rotor as i32 + 1,
+            Self::FaultyPair { first, second } => 100 * (first as i32 + 1) + second as i32 + 1,
+            Self::Ambiguous => -3,
         }
     }
 }
@@ -171,10 +185,10 @@ pub struct FdiOutput {
     pub sequential: FaultVerdict,
     /// Posterior probability of the sequential verdict, 0 to 1; 0 while it is not ready.
     pub sequential_probability: f32,
-    /// Thrust lost by the rotor that the sequential detector names, at hover, N; 0 if it names none.
-    pub thrust_loss: f32,
-    /// Standard deviation of `thrust_loss`, N.
-    pub thrust_loss_deviation: f32,
+    /// Thrust lost by the rotor, or the two, that the sequential detector names, in the order of their numbers.
+    pub thrust_loss: [LossEstimate; 2],
+    /// Rotors that the sequential verdict is about.
+    pub suspects: Suspects,
     /// True on the last sample of a window: the verdicts are new.
     pub window_end: bool,
     /// Samples rejected so far.
@@ -301,8 +315,8 @@ impl FdiEngine {
                 network: FaultVerdict::NotReady,
                 sequential: FaultVerdict::NotReady,
                 sequential_probability: 0.0,
-                thrust_loss: 0.0,
-                thrust_loss_deviation: 0.0,
+                thrust_loss: [LossEstimate::default(); 2],
+                suspects: Suspects::default(),
                 window_end: false,
                 rejected_samples: 0,
             },
@@ -369,7 +383,7 @@ impl FdiEngine {
             self.output.sequential = decision.verdict;
             self.output.sequential_probability = decision.probability;
             self.output.thrust_loss = decision.thrust_loss;
-            self.output.thrust_loss_deviation = decision.thrust_loss_deviation;
+            self.output.suspects = decision.suspects;
             self.window.clear();
         }
         self.output

@@ -47,6 +47,7 @@
 
 mod axis_filter;
 mod defect;
+mod estimate;
 mod onset;
 
 use super::FaultVerdict;
@@ -55,6 +56,7 @@ use crate::MAX_ROTORS;
 use crate::geometry::Geometry;
 use axis_filter::{AxisFilter, BIAS, Disturbance, GUST, Innovation, LAG, LevelProbe, STATES};
 use defect::{AXES, Block, DefectMeter};
+pub use estimate::{LossEstimate, MAX_HYPOTHESES, Suspects};
 use onset::{Evidence, FreeEvidence, OnsetHypotheses};
 
 /// Levels of gusts tried during the calibration.
@@ -327,10 +329,10 @@ pub struct SequentialDecision {
     pub verdict: FaultVerdict,
     /// Posterior probability of the verdict, 0 to 1; 0 while not ready.
     pub probability: f32,
-    /// Thrust lost by the rotor named, at hover, N; 0 if none is.
-    pub thrust_loss: f32,
-    /// Standard deviation of `thrust_loss`, N.
-    pub thrust_loss_deviation: f32,
+    /// Thrust lost by the rotors named, in the order of their numbers.
+    pub thrust_loss: [LossEstimate; 2],
+    /// Rotors that the verdict is about.
+    pub suspects: Suspects,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -490,8 +492,8 @@ impl SequentialDetector {
             decision: SequentialDecision {
                 verdict: FaultVerdict::NotReady,
                 probability: 0.0,
-                thrust_loss: 0.0,
-                thrust_loss_deviation: 0.0,
+                thrust_loss: [LossEstimate::default(); 2],
+                suspects: Suspects::default(),
             },
         }
     }
@@ -832,8 +834,8 @@ impl SequentialDetector {
         self.decision = SequentialDecision {
             verdict,
             probability,
-            thrust_loss: 0.0,
-            thrust_loss_deviation: 0.0,
+            thrust_loss: [LossEstimate::default(); 2],
+            suspects: Suspects::default(),
         };
     }
 
@@ -842,8 +844,11 @@ impl SequentialDetector {
         self.decision = SequentialDecision {
             verdict: FaultVerdict::Faulty { rotor: rotor as u8 },
             probability,
-            thrust_loss: evidence.loss,
-            thrust_loss_deviation: libm::sqrtf(variance),
+            thrust_loss: [
+                LossEstimate::new(evidence.loss, libm::sqrtf(variance), self.hover_thrust[rotor]),
+                LossEstimate::default(),
+            ],
+            suspects: Suspects::certain(1 << rotor),
         };
     }
 
@@ -858,8 +863,11 @@ impl SequentialDetector {
         self.decision = SequentialDecision {
             verdict: FaultVerdict::Faulty { rotor: rotor as u8 },
             probability: known.probability,
-            thrust_loss: loss,
-            thrust_loss_deviation: libm::sqrtf(variance),
+            thrust_loss: [
+                LossEstimate::new(loss, libm::sqrtf(variance), self.hover_thrust[rotor]),
+                LossEstimate::default(),
+            ],
+            suspects: Suspects::certain(1 << rotor),
         };
     }
 

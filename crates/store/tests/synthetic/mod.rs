@@ -153,11 +153,12 @@ pub fn row(step: u64) -> TelemetryRow {
         (true, _) if t < 45.2 => HEALTHY,
         (true, _) => 3,
     };
-    row.thrust_loss_n = if row.sequential == 3 {
-        (0.1 * loss + noise(100, 1e-3)) as f32
-    } else {
-        0.0
-    };
+    if row.sequential == 3 {
+        let loss = (0.1 * loss + noise(100, 1e-3)) as f32;
+        let values = [loss, 0.9 * loss, 1.1 * loss];
+        row.thrust_loss = core::array::from_fn(|i| if i < 3 { values[i] } else { values[i - 3] / 2.5 });
+        row.suspect_rotors = 1 << 2;
+    }
     row.network = NOT_READY;
     row
 }

@@ -131,12 +131,51 @@ pub struct FdiReport {
     /// Probability that the sequential detector gives to its own verdict. \[fraction\] [0, 1]
     #[prost(float, tag = "7")]
     pub sequential_probability: f32,
-    /// Loss of thrust that the sequential detector estimates for the rotor it names; 0 if it names none. \[N\] [0, inf)
+    /// Loss of thrust of the rotor that the sequential detector names, at hover; of a pair, of the one with the lower number; 0 if it
+    /// names none. \[N\] [0, inf)
     #[prost(float, tag = "8")]
     pub thrust_loss_n: f32,
     /// True on the last step of an evaluation window: the verdicts are new; otherwise they are held.
     #[prost(bool, tag = "9")]
     pub window_end: bool,
+    /// How sure thrust_loss_n is; absent if no rotor is named, or of an engine that does not say.
+    #[prost(message, optional, tag = "10")]
+    pub thrust_loss_interval: ::core::option::Option<LossInterval>,
+    /// Loss of thrust of the other rotor of a pair; 0 otherwise. \[N\] [0, inf)
+    #[prost(float, tag = "15")]
+    pub second_thrust_loss_n: f32,
+    /// How sure that is.
+    #[prost(message, optional, tag = "11")]
+    pub second_thrust_loss_interval: ::core::option::Option<LossInterval>,
+    /// Bit i set: rotor i+1 is or may be concerned. One bit of a single rotor, two of a pair, all that come into question of an
+    /// ambiguous verdict; 0 otherwise.
+    #[prost(uint32, tag = "12")]
+    pub suspect_rotors: u32,
+    /// Sets of rotors that explain what is seen about equally well. 0 unless the verdict is KIND_AMBIGUOUS.
+    #[prost(uint32, tag = "13")]
+    pub hypothesis_count: u32,
+    /// The likeliest of them, likeliest first; bit i set: rotor i+1 is faulty. \[0, 8\] entries
+    #[prost(uint32, repeated, tag = "14")]
+    pub hypothesis_rotors: ::prost::alloc::vec::Vec<u32>,
+}
+/// 95 % interval of a loss of thrust, and both as shares of the rotor's nominal thrust at hover. low <= loss <= high.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct LossInterval {
+    /// \[N\] [0, inf)
+    #[prost(float, tag = "1")]
+    pub low_n: f32,
+    /// \[N\] [0, inf)
+    #[prost(float, tag = "2")]
+    pub high_n: f32,
+    /// The loss itself. \[fraction\] [0, inf)
+    #[prost(float, tag = "3")]
+    pub share: f32,
+    /// \[fraction\] [0, inf)
+    #[prost(float, tag = "4")]
+    pub share_low: f32,
+    /// \[fraction\] [0, inf)
+    #[prost(float, tag = "5")]
+    pub share_high: f32,
 }
 /// What the FDI engine needs of one step.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -166,9 +205,12 @@ pub struct FdiReports {
 pub struct Verdict {
     #[prost(enumeration = "verdict::Kind", tag = "1")]
     pub kind: i32,
-    /// 1 = rotor 1; 0 unless kind is KIND_FAULTY. \[0, 16\]
+    /// 1 = rotor 1; 0 unless kind is KIND_FAULTY or KIND_FAULTY_PAIR. \[0, 16\]
     #[prost(uint32, tag = "2")]
     pub rotor: u32,
+    /// Above `rotor`; 0 unless kind is KIND_FAULTY_PAIR. \[0, 16\]
+    #[prost(uint32, tag = "3")]
+    pub second_rotor: u32,
 }
 /// Nested message and enum types in `Verdict`.
 pub mod verdict {
@@ -191,8 +233,12 @@ pub mod verdict {
         Healthy = 2,
         /// A fault of the rotor named in `rotor`.
         Faulty = 3,
-        /// A fault that matches no rotor.
+        /// A fault that matches no rotor and no pair of rotors.
         Unknown = 4,
+        /// Faults of the two rotors named in `rotor` and `second_rotor`.
+        FaultyPair = 5,
+        /// Several sets of rotors explain what is seen: see suspect_rotors.
+        Ambiguous = 6,
     }
     impl Kind {
         /// String value of the enum field names used in the ProtoBuf definition.
@@ -206,6 +252,8 @@ pub mod verdict {
                 Self::Healthy => "KIND_HEALTHY",
                 Self::Faulty => "KIND_FAULTY",
                 Self::Unknown => "KIND_UNKNOWN",
+                Self::FaultyPair => "KIND_FAULTY_PAIR",
+                Self::Ambiguous => "KIND_AMBIGUOUS",
             }
         }
         /// Creates an enum from field names used in the ProtoBuf definition.
@@ -216,6 +264,8 @@ pub mod verdict {
                 "KIND_HEALTHY" => Some(Self::Healthy),
                 "KIND_FAULTY" => Some(Self::Faulty),
                 "KIND_UNKNOWN" => Some(Self::Unknown),
+                "KIND_FAULTY_PAIR" => Some(Self::FaultyPair),
+                "KIND_AMBIGUOUS" => Some(Self::Ambiguous),
                 _ => None,
             }
         }
@@ -647,7 +697,8 @@ pub struct BatteryTelemetry {
     #[prost(float, tag = "5")]
     pub state_of_charge: f32,
 }
-/// Topic /fdi: residuals and verdicts. Verdict codes: -2 not ready, -1 unknown fault, 0 healthy, i rotor i.
+/// Topic /fdi: residuals and verdicts. Verdict codes: -3 ambiguous, -2 not ready, -1 unknown fault, 0 healthy, i rotor i,
+/// 100 i + j rotors i and j.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct FdiTelemetry {
     /// First component of r_i (Eq. 32) of each rotor. \[N m s\]
@@ -677,4 +728,35 @@ pub struct FdiTelemetry {
     /// True on the last step of an evaluation window: the verdicts are new.
     #[prost(bool, tag = "10")]
     pub window_end: bool,
+    /// Ends of the 95 % interval of thrust_loss_n. \[N\] [0, inf)
+    #[prost(float, tag = "11")]
+    pub thrust_loss_low_n: f32,
+    #[prost(float, tag = "12")]
+    pub thrust_loss_high_n: f32,
+    /// Loss and interval as shares of the rotor's nominal thrust at hover. \[fraction\] [0, inf)
+    #[prost(float, tag = "13")]
+    pub thrust_loss_share: f32,
+    #[prost(float, tag = "14")]
+    pub thrust_loss_share_low: f32,
+    #[prost(float, tag = "15")]
+    pub thrust_loss_share_high: f32,
+    /// The same six of the other rotor of a pair.
+    #[prost(float, tag = "16")]
+    pub second_thrust_loss_n: f32,
+    #[prost(float, tag = "17")]
+    pub second_thrust_loss_low_n: f32,
+    #[prost(float, tag = "18")]
+    pub second_thrust_loss_high_n: f32,
+    #[prost(float, tag = "19")]
+    pub second_thrust_loss_share: f32,
+    #[prost(float, tag = "20")]
+    pub second_thrust_loss_share_low: f32,
+    #[prost(float, tag = "21")]
+    pub second_thrust_loss_share_high: f32,
+    /// Bit i set: rotor i+1 is or may be concerned.
+    #[prost(uint32, tag = "22")]
+    pub suspect_rotors: u32,
+    /// Sets of rotors that an ambiguous verdict leaves open.
+    #[prost(uint32, tag = "23")]
+    pub hypothesis_count: u32,
 }
