@@ -143,7 +143,8 @@ pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), Convert
     }
     let code = frame.sequential;
     let (first, second) = (code / 100, code % 100);
-    if !(-3..=highest).contains(&code) && !(first >= 1 && first < second && second <= highest) {
+    let pair = first >= 1 && first < second && second <= highest;
+    if !pair && !(-3..=highest).contains(&code) {
         return Err(ConvertError::OutOfRange {
             field: "FdiReport.sequential".to_owned(),
             value: f64::from(code),

@@ -43,6 +43,10 @@ const JOIN_PERIOD: Duration = Duration::from_millis(100);
 
 /// Everything that one process says to another.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a box would cost an allocation per step; packets are moved one at a time, never stored in numbers"
+)]
 pub enum Packet {
     /// Peer to plant: here I am.
     Join(Join),

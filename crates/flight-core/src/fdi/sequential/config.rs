@@ -1,0 +1,252 @@
+//! Parameters of the sequential detector, and what is wrong with them.
+
+/// Most filter updates per window.
+pub const MAX_UPDATES_PER_WINDOW: u8 = 8;
+
+/// Share of the warm-up at its start that does not count for the sensor noise: the first commands of a flight are jumps.
+pub(super) const NOISE_SKIP: f32 = 0.25;
+
+/// Least samples to measure the sensor noise from: a few per cent of its standard deviation.
+const LEAST_NOISE_SAMPLES: f32 = 200.0;
+
+/// Parameters of the sequential detector. [`SequentialConfig::standard`] is the one tuning for all vehicles and weathers.
+///
+/// Forces are given as shares of the mean hover thrust of a rotor (m g/n_a) and lengths as shares of the longest lever, so that the
+/// values do not depend on the size of the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SequentialConfig {
+    /// End of the noise measurement, start of the calibration, s after the first sample; long enough for the start-up to be over.
+    pub calibration_start: f32,
+    /// End of the calibration, s; verdicts follow. At least two correlation times of the gusts after the start.
+    pub calibration_end: f32,
+    /// Filter updates per window, 1 to [`MAX_UPDATES_PER_WINDOW`]. 2 isolates half of the sudden faults within one window; more
+    /// cost time and gain nothing.
+    pub updates_per_window: u8,
+    /// τ, s, above 0: where the adaptation starts.
+    pub rotor_time_constant: f32,
+    /// Standard deviation of ln τ.
+    pub rotor_time_constant_spread: f32,
+    /// Standard deviation of the relative error of mass, inertia and moment ratio.
+    pub gain_spread: f32,
+    /// Standard deviation of the centre of mass, share of the longest lever.
+    pub centre_of_mass_spread: f32,
+    /// Standard deviation of the vertical drag, N·s/m per kg.
+    pub drag_spread: f32,
+    /// Standard deviation of the constant disturbance of an axis, share of the hover thrust.
+    pub bias_spread: f32,
+    /// T, correlation time of the gusts, s. The level is learnt, T is not: gusts of 0.2 s to 20 s were tried with the one value.
+    pub disturbance_correlation_time: f32,
+    /// Lowest level of gusts, share of the hover thrust. Bounds the smallest fault that can be found in perfect calm.
+    pub disturbance_floor: f32,
+    /// Highest level, share of the hover thrust.
+    pub disturbance_ceiling: f32,
+    /// λ, evidence that it takes to name a rotor, nats. In 55 h of simulated healthy flight, most of it with wind and wrong
+    /// parameters, the evidence for some rotor passed 24 in one flight, where it fitted none.
+    pub evidence_to_isolate: f32,
+    /// Lead over the next best rotor that it takes to name one, nats.
+    pub margin_to_isolate: f32,
+    /// ln of the odds against a fault at any moment, for the reported probability, nats.
+    pub prior_log_odds: f32,
+    /// Losses below this are not reported, share of the hover thrust.
+    pub smallest_loss: f32,
+    /// Time from the onset until a fault may be absorbed, s: its size has settled by then.
+    pub settling_time: f32,
+    /// Least standard deviation of the relative error of one rotor's thrust (10 mN of bias that ends where the rotor stops are 0.4 %).
+    pub rotor_gain_spread: f32,
+    /// Squared standard deviation of the same that is assumed while calibrating.
+    pub excursion_in_calibration: f32,
+    /// Weight with which the constant disturbance found by the calibration is taken for errors of the rotors' thrusts, 0 to 4. They
+    /// would show where thrusts leave hover, so manoeuvres count less in a vehicle with a large bias.
+    pub bias_factor: f32,
+    /// Loss of log likelihood for which the calibration still prefers a higher level, nats: caution after a short calibration.
+    pub level_margin: f32,
+    /// Speed of the level after the calibration, per nat. 0.036 follows a storm three times as strong within some seconds.
+    pub level_gain: f32,
+    /// Most that one block may say about the level, nats: what a fault looks like must not pass for a storm.
+    pub level_clip: f32,
+    /// Ratio of the variances of the two probes to the level in use, above 1.
+    pub level_ratio: f32,
+    /// Weight of a block in the average surprise that evidence is divided by, in (0, 1).
+    pub surprise_weight: f32,
+    /// Random walk of the bias, variance per second in squared levels, 1/s. Stands for all that is slower than T.
+    pub drift_share: f32,
+    /// Random walk of the defect per block, share of the variance of its measurement: keeps the filters awake.
+    pub momentum_noise_share: f32,
+    /// Evidence from which on a fault may be absorbed, nats; above `evidence_to_isolate`, so that a false alarm passes.
+    pub evidence_to_absorb: f32,
+    /// Head start of the rotor already known to be faulty when changes are compared, nats: a propeller that broke once breaks on.
+    /// Without it, a healing rotor and a failing opposite one differ in vertical force alone.
+    pub repeat_bonus: f32,
+    /// Time for which the evidence must fit several rotors alike, or none well, before the verdict is unknown, s.
+    pub ambiguity_time: f32,
+    /// Share of the evidence for a rotor by which any other direction of force and torque may fit better. A torque half-way between
+    /// two rotors of a hexarotor leaves a third; noise leaves a few nats, which are always granted.
+    pub unexplained_share: f32,
+    /// A sample that differs from its neighbour by more than this many standard deviations of the noise is a spike; at most four
+    /// in a row are.
+    pub spike_sigma: f32,
+}
+
+impl SequentialConfig {
+    /// The one tuning.
+    pub const fn standard() -> Self {
+        Self {
+            calibration_start: 2.0,
+            calibration_end: 10.0,
+            updates_per_window: 2,
+            rotor_time_constant: 0.05,
+            rotor_time_constant_spread: 0.15,
+            gain_spread: 0.05,
+            centre_of_mass_spread: 0.015,
+            drag_spread: 0.065,
+            bias_spread: 0.2,
+            disturbance_correlation_time: 2.0,
+            disturbance_floor: 2e-4,
+            disturbance_ceiling: 0.6,
+            evidence_to_isolate: 25.0,
+            margin_to_isolate: 6.0,
+            prior_log_odds: 12.0,
+            smallest_loss: 0.0012,
+            settling_time: 1.5,
+            rotor_gain_spread: 0.003,
+            excursion_in_calibration: 0.001,
+            bias_factor: 1.0,
+            level_margin: 4.0,
+            level_gain: 0.036,
+            level_clip: 1.5,
+            level_ratio: 4.0,
+            surprise_weight: 0.05,
+            drift_share: 0.02,
+            momentum_noise_share: 0.005,
+            evidence_to_absorb: 45.0,
+            repeat_bonus: 10.0,
+            ambiguity_time: 1.0,
+            unexplained_share: 0.2,
+            spike_sigma: 15.0,
+        }
+    }
+
+    /// Checks every value.
+    ///
+    /// * `period`: dt, s   * `window_len`: samples per decision
+    pub fn check(&self, period: f32, window_len: u16) -> Result<(), SequentialConfigError> {
+        let check = |ok: bool, field, expected| {
+            if ok {
+                Ok(())
+            } else {
+                Err(SequentialConfigError { field, expected })
+            }
+        };
+        // Written so that NaN fails.
+        let within = |x: f32, low: f32, high: f32| x >= low && x <= high;
+        let noise_time = (1.0 - NOISE_SKIP) * self.calibration_start;
+        check(
+            noise_time >= LEAST_NOISE_SAMPLES * period && self.calibration_start <= 600.0,
+            "calibration_start",
+            "late enough for 200 samples in its last three quarters, 600 s at most",
+        )?;
+        check(
+            self.disturbance_correlation_time > 10.0 * period && self.disturbance_correlation_time <= 100.0,
+            "disturbance_correlation_time",
+            "from ten periods to 100 s",
+        )?;
+        check(
+            self.calibration_end >= self.calibration_start + 2.0 * self.disturbance_correlation_time
+                && self.calibration_end <= 3600.0,
+            "calibration_end",
+            "two correlation times of the gusts after the start or later, 3600 s at most",
+        )?;
+        check(
+            self.updates_per_window >= 1
+                && self.updates_per_window <= MAX_UPDATES_PER_WINDOW
+                && u16::from(self.updates_per_window) <= window_len,
+            "updates_per_window",
+            "from 1 to 8, and not more than samples in a window",
+        )?;
+        check(
+            within(self.rotor_time_constant, 1e-3, 1.0),
+            "rotor_time_constant",
+            "from 0.001 to 1 s",
+        )?;
+        for (value, field) in [
+            (self.rotor_time_constant_spread, "rotor_time_constant_spread"),
+            (self.gain_spread, "gain_spread"),
+            (self.centre_of_mass_spread, "centre_of_mass_spread"),
+            (self.drag_spread, "drag_spread"),
+            (self.rotor_gain_spread, "rotor_gain_spread"),
+            (self.excursion_in_calibration, "excursion_in_calibration"),
+            (self.smallest_loss, "smallest_loss"),
+            (self.drift_share, "drift_share"),
+            (self.momentum_noise_share, "momentum_noise_share"),
+            (self.level_gain, "level_gain"),
+            (self.unexplained_share, "unexplained_share"),
+        ] {
+            check(within(value, 0.0, 1.0), field, "from 0 to 1")?;
+        }
+        for (value, field) in [
+            (self.margin_to_isolate, "margin_to_isolate"),
+            (self.prior_log_odds, "prior_log_odds"),
+            (self.level_margin, "level_margin"),
+            (self.repeat_bonus, "repeat_bonus"),
+        ] {
+            check(within(value, 0.0, 1e3), field, "from 0 to 1000 nats")?;
+        }
+        check(within(self.bias_spread, 1e-3, 10.0), "bias_spread", "from 0.001 to 10")?;
+        check(
+            within(self.disturbance_floor, 1e-6, 1.0),
+            "disturbance_floor",
+            "from 0.000001 to 1",
+        )?;
+        check(
+            within(self.disturbance_ceiling, 2.0 * self.disturbance_floor, 100.0),
+            "disturbance_ceiling",
+            "from twice the floor to 100",
+        )?;
+        check(
+            within(self.evidence_to_isolate, 1.0, 1e3),
+            "evidence_to_isolate",
+            "from 1 to 1000 nats",
+        )?;
+        check(
+            within(self.evidence_to_absorb, self.evidence_to_isolate, 1e4),
+            "evidence_to_absorb",
+            "from evidence_to_isolate to 10000 nats",
+        )?;
+        check(within(self.settling_time, 0.0, 60.0), "settling_time", "from 0 to 60 s")?;
+        check(
+            within(self.ambiguity_time, 0.0, 60.0),
+            "ambiguity_time",
+            "from 0 to 60 s",
+        )?;
+        check(within(self.bias_factor, 0.0, 4.0), "bias_factor", "from 0 to 4")?;
+        check(
+            within(self.level_clip, 0.01, 100.0),
+            "level_clip",
+            "from 0.01 to 100 nats",
+        )?;
+        check(within(self.level_ratio, 1.1, 100.0), "level_ratio", "from 1.1 to 100")?;
+        check(
+            within(self.surprise_weight, 1e-4, 1.0),
+            "surprise_weight",
+            "from 0.0001 to 1",
+        )?;
+        check(within(self.spike_sigma, 5.0, 1e6), "spike_sigma", "from 5 to 1000000")
+    }
+}
+
+/// Why a configuration of the sequential detector is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SequentialConfigError {
+    /// Field of [`SequentialConfig`].
+    pub field: &'static str,
+    /// The range, in words.
+    pub expected: &'static str,
+}
+
+impl core::fmt::Display for SequentialConfigError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(out, "FDI: sequential.{} must be {}", self.field, self.expected)
+    }
+}
+
+impl core::error::Error for SequentialConfigError {}
