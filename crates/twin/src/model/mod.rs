@@ -1,0 +1,241 @@
+//! Model versions: a vehicle, the effects that were found missing, and where each of them comes from.
+//!
+//! ```text
+//! vehicle document ─▶ version 0 ─ add effect ─▶ version 1 ─ add effect ─▶ version 2 …      (store)
+//!                         │                        │
+//!                         └──── differences ───────┘                                     (difference)
+//! ```
+//!
+//! A [`ModelVersion`] is one small TOML file ([`document`]) that says everything: vehicle and blades, each effect with parameters,
+//! deviations and provenance (which log, which tool, what evidence), and the hash of its parent. It is what comparison, diagnosis,
+//! simulator and detector take as "the model". A plain vehicle document is version 0 of itself.
+//!
+//! A version is identified by its **content hash**: XXH3-128 of the canonical form, the JSON of [`ModelVersion`] with keys in
+//! declaration order and numbers in their shortest exact form. Comments, layout and the order of keys in the file do not count;
+//! every value does, and so does the parent. It detects change; it is no signature against forgery.
+//!
+//! Limits: parameters are normal about their value ([`ModelEffect::deviations`], [`Correlation`]); nothing else about their
+//! distribution is kept. Nuisances of a flight (rotor biases, charge at take-off) belong to the log and are not part of a version.
+
+pub mod difference;
+pub mod document;
+pub mod specification;
+pub mod store;
+
+use std::collections::BTreeMap;
+
+use rotortwin_plant::vehicle::VehicleModel;
+use rotortwin_plant::blades::BladeSet;
+use rotortwin_plant::VehicleDocuments;
+use serde::{Deserialize, Serialize};
+
+pub use difference::Difference;
+pub use store::{ModelStore, StoreError};
+
+/// One version of a model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelVersion {
+    /// Name of the model: letters, digits, `-`, `_` and `.`.
+    pub name: String,
+    /// Why this version exists, for people.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub note: String,
+    /// Content hash of the version from which this one was made; absent in version 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parent: Option<String>,
+    /// Effects, in the order in which they were added.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effect: Vec<ModelEffect>,
+    /// Correlations of parameters that are far from independent.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub correlation: Vec<Correlation>,
+    /// The nominal vehicle.
+    pub vehicle: VehicleModel,
+    /// The blades of its rotors.
+    pub blades: BladeSet,
+}
+
+/// `[[effect]]` of a version: what a scenario's `[[effect]]` says, with deviations and provenance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelEffect {
+    /// Identifier in the catalogue, such as `rotor-drag`.
+    pub effect: String,
+    /// Rotor, from 1, of an effect of one rotor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotor: Option<usize>,
+    /// When the effect begins, s of the flight; from the start if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub onset_s: Option<f64>,
+    /// Values by name, in the units of the catalogue.
+    pub parameters: BTreeMap<String, f64>,
+    /// Standard deviations (1 sigma) by name; a parameter without one is taken as exact.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub deviations: BTreeMap<String, f64>,
+    /// Where the values come from.
+    pub provenance: Provenance,
+}
+
+/// Where an effect comes from. Without dates: the same find gives the same hash.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// How it came into the model.
+    pub source: Source,
+    /// Program and version that wrote it, such as `rotortwin 0.1.0`.
+    pub tool: String,
+    /// Natural logarithm of the Bayes factor in favour of the effect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ln_bayes_factor: Option<f64>,
+    /// Posterior probability among the effects of the catalogue.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<f64>,
+    /// Logs that it was fitted on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub log: Vec<LogReference>,
+    /// Errors on data that the fit did not see.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub held_out: Vec<HeldOut>,
+}
+
+/// How an effect came into a version.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// Somebody gave the values.
+    ByHand,
+    /// A diagnosis of logs gave them.
+    Diagnosis,
+}
+
+/// A log, by name and content.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogReference {
+    /// File name, without its folder.
+    pub name: String,
+    /// Content hash.
+    pub hash: String,
+}
+
+/// Root-mean-square error of a group of channels on held-out data, before and after the effect was added.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeldOut {
+    /// Which data, such as `odd blocks` or the name of another log.
+    pub data: String,
+    /// What is measured, such as `force`.
+    pub quantity: String,
+    /// Its unit.
+    pub unit: String,
+    /// Without the effect.
+    pub before: f64,
+    /// With it.
+    pub after: f64,
+}
+
+/// Correlation coefficient of two parameters, each written `effect.parameter` or `effect#rotor.parameter`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Correlation {
+    /// The two parameters.
+    pub between: [String; 2],
+    /// From −1 to 1.
+    pub coefficient: f64,
+}
+
+/// Name of this program in provenances.
+pub const TOOL: &str = concat!("rotortwin ", env!("CARGO_PKG_VERSION"));
+
+impl Provenance {
+    /// Values that somebody gave.
+    pub fn by_hand() -> Self {
+        Self {
+            source: Source::ByHand,
+            tool: TOOL.to_owned(),
+            ln_bayes_factor: None,
+            posterior: None,
+            log: Vec::new(),
+            held_out: Vec::new(),
+        }
+    }
+}
+
+impl ModelEffect {
+    /// `rotor-drag`, or `rotor-thrust-scale#3` for an effect of rotor 3.
+    pub fn label(&self) -> String {
+        match self.rotor {
+            Some(rotor) => format!("{}#{rotor}", self.effect),
+            None => self.effect.clone(),
+        }
+    }
+
+    /// Whether both mean the same term of the model.
+    pub fn is_same_term(&self, other: &Self) -> bool {
+        self.effect == other.effect && self.rotor == other.rotor
+    }
+}
+
+impl ModelVersion {
+    /// Version 0: a vehicle and nothing else.
+    pub fn first(name: impl Into<String>, documents: VehicleDocuments) -> Self {
+        Self {
+            name: name.into(),
+            note: String::new(),
+            parent: None,
+            effect: Vec::new(),
+            correlation: Vec::new(),
+            vehicle: documents.vehicle,
+            blades: documents.blades,
+        }
+    }
+
+    /// Content hash: 32 hexadecimal digits.
+    pub fn hash(&self) -> String {
+        let json = serde_json::to_vec(self).expect("text and finite numbers are JSON");
+        content_hash(&json)
+    }
+
+    /// Hash of vehicle and blades alone, the `model_hash` of run summaries.
+    pub fn vehicle_hash(&self) -> String {
+        let json = serde_json::to_vec(&(&self.vehicle, &self.blades)).expect("text and finite numbers are JSON");
+        content_hash(&json)
+    }
+
+    /// Vehicle and blades.
+    pub fn documents(&self) -> VehicleDocuments {
+        VehicleDocuments {
+            vehicle: self.vehicle.clone(),
+            blades: self.blades.clone(),
+        }
+    }
+
+    /// Number of rotors.
+    pub fn rotor_count(&self) -> usize {
+        self.vehicle.rotor_count()
+    }
+
+    /// The version that follows when `effects` are added: terms that exist already take the new values, others go to the end.
+    pub fn with_effects(&self, effects: impl IntoIterator<Item = ModelEffect>, note: impl Into<String>) -> Self {
+        let mut next = self.clone();
+        next.parent = Some(self.hash());
+        next.note = note.into();
+        for effect in effects {
+            let label = effect.label();
+            // Correlations with the old values say nothing about the new ones.
+            next.correlation
+                .retain(|c| !c.between.iter().any(|key| key.starts_with(&format!("{label}."))));
+            match next.effect.iter_mut().find(|present| present.is_same_term(&effect)) {
+                Some(present) => *present = effect,
+                None => next.effect.push(effect),
+            }
+        }
+        next
+    }
+}
+
+/// XXH3-128 as 32 hexadecimal digits: the content hash of every document and log of this project.
+pub fn content_hash(bytes: &[u8]) -> String {
+    format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
+}
