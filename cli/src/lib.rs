@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 the run failed, 2 bad input (nothing was written).
 
 mod fly;
+mod model;
 mod output;
 mod replay;
 mod reproduce;
@@ -32,6 +33,8 @@ enum Command {
     Check(show::CheckArgs),
     /// Reproduce the paper's tables and figures, its numbers beside ours
     Reproduce(reproduce::Args),
+    /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
+    Model(model::Args),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -54,6 +57,7 @@ pub fn run() -> ExitCode {
         Command::Show(args) => show::run(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
+        Command::Model(args) => model::run(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),

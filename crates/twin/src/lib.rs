@@ -4,7 +4,9 @@
 //! log file ─▶ log::FlightLog ─▶ comparison with a model ─▶ missing effect ─▶ model with the effect ─▶ compared again
 //! ```
 //! * [`log`]: flight logs of several sources as one type: canonical columns, SI units, NED and FRD.
+//! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
 
 pub mod log;
+pub mod model;

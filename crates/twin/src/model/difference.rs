@@ -79,8 +79,11 @@ fn value(effect: Option<&ModelEffect>, name: &str) -> Option<Value> {
 
 fn collect(before: Option<&ModelEffect>, after: Option<&ModelEffect>, changes: &mut Vec<ParameterChange>) {
     let Some(either) = after.or(before) else { return };
-    let names: std::collections::BTreeSet<&String> =
-        [before, after].into_iter().flatten().flat_map(|effect| effect.parameters.keys()).collect();
+    let names: std::collections::BTreeSet<&String> = [before, after]
+        .into_iter()
+        .flatten()
+        .flat_map(|effect| effect.parameters.keys())
+        .collect();
     for name in names {
         let change = ParameterChange {
             effect: either.label(),
@@ -92,7 +95,11 @@ fn collect(before: Option<&ModelEffect>, after: Option<&ModelEffect>, changes: &
             changes.push(change);
         }
     }
-    let onset = |effect: Option<&ModelEffect>| effect.and_then(|e| e.onset_s).map(|value| Value { value, deviation: None });
+    let onset = |effect: Option<&ModelEffect>| {
+        effect
+            .and_then(|e| e.onset_s)
+            .map(|value| Value { value, deviation: None })
+    };
     if onset(before) != onset(after) {
         changes.push(ParameterChange {
             effect: either.label(),
@@ -116,7 +123,11 @@ fn walk(value: &toml::Value, path: String, found: &mut Leaves) {
     match value {
         toml::Value::Table(table) => {
             for (key, value) in table {
-                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+                let path = if path.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{path}.{key}")
+                };
                 walk(value, path, found);
             }
         }

@@ -76,12 +76,15 @@ impl ModelVersion {
             return Self::from_document(&document, path.parent().unwrap_or(Path::new("")));
         }
         if document.has_key("body") || document.has_key("rotors") {
-            let stem = path.file_stem().map_or_else(|| "model".into(), |stem| stem.to_string_lossy());
+            let stem = path
+                .file_stem()
+                .map_or_else(|| "model".into(), |stem| stem.to_string_lossy());
             return Ok(Self::first(plain_name(&stem), VehicleDocuments::load(path)?));
         }
         // Told by the parser where it is not TOML at all.
         document.parse::<toml::Table>()?;
-        let reason = "expected a model version (with the key `model_format`) or a vehicle document (with `body` and `rotors`)";
+        let reason =
+            "expected a model version (with the key `model_format`) or a vehicle document (with `body` and `rotors`)";
         Err(ConfigError::new(document.name(), None, None, reason))
     }
 
@@ -96,7 +99,10 @@ impl ModelVersion {
         if file.model_format != FORMAT {
             return Err(refuse(
                 "model_format",
-                format!("expected {FORMAT}, the only format that this program knows, got {}", file.model_format),
+                format!(
+                    "expected {FORMAT}, the only format that this program knows, got {}",
+                    file.model_format
+                ),
             ));
         }
         let documents = match (file.vehicle, file.blades, file.vehicle_file) {
@@ -107,14 +113,25 @@ impl ModelVersion {
                 let documents = VehicleDocuments::load(&path)?;
                 let found = Self::first("", documents.clone()).vehicle_hash();
                 if found != reference.hash {
-                    let reason = format!("expected a vehicle with the hash {}, the one at this path has {found}: it was changed", reference.hash);
+                    let reason = format!(
+                        "expected a vehicle with the hash {}, the one at this path has {found}: it was changed",
+                        reference.hash
+                    );
                     return Err(refuse("vehicle_file.hash", reason));
                 }
                 documents
             }
-            (_, _, None) => return Err(refuse("vehicle", "expected `[vehicle]` and `[blades]`, or `[vehicle_file]`".into())),
+            (_, _, None) => {
+                return Err(refuse(
+                    "vehicle",
+                    "expected `[vehicle]` and `[blades]`, or `[vehicle_file]`".into(),
+                ));
+            }
             (_, _, Some(_)) => {
-                return Err(refuse("vehicle_file", "expected either `[vehicle_file]` or `[vehicle]` with `[blades]`, not both".into()));
+                return Err(refuse(
+                    "vehicle_file",
+                    "expected either `[vehicle_file]` or `[vehicle]` with `[blades]`, not both".into(),
+                ));
             }
         };
         let version = Self {
@@ -142,13 +159,19 @@ impl ModelVersion {
     /// Checks every value; a refusal names the key.
     pub fn check(&self) -> Result<(), Refusal> {
         if !is_plain_name(&self.name) {
-            let reason = format!("expected 1 to 64 letters, digits, '-', '_' and '.' that begin with a letter or digit, got {:?}", self.name);
+            let reason = format!(
+                "expected 1 to 64 letters, digits, '-', '_' and '.' that begin with a letter or digit, got {:?}",
+                self.name
+            );
             return Err(Refusal::new("name", reason));
         }
         if let Some(parent) = &self.parent
             && !is_hash(parent)
         {
-            return Err(Refusal::new("parent", format!("expected a content hash of 32 hexadecimal digits, got {parent:?}")));
+            return Err(Refusal::new(
+                "parent",
+                format!("expected a content hash of 32 hexadecimal digits, got {parent:?}"),
+            ));
         }
         self.documents().check()?;
         for (place, effect) in self.effect.iter().enumerate() {
@@ -174,7 +197,10 @@ impl ModelVersion {
             vehicle: &'a VehicleModel,
             blades: &'a BladeSet,
         }
-        let tail = toml::to_string(&Tail { vehicle: &self.vehicle, blades: &self.blades });
+        let tail = toml::to_string(&Tail {
+            vehicle: &self.vehicle,
+            blades: &self.blades,
+        });
         text.push('\n');
         text.push_str(&tail.expect("documents hold nothing that TOML cannot"));
         text
@@ -183,7 +209,14 @@ impl ModelVersion {
     /// As [`ModelVersion::to_toml`] with the vehicle by reference; `path` as seen from the file's folder.
     pub fn to_toml_with_vehicle_file(&self, path: &str) -> String {
         let mut text = self.terms();
-        put(&mut text, format_args!("\n[vehicle_file]\npath = {}\nhash = {}\n", quoted(path), quoted(&self.vehicle_hash())));
+        put(
+            &mut text,
+            format_args!(
+                "\n[vehicle_file]\npath = {}\nhash = {}\n",
+                quoted(path),
+                quoted(&self.vehicle_hash())
+            ),
+        );
         text
     }
 
@@ -191,22 +224,42 @@ impl ModelVersion {
     fn terms(&self) -> String {
         let mut out = String::new();
         let text = &mut out;
-        put(text, format_args!("# Model version of rotortwin: a vehicle and the effects that measurements showed to be missing.\n"));
-        put(text, format_args!("model_format = {FORMAT}\nname = {}\n", quoted(&self.name)));
+        put(
+            text,
+            format_args!(
+                "# Model version of rotortwin: a vehicle and the effects that measurements showed to be missing.\n"
+            ),
+        );
+        put(
+            text,
+            format_args!("model_format = {FORMAT}\nname = {}\n", quoted(&self.name)),
+        );
         if !self.note.is_empty() {
             put(text, format_args!("note = {}\n", quoted(&self.note)));
         }
         if let Some(parent) = &self.parent {
-            put(text, format_args!("parent = {} # content hash of the version before\n", quoted(parent)));
+            put(
+                text,
+                format_args!("parent = {} # content hash of the version before\n", quoted(parent)),
+            );
         }
-        put(text, format_args!("hash = {} # of the content; leave it out after editing by hand\n", quoted(&self.hash())));
+        put(
+            text,
+            format_args!(
+                "hash = {} # of the content; leave it out after editing by hand\n",
+                quoted(&self.hash())
+            ),
+        );
         for effect in &self.effect {
             effect.write(text);
         }
         for correlation in &self.correlation {
             let [a, b] = &correlation.between;
             let (a, b, coefficient) = (quoted(a), quoted(b), correlation.coefficient);
-            put(text, format_args!("\n[[correlation]]\nbetween = [{a}, {b}]\ncoefficient = {coefficient:?}\n"));
+            put(
+                text,
+                format_args!("\n[[correlation]]\nbetween = [{a}, {b}]\ncoefficient = {coefficient:?}\n"),
+            );
         }
         out
     }
@@ -217,23 +270,35 @@ impl ModelEffect {
         super::specification::check_against_catalogue(self, rotors)?;
         for (name, &value) in &self.parameters {
             if !value.is_finite() {
-                return Err(Refusal::new(format!("parameters.{name}"), format!("expected a finite number, got {value}")));
+                return Err(Refusal::new(
+                    format!("parameters.{name}"),
+                    format!("expected a finite number, got {value}"),
+                ));
             }
         }
         for (name, &deviation) in &self.deviations {
             let key = format!("deviations.{name}");
             if !self.parameters.contains_key(name) {
                 let known = self.parameters.keys().cloned().collect::<Vec<_>>().join(", ");
-                return Err(Refusal::new(key, format!("expected a name that stands in `parameters`: {known}")));
+                return Err(Refusal::new(
+                    key,
+                    format!("expected a name that stands in `parameters`: {known}"),
+                ));
             }
             if !(deviation.is_finite() && deviation >= 0.0) {
-                return Err(Refusal::new(key, format!("expected a standard deviation of 0 or more, got {deviation}")));
+                return Err(Refusal::new(
+                    key,
+                    format!("expected a standard deviation of 0 or more, got {deviation}"),
+                ));
             }
         }
         if let Some(onset) = self.onset_s
             && !(onset.is_finite() && onset >= 0.0)
         {
-            return Err(Refusal::new("onset_s", format!("expected a time of 0 s or later, got {onset}")));
+            return Err(Refusal::new(
+                "onset_s",
+                format!("expected a time of 0 s or later, got {onset}"),
+            ));
         }
         Ok(())
     }
@@ -252,12 +317,24 @@ impl ModelEffect {
         }
         put(text, format_args!("parameters = {}\n", inline(&self.parameters)));
         if !self.deviations.is_empty() {
-            put(text, format_args!("deviations = {} # 1 sigma\n", inline(&self.deviations)));
+            put(
+                text,
+                format_args!("deviations = {} # 1 sigma\n", inline(&self.deviations)),
+            );
         }
         let provenance = &self.provenance;
         let source = toml::Value::try_from(provenance.source).expect("a word is TOML");
-        put(text, format_args!("[effect.provenance]\nsource = {source}\ntool = {}\n", quoted(&provenance.tool)));
-        for (key, value) in [("ln_bayes_factor", provenance.ln_bayes_factor), ("posterior", provenance.posterior)] {
+        put(
+            text,
+            format_args!(
+                "[effect.provenance]\nsource = {source}\ntool = {}\n",
+                quoted(&provenance.tool)
+            ),
+        );
+        for (key, value) in [
+            ("ln_bayes_factor", provenance.ln_bayes_factor),
+            ("posterior", provenance.posterior),
+        ] {
             if let Some(value) = value {
                 put(text, format_args!("{key} = {value:?}\n"));
             }
@@ -273,10 +350,17 @@ impl ModelEffect {
         if !provenance.held_out.is_empty() {
             put(text, format_args!("held_out = [\n"));
             for entry in &provenance.held_out {
-                put(text, format_args!(
-                    "    {{ data = {}, quantity = {}, unit = {}, before = {:?}, after = {:?} }},\n",
-                    quoted(&entry.data), quoted(&entry.quantity), quoted(&entry.unit), entry.before, entry.after
-                ));
+                put(
+                    text,
+                    format_args!(
+                        "    {{ data = {}, quantity = {}, unit = {}, before = {:?}, after = {:?} }},\n",
+                        quoted(&entry.data),
+                        quoted(&entry.quantity),
+                        quoted(&entry.unit),
+                        entry.before,
+                        entry.after
+                    ),
+                );
             }
             text.push_str("]\n");
         }
@@ -288,15 +372,26 @@ impl Correlation {
         for (place, key) in self.between.iter().enumerate() {
             let known = effects
                 .iter()
-                .flat_map(|effect| effect.parameters.keys().map(|name| format!("{}.{name}", effect.label())))
+                .flat_map(|effect| {
+                    effect
+                        .parameters
+                        .keys()
+                        .map(|name| format!("{}.{name}", effect.label()))
+                })
                 .collect::<Vec<_>>();
             if !known.contains(key) {
-                let reason = format!("expected a parameter of an effect above, one of {}, got {key:?}", known.join(", "));
+                let reason = format!(
+                    "expected a parameter of an effect above, one of {}, got {key:?}",
+                    known.join(", ")
+                );
                 return Err(Refusal::new(format!("between[{place}]"), reason));
             }
         }
         if !(-1.0..=1.0).contains(&self.coefficient) {
-            return Err(Refusal::new("coefficient", format!("expected a number from -1 to 1, got {}", self.coefficient)));
+            return Err(Refusal::new(
+                "coefficient",
+                format!("expected a number from -1 to 1, got {}", self.coefficient),
+            ));
         }
         Ok(())
     }
@@ -337,7 +432,13 @@ pub(crate) fn is_plain_name(name: &str) -> bool {
 pub(crate) fn plain_name(text: &str) -> String {
     let name: String = text
         .chars()
-        .map(|c| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '-' })
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') {
+                c
+            } else {
+                '-'
+            }
+        })
         .take(64)
         .collect();
     let name = name.trim_start_matches(|c: char| !c.is_ascii_alphanumeric()).to_owned();

@@ -24,9 +24,9 @@ pub mod store;
 
 use std::collections::BTreeMap;
 
-use rotortwin_plant::vehicle::VehicleModel;
-use rotortwin_plant::blades::BladeSet;
 use rotortwin_plant::VehicleDocuments;
+use rotortwin_plant::blades::BladeSet;
+use rotortwin_plant::vehicle::VehicleModel;
 use serde::{Deserialize, Serialize};
 
 pub use difference::Difference;

@@ -12,7 +12,9 @@ use super::{ModelEffect, Provenance};
 /// One sentence with the text and what was expected.
 pub fn parse_parameter(text: &str) -> Result<(String, f64, Option<f64>), String> {
     let refuse = |what: &str| format!("expected {what}, such as drag=0.25±0.01, got `{text}`");
-    let (name, rest) = text.split_once('=').ok_or_else(|| refuse("parameter=value or parameter=value±deviation"))?;
+    let (name, rest) = text
+        .split_once('=')
+        .ok_or_else(|| refuse("parameter=value or parameter=value±deviation"))?;
     let (value, deviation) = ["±", "+/-", "+-"]
         .iter()
         .find_map(|sign| rest.split_once(sign))
@@ -20,7 +22,11 @@ pub fn parse_parameter(text: &str) -> Result<(String, f64, Option<f64>), String>
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
     let value = number(value).ok_or_else(|| refuse("a finite number after `=`"))?;
     let deviation = match deviation {
-        Some(text) => Some(number(text).filter(|d| *d >= 0.0).ok_or_else(|| refuse("a deviation of 0 or more after `±`"))?),
+        Some(text) => Some(
+            number(text)
+                .filter(|d| *d >= 0.0)
+                .ok_or_else(|| refuse("a deviation of 0 or more after `±`"))?,
+        ),
         None => None,
     };
     let name = name.trim();
@@ -58,4 +64,25 @@ pub fn effect_by_hand(
         }
     }
     Ok(found)
+}
+
+/// Refuses an effect that the catalogue does not know, or that lacks what it needs.
+pub(super) fn check_against_catalogue(effect: &ModelEffect, rotors: usize) -> Result<(), Refusal> {
+    if let Some(rotor) = effect.rotor
+        && !(1..=rotors).contains(&rotor)
+    {
+        return Err(Refusal::new(
+            "rotor",
+            format!("expected a rotor from 1 to {rotors}, got {rotor}"),
+        ));
+    }
+    if effect.parameters.is_empty() {
+        return Err(Refusal::new("parameters", "expected at least one parameter"));
+    }
+    Ok(())
+}
+
+/// What the catalogue says about the effect, in one line.
+pub(super) fn comment(_effect: &ModelEffect) -> Option<String> {
+    None
 }

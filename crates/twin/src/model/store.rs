@@ -165,7 +165,9 @@ impl ModelStore {
         };
         for entry in std::fs::read_dir(&folder).map_err(|source| self.io("reading", &folder, source))? {
             let path = entry.map_err(|source| self.io("reading", &folder, source))?.path();
-            let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+            let name = path
+                .file_name()
+                .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
             if let Some(number) = name.strip_suffix(".toml").and_then(version_number) {
                 history.versions.insert(number, ModelVersion::load(&path)?);
             } else if let Some(branch) = name.strip_suffix(".branch") {
@@ -180,12 +182,20 @@ impl ModelStore {
         let path = Path::new(text);
         if path.is_file() {
             let version = ModelVersion::load(path)?;
-            return Ok(Found { version, path: path.to_owned(), place: None });
+            return Ok(Found {
+                version,
+                path: path.to_owned(),
+                place: None,
+            });
         }
         let (model, at) = text.split_once('@').unwrap_or((text, MAIN));
         if !self.has(model) {
             let known = self.names()?;
-            let known = if known.is_empty() { String::new() } else { format!("; models: {}", known.join(", ")) };
+            let known = if known.is_empty() {
+                String::new()
+            } else {
+                format!("; models: {}", known.join(", "))
+            };
             return refused(format!(
                 "{text}: expected a model in {}, a model version or a vehicle file, there is none of this name{known}",
                 self.root.display()
@@ -197,13 +207,20 @@ impl ModelStore {
         };
         let path = self.version_path(model, number);
         if !path.is_file() {
-            return refused(format!("{text}: expected a version of {model}, there is no {}", path.display()));
+            return refused(format!(
+                "{text}: expected a version of {model}, there is no {}",
+                path.display()
+            ));
         }
         let version = ModelVersion::load(&path)?;
         Ok(Found {
             version,
             path,
-            place: Some(Place { model: model.to_owned(), number, branch }),
+            place: Some(Place {
+                model: model.to_owned(),
+                number,
+                branch,
+            }),
         })
     }
 
@@ -211,16 +228,23 @@ impl ModelStore {
     pub fn create(&self, version: &ModelVersion) -> Result<Place, StoreError> {
         let model = &version.name;
         if self.has(model) {
-            return refused(format!("{}: there is a model of this name already", self.root.join(model).display()));
+            return refused(format!(
+                "{}: there is a model of this name already",
+                self.root.join(model).display()
+            ));
         }
-        version
-            .check()
-            .map_err(|refusal| StoreError::Refused(format!("model {model}, key `{}`: {}", refusal.key, refusal.reason)))?;
+        version.check().map_err(|refusal| {
+            StoreError::Refused(format!("model {model}, key `{}`: {}", refusal.key, refusal.reason))
+        })?;
         let folder = self.root.join(model);
         std::fs::create_dir_all(&folder).map_err(|source| self.io("creating", &folder, source))?;
         let number = self.write_next(model, version)?;
         self.set_head(model, MAIN, number)?;
-        Ok(Place { model: model.clone(), number, branch: Some(MAIN.to_owned()) })
+        Ok(Place {
+            model: model.clone(),
+            number,
+            branch: Some(MAIN.to_owned()),
+        })
     }
 
     /// Writes `version` after the version at the head of a branch, which must be its parent.
@@ -233,12 +257,16 @@ impl ModelStore {
                 head.label()
             ));
         }
-        version
-            .check()
-            .map_err(|refusal| StoreError::Refused(format!("model {model}, key `{}`: {}", refusal.key, refusal.reason)))?;
+        version.check().map_err(|refusal| {
+            StoreError::Refused(format!("model {model}, key `{}`: {}", refusal.key, refusal.reason))
+        })?;
         let number = self.write_next(model, version)?;
         self.set_head(model, branch, number)?;
-        Ok(Place { model: model.clone(), number, branch: Some(branch.to_owned()) })
+        Ok(Place {
+            model: model.clone(),
+            number,
+            branch: Some(branch.to_owned()),
+        })
     }
 
     /// Moves a branch back to the parent of its version; returns the version left and the version reached.
@@ -249,7 +277,9 @@ impl ModelStore {
                 self.set_head(model, branch, parent)?;
                 Ok((head, parent))
             }
-            None => refused(format!("{model}@{branch}: v{head} is the first version, there is nothing to undo")),
+            None => refused(format!(
+                "{model}@{branch}: v{head} is the first version, there is nothing to undo"
+            )),
         }
     }
 
@@ -260,11 +290,16 @@ impl ModelStore {
             return refused(format!("{}: there is a branch of this name already", path.display()));
         }
         if version_number(branch).is_some() {
-            return refused(format!("branch {branch}: expected a name that cannot be taken for a version"));
+            return refused(format!(
+                "branch {branch}: expected a name that cannot be taken for a version"
+            ));
         }
         let version = self.version_path(model, at);
         if !version.is_file() {
-            return refused(format!("{model}: expected an existing version for the branch, there is no {}", version.display()));
+            return refused(format!(
+                "{model}: expected an existing version for the branch, there is no {}",
+                version.display()
+            ));
         }
         self.set_head(model, branch, at)
     }
@@ -275,14 +310,24 @@ impl ModelStore {
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => {
-                return refused(format!("{model}@{branch}: expected a branch or a version such as v1, there is no {}", path.display()));
+                return refused(format!(
+                    "{model}@{branch}: expected a branch or a version such as v1, there is no {}",
+                    path.display()
+                ));
             }
             Err(source) => return Err(self.io("reading", &path, source)),
         };
         match version_number(text.trim()) {
             Some(number) if self.version_path(model, number).is_file() => Ok(number),
-            Some(number) => refused(format!("{}: expected an existing version, there is no v{number}.toml beside it", path.display())),
-            None => refused(format!("{}: expected one version such as v1, got {:?}", path.display(), text.trim())),
+            Some(number) => refused(format!(
+                "{}: expected an existing version, there is no v{number}.toml beside it",
+                path.display()
+            )),
+            None => refused(format!(
+                "{}: expected one version such as v1, got {:?}",
+                path.display(),
+                text.trim()
+            )),
         }
     }
 
@@ -290,7 +335,10 @@ impl ModelStore {
         if self.has(model) {
             return Ok(self.root.join(model));
         }
-        refused(format!("{model}: expected a model in {}, there is none of this name", self.root.display()))
+        refused(format!(
+            "{model}: expected a model in {}, there is none of this name",
+            self.root.display()
+        ))
     }
 
     fn version_path(&self, model: &str, number: u32) -> PathBuf {
@@ -301,7 +349,9 @@ impl ModelStore {
         if is_plain_name(branch) {
             return Ok(self.folder(model)?.join(format!("{branch}.branch")));
         }
-        refused(format!("branch {branch:?}: expected 1 to 64 letters, digits, '-', '_' and '.' that begin with a letter or digit"))
+        refused(format!(
+            "branch {branch:?}: expected 1 to 64 letters, digits, '-', '_' and '.' that begin with a letter or digit"
+        ))
     }
 
     /// Writes a version under the next free number.
@@ -341,13 +391,18 @@ impl ModelStore {
     }
 
     fn io(&self, action: &'static str, path: &Path, source: std::io::Error) -> StoreError {
-        StoreError::Io { action, path: path.to_owned(), source }
+        StoreError::Io {
+            action,
+            path: path.to_owned(),
+            source,
+        }
     }
 }
 
 /// 3 for `v3`.
 fn version_number(text: &str) -> Option<u32> {
     let digits = text.strip_prefix('v')?;
-    let plain = !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()) && (digits == "0" || !digits.starts_with('0'));
+    let plain =
+        !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()) && (digits == "0" || !digits.starts_with('0'));
     plain.then(|| digits.parse().ok()).flatten()
 }

@@ -1,0 +1,471 @@
+//! `rotortwin model`: versions of a model as files: list, show, add, undo, branch, diff, export, import, log.
+
+use crate::output::{self, TABLE_STYLE};
+use clap::{Parser, Subcommand};
+use comfy_table::Table;
+use rotortwin_twin::model::difference::{ParameterChange, Value};
+use rotortwin_twin::model::specification::effect_by_hand;
+use rotortwin_twin::model::store::{Found, MAIN, Place};
+use rotortwin_twin::model::{Difference, ModelEffect, ModelStore, ModelVersion, Source, StoreError};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin model`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    /// Folder of the models
+    #[arg(long, value_name = "DIR", default_value = "models", global = true)]
+    models: PathBuf,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// A model is named MODEL, MODEL@BRANCH, MODEL@v2, or by the path of a version or vehicle file.
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Print the models and their branches
+    List,
+    /// Print a version: vehicle, effects, where they come from
+    Show {
+        /// MODEL, MODEL@BRANCH, MODEL@v2, or a file
+        model: String,
+        /// Print the version as JSON, nothing else
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print the versions of a model, oldest first, and where its branches stand
+    Log {
+        /// MODEL
+        model: String,
+    },
+    /// Make the next version: with one more effect, or with new values of one that is there
+    Add(Add),
+    /// Put a branch back to the version before; no file is deleted
+    Undo {
+        /// MODEL or MODEL@BRANCH
+        model: String,
+    },
+    /// Make a branch
+    Branch {
+        /// MODEL, MODEL@BRANCH or MODEL@v2: where the branch begins
+        model: String,
+        /// Name of the branch
+        name: String,
+    },
+    /// Print what changed between two versions
+    Diff {
+        /// Before
+        before: String,
+        /// After
+        after: String,
+        /// Print the changes as JSON, nothing else
+        #[arg(long)]
+        json: bool,
+    },
+    /// Write a version as one file that says everything
+    Export {
+        /// MODEL, MODEL@BRANCH, MODEL@v2
+        model: String,
+        /// File to write; must not exist [default: standard output]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+    /// Take a vehicle or version file as version 0 of a new model
+    Import {
+        /// The file
+        file: PathBuf,
+        /// Name of the model [default: the one in the file, or the file's]
+        #[arg(long)]
+        name: Option<String>,
+    },
+}
+
+#[derive(Debug, Parser)]
+struct Add {
+    /// MODEL or MODEL@BRANCH; a vehicle file begins a model of its name
+    model: String,
+    /// Effect of the catalogue, such as rotor-drag
+    effect: String,
+    /// Its parameters: name=value or name=value±deviation
+    #[arg(value_name = "PARAMETER=VALUE±SD", required = true)]
+    parameters: Vec<String>,
+    /// Rotor, from 1, of an effect of one rotor
+    #[arg(long, value_name = "NUMBER")]
+    rotor: Option<usize>,
+    /// When the effect begins, s of the flight
+    #[arg(long, value_name = "S")]
+    onset: Option<f64>,
+    /// Why, for people
+    #[arg(long, default_value = "")]
+    note: String,
+}
+
+/// A failure of the store, with its exit code.
+pub(crate) fn store_failed(error: &StoreError) -> ExitCode {
+    match error {
+        StoreError::Io { .. } => output::failed(error),
+        StoreError::Document(_) | StoreError::Refused(_) => output::bad_input(error),
+    }
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    let store = ModelStore::new(&args.models);
+    let done = match &args.command {
+        Command::List => list(&store),
+        Command::Show { model, json } => store.find(model).map(|found| show(&found, *json)),
+        Command::Log { model } => log(&store, model),
+        Command::Add(add) => add.run(&store),
+        Command::Undo { model } => undo(&store, model),
+        Command::Branch { model, name } => branch(&store, model, name),
+        Command::Diff { before, after, json } => diff(&store, before, after, *json),
+        Command::Export { model, out } => export(&store, model, out.as_deref()),
+        Command::Import { file, name } => import(&store, file, name.as_deref()),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => store_failed(&error),
+    }
+}
+
+fn table<const N: usize>(header: [&str; N]) -> Table {
+    let mut table = Table::new();
+    table.load_style(TABLE_STYLE);
+    table.set_header(header);
+    table
+}
+
+fn list(store: &ModelStore) -> Result<(), StoreError> {
+    let names = store.names()?;
+    if names.is_empty() {
+        println!(
+            "no models in {}; begin one with 'rotortwin model import config/vehicles/f550.toml'",
+            store.root().display()
+        );
+        return Ok(());
+    }
+    let mut table = table(["model", "branch", "at", "vehicle", "effects"]);
+    for name in names {
+        let history = store.history(&name)?;
+        for (branch, number) in &history.branches {
+            let version = &history.versions[number];
+            table.add_row([
+                name.clone(),
+                branch.clone(),
+                format!("v{number}"),
+                version.vehicle.name.clone(),
+                effects(version),
+            ]);
+        }
+    }
+    println!("{table}");
+    Ok(())
+}
+
+fn effects(version: &ModelVersion) -> String {
+    match version.effect.as_slice() {
+        [] => "none".to_owned(),
+        effects => effects.iter().map(ModelEffect::label).collect::<Vec<_>>().join(", "),
+    }
+}
+
+fn show(found: &Found, json: bool) {
+    let version = &found.version;
+    if json {
+        let text = serde_json::json!({ "version": found.label(), "hash": version.hash(), "model": version });
+        println!("{text:#}");
+        return;
+    }
+    println!("{} · {} · hash {}", found.label(), version.vehicle.name, version.hash());
+    if !version.note.is_empty() {
+        println!("{}", version.note);
+    }
+    if version.effect.is_empty() {
+        println!("no effects: the vehicle as documented");
+        return;
+    }
+    let mut table = table(["effect", "parameter", "value", "± 1 sigma", "from"]);
+    for effect in &version.effect {
+        for (line, (name, value)) in effect.parameters.iter().enumerate() {
+            let deviation = effect
+                .deviations
+                .get(name)
+                .map_or_else(|| "–".to_owned(), |d| significant(*d));
+            let (label, from) = if line == 0 {
+                (effect.label(), source(effect))
+            } else {
+                (String::new(), String::new())
+            };
+            table.add_row([label, name.clone(), significant(*value), deviation, from]);
+        }
+    }
+    println!("{table}");
+}
+
+/// Where an effect comes from, in a clause.
+fn source(effect: &ModelEffect) -> String {
+    let provenance = &effect.provenance;
+    match provenance.source {
+        Source::ByHand => "by hand".to_owned(),
+        Source::Diagnosis => {
+            let logs = provenance
+                .log
+                .iter()
+                .map(|log| log.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", ");
+            match provenance.ln_bayes_factor {
+                Some(evidence) => format!("diagnosis of {logs}, ln BF {evidence:.0}"),
+                None => format!("diagnosis of {logs}"),
+            }
+        }
+    }
+}
+
+/// Four significant digits at most, without trailing zeros.
+pub(crate) fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{value:.decimals$}");
+    if value.abs() < 1e-6 || value.abs() >= 1e7 {
+        return format!("{value:.3e}");
+    }
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
+fn log(store: &ModelStore, model: &str) -> Result<(), StoreError> {
+    let history = store.history(model)?;
+    let mut table = table(["version", "from", "branches", "added or changed", "note", "hash"]);
+    for (number, version) in &history.versions {
+        let parent = history.parent_of(*number);
+        let branches: Vec<&str> = history
+            .branches
+            .iter()
+            .filter(|(_, at)| *at == number)
+            .map(|(name, _)| name.as_str())
+            .collect();
+        let change = match parent {
+            None => version.vehicle.name.clone(),
+            Some(parent) => changed_terms(&Difference::between(&history.versions[&parent], version)),
+        };
+        let from = parent.map_or_else(|| "–".to_owned(), |parent| format!("v{parent}"));
+        table.add_row([
+            format!("v{number}"),
+            from,
+            branches.join(", "),
+            change,
+            version.note.clone(),
+            version.hash()[..8].to_owned(),
+        ]);
+    }
+    println!("{table}");
+    Ok(())
+}
+
+fn changed_terms(difference: &Difference) -> String {
+    let mut terms: Vec<&str> = difference
+        .parameters
+        .iter()
+        .map(|change| change.effect.as_str())
+        .collect();
+    terms.dedup();
+    let mut terms: Vec<String> = terms.into_iter().map(str::to_owned).collect();
+    terms.extend(difference.keys.iter().map(|change| change.key.clone()));
+    if terms.is_empty() {
+        "nothing".to_owned()
+    } else {
+        terms.join(", ")
+    }
+}
+
+/// MODEL and BRANCH of a text that must not name a version by number.
+fn model_and_branch(text: &str) -> (&str, &str) {
+    text.split_once('@').unwrap_or((text, MAIN))
+}
+
+/// A model of the store at the head of a branch; a vehicle or version file begins one of its name.
+pub(crate) fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVersion, String), StoreError> {
+    let path = Path::new(text);
+    if path.is_file() {
+        let version = ModelVersion::load(path)?;
+        let first = ModelVersion::first(version.name.clone(), version.documents());
+        if version != first {
+            return Err(StoreError::Refused(format!(
+                "{text}: expected a model of {}; take this version in with 'rotortwin model import {text}'",
+                store.root().display()
+            )));
+        }
+        if store.has(&first.name) {
+            let begun = store.find(&format!("{}@v0", first.name))?.version;
+            if begun != first {
+                return Err(StoreError::Refused(format!(
+                    "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
+                    first.name
+                )));
+            }
+        } else {
+            store.create(&first)?;
+        }
+        let name = first.name;
+        return Ok((store.find(&name)?.version, MAIN.to_owned()));
+    }
+    let (_, branch) = model_and_branch(text);
+    let found = store.find(text)?;
+    match found.place {
+        Some(Place { branch: Some(_), .. }) => Ok((found.version, branch.to_owned())),
+        _ => Err(StoreError::Refused(format!(
+            "{text}: expected a branch, as a version never changes; make one with 'rotortwin model branch {text} NAME'"
+        ))),
+    }
+}
+
+impl Add {
+    fn run(&self, store: &ModelStore) -> Result<(), StoreError> {
+        let (version, branch) = find_or_begin(store, &self.model)?;
+        let effect =
+            effect_by_hand(&self.effect, self.rotor, self.onset, &self.parameters).map_err(StoreError::Refused)?;
+        let next = version.with_effects([effect], self.note.clone());
+        let place = store.append(&branch, &next)?;
+        announce(&version, &next, &place);
+        Ok(())
+    }
+}
+
+/// Says what a new version has that the one before had not.
+pub(crate) fn announce(before: &ModelVersion, after: &ModelVersion, place: &Place) {
+    println!("{}@v{} · hash {}", place.model, place.number, after.hash());
+    print_changes(&Difference::between(before, after));
+}
+
+fn print_changes(difference: &Difference) {
+    if difference.is_empty() {
+        println!("no difference");
+        return;
+    }
+    let text = |value: Option<Value>| match value {
+        None => "–".to_owned(),
+        Some(Value { value, deviation: None }) => significant(value),
+        Some(Value {
+            value,
+            deviation: Some(d),
+        }) => format!("{} ± {}", significant(value), significant(d)),
+    };
+    let mut table = table(["what", "key", "before", "after"]);
+    for ParameterChange {
+        effect,
+        parameter,
+        before,
+        after,
+    } in &difference.parameters
+    {
+        table.add_row([effect.clone(), parameter.clone(), text(*before), text(*after)]);
+    }
+    let absent = || "–".to_owned();
+    for change in &difference.keys {
+        let [before, after] = [&change.before, &change.after].map(|v| v.clone().unwrap_or_else(absent));
+        table.add_row(["vehicle".to_owned(), change.key.clone(), before, after]);
+    }
+    println!("{table}");
+}
+
+fn undo(store: &ModelStore, text: &str) -> Result<(), StoreError> {
+    let (model, branch) = model_and_branch(text);
+    let (left, reached) = store.undo(model, branch)?;
+    println!(
+        "{model}@{branch} stands at v{reached}; v{left} is kept: 'rotortwin model branch {model}@v{left} NAME' brings it back"
+    );
+    Ok(())
+}
+
+fn branch(store: &ModelStore, text: &str, name: &str) -> Result<(), StoreError> {
+    let found = store.find(text)?;
+    let Some(place) = found.place else {
+        return Err(StoreError::Refused(format!(
+            "{text}: expected a version of a model in {}, this is a file",
+            store.root().display()
+        )));
+    };
+    store.branch(&place.model, name, place.number)?;
+    println!("{}@{name} stands at v{}", place.model, place.number);
+    Ok(())
+}
+
+fn diff(store: &ModelStore, before: &str, after: &str, json: bool) -> Result<(), StoreError> {
+    let (before, after) = (store.find(before)?, store.find(after)?);
+    let difference = Difference::between(&before.version, &after.version);
+    if json {
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&difference).expect("text and numbers are JSON")
+        );
+    } else {
+        println!("{} → {}", before.label(), after.label());
+        print_changes(&difference);
+    }
+    Ok(())
+}
+
+fn export(store: &ModelStore, text: &str, out: Option<&Path>) -> Result<(), StoreError> {
+    let found = store.find(text)?;
+    let toml = found.version.to_toml();
+    let Some(path) = out else {
+        print!("{toml}");
+        return Ok(());
+    };
+    let write = || -> std::io::Result<()> {
+        use std::io::Write as _;
+        std::fs::File::create_new(path)?.write_all(toml.as_bytes())
+    };
+    match write() {
+        Ok(()) => {
+            println!("{} → {}", found.label(), path.display());
+            Ok(())
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Err(StoreError::Refused(format!(
+            "{}: expected a file that does not exist yet",
+            path.display()
+        ))),
+        Err(source) => Err(StoreError::Io {
+            action: "writing",
+            path: path.to_owned(),
+            source,
+        }),
+    }
+}
+
+fn import(store: &ModelStore, file: &Path, name: Option<&str>) -> Result<(), StoreError> {
+    let mut version = ModelVersion::load(file)?;
+    if let Some(name) = name {
+        version.name = name.to_owned();
+    }
+    let place = store.create(&version)?;
+    println!(
+        "{}@v{} · {} · effects: {} · hash {}",
+        place.model,
+        place.number,
+        version.vehicle.name,
+        effects(&version),
+        version.hash()
+    );
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_numbers_keep_four_significant_digits() {
+        assert_eq!(significant(0.253_04), "0.253");
+        assert_eq!(significant(-0.001_234_56), "-0.001235");
+        assert_eq!(significant(12_345.6), "12346");
+        assert_eq!(significant(6e-9), "6.000e-9");
+        assert_eq!(significant(0.0), "0");
+    }
+}
