@@ -26,6 +26,7 @@ use std::collections::BTreeMap;
 
 use rotortwin_plant::VehicleDocuments;
 use rotortwin_plant::blades::BladeSet;
+use rotortwin_plant::effects::EffectInstance;
 use rotortwin_plant::vehicle::VehicleModel;
 use serde::{Deserialize, Serialize};
 
@@ -209,6 +210,11 @@ impl ModelVersion {
             vehicle: self.vehicle.clone(),
             blades: self.blades.clone(),
         }
+    }
+
+    /// The effects as the catalogue builds them.
+    pub fn instances(&self) -> Vec<EffectInstance> {
+        self.effect.iter().map(EffectInstance::from).collect()
     }
 
     /// Number of rotors.

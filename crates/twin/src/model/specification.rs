@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use rotortwin_plant::effects::{Catalogue, EffectInstance};
 use rotortwin_plant::error::Refusal;
 
 use super::{ModelEffect, Provenance};
@@ -66,23 +67,39 @@ pub fn effect_by_hand(
     Ok(found)
 }
 
+/// The effect as the catalogue checks and builds it.
+impl From<&ModelEffect> for EffectInstance {
+    fn from(effect: &ModelEffect) -> Self {
+        Self {
+            effect: effect.effect.clone(),
+            rotor: effect.rotor,
+            onset_s: effect.onset_s,
+            parameters: effect.parameters.clone(),
+        }
+    }
+}
+
 /// Refuses an effect that the catalogue does not know, or that lacks what it needs.
 pub(super) fn check_against_catalogue(effect: &ModelEffect, rotors: usize) -> Result<(), Refusal> {
-    if let Some(rotor) = effect.rotor
-        && !(1..=rotors).contains(&rotor)
-    {
-        return Err(Refusal::new(
-            "rotor",
-            format!("expected a rotor from 1 to {rotors}, got {rotor}"),
-        ));
-    }
-    if effect.parameters.is_empty() {
-        return Err(Refusal::new("parameters", "expected at least one parameter"));
-    }
-    Ok(())
+    EffectInstance::from(effect)
+        .check(&Catalogue::built_in(), rotors)
+        .map(|_| ())
 }
 
 /// What the catalogue says about the effect, in one line.
-pub(super) fn comment(_effect: &ModelEffect) -> Option<String> {
-    None
+pub(super) fn comment(effect: &ModelEffect) -> Option<String> {
+    let catalogue = Catalogue::built_in();
+    let declaration = catalogue.find(&effect.effect)?;
+    let units: Vec<String> = declaration
+        .parameters
+        .iter()
+        .filter(|parameter| effect.parameters.contains_key(parameter.name) && !parameter.unit.is_empty())
+        .map(|parameter| format!("{} in {}", parameter.symbol, parameter.unit))
+        .collect();
+    let units = if units.is_empty() {
+        String::new()
+    } else {
+        format!("; {}", units.join(", "))
+    };
+    Some(format!("{}: {}{units}", declaration.name, declaration.equation))
 }
