@@ -12,3 +12,9 @@ pub(crate) fn cross(a: Vector3, b: Vector3) -> Vector3 {
         a[0] * b[1] - a[1] * b[0],
     ]
 }
+
+/// Euclidean length.
+#[inline(always)]
+pub(crate) fn length(a: Vector3) -> f64 {
+    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
+}

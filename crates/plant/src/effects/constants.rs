@@ -21,7 +21,7 @@ const F550_THRUST_COEFFICIENT: f64 = 8.2e-6;
 const AIR_DENSITY: f64 = 1.225;
 
 /// Constants of one vehicle, effects included.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Constants {
     /// Rotors in use; the entries behind are 0.
     pub rotor_count: usize,
@@ -91,6 +91,8 @@ pub struct Constants {
     pub linear_drag_kg_s: f64,
     /// k_r of Eq. 1, N·m·s.
     pub angular_drag_nms: f64,
+    /// z_d: height of the drag centre over the centre of mass, m.
+    pub drag_centre_height_m: f64,
 
     /// Accelerometer: added, m/s², body.
     pub accelerometer_bias_m_s2: Vector3,
@@ -165,6 +167,7 @@ impl Constants {
             wind_ned_m_s: [0.0; 3],
             linear_drag_kg_s: vehicle.body.linear_drag_kg_s,
             angular_drag_nms: vehicle.body.angular_drag_nms,
+            drag_centre_height_m: 0.0,
             accelerometer_bias_m_s2: [0.0; 3],
             accelerometer_scale: 0.0,
             gyro_bias_rad_s: [0.0; 3],

@@ -17,6 +17,8 @@ pub enum EffectClass {
     TimingFault,
     /// Always present and fitted with every flight; never a finding.
     Nuisance,
+    /// Random forcing: its draws cannot be predicted from a log, its covariance can be compared.
+    Noise,
 }
 
 impl EffectClass {
@@ -27,6 +29,7 @@ impl EffectClass {
             Self::SensorFault => "sensor-fault",
             Self::TimingFault => "timing-fault",
             Self::Nuisance => "nuisance",
+            Self::Noise => "noise",
         }
     }
 }

@@ -82,6 +82,30 @@ pub struct Wrench {
     pub force_body: Vector3,
     /// N·m, body.
     pub torque_body: Vector3,
+    /// Air drag, N, body: kept apart because it acts at the drag centre. [`Wrench::closed`] adds it to the others.
+    pub drag_body: Vector3,
+}
+
+impl Wrench {
+    /// Force and torque with the drag, and the linear and angular friction of Eq. 1, added; the drag acts `z_d` above the centre
+    /// of mass.
+    #[inline]
+    pub fn closed(&self, air_velocity_body: Vector3, body_rates: Vector3, constants: &Constants) -> Self {
+        let drag = [0, 1, 2].map(|i| self.drag_body[i] - constants.linear_drag_kg_s * air_velocity_body[i]);
+        let up = constants.drag_centre_height_m;
+        let mut torque = self.torque_body;
+        // r × F with r = (0, 0, −z_d).
+        torque[0] += up * drag[1];
+        torque[1] -= up * drag[0];
+        for i in 0..3 {
+            torque[i] -= constants.angular_drag_nms * body_rates[i];
+        }
+        Self {
+            force_body: [0, 1, 2].map(|i| self.force_body[i] + drag[i]),
+            torque_body: torque,
+            drag_body: [0.0; 3],
+        }
+    }
 }
 
 /// What the sensors say.

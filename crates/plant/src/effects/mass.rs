@@ -1,7 +1,6 @@
 //! Mass: payload, another battery, or a scale that was wrong.
 
-use super::declaration::{Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, Place};
-use super::hooks::Changes;
+use super::prelude::*;
 
 /// Row 16 of the catalogue.
 pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
@@ -11,7 +10,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     class: EffectClass::Physics,
     equation: "m → m (1 + d)",
     places: &[Place::MassProperties],
-    channels: &[ChannelGroup::Force],
+    channels: &[FORCE],
     parameters: &[ParameterDeclaration::size(
         "share",
         "d",

@@ -1,7 +1,6 @@
 //! Drag of the rotors in translation (H-force): linear in the air velocity across the rotor disc, and in rotor speed.
 
-use super::declaration::{Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, Place};
-use super::hooks::{ActiveEffect, Hooks, Moment, Wrench};
+use super::prelude::*;
 
 /// Row 1 of the catalogue.
 pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
@@ -11,7 +10,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     class: EffectClass::Physics,
     equation: "F_xy = −k_d (Σ Ω_i/(n Ω_h)) v_a,xy",
     places: &[Place::Force],
-    channels: &[ChannelGroup::Force],
+    channels: &[FORCE],
     parameters: &[ParameterDeclaration::size(
         "drag_n_s_m",
         "k_d",
@@ -45,7 +44,7 @@ impl ActiveEffect for RotorDrag {
 
     fn wrench(&mut self, at: &Moment<'_>, wrench: &mut Wrench) {
         let factor = self.drag * at.mean_speed_ratio();
-        wrench.force_body[0] -= factor * at.air_velocity_body[0];
-        wrench.force_body[1] -= factor * at.air_velocity_body[1];
+        wrench.drag_body[0] -= factor * at.air_velocity_body[0];
+        wrench.drag_body[1] -= factor * at.air_velocity_body[1];
     }
 }

@@ -1,7 +1,6 @@
 //! Thrust of one rotor: a damaged or foreign blade, a worn motor.
 
-use super::declaration::{Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, Place};
-use super::hooks::Changes;
+use super::prelude::*;
 
 /// Row 23 of the catalogue.
 pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
@@ -11,7 +10,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     class: EffectClass::Physics,
     equation: "f_i → (1 + s) f_i",
     places: &[Place::StaticLift],
-    channels: &[ChannelGroup::Force, ChannelGroup::Moment],
+    channels: &[FORCE, MOMENT, VOLTAGE],
     parameters: &[ParameterDeclaration::size(
         "share",
         "s",

@@ -1,0 +1,91 @@
+//! The lag from static lift to thrust: time constant, its asymmetry, and the quantity that lags.
+
+use super::prelude::*;
+
+/// Row 25 of the catalogue.
+pub(super) static TIME_CONSTANT: EffectDeclaration = EffectDeclaration {
+    id: "motor-time-constant",
+    name: "Motor time constant",
+    catalogue_number: Some(25),
+    class: EffectClass::Physics,
+    equation: "τ f' = g − f,   τ → τ (1 + d)",
+    places: &[Place::RotorDynamics],
+    channels: &[FORCE, MOMENT, VOLTAGE],
+    parameters: &[ParameterDeclaration::size(
+        "share",
+        "d",
+        "",
+        "relative error of τ",
+        (-0.6, 1.0),
+        0.4,
+        0.4,
+    )],
+    per_rotor: false,
+    needs: &[],
+    excited_by: "fast commands",
+    confused_with: &["command-delay", "axial-inflow", "imu-latency"],
+    source: "§6; sysid.tools (Eschmann 2024)",
+    build: Build::BuiltIn(|setup| {
+        Changes::<1>::boxed(setup, |c, [d], _| {
+            c.thrust_lag_up_s *= 1.0 + d;
+            c.thrust_lag_down_s *= 1.0 + d;
+        })
+    }),
+};
+
+/// Row 26 of the catalogue.
+pub(super) static ASYMMETRY: EffectDeclaration = EffectDeclaration {
+    id: "lag-asymmetry",
+    name: "Asymmetric spin-up and spin-down",
+    catalogue_number: Some(26),
+    class: EffectClass::Physics,
+    equation: "τ (1 − a) while f rises, τ (1 + a) while it falls",
+    places: &[Place::RotorDynamics],
+    channels: &[FORCE, MOMENT, VOLTAGE],
+    parameters: &[ParameterDeclaration::size(
+        "share",
+        "a",
+        "",
+        "asymmetry",
+        (-0.3, 0.6),
+        0.25,
+        0.25,
+    )],
+    per_rotor: false,
+    needs: &[],
+    excited_by: "fast commands",
+    confused_with: &["motor-time-constant", "air-density"],
+    source: "PX4 motor model: timeConstantUp, timeConstantDown",
+    build: Build::BuiltIn(|setup| {
+        Changes::<1>::boxed(setup, |c, [a], _| {
+            c.thrust_lag_up_s *= 1.0 - a;
+            c.thrust_lag_down_s *= 1.0 + a;
+        })
+    }),
+};
+
+/// Row 27 of the catalogue.
+pub(super) static SPEED_DOMAIN: EffectDeclaration = EffectDeclaration {
+    id: "speed-domain-lag",
+    name: "Lag of the speed, not of the thrust",
+    catalogue_number: Some(27),
+    class: EffectClass::Physics,
+    equation: "τ Ω' = Ω_ss − Ω,   f = c_L Ω²",
+    places: &[Place::RotorDynamics],
+    channels: &[FORCE, MOMENT, VOLTAGE],
+    parameters: &[ParameterDeclaration::size(
+        "share",
+        "s",
+        "",
+        "0 thrust lags, 1 speed lags",
+        (0.0, 1.0),
+        1.0,
+        1.0,
+    )],
+    per_rotor: false,
+    needs: &[],
+    excited_by: "large steps of the command",
+    confused_with: &["lag-asymmetry", "motor-time-constant"],
+    source: "Gazebo motor model",
+    build: Build::BuiltIn(|setup| Changes::<1>::boxed(setup, |c, [s], _| c.speed_domain_share += s)),
+};

@@ -1,0 +1,111 @@
+//! Inertia of the rotors: gyroscopic torque while the vehicle turns, reaction torque while rotors speed up.
+
+use super::prelude::*;
+
+/// Row 32 of the catalogue.
+pub(super) static GYROSCOPIC: EffectDeclaration = EffectDeclaration {
+    id: "gyroscopic-torque",
+    name: "Gyroscopic torque of the rotors",
+    catalogue_number: Some(32),
+    class: EffectClass::Physics,
+    equation: "M_xy = J_r Σ s_i Ω_i (q, −p),   s_i = 1 counter-clockwise",
+    places: &[Place::Torque],
+    channels: &[MOMENT],
+    parameters: &[ParameterDeclaration::size(
+        "inertia_kg_m2",
+        "J_r",
+        "kg·m²",
+        "inertia of one rotor about its axis",
+        (0.0, 0.0001),
+        5e-05,
+        6e-05,
+    )],
+    per_rotor: false,
+    needs: &[],
+    excited_by: "yaw demand together with roll or pitch rates",
+    confused_with: &["inertia-product-xy"],
+    source: "rigid body; RotorPy has none",
+    build: Build::BuiltIn(|setup| {
+        Box::new(Gyroscopic {
+            momentum: setup.values[0] * setup.nominal.hover_rotor_speed_rad_s,
+        })
+    }),
+};
+
+/// Row 33 of the catalogue.
+pub(super) static REACTION: EffectDeclaration = EffectDeclaration {
+    id: "rotor-reaction",
+    name: "Reaction to rotor acceleration",
+    catalogue_number: Some(33),
+    class: EffectClass::Physics,
+    equation: "N = J_r Σ s_i Ω_i',   s_i = 1 counter-clockwise",
+    places: &[Place::Torque],
+    channels: &[MOMENT],
+    parameters: &[ParameterDeclaration::size(
+        "inertia_kg_m2",
+        "J_r",
+        "kg·m²",
+        "inertia of one rotor about its axis",
+        (0.0, 0.0001),
+        5e-05,
+        6e-05,
+    )],
+    per_rotor: false,
+    needs: &[],
+    excited_by: "yaw commands",
+    confused_with: &["inertia-yaw", "moment-ratio", "motor-time-constant"],
+    source: "Leishman 2006",
+    build: Build::BuiltIn(|setup| {
+        Box::new(Reaction {
+            momentum: setup.values[0] * setup.nominal.hover_rotor_speed_rad_s,
+        })
+    }),
+};
+
+#[derive(Debug, Clone)]
+struct Gyroscopic {
+    momentum: f64,
+}
+
+impl ActiveEffect for Gyroscopic {
+    fn hooks(&self) -> Hooks {
+        Hooks::WRENCH
+    }
+
+    fn boxed_clone(&self) -> Box<dyn ActiveEffect> {
+        Box::new(self.clone())
+    }
+
+    fn wrench(&mut self, at: &Moment<'_>, wrench: &mut Wrench) {
+        let mut sum = 0.0;
+        for (ratio, spin) in at.rotor_speed_ratio.iter().zip(&at.constants.rotor_spin) {
+            sum += ratio * spin;
+        }
+        let [p, q, _] = at.body_rates;
+        wrench.torque_body[0] += self.momentum * sum * q;
+        wrench.torque_body[1] -= self.momentum * sum * p;
+    }
+}
+
+#[derive(Debug, Clone)]
+struct Reaction {
+    momentum: f64,
+}
+
+impl ActiveEffect for Reaction {
+    fn hooks(&self) -> Hooks {
+        Hooks::WRENCH
+    }
+
+    fn boxed_clone(&self) -> Box<dyn ActiveEffect> {
+        Box::new(self.clone())
+    }
+
+    fn wrench(&mut self, at: &Moment<'_>, wrench: &mut Wrench) {
+        let mut sum = 0.0;
+        for (rate, spin) in at.rotor_speed_rate.iter().zip(&at.constants.rotor_spin) {
+            sum += rate * spin;
+        }
+        wrench.torque_body[2] += self.momentum * sum;
+    }
+}
