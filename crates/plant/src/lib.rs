@@ -41,6 +41,8 @@ pub mod battery;
 pub mod blades;
 pub mod classifier;
 pub mod document;
+mod effect_check;
+mod effect_flight;
 pub mod effects;
 pub mod environment;
 pub mod error;

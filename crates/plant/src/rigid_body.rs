@@ -48,9 +48,18 @@ impl Quaternion {
         ]
     }
 
+    /// Rᵀ v: a NED vector in body axes.
+    pub(crate) fn body_from_ned(self, v: Vector3) -> Vector3 {
+        let [w, x, y, z] = self.0;
+        let u = [-x, -y, -z];
+        let once = cross(u, v);
+        let twice = cross(u, once);
+        [0, 1, 2].map(|i| v[i] + 2.0 * (w * once[i] + twice[i]))
+    }
+
     /// q̇ = ½ q ⊗ (0, ω), ω in body axes, rad/s.
     #[inline]
-    fn rate(self, body_rates: Vector3) -> [f64; 4] {
+    pub(crate) fn rate(self, body_rates: Vector3) -> [f64; 4] {
         let ([w, x, y, z], [p, q, r]) = (self.0, body_rates.map(|rate| 0.5 * rate));
         [
             -x * p - y * q - z * r,
@@ -124,6 +133,11 @@ impl RigidBody {
             inertia,
             per_inertia: inertia.map(|j| 1.0 / j),
         }
+    }
+
+    /// g, m/s².
+    pub(crate) fn gravity(&self) -> f64 {
+        self.gravity
     }
 
     /// Right-hand side of Eq. 1 for a rotor force of `thrust` N along −e₃ and a rotor torque in N·m, body.

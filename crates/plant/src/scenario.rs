@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 use crate::blades::{Blade, BladeSet};
 use crate::classifier::Classifier;
 use crate::document::Document;
+use crate::effect_check;
+use crate::effects::{Catalogue, EffectInstance};
 use crate::environment::WindModel;
 use crate::error::{ConfigError, Refusal, in_range};
 use crate::faults::{FaultEntry, FaultPlan};
@@ -65,6 +67,12 @@ pub struct ScenarioDocument {
     /// Wind; still air if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wind: Option<WindModel>,
+    /// Ground; none in reach if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ground: Option<Ground>,
+    /// Effects that the nominal vehicle lacks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effect: Vec<EffectInstance>,
     /// Propeller faults and failures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fault: Vec<FaultEntry>,
@@ -79,6 +87,14 @@ fn first_seed() -> u64 {
 
 fn one() -> u32 {
     1
+}
+
+/// `[ground]`: where the ground is. Effects feel it; a vehicle still falls through.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ground {
+    /// z of the ground, m, NED: 0 is the height of the origin.
+    pub down_m: f64,
 }
 
 /// `[initial]`.
@@ -294,7 +310,11 @@ impl ScenarioDocument {
         self.sensors.check().map_err(|r| r.under("sensors"))?;
         if let Some(wind) = &self.wind {
             let drag = vehicle.body.linear_drag_kg_s + self.mismatch.magnitudes().linear_drag_kg_s;
+            let drag = if self.has_drag_effect() { f64::INFINITY } else { drag };
             wind.check(drag).map_err(|r| r.under("wind"))?;
+        }
+        if let Some(ground) = &self.ground {
+            in_range("ground.down_m", ground.down_m, -10_000.0, 10_000.0, "m")?;
         }
         Ok(())
     }
@@ -377,6 +397,7 @@ pub struct Scenario {
     documents: Documents,
     pub(crate) fault_plan: FaultPlan,
     pub(crate) sensor_fault_plan: SensorFaultPlan,
+    catalogue: Catalogue,
 }
 
 impl Scenario {
@@ -460,6 +481,8 @@ impl Scenario {
         documents.check_classifier().map_err(refuse)?;
         let duration_steps = document.duration_steps();
         let rotor_count = documents.vehicle.rotor_count();
+        let catalogue = Catalogue::built_in();
+        effect_check::check(document, &documents.vehicle, &catalogue).map_err(refuse)?;
         let fault_plan =
             FaultPlan::new(&document.fault, rotor_count, &documents.blades, nominal, duration_steps).map_err(refuse)?;
         let sensor_fault_plan = SensorFaultPlan::new(&document.sensor_fault, duration_steps).map_err(refuse)?;
@@ -467,12 +490,18 @@ impl Scenario {
             documents,
             fault_plan,
             sensor_fault_plan,
+            catalogue,
         };
         simulation::trim(&checked).map_err(refuse)?;
         Controller::new(checked.controller_config())
             .map_err(|error| refuse(Refusal::new("controller", error.to_string())))?;
         FdiEngine::new(checked.fdi_config()).map_err(|error| refuse(Refusal::new("fdi", error.to_string())))?;
         Ok(checked)
+    }
+
+    /// The effects that the scenario may name.
+    pub fn catalogue(&self) -> &Catalogue {
+        &self.catalogue
     }
 
     /// The effective configuration.

@@ -1,7 +1,7 @@
 //! Sensors: the true state plus white Gaussian noise (Table 4), then the sensor faults of the scenario.
 //!
 //! The paper's sensors are the outputs of an estimator, so position, velocity, attitude and body rates are measured directly;
-//! the accelerometer of Table 4 is used by no algorithm and not simulated. Each sensor has its own noise stream; noise is drawn at
+//! the accelerometer of Table 4 is used by no algorithm of the paper and only simulated where a flight is recorded. Each sensor has its own noise stream; noise is drawn at
 //! every step, faulty or not, so that a sensor fault changes nothing but its own sensor.
 
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
@@ -79,6 +79,17 @@ pub struct SensorModel {
     pub battery_voltage_noise_v: f64,
     /// Constant error of the voltage measurement, V; any drawn bias of `[mismatch]` comes on top.
     pub battery_voltage_bias_v: f64,
+    /// m/s², each axis of the accelerometer; left out of documents while it is that of Table 4.
+    #[serde(skip_serializing_if = "is_table_4_accelerometer")]
+    pub accelerometer_noise_m_s2: f64,
+}
+
+/// Table 4: deviation of p̈, m/s².
+const TABLE_4_ACCELEROMETER_M_S2: f64 = 0.0785;
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature is serde's")]
+fn is_table_4_accelerometer(deviation: &f64) -> bool {
+    *deviation == SensorModel::default().accelerometer_noise_m_s2
 }
 
 impl Default for SensorModel {
@@ -91,6 +102,7 @@ impl Default for SensorModel {
             body_rates_noise_rad_s: 0.0055,
             battery_voltage_noise_v: 0.0,
             battery_voltage_bias_v: 0.0,
+            accelerometer_noise_m_s2: TABLE_4_ACCELEROMETER_M_S2,
         }
     }
 }
@@ -103,6 +115,7 @@ impl SensorModel {
             velocity_noise_m_s: 0.0,
             attitude_noise_rad: 0.0,
             body_rates_noise_rad_s: 0.0,
+            accelerometer_noise_m_s2: 0.0,
             ..Self::default()
         }
     }
@@ -119,12 +132,41 @@ impl SensorModel {
             "rad/s",
         )?;
         in_range("battery_voltage_noise_v", self.battery_voltage_noise_v, 0.0, 5.0, "V")?;
-        in_range("battery_voltage_bias_v", self.battery_voltage_bias_v, -5.0, 5.0, "V")
+        in_range("battery_voltage_bias_v", self.battery_voltage_bias_v, -5.0, 5.0, "V")?;
+        in_range(
+            "accelerometer_noise_m_s2",
+            self.accelerometer_noise_m_s2,
+            0.0,
+            100.0,
+            "m/s²",
+        )
     }
 }
 
 /// Readings of all sensors, indexed by [`Sensor`]; the voltage stands in the first place of its row.
 pub(crate) type Readings = [Vector3; SENSORS];
+
+/// The accelerometer: specific force with white noise. Not one of the [`Sensor`]s: controller and detector do not have it.
+#[derive(Debug, Clone)]
+pub(crate) struct Accelerometer {
+    deviation: f64,
+    noise: NormalStream,
+}
+
+impl Accelerometer {
+    pub(crate) fn new(model: &SensorModel, seed: u64) -> Self {
+        Self {
+            deviation: model.accelerometer_noise_m_s2,
+            noise: NormalStream::new(seed, "sensor/accelerometer"),
+        }
+    }
+
+    /// The reading, m/s², body; once a step.
+    pub(crate) fn measure(&mut self, specific_force: Vector3) -> [f32; 3] {
+        let noise = self.noise.sample3();
+        [0, 1, 2].map(|i| (specific_force[i] + self.deviation * noise[i]) as f32)
+    }
+}
 
 /// All sensors of one flight.
 #[derive(Debug, Clone)]

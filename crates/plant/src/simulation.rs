@@ -8,13 +8,16 @@
 //! thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by default, the
 //! battery voltage being solved at every stage; wind and disturbances are held over the step.
 //!
-//! Limits: no ground, no take-off, no gyroscopic torque of the rotors, no link or computation delay.
+//! Limits: no ground, no take-off, no gyroscopic torque of the rotors, no link or computation delay; effects of a scenario lift
+//! some of them, in a step of their own (`effect_flight.rs`) that leaves the bits and the speed of this one alone.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::signals::{MotorCommand, NavState, Reference};
 use serde::Serialize;
 
 use crate::battery::{Battery, BatteryOutput};
+use crate::effect_flight::{EffectFlight, Plant};
+use crate::effects::{Constants, EffectSet};
 use crate::environment::Environment;
 use crate::error::{ConfigError, Refusal, SimulationError};
 use crate::faults::FaultSchedule;
@@ -22,7 +25,7 @@ use crate::mismatch::MismatchDraw;
 use crate::powertrain::{Powertrain, RotorTruth, sum_of_powers};
 use crate::rigid_body::{Quaternion, RigidBody, RigidBodyRate, RigidBodyState};
 use crate::scenario::Scenario;
-use crate::sensors::{Readings, SensorSuite};
+use crate::sensors::{Accelerometer, Readings, SensorSuite};
 use crate::trajectory::ReferenceGenerator;
 use crate::vector::Vector3;
 use crate::{STEP_NS, STEP_S};
@@ -43,6 +46,8 @@ pub struct SensedSample {
     /// Sensors whose sample was lost and whose last value is repeated: bit 0 position, 1 velocity, 2 attitude, 3 body rates,
     /// 4 battery voltage.
     pub stale_sensors: u32,
+    /// Accelerometer, m/s², body: specific force; only after [`Simulation::record_accelerometer`].
+    pub specific_force_m_s2: Option<[f32; 3]>,
 }
 
 /// The truth at the start of a step. Entries past the rotor count are 0.
@@ -134,6 +139,37 @@ pub(crate) fn trim(scenario: &Scenario) -> Result<Trim, Refusal> {
     Ok(Trim { thrust, duty })
 }
 
+/// The flight's effects on the vehicle that this flight drew; `None` for a scenario without effects.
+fn effects(
+    scenario: &Scenario,
+    mismatch: &MismatchDraw,
+    extra_linear_drag: f64,
+    seed: u64,
+) -> Result<Option<Box<EffectFlight>>, ConfigError> {
+    let document = scenario.document();
+    if document.effect.is_empty() {
+        return Ok(None);
+    }
+    let mut constants = Constants::nominal(scenario.vehicle());
+    constants.mass_kg *= mismatch.mass;
+    for axis in 0..3 {
+        constants.inertia_body_kg_m2[axis][axis] *= mismatch.inertia[axis];
+    }
+    constants.centre_of_mass_m = mismatch.centre_of_mass_m;
+    constants.thrust_lag_up_s *= mismatch.thrust_lag;
+    constants.thrust_lag_down_s *= mismatch.thrust_lag;
+    constants.linear_drag_kg_s += extra_linear_drag;
+    for i in 0..constants.rotor_count {
+        constants.moment_ratio_m[i] *= mismatch.moment_ratio;
+        constants.rotor_gain[i] = mismatch.rotor_gain[i];
+        constants.rotor_bias_n[i] = mismatch.rotor_bias_n[i];
+    }
+    let set = EffectSet::new(scenario.catalogue(), &document.effect, &constants, seed)
+        .map_err(|r| ConfigError::new(scenario.name(), None, Some(r.key), r.reason))?;
+    let ground = document.ground.as_ref().map_or(f64::INFINITY, |ground| ground.down_m);
+    Ok(Some(Box::new(EffectFlight::new(set, ground))))
+}
+
 /// Integrated state.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PlantState {
@@ -162,6 +198,9 @@ pub struct Simulation {
     sensed: SensedSample,
     /// Step to which `sensed` belongs, if it has been measured.
     sensed_step: Option<u64>,
+    accelerometer: Option<Accelerometer>,
+    /// The step with effects, if the scenario has any.
+    effects: Option<Box<EffectFlight>>,
 }
 
 impl Simulation {
@@ -210,6 +249,8 @@ impl Simulation {
                 &scenario.sensor_fault_plan,
                 seed,
             ),
+            effects: effects(scenario, &mismatch, magnitudes.linear_drag_kg_s, seed)?,
+            accelerometer: None,
             mismatch,
             state: PlantState {
                 body: RigidBodyState {
@@ -231,8 +272,36 @@ impl Simulation {
         };
         simulation.faults.apply(0, &mut simulation.powertrain);
         simulation.record_faults();
+        if let Some(effects) = &mut simulation.effects {
+            let plant = Plant {
+                rotors: simulation.powertrain.rotors(),
+                battery: &simulation.battery,
+                around: simulation.environment.now(),
+            };
+            let duty = if scenario.starts_trimmed() { trim.duty } else { 0.0 };
+            effects.begin(&simulation.state, &plant, duty);
+        }
         simulation.record_truth(0);
         Ok(simulation)
+    }
+
+    /// From now on samples carry the accelerometer, with a noise stream of its own: nothing else of the flight changes.
+    pub fn record_accelerometer(&mut self, scenario: &Scenario, seed: u64) {
+        self.accelerometer = Some(Accelerometer::new(&scenario.document().sensors, seed));
+    }
+
+    /// Specific force at the centre of mass, m/s², body, as a perfect accelerometer there has it.
+    pub fn specific_force(&self) -> Vector3 {
+        if let Some(effects) = &self.effects {
+            return effects.specific_force();
+        }
+        let (total, torque) = self.powertrain.wrench(&self.state.thrust);
+        let mut rate = self
+            .body
+            .rate(&self.state.body, total, torque, self.environment.now())
+            .velocity;
+        rate[2] -= self.body.gravity();
+        self.state.body.ned_from_body.body_from_ned(rate)
     }
 
     /// What the sensors say at the start of the current step. Calling it again within the step gives the same sample.
@@ -240,21 +309,38 @@ impl Simulation {
         let step = self.truth.step;
         if self.sensed_step != Some(step) {
             let truth = &self.truth;
-            let readings: Readings = [
-                truth.position_ned_m,
-                truth.velocity_ned_m_s,
-                truth.attitude_rad,
-                truth.body_rates_rad_s,
-                [truth.battery_voltage_v, 0.0, 0.0],
-            ];
+            let readings: Readings;
+            let specific_force;
+            if let Some(effects) = &mut self.effects {
+                let says = effects.sense(&self.state);
+                readings = [
+                    says.position_ned,
+                    says.velocity_ned,
+                    says.attitude,
+                    says.body_rates,
+                    [says.battery_voltage, 0.0, 0.0],
+                ];
+                specific_force = Some(says.specific_force);
+            } else {
+                readings = [
+                    truth.position_ned_m,
+                    truth.velocity_ned_m_s,
+                    truth.attitude_rad,
+                    truth.body_rates_rad_s,
+                    [truth.battery_voltage_v, 0.0, 0.0],
+                ];
+                specific_force = self.accelerometer.is_some().then(|| self.specific_force());
+            }
             let (nav, battery_voltage, stale_sensors) = self.sensors.measure(step, &readings);
+            let accelerometer = self.accelerometer.as_mut().zip(specific_force);
             self.sensed = SensedSample {
                 step,
-                sim_time_ns: truth.sim_time_ns,
+                sim_time_ns: self.truth.sim_time_ns,
                 nav,
                 reference: self.reference.now,
                 battery_voltage,
                 stale_sensors,
+                specific_force_m_s2: accelerometer.map(|(sensor, force)| sensor.measure(force)),
             };
             self.sensed_step = Some(step);
         }
@@ -292,12 +378,22 @@ impl Simulation {
         }
         // Every step is sensed, whether anyone asks or not: the noise of a step belongs to that step.
         self.sense();
-        self.powertrain.hold(&limited);
-        match self.rotor_count {
-            ..=4 => self.integrate::<4>(),
-            5..=6 => self.integrate::<6>(),
-            7..=8 => self.integrate::<8>(),
-            _ => self.integrate::<MAX_ROTORS>(),
+        if let Some(effects) = &mut self.effects {
+            let plant = Plant {
+                rotors: self.powertrain.rotors(),
+                battery: &self.battery,
+                around: self.environment.now(),
+            };
+            let time_s = step as f64 * STEP_S;
+            effects.advance(time_s, &mut self.state, &plant, &limited, self.substeps);
+        } else {
+            self.powertrain.hold(&limited);
+            match self.rotor_count {
+                ..=4 => self.integrate::<4>(),
+                5..=6 => self.integrate::<6>(),
+                7..=8 => self.integrate::<8>(),
+                _ => self.integrate::<MAX_ROTORS>(),
+            }
         }
         self.check_state(step + 1)?;
         if self.state.state_of_charge <= 0.0 {
@@ -463,12 +559,17 @@ impl Simulation {
             thrust,
             state_of_charge,
         } = &self.state;
-        let power = self.battery.power_coefficient() * sum_of_powers(thrust);
         let BatteryOutput {
             open_circuit_voltage,
             battery_voltage,
             battery_current,
-        } = self.battery.output(*state_of_charge, power);
+        } = match &self.effects {
+            Some(effects) => effects.battery(),
+            None => {
+                let power = self.battery.power_coefficient() * sum_of_powers(thrust);
+                self.battery.output(*state_of_charge, power)
+            }
+        };
         let truth = &mut self.truth;
         truth.step = step;
         truth.sim_time_ns = step * STEP_NS;
@@ -481,7 +582,10 @@ impl Simulation {
         truth.open_circuit_voltage_v = open_circuit_voltage;
         truth.battery_voltage_v = battery_voltage;
         truth.battery_current_a = battery_current;
-        truth.wind_ned_m_s = self.environment.now().wind_ned;
+        truth.wind_ned_m_s = match &self.effects {
+            Some(effects) => effects.wind_ned(),
+            None => self.environment.now().wind_ned,
+        };
     }
 
     fn record_faults(&mut self) {

@@ -1,0 +1,480 @@
+//! One flight with effects: the step of the simulation in which the hooks of an [`EffectSet`] act.
+//!
+//! ```text
+//!  duty ─▶ delay ─▶ command hooks ─▶ Eq. 19 ─▶ lift hooks ─▶ lag ─▶ thrust hooks ─▶ wrench hooks ─▶ rigid body
+//!                                      ▲ V − R I_i: battery with its RC pair                            │
+//!  readings ◀─ latencies ◀─ offsets, biases, scales ◀─ reading hooks ◀── true state, specific force ◀───┘
+//! ```
+//!
+//! Same integrator and step as the flight without effects; hooks of lift, thrust and wrench act at every stage, the own states of
+//! effects move once a step. Accelerations that hooks see are those of the stage before. Full inertia tensor.
+
+use rotortwin_flight_core::MAX_ROTORS;
+
+use crate::STEP_S;
+use crate::battery::{Battery, BatteryOutput};
+use crate::effects::{Constants, EffectSet, Moment, Readings, Wrench};
+use crate::powertrain::{RotorTruth, sum_of_powers};
+use crate::rigid_body::{Quaternion, RigidBodyRate, RigidBodyState, Surroundings};
+use crate::simulation::PlantState;
+use crate::vector::{Vector3, cross};
+
+/// Samples of 2.5 ms that delays reach back: 2 s, the longest accepted, and both ends of the interpolation.
+const HISTORY: usize = 802;
+
+/// What the flight without effects gives to the step.
+pub(crate) struct Plant<'a> {
+    pub(crate) rotors: &'a [RotorTruth],
+    pub(crate) battery: &'a Battery,
+    pub(crate) around: &'a Surroundings,
+}
+
+/// Values that are held over a step.
+#[derive(Debug, Clone)]
+struct Held {
+    time_s: f64,
+    /// As the controller sent it.
+    commanded: [f64; MAX_ROTORS],
+    /// Gain · bracket of Eq. 19, N/V.
+    lift_per_volt: [f64; MAX_ROTORS],
+    voltage_offset: [f64; MAX_ROTORS],
+    bias: [f64; MAX_ROTORS],
+    health: [f64; MAX_ROTORS],
+    wind_ned: Vector3,
+}
+
+/// Right-hand side.
+struct Rate {
+    body: RigidBodyRate,
+    thrust: [f64; MAX_ROTORS],
+    charge: f64,
+    rc_voltage: f64,
+}
+
+/// What hooks are told besides the state itself.
+#[derive(Debug, Clone)]
+struct Context {
+    constants: Constants,
+    /// z of the ground, m, NED; infinite without a ground.
+    ground_down: f64,
+    held: Held,
+    /// Of the latest evaluation of the right-hand side.
+    specific_force: Vector3,
+    angular_acceleration: Vector3,
+    battery: BatteryOutput,
+}
+
+/// What a moment borrows.
+struct View {
+    ned_from_body: [Vector3; 3],
+    air_velocity_body: Vector3,
+    speed_ratio: [f64; MAX_ROTORS],
+    speed_rate: [f64; MAX_ROTORS],
+}
+
+impl Context {
+    fn view(&self, body: &RigidBodyState, thrust: &[f64; MAX_ROTORS], thrust_rate: &[f64; MAX_ROTORS]) -> View {
+        let r = rotation(body.ned_from_body);
+        let air = [0, 1, 2].map(|i| body.velocity_ned[i] - self.held.wind_ned[i]);
+        let per_hover = 1.0 / self.constants.hover_thrust_n;
+        let speed_ratio: [f64; MAX_ROTORS] = std::array::from_fn(|i| (thrust[i].max(0.0) * per_hover).sqrt());
+        View {
+            ned_from_body: r,
+            air_velocity_body: transposed(&r, air),
+            speed_ratio,
+            // Ω²/Ω_h² = f/f_h; a rotor near rest counts as turning at a thousandth of the hover speed.
+            speed_rate: std::array::from_fn(|i| 0.5 * thrust_rate[i] * per_hover / speed_ratio[i].max(1e-3)),
+        }
+    }
+
+    fn moment<'a>(&'a self, body: &RigidBodyState, thrust: &'a [f64; MAX_ROTORS], view: &'a View) -> Moment<'a> {
+        let n = self.constants.rotor_count;
+        Moment {
+            time_s: self.held.time_s,
+            step_s: STEP_S,
+            position_ned: body.position_ned,
+            velocity_ned: body.velocity_ned,
+            air_velocity_body: view.air_velocity_body,
+            body_rates: body.body_rates,
+            angular_acceleration: self.angular_acceleration,
+            specific_force: self.specific_force,
+            ned_from_body: view.ned_from_body,
+            height_above_ground: self.ground_down - body.position_ned[2],
+            rotor_thrust: &thrust[..n],
+            rotor_speed_ratio: &view.speed_ratio[..n],
+            rotor_speed_rate: &view.speed_rate[..n],
+            duty: &self.held.commanded[..n],
+            battery_voltage: self.battery.battery_voltage,
+            battery_current: self.battery.battery_current,
+            constants: &self.constants,
+        }
+    }
+}
+
+/// Effects of one flight, and what the plant needs only with them.
+#[derive(Debug, Clone)]
+pub(crate) struct EffectFlight {
+    set: EffectSet,
+    context: Context,
+    per_inertia: [Vector3; 3],
+    /// v₁ of the RC pair, V.
+    rc_voltage: f64,
+    thrust_rate: [f64; MAX_ROTORS],
+    duties: Ring<[f64; MAX_ROTORS]>,
+    readings: Ring<Readings>,
+}
+
+/// The last samples of something, newest first.
+#[derive(Debug, Clone)]
+struct Ring<T> {
+    samples: Vec<T>,
+    newest: usize,
+}
+
+impl<T: Copy> Ring<T> {
+    /// Before the first sample there was `first` for ever.
+    fn new(first: T) -> Self {
+        Self {
+            samples: vec![first; HISTORY],
+            newest: 0,
+        }
+    }
+
+    fn push(&mut self, sample: T) {
+        self.newest = (self.newest + 1) % HISTORY;
+        self.samples[self.newest] = sample;
+    }
+
+    /// The samples on both sides of `age` s, the newer first, and the weight of the older.
+    fn around(&self, age: f64) -> (&T, &T, f64) {
+        let steps = (age / STEP_S).clamp(0.0, (HISTORY - 2) as f64);
+        let whole = steps as usize;
+        let at = |back: usize| &self.samples[(self.newest + HISTORY - back) % HISTORY];
+        (at(whole), at(whole + 1), steps - whole as f64)
+    }
+}
+
+impl EffectFlight {
+    /// A flight with `set` over a ground at `ground_down` m, NED; infinite for none.
+    pub(crate) fn new(set: EffectSet, ground_down: f64) -> Self {
+        let zero = [0.0; MAX_ROTORS];
+        let mut flight = Self {
+            context: Context {
+                constants: *set.constants(),
+                ground_down,
+                held: Held {
+                    time_s: 0.0,
+                    commanded: zero,
+                    lift_per_volt: zero,
+                    voltage_offset: zero,
+                    bias: zero,
+                    health: zero,
+                    wind_ned: [0.0; 3],
+                },
+                specific_force: [0.0; 3],
+                angular_acceleration: [0.0; 3],
+                battery: BatteryOutput::default(),
+            },
+            set,
+            per_inertia: [[0.0; 3]; 3],
+            rc_voltage: 0.0,
+            thrust_rate: zero,
+            duties: Ring::new(zero),
+            readings: Ring::new(Readings::default()),
+        };
+        flight.take_constants();
+        flight
+    }
+
+    fn take_constants(&mut self) {
+        self.context.constants = *self.set.constants();
+        let inertia = &self.context.constants.inertia_body_kg_m2;
+        let j = nalgebra::Matrix3::from_fn(|row, column| inertia[row][column]);
+        let inverse = j
+            .try_inverse()
+            .expect("the inertia was checked to be positive definite");
+        self.per_inertia = [0, 1, 2].map(|row| [0, 1, 2].map(|column| inverse[(row, column)]));
+    }
+
+    /// Voltages and current of the latest instant.
+    pub(crate) fn battery(&self) -> BatteryOutput {
+        self.context.battery
+    }
+
+    /// Wind with all that effects add, m/s, NED.
+    pub(crate) fn wind_ned(&self) -> Vector3 {
+        self.context.held.wind_ned
+    }
+
+    /// Specific force at the centre of mass, m/s², body, of the latest instant.
+    pub(crate) fn specific_force(&self) -> Vector3 {
+        self.context.specific_force
+    }
+
+    /// Before the first step: the duty was `duty` for ever.
+    pub(crate) fn begin(&mut self, state: &PlantState, plant: &Plant<'_>, duty: f64) {
+        self.duties = Ring::new([duty; MAX_ROTORS]);
+        self.hold(0.0, state, plant, &[duty; MAX_ROTORS]);
+        // Twice: at the first look hooks know no accelerations.
+        self.observe(state, plant);
+        self.observe(state, plant);
+        let readings = self.true_readings(state);
+        self.readings = Ring::new(readings);
+    }
+
+    /// Takes the duties that are held from `time_s` on.
+    fn hold(&mut self, time_s: f64, state: &PlantState, plant: &Plant<'_>, duty: &[f64; MAX_ROTORS]) {
+        if self.set.begin(time_s) {
+            self.take_constants();
+        }
+        let n = self.context.constants.rotor_count;
+        self.context.held.time_s = time_s;
+        self.context.held.commanded = *duty;
+        self.duties.push(*duty);
+        let (newer, older, weight) = self.duties.around(self.context.constants.command_delay_s);
+        let mut acting: [f64; MAX_ROTORS] = std::array::from_fn(|i| (1.0 - weight) * newer[i] + weight * older[i]);
+        let steady = self.context.constants.wind_ned_m_s;
+        let mut wind = [0, 1, 2].map(|i| plant.around.wind_ned[i] + steady[i]);
+        let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
+        let at = self.context.moment(&state.body, &state.thrust, &view);
+        self.set.wind(&at, &mut wind);
+        self.set.command(&at, &mut acting[..n]);
+        let Context { constants, held, .. } = &mut self.context;
+        held.wind_ned = wind;
+        for (i, rotor) in plant.rotors.iter().enumerate() {
+            let duty = constants.effective_duty(acting[i]).clamp(0.0, 1.0);
+            held.lift_per_volt[i] = constants.rotor_gain[i] * rotor.blade.lift_per_volt(duty);
+            held.voltage_offset[i] = rotor.blade.voltage_offset_v;
+            held.bias[i] = if duty > 0.0 { constants.rotor_bias_n[i] } else { 0.0 };
+            held.health[i] = 1.0 - rotor.thrust_loss;
+        }
+    }
+
+    /// Voltages and current while the rotors carry `thrust`; the RC pair stands in series.
+    fn voltages(&self, thrust: &[f64; MAX_ROTORS], charge: f64, rc_voltage: f64, battery: &Battery) -> BatteryOutput {
+        let constants = &self.context.constants;
+        if !battery.is_connected() {
+            return battery.output(charge, 0.0);
+        }
+        let open = battery.open_circuit_voltage(charge + constants.charge_offset);
+        let source = open - rc_voltage;
+        let power = constants.power_coefficient_w_per_n15 * sum_of_powers(thrust);
+        let (square, drop) = (source * source, 4.0 * constants.internal_resistance_ohm * power);
+        let (power, root) = if drop > square {
+            (square / (4.0 * constants.internal_resistance_ohm), 0.0)
+        } else {
+            (power, (square - drop).sqrt())
+        };
+        let terminal = 0.5 * (source + root);
+        BatteryOutput {
+            open_circuit_voltage: open,
+            battery_voltage: terminal,
+            battery_current: power / terminal,
+        }
+    }
+
+    /// Right-hand side of the whole plant; what it finds besides stays in the context for hooks and sensors.
+    fn rate(
+        &mut self,
+        body: &RigidBodyState,
+        thrust: &[f64; MAX_ROTORS],
+        charge: f64,
+        rc_voltage: f64,
+        plant: &Plant<'_>,
+    ) -> Rate {
+        let n = self.context.constants.rotor_count;
+        let battery = self.voltages(thrust, charge, rc_voltage, plant.battery);
+        self.context.battery = battery;
+        let Context { constants, held, .. } = &self.context;
+        let mut lift = [0.0; MAX_ROTORS];
+        for i in 0..n {
+            let mut voltage = battery.battery_voltage;
+            if constants.esc_resistance_ohm != 0.0 && voltage > 0.0 {
+                let f = thrust[i].max(0.0);
+                let current = constants.power_coefficient_w_per_n15 * f * f.sqrt() / voltage;
+                voltage -= constants.esc_resistance_ohm * current;
+            }
+            let raw = (voltage - held.voltage_offset[i]).max(0.0) * held.lift_per_volt[i] + held.bias[i];
+            lift[i] = held.health[i] * raw.max(0.0);
+        }
+        let view = self.context.view(body, thrust, &self.thrust_rate);
+        let at = self.context.moment(body, thrust, &view);
+        self.set.static_lift(&at, &mut lift[..n]);
+        let mut thrust_rate = [0.0; MAX_ROTORS];
+        for i in 0..n {
+            thrust_rate[i] = constants.thrust_rate(lift[i].max(0.0), thrust[i]);
+        }
+        let view = self.context.view(body, thrust, &thrust_rate);
+        let at = self.context.moment(body, thrust, &view);
+        let mut acting = *thrust;
+        self.set.rotor_thrust(&at, &mut acting[..n]);
+        let mut wrench: Wrench = constants.rotor_wrench(&acting[..n]);
+        self.set.wrench(&at, &mut wrench);
+        let wrench = wrench.closed(view.air_velocity_body, body.body_rates, constants);
+
+        let disturbance = transposed(&view.ned_from_body, plant.around.force_ned);
+        let force = [0, 1, 2].map(|i| (wrench.force_body[i] + disturbance[i]) / constants.mass_kg);
+        let j = &constants.inertia_body_kg_m2;
+        let momentum = [0, 1, 2].map(|i| dot(j[i], body.body_rates));
+        let gyroscopic = cross(body.body_rates, momentum);
+        let torque = [0, 1, 2].map(|i| wrench.torque_body[i] + plant.around.torque_body[i] - gyroscopic[i]);
+        let spin_up = [0, 1, 2].map(|i| dot(self.per_inertia[i], torque));
+        let mut velocity = [0, 1, 2].map(|i| dot(view.ned_from_body[i], force));
+        velocity[2] += constants.gravity_m_s2;
+        let rate = Rate {
+            body: RigidBodyRate {
+                position: body.velocity_ned,
+                velocity,
+                quaternion: body.ned_from_body.rate(body.body_rates),
+                body_rates: spin_up,
+            },
+            thrust: thrust_rate,
+            charge: -battery.battery_current / (3600.0 * constants.capacity_ah),
+            rc_voltage: (constants.rc_resistance_ohm * battery.battery_current - rc_voltage) / constants.rc_time_s,
+        };
+        self.context.specific_force = force;
+        self.context.angular_acceleration = spin_up;
+        self.thrust_rate = thrust_rate;
+        rate
+    }
+
+    /// Looks at a state without moving it: accelerations, voltages and current of the instant.
+    fn observe(&mut self, state: &PlantState, plant: &Plant<'_>) {
+        self.rate(
+            &state.body,
+            &state.thrust,
+            state.state_of_charge,
+            self.rc_voltage,
+            plant,
+        );
+    }
+
+    /// One step of 2.5 ms from `time_s` with these duties, fractions in \[0, 1\].
+    pub(crate) fn advance(
+        &mut self,
+        time_s: f64,
+        state: &mut PlantState,
+        plant: &Plant<'_>,
+        duty: &[f64; MAX_ROTORS],
+        substeps: u32,
+    ) {
+        self.hold(time_s, state, plant, duty);
+        let (begin, begin_rate, before) = (*state, self.thrust_rate, self.context.clone());
+        let h = STEP_S / f64::from(substeps);
+        let n = self.context.constants.rotor_count;
+        for _ in 0..substeps {
+            let half = 0.5 * h;
+            let (s, rc) = (*state, self.rc_voltage);
+            let moved = |rate: &Rate, h: f64| {
+                let mut thrust = s.thrust;
+                for i in 0..n {
+                    thrust[i] += h * rate.thrust[i];
+                }
+                (
+                    s.body.moved(&rate.body, h),
+                    thrust,
+                    s.state_of_charge + h * rate.charge,
+                    rc + h * rate.rc_voltage,
+                )
+            };
+            let k1 = self.rate(&s.body, &s.thrust, s.state_of_charge, rc, plant);
+            let (b, f, c, v) = moved(&k1, half);
+            let k2 = self.rate(&b, &f, c, v, plant);
+            let (b, f, c, v) = moved(&k2, half);
+            let k3 = self.rate(&b, &f, c, v, plant);
+            let (b, f, c, v) = moved(&k3, h);
+            let k4 = self.rate(&b, &f, c, v, plant);
+            let mean = |a: f64, b: f64, c: f64, d: f64| (a + 2.0 * (b + c) + d) * (1.0 / 6.0);
+            for i in 0..n {
+                state.thrust[i] += h * mean(k1.thrust[i], k2.thrust[i], k3.thrust[i], k4.thrust[i]);
+            }
+            state.state_of_charge += h * mean(k1.charge, k2.charge, k3.charge, k4.charge);
+            self.rc_voltage += h * mean(k1.rc_voltage, k2.rc_voltage, k3.rc_voltage, k4.rc_voltage);
+            let body = RigidBodyRate::runge_kutta_mean(&[k1.body, k2.body, k3.body, k4.body]);
+            state.body = s.body.moved(&body, h);
+            state.body.ned_from_body = state.body.ned_from_body.normalized();
+        }
+        // Own states of effects were held over the step and move with what the step began with.
+        let view = before.view(&begin.body, &begin.thrust, &begin_rate);
+        self.set
+            .advance(&before.moment(&begin.body, &begin.thrust, &view), STEP_S);
+        self.observe(state, plant);
+    }
+
+    /// What perfect sensors would say now.
+    fn true_readings(&self, state: &PlantState) -> Readings {
+        Readings {
+            position_ned: state.body.position_ned,
+            velocity_ned: state.body.velocity_ned,
+            attitude: state.body.ned_from_body.to_euler(),
+            body_rates: state.body.body_rates,
+            specific_force: self.context.specific_force,
+            battery_voltage: self.context.battery.battery_voltage,
+        }
+    }
+
+    /// What the sensors say now, before their noise; once a step.
+    pub(crate) fn sense(&mut self, state: &PlantState) -> Readings {
+        let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
+        let at = self.context.moment(&state.body, &state.thrust, &view);
+        let mut readings = self.true_readings(state);
+        self.set.readings(&at, &mut readings);
+        let constants = &self.context.constants;
+        constants.corrupt(&mut readings, self.context.angular_acceleration);
+        self.readings.push(readings);
+        let late = |age: f64, pick: fn(&Readings) -> Vector3| {
+            let (newer, older, weight) = self.readings.around(age);
+            let (newer, older) = (pick(newer), pick(older));
+            [0, 1, 2].map(|i| newer[i] + weight * (older[i] - newer[i]))
+        };
+        Readings {
+            position_ned: late(constants.position_latency_s, |r| r.position_ned),
+            velocity_ned: late(constants.velocity_latency_s, |r| r.velocity_ned),
+            attitude: self.late_attitude(constants.attitude_latency_s),
+            body_rates: late(constants.imu_latency_s, |r| r.body_rates),
+            specific_force: late(constants.imu_latency_s, |r| r.specific_force),
+            battery_voltage: readings.battery_voltage,
+        }
+    }
+
+    /// Angles are interpolated on the short way round, so that a yaw that passes ±π stays one.
+    fn late_attitude(&self, age: f64) -> Vector3 {
+        let (newer, older, weight) = self.readings.around(age);
+        [0, 1, 2].map(|i| {
+            let away = older.attitude[i] - newer.attitude[i];
+            let turn = 2.0 * std::f64::consts::PI;
+            newer.attitude[i] + weight * (away - turn * libm::round(away / turn))
+        })
+    }
+}
+
+/// R of Eq. 2, rows first.
+fn rotation(q: Quaternion) -> [Vector3; 3] {
+    let [w, x, y, z] = q.0;
+    [
+        [
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+        ],
+        [
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+        ],
+        [
+            2.0 * (x * z - w * y),
+            2.0 * (y * z + w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ],
+    ]
+}
+
+/// Rᵀ v.
+fn transposed(r: &[Vector3; 3], v: Vector3) -> Vector3 {
+    [0, 1, 2].map(|i| r[0][i] * v[0] + r[1][i] * v[1] + r[2][i] * v[2])
+}
+
+fn dot(a: Vector3, b: Vector3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
