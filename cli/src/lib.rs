@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 the run failed, 2 bad input (nothing was written).
 
+mod campaign;
 mod fly;
 mod model;
 mod output;
@@ -35,6 +36,8 @@ enum Command {
     Reproduce(reproduce::Args),
     /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
     Model(model::Args),
+    /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
+    Campaign(campaign::Args),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -58,6 +61,7 @@ pub fn run() -> ExitCode {
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Model(args) => model::run(&args),
+        Command::Campaign(args) => campaign::run(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),

@@ -1,8 +1,9 @@
 //! What people read: the verdict table, the facts of a run, one-sentence errors.
 
 use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
+use rotortwin_campaign::reproduction::tables::ResultTable;
 use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Prints a sentence to standard error and gives exit code 2: bad input, nothing was written.
@@ -221,6 +222,54 @@ fn thousands(value: f64) -> String {
         text.push(digit);
     }
     text
+}
+
+/// A table of results: names on the left, numbers on the right.
+pub(crate) fn result_table(result: &ResultTable) -> Table {
+    let mut table = Table::new();
+    table.load_style(TABLE_STYLE);
+    table.set_header(&result.columns);
+    for row in &result.rows {
+        table.add_row(row);
+    }
+    for column in 1..result.columns.len() {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
+}
+
+/// Words in lines of at most 100 letters, the later ones indented.
+pub(crate) fn wrapped(text: &str) -> String {
+    let mut lines = vec!["· ".to_owned()];
+    for word in text.split_whitespace() {
+        let line = lines.last_mut().expect("there is a first line");
+        if line.chars().count() + word.chars().count() > 100 {
+            lines.push(format!("  {word} "));
+        } else {
+            line.push_str(word);
+            line.push(' ');
+        }
+    }
+    lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
+}
+
+/// `runs/NAME`, or the first of `runs/NAME-2`, `-3`, … that does not exist.
+pub(crate) fn next_free_folder(name: &str) -> Result<PathBuf, String> {
+    let base = Path::new("runs").join(name);
+    (1..10_000)
+        .map(|number| match number {
+            1 => base.clone(),
+            _ => base.with_file_name(format!("{name}-{number}")),
+        })
+        .find(|path| !path.exists())
+        .ok_or_else(|| {
+            format!(
+                "{} and 9998 numbered ones exist; name a folder with --out",
+                base.display()
+            )
+        })
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use crate::output;
 use clap::{Parser, ValueEnum};
-use comfy_table::{CellAlignment, Table};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_campaign::classifiers;
 use rotortwin_campaign::cross_validation::Fold;
@@ -175,10 +174,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(base) => base,
         Err(error) => return output::bad_input(error),
     };
-    let folder = match args.out.clone().map_or_else(next_free_folder, Ok).and_then(|path| {
-        // The same conditions as for the folder of a run.
-        RunFolder::create(&path).map_err(|error| error.to_string())
-    }) {
+    let folder = match args
+        .out
+        .clone()
+        .map_or_else(|| output::next_free_folder("reproduce"), Ok)
+        .and_then(|path| {
+            // The same conditions as for the folder of a run.
+            RunFolder::create(&path).map_err(|error| error.to_string())
+        }) {
         Ok(folder) => folder,
         Err(sentence) => return output::bad_input(sentence),
     };
@@ -186,23 +189,6 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(sentence) => output::failed(sentence),
     }
-}
-
-/// `runs/reproduce`, or the first of `runs/reproduce-2`, `-3`, … that does not exist.
-fn next_free_folder() -> Result<PathBuf, String> {
-    let base = Path::new("runs").join("reproduce");
-    (1..10_000)
-        .map(|number| match number {
-            1 => base.clone(),
-            _ => base.with_file_name(format!("reproduce-{number}")),
-        })
-        .find(|path| !path.exists())
-        .ok_or_else(|| {
-            format!(
-                "{} and 9998 numbered ones exist; name a folder with --out",
-                base.display()
-            )
-        })
 }
 
 fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> {
@@ -574,9 +560,9 @@ fn print_json(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], 
 
 fn print_text(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], start: Instant) {
     for table in tables {
-        println!("{}\n{}", table.title, text_table(table));
+        println!("{}\n{}", table.title, output::result_table(table));
         for note in &table.notes {
-            println!("{}", wrapped(note));
+            println!("{}", output::wrapped(note));
         }
         println!();
     }
@@ -597,34 +583,4 @@ fn print_text(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], 
         result.options.threads,
         generation / seeds as f64
     );
-}
-
-fn text_table(result: &ResultTable) -> Table {
-    let mut table = Table::new();
-    table.load_style(output::TABLE_STYLE);
-    table.set_header(&result.columns);
-    for row in &result.rows {
-        table.add_row(row);
-    }
-    for column in 1..result.columns.len() {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
-    table
-}
-
-/// Words in lines of at most 100 letters, the later ones indented.
-fn wrapped(text: &str) -> String {
-    let mut lines = vec!["· ".to_owned()];
-    for word in text.split_whitespace() {
-        let line = lines.last_mut().expect("there is a first line");
-        if line.chars().count() + word.chars().count() > 100 {
-            lines.push(format!("  {word} "));
-        } else {
-            line.push_str(word);
-            line.push(' ');
-        }
-    }
-    lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
 }

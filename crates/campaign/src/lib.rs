@@ -5,6 +5,8 @@
 //! * [`pace`]: as fast as possible, or 400 Hz of wall clock with a report of jitter and missed deadlines.
 //! * [`setup`]: what the peers of a flight are told before it.
 //!
+//! * [`study`]: campaigns of many flights, see there.
+//!
 //! And the paper's evaluation, on many flights:
 //!
 //! ```text
@@ -28,5 +30,6 @@ pub mod reproduction;
 pub mod run_hash;
 pub mod scores;
 pub mod setup;
+pub mod study;
 pub mod table_file;
 pub mod windows;

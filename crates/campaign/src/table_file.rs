@@ -108,12 +108,31 @@ impl TableFile {
 
     /// Writes the table to `path` as Parquet.
     pub fn write_parquet(&self, path: &Path) -> Result<(), TableFileError> {
+        let mut writer = TableFileWriter::create(path, self)?;
+        writer.push(self)?;
+        writer.finish()
+    }
+}
+
+/// Writes tables with the same columns below each other into one Parquet file, a row group each.
+pub struct TableFileWriter {
+    path: PathBuf,
+    writer: SerializedFileWriter<BufWriter<File>>,
+}
+
+impl TableFileWriter {
+    /// Begins a file with the columns of `table`; no row is written yet.
+    pub fn create(path: &Path, table: &TableFile) -> Result<Self, TableFileError> {
         let file = File::create(path).map_err(|error| refused(path, &error))?;
-        self.encode(BufWriter::new(file)).map_err(|error| refused(path, &error))
+        let writer = Self::begin(BufWriter::new(file), table).map_err(|error| refused(path, &error))?;
+        Ok(Self {
+            path: path.to_path_buf(),
+            writer,
+        })
     }
 
-    fn encode(&self, file: BufWriter<File>) -> Result<(), ParquetError> {
-        let fields = self
+    fn begin(file: BufWriter<File>, table: &TableFile) -> Result<SerializedFileWriter<BufWriter<File>>, ParquetError> {
+        let fields = table
             .columns
             .iter()
             .map(|(name, values)| {
@@ -135,9 +154,17 @@ impl TableFile {
             .set_created_by(format!("rotortwin-campaign {}", env!("CARGO_PKG_VERSION")))
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
             .build();
-        let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))?;
+        SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
+    }
+
+    /// Adds the rows of `table`, whose columns must be those of the first one.
+    pub fn push(&mut self, table: &TableFile) -> Result<(), TableFileError> {
+        Self::encode(&mut self.writer, table).map_err(|error| refused(&self.path, &error))
+    }
+
+    fn encode(writer: &mut SerializedFileWriter<BufWriter<File>>, table: &TableFile) -> Result<(), ParquetError> {
         let mut group = writer.next_row_group()?;
-        for (_, values) in &self.columns {
+        for (_, values) in &table.columns {
             let mut column = group
                 .next_column()?
                 .ok_or_else(|| ParquetError::General("the schema has fewer columns than the table".to_owned()))?;
@@ -153,7 +180,13 @@ impl TableFile {
             column.close()?;
         }
         group.close()?;
-        writer.close()?;
+        Ok(())
+    }
+
+    /// Ends the file.
+    pub fn finish(self) -> Result<(), TableFileError> {
+        let Self { path, writer } = self;
+        writer.close().map_err(|error| refused(&path, &error))?;
         Ok(())
     }
 }

@@ -41,6 +41,14 @@ impl Document {
         })
     }
 
+    /// A text that stands for a changed document: errors name no line of it.
+    pub(crate) fn rewritten(name: &str, text: String) -> Result<Self, ConfigError> {
+        Ok(Self {
+            as_written: false,
+            ..Self::from_text(name, text)?
+        })
+    }
+
     /// Reads the file at `path`.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let name = plain(path);

@@ -58,6 +58,7 @@ pub mod scenario;
 pub mod sensor_faults;
 pub mod sensors;
 pub mod simulation;
+pub mod template;
 pub mod trajectory;
 #[cfg(test)]
 mod validation;

@@ -456,7 +456,7 @@ impl Scenario {
         Self::assemble(&scenario, &vehicle, &blades, classifier, with_classifier)
     }
 
-    fn assemble(
+    pub(crate) fn assemble(
         scenario: &Document,
         vehicle: &Document,
         blades: &Document,

@@ -1,0 +1,267 @@
+//! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; or one of them again.
+
+use crate::output;
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rotortwin_campaign::pace::Pace;
+use rotortwin_campaign::parallel::available_threads;
+use rotortwin_campaign::study::engine::OneByOne;
+use rotortwin_campaign::study::folder::CampaignFolder;
+use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
+use rotortwin_campaign::study::totals::Totals;
+use rotortwin_campaign::study::{Campaign, results, tables};
+use rotortwin_sim::session::{self, SessionConfig};
+use rotortwin_store::run_folder::RunFolder;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+/// Arguments of `rotortwin campaign`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    /// Campaign file, e.g. config/campaigns/detector-ideal.toml
+    campaign: PathBuf,
+    /// Folder of the campaign; one that holds a part of it is gone on with [default: runs/campaign-NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Threads [default: as many as the machine has]
+    #[arg(long, value_name = "COUNT")]
+    threads: Option<NonZeroUsize>,
+    /// Stop after about so many flights of the campaign; without it, the same command goes on
+    #[arg(long, value_name = "FLIGHTS", value_parser = clap::value_parser!(u64).range(1..))]
+    limit: Option<u64>,
+    /// Fly only this flight, and leave a whole run folder [default of --out: runs/NAME-FLIGHT, with a number if that exists]
+    #[arg(long, value_name = "NUMBER", conflicts_with = "limit")]
+    flight: Option<u64>,
+    /// Only read the file, try its flights and say what they are
+    #[arg(long, conflicts_with_all = ["flight", "limit"])]
+    check: bool,
+    /// Print the summary as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    let campaign = match Campaign::load(&args.campaign) {
+        Ok(campaign) => campaign,
+        Err(error) => return output::bad_input(error),
+    };
+    if args.check {
+        print!("{}", described(&campaign));
+        return ExitCode::SUCCESS;
+    }
+    match args.flight {
+        Some(index) => fly_one(args, &campaign, index),
+        None => fly_all(args, &campaign),
+    }
+}
+
+fn described(campaign: &Campaign) -> String {
+    let document = campaign.document();
+    let mut text = format!(
+        "{}: {}\n{} flights, seed {}\n",
+        document.name,
+        document.description,
+        campaign.flights(),
+        document.seed
+    );
+    for axis in campaign.axes() {
+        text += &format!("  {}: {}\n", axis.name, axis.words());
+    }
+    text
+}
+
+fn fly_all(args: &Args, campaign: &Campaign) -> ExitCode {
+    let path = args
+        .out
+        .clone()
+        .unwrap_or_else(|| Path::new("runs").join(format!("campaign-{}", campaign.document().name)));
+    let folder = match CampaignFolder::open(&path, campaign) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    if let Err(sentence) = runner::check_same_program(campaign, &OneByOne, &folder) {
+        return output::bad_input(sentence);
+    }
+    match fly_missing(args, campaign, &folder).and_then(|flown| finish(args, campaign, &folder, &flown)) {
+        Ok(code) => code,
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+/// How this run of the command went.
+struct Flown {
+    end: RunEnd,
+    flights: u64,
+    steps: u64,
+    threads: NonZeroUsize,
+    start: Instant,
+}
+
+fn fly_missing(args: &Args, campaign: &Campaign, folder: &CampaignFolder) -> Result<Flown, String> {
+    let options = RunOptions {
+        threads: args.threads.unwrap_or_else(available_threads),
+        limit: args.limit,
+    };
+    let plan = runner::plan(folder, options.limit);
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| format!("signals cannot be caught: {error}"))?;
+    }
+    let bar = progress_bar(args.json, plan.wanted_flights, plan.present_flights);
+    let (flights, steps) = (AtomicU64::new(0), AtomicU64::new(0));
+    let (failed, alarms) = (AtomicU64::new(0), AtomicU64::new(0));
+    let start = Instant::now();
+    let progress = |done: Progress| {
+        flights.fetch_add(done.flights, Ordering::Relaxed);
+        steps.fetch_add(done.steps, Ordering::Relaxed);
+        let failed = failed.fetch_add(done.failed, Ordering::Relaxed) + done.failed;
+        let alarms = alarms.fetch_add(done.false_alarms, Ordering::Relaxed) + done.false_alarms;
+        bar.inc(done.flights);
+        bar.set_message(if stop.load(Ordering::Relaxed) {
+            "stopping: the flights in the air land".to_owned()
+        } else {
+            format!("{failed} failed, {alarms} false alarms")
+        });
+    };
+    let end = runner::run(campaign, &OneByOne, folder, &options, &stop, &progress);
+    bar.finish_and_clear();
+    Ok(Flown {
+        end: end?,
+        flights: flights.into_inner(),
+        steps: steps.into_inner(),
+        threads: options.threads,
+        start,
+    })
+}
+
+fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
+    let target = if hidden {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    };
+    let bar = ProgressBar::with_draw_target(Some(wanted), target);
+    let style = ProgressStyle::with_template("{bar:28.cyan/blue} {pos}/{len} flights, {per_sec:.1}, {eta} left  {msg}")
+        .expect("the template is well formed");
+    bar.set_style(style.progress_chars("━╸─"));
+    bar.set_position(present);
+    bar.reset_eta();
+    bar
+}
+
+fn finish(args: &Args, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
+    let totals = results::collect(campaign, folder)?;
+    results::write_summary(campaign, folder, &totals)?;
+    if args.json {
+        println!("{:#}", results::summary(campaign, &totals));
+    } else {
+        print_text(args, campaign, folder, &totals, flown);
+    }
+    Ok(match flown.end {
+        RunEnd::Complete => ExitCode::SUCCESS,
+        RunEnd::Stopped => ExitCode::from(rotortwin_process::EXIT_FAILED),
+    })
+}
+
+fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flown: &Flown) {
+    let document = campaign.document();
+    println!("{}: {}", document.name, document.description);
+    println!(
+        "{} of {} flights, {:.2} h flown; {} failed, {} could not be flown; hash {}\n",
+        totals.flights,
+        campaign.flights(),
+        totals.flown_h(),
+        totals.failed,
+        totals.refused,
+        totals.hash()
+    );
+    let listed = tables::listed_flights(campaign, totals);
+    for table in tables::tables(campaign, totals).iter().chain(&listed) {
+        println!("{}\n{}", table.title, output::result_table(table));
+        for note in &table.notes {
+            println!("{}", output::wrapped(note));
+        }
+        println!();
+    }
+    let files = [results::PARQUET_FILE, results::CSV_FILE, results::SUMMARY_FILE].join("  ");
+    println!("Files        {}\n             {files}", folder.path().display());
+    let wall = flown.start.elapsed().as_secs_f64();
+    if flown.flights > 0 {
+        println!(
+            "Speed        {} flights in {wall:.1} s on {} threads: {:.1} flights/s, {:.2} M steps/s",
+            flown.flights,
+            flown.threads,
+            flown.flights as f64 / wall,
+            flown.steps as f64 / wall / 1e6
+        );
+    }
+    if totals.flights < campaign.flights() {
+        let why = match flown.end {
+            RunEnd::Stopped => "Stopped",
+            RunEnd::Complete => "Not all",
+        };
+        println!(
+            "{why}: {} of {} flights are there. To go on: {}",
+            totals.flights,
+            campaign.flights(),
+            command_line(args)
+        );
+    }
+}
+
+/// The command that goes on, as it would be typed.
+fn command_line(args: &Args) -> String {
+    let mut line = format!("rotortwin campaign {}", args.campaign.display());
+    if let Some(out) = &args.out {
+        line += &format!(" --out {}", out.display());
+    }
+    line
+}
+
+fn fly_one(args: &Args, campaign: &Campaign, index: u64) -> ExitCode {
+    if index >= campaign.flights() {
+        return output::bad_input(format!(
+            "--flight: expected a number from 0 to {}, got {index}",
+            campaign.flights() - 1
+        ));
+    }
+    let scenario = match campaign.flight(index).and_then(|flight| campaign.scenario(&flight)) {
+        Ok(scenario) => scenario,
+        Err(error) => return output::bad_input(error),
+    };
+    let folder = args
+        .out
+        .clone()
+        .map_or_else(|| output::next_free_folder(scenario.name()), Ok)
+        .and_then(|path| RunFolder::create(&path).map_err(|error| error.to_string()));
+    let folder = match folder {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    let config = SessionConfig {
+        scenario_path: args.campaign.clone(),
+        seed: scenario.seed(),
+        link_name: "in-process".to_owned(),
+        pace: Pace::Fast,
+        run_id: 1,
+    };
+    let mut link = session::in_process_link();
+    match session::fly(&scenario, &config, &mut link, &folder, &mut |_| (), &mut || None) {
+        Ok(summary) => {
+            if args.json {
+                print!("{}", summary.to_json());
+            } else {
+                print!("{}", output::summary_text(&summary, Some(folder.path())));
+            }
+            output::exit_code(&summary)
+        }
+        Err(error) => output::failed(error),
+    }
+}

@@ -1,0 +1,424 @@
+//! From a planned flight to its record.
+//!
+//! ```text
+//!  PlannedFlight ─▶ scenario ─▶ FlightEngine (plant ⇄ controller, FDI) ── every sample ─▶ FlightScorer ─▶ FlightRecord
+//! ```
+//!
+//! [`FlightEngine`] is the seam behind which flights are stepped: one by one here ([`OneByOne`]), or many side by side.
+
+use super::document::Criteria;
+use super::plan::{Campaign, PlannedFlight};
+use super::record::{DETECTORS, FlightRecord, FlightStatus};
+use super::score::{DetectorScorer, NOT_READY, Verdict, WindowTruth};
+use crate::flight::{self, FlightEnd, FlightObserver, Sample, StopReason};
+use crate::pace::Pace;
+use crate::setup::run_setup;
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_plant::{Scenario, Simulation, nearest_step};
+use rotortwin_wire::frames::LossEstimate;
+use rotortwin_wire::link::in_process::InProcessLink;
+use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
+
+/// How a flight went, besides its score.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Flown {
+    /// Why it ended early, in one sentence.
+    pub failure: Option<String>,
+    /// Complete steps.
+    pub steps: u64,
+    /// Hash over all of them.
+    pub run_hash: String,
+}
+
+/// Steps flights to their end and shows every complete sample to the flight's scorer. Same bits, however it is done.
+pub trait FlightEngine: Sync {
+    /// Flights that it likes to get at a time.
+    fn lanes(&self) -> usize;
+
+    /// Flies every scenario with its seed; as many results as scenarios, in their order.
+    fn fly(&self, flights: &[(Scenario, u64)], scorers: &mut [FlightScorer]) -> Vec<Flown>;
+}
+
+/// The lockstep loop of [`crate::flight`], one flight after the other.
+pub struct OneByOne;
+
+impl FlightEngine for OneByOne {
+    fn lanes(&self) -> usize {
+        1
+    }
+
+    fn fly(&self, flights: &[(Scenario, u64)], scorers: &mut [FlightScorer]) -> Vec<Flown> {
+        let fly = |((scenario, seed), scorer): (&(Scenario, u64), &mut FlightScorer)| {
+            let mut simulation = match Simulation::new(scenario, *seed) {
+                Ok(simulation) => simulation,
+                Err(error) => {
+                    return Flown {
+                        failure: Some(error.to_string()),
+                        steps: 0,
+                        run_hash: String::new(),
+                    };
+                }
+            };
+            let setup = run_setup(scenario, &simulation, 1);
+            let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
+            let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, scorer);
+            Flown {
+                failure: match outcome.end {
+                    FlightEnd::Done => None,
+                    FlightEnd::Canceled => Some("canceled".to_owned()),
+                    FlightEnd::Failed(failure) => Some(failure.sentence),
+                },
+                steps: outcome.steps,
+                run_hash: outcome.run_hash,
+            }
+        };
+        flights.iter().zip(scorers).map(fly).collect()
+    }
+}
+
+/// Scores a flight while it is flown.
+pub struct FlightScorer {
+    rotor_count: usize,
+    /// Share of the hover thrust that each blade code gives.
+    blade_share: Vec<f64>,
+    /// Mean thrust of a rotor in hover, N.
+    hover_thrust_n: f64,
+    lost_tilt_cos: f64,
+    lost_distance_m: f64,
+    window_steps: u64,
+    labels: Vec<(i32, u32)>,
+    onset_step: Option<u64>,
+    faulty_rotors: u32,
+    detectors: [DetectorScorer; DETECTORS.len()],
+    /// Engine, its verdict, its score.
+    curve: Vec<(Box<FdiEngine>, Verdict, DetectorScorer)>,
+    /// Of the last window.
+    verdict: i32,
+    thrust_loss: LossEstimate,
+    loss_share: f64,
+}
+
+impl FlightScorer {
+    /// For one flight of `scenario`. `levels`: evidence, nats, of further instances of the sequential detector.
+    pub fn new(scenario: &Scenario, criteria: &Criteria, levels: &[f32]) -> Result<Self, String> {
+        let config = scenario.fdi_config();
+        let vehicle = scenario.vehicle();
+        let rotor_count = vehicle.rotor_count();
+        let window_steps = u64::from(config.window_len);
+        let mut curve = Vec::with_capacity(levels.len());
+        for level in levels {
+            let mut config = config;
+            // A fault is absorbed on so much more evidence than it is named on, whatever that is.
+            let reserve = config.sequential.evidence_to_absorb - config.sequential.evidence_to_isolate;
+            config.sequential.evidence_to_isolate = *level;
+            config.sequential.evidence_to_absorb = level + reserve;
+            // Neither decides on this curve.
+            config.network = None;
+            let engine = FdiEngine::new(config).map_err(|error| error.to_string())?;
+            curve.push((
+                Box::new(engine),
+                Verdict::of_code(NOT_READY),
+                DetectorScorer::new(window_steps),
+            ));
+        }
+        Ok(Self {
+            rotor_count,
+            blade_share: blade_shares(scenario),
+            hover_thrust_n: vehicle.body.mass_kg * vehicle.body.gravity_m_s2 / rotor_count as f64,
+            lost_tilt_cos: criteria.lost_tilt_deg.to_radians().cos(),
+            lost_distance_m: criteria.lost_distance_m,
+            window_steps,
+            labels: Vec::with_capacity(usize::from(config.window_len)),
+            onset_step: None,
+            faulty_rotors: 0,
+            detectors: std::array::from_fn(|_| DetectorScorer::new(window_steps)),
+            curve,
+            verdict: NOT_READY,
+            thrust_loss: LossEstimate::default(),
+            loss_share: 0.0,
+        })
+    }
+
+    fn loss_share_of(&self, blade: &[i32; MAX_ROTORS], loss: &[f64; MAX_ROTORS]) -> f64 {
+        let share = |rotor: usize| {
+            let given = usize::try_from(blade[rotor])
+                .ok()
+                .and_then(|code| self.blade_share.get(code))
+                .copied()
+                .unwrap_or(1.0);
+            1.0 - given * (1.0 - loss[rotor])
+        };
+        (0..self.rotor_count).map(share).fold(0.0, f64::max)
+    }
+
+    fn window(&mut self, sample: &Sample) {
+        // The median label, as in the protocol; rotors of the sample that has it.
+        self.labels.sort_unstable();
+        let (label, faulty_rotors) = self.labels[self.labels.len() / 2];
+        let truth = WindowTruth {
+            label,
+            faulty_rotors,
+            touched: self.labels.iter().any(|(label, _)| *label != 0),
+            loss_share: self.loss_share_of(&sample.truth.rotor_blade, &sample.truth.rotor_thrust_loss),
+            after_onset_steps: self.onset_step.map(|onset| sample.truth.step + 1 - onset),
+        };
+        self.labels.clear();
+        self.loss_share = truth.loss_share;
+        let report = &sample.report;
+        self.verdict = report.sequential;
+        self.thrust_loss = report.thrust_loss;
+        let sequential = Verdict {
+            code: report.sequential,
+            suspect_rotors: report.suspect_rotors,
+        };
+        let verdicts = [
+            sequential,
+            Verdict::of_code(report.network),
+            Verdict::of_code(report.t_test),
+        ];
+        for (detector, verdict) in self.detectors.iter_mut().zip(verdicts) {
+            detector.window(&truth, verdict);
+        }
+        for (_, verdict, detector) in &mut self.curve {
+            detector.window(&truth, *verdict);
+        }
+    }
+
+    /// The record of the flight that was watched.
+    pub fn finish(self, planned: &PlannedFlight, scenario: &Scenario, flown: Flown) -> FlightRecord {
+        let faulty = self.onset_step.is_some();
+        // Of a pair, the estimate is that of one of two rotors, and the truth that of the worst.
+        let estimate = (1..100).contains(&self.verdict).then_some(self.thrust_loss);
+        FlightRecord {
+            status: match flown.failure {
+                None => FlightStatus::Done,
+                Some(_) => FlightStatus::Failed,
+            },
+            reason: flown.failure.unwrap_or_default(),
+            run_hash: flown.run_hash,
+            steps: flown.steps,
+            rotor_count: u32::try_from(self.rotor_count).expect("at most 16 rotors"),
+            fault_onset_s: self.onset_step.map(|step| step as f64 * rotortwin_plant::STEP_S),
+            faulty_rotors: self.faulty_rotors,
+            onset_loss_share: faulty.then(|| first_loss(scenario, &self.blade_share)),
+            final_loss_share: faulty.then_some(self.loss_share),
+            thrust_loss_n: estimate.map(|loss| f64::from(loss.loss_n)),
+            thrust_loss_low_n: estimate.map(|loss| f64::from(loss.low_n)),
+            thrust_loss_high_n: estimate.map(|loss| f64::from(loss.high_n)),
+            true_thrust_loss_n: faulty.then_some(self.loss_share * self.hover_thrust_n),
+            detectors: self.detectors.map(DetectorScorer::finish).into(),
+            curve: self.curve.into_iter().map(|(_, _, scorer)| scorer.finish()).collect(),
+            ..blank(planned)
+        }
+    }
+}
+
+impl FlightObserver for FlightScorer {
+    #[inline]
+    fn sample(&mut self, sample: &Sample) -> Result<(), String> {
+        let truth = &sample.truth;
+        if truth.faulty_rotors != 0 {
+            self.onset_step.get_or_insert(truth.step);
+            self.faulty_rotors |= truth.faulty_rotors;
+        }
+        self.labels.push((truth.fault_label, truth.faulty_rotors));
+        if !self.curve.is_empty() {
+            let measurement = sample.command.measurement(&sample.sensors);
+            for (engine, verdict, _) in &mut self.curve {
+                let output = engine.step(&measurement);
+                *verdict = Verdict {
+                    code: output.sequential.code(),
+                    suspect_rotors: output.suspects.rotors,
+                };
+            }
+        }
+        if sample.report.window_end == 1 {
+            self.window(sample);
+        } else if self.labels.len() as u64 > 4 * self.window_steps {
+            // Samples are rejected: the window waits, its truth is that of the latest samples.
+            self.labels.remove(0);
+        }
+        let [roll, pitch, _] = truth.attitude_rad;
+        if roll.cos() * pitch.cos() < self.lost_tilt_cos {
+            return Err(format!(
+                "the vehicle was lost at {:.2} s: it tilted by more than {:.0}°",
+                truth.step as f64 * rotortwin_plant::STEP_S,
+                self.lost_tilt_cos.acos().to_degrees()
+            ));
+        }
+        let reference = sample.sensors.reference_position_ned_m;
+        let squares = (0..3).map(|axis| {
+            let error = truth.position_ned_m[axis] - f64::from(reference[axis]);
+            error * error
+        });
+        let squared: f64 = squares.sum();
+        if squared > self.lost_distance_m * self.lost_distance_m {
+            return Err(format!(
+                "the vehicle was lost at {:.2} s: more than {} m away from its reference",
+                truth.step as f64 * rotortwin_plant::STEP_S,
+                self.lost_distance_m
+            ));
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn stop_requested(&mut self) -> Option<StopReason> {
+        None
+    }
+}
+
+/// Share of the nominal thrust that each blade gives at the hover duty of the scenario, by the code of the truth.
+fn blade_shares(scenario: &Scenario) -> Vec<f64> {
+    let vehicle = scenario.vehicle();
+    let nominal = scenario.nominal_blade();
+    let mean = vehicle.body.mass_kg * vehicle.body.gravity_m_s2 / vehicle.rotor_count() as f64;
+    let voltage = f64::from(vehicle.battery.cells) * 3.9;
+    let duty = nominal.duty(mean, voltage).unwrap_or(0.5);
+    let healthy = nominal.lift(duty, voltage);
+    let shares = scenario
+        .blades()
+        .blade
+        .values()
+        .map(|blade| blade.lift(duty, voltage) / healthy);
+    std::iter::once(1.0).chain(shares).collect()
+}
+
+/// Share that the worst of the first faults takes, once it is fully there.
+fn first_loss(scenario: &Scenario, blade_share: &[f64]) -> f64 {
+    let faults = &scenario.document().fault;
+    let first = faults.iter().map(|fault| nearest_step(fault.time_s)).min();
+    faults
+        .iter()
+        .filter(|fault| Some(nearest_step(fault.time_s)) == first)
+        .map(|fault| match (&fault.blade, fault.thrust_loss_percent) {
+            (Some(name), _) => {
+                let code = scenario
+                    .blades()
+                    .code(name)
+                    .and_then(|code| usize::try_from(code + 1).ok());
+                1.0 - code.and_then(|code| blade_share.get(code)).copied().unwrap_or(1.0)
+            }
+            (None, Some(percent)) => percent / 100.0,
+            (None, None) => 1.0,
+        })
+        .fold(0.0, f64::max)
+}
+
+fn blank(planned: &PlannedFlight) -> FlightRecord {
+    FlightRecord {
+        flight: planned.index,
+        seed: planned.seed,
+        parameters: planned
+            .parameters
+            .iter()
+            .map(|parameter| (parameter.axis.clone(), parameter.cell.clone()))
+            .collect(),
+        status: FlightStatus::Refused,
+        reason: String::new(),
+        run_hash: String::new(),
+        steps: 0,
+        rotor_count: 0,
+        fault_onset_s: None,
+        faulty_rotors: 0,
+        onset_loss_share: None,
+        final_loss_share: None,
+        thrust_loss_n: None,
+        thrust_loss_low_n: None,
+        thrust_loss_high_n: None,
+        true_thrust_loss_n: None,
+        detectors: Vec::new(),
+        curve: Vec::new(),
+    }
+}
+
+/// A record of a flight of which nothing is known but why.
+pub(super) fn failed_record(campaign: &Campaign, index: u64, reason: String) -> FlightRecord {
+    let planned = campaign.flight(index).unwrap_or(PlannedFlight {
+        index,
+        seed: 0,
+        parameters: Vec::new(),
+    });
+    FlightRecord {
+        reason,
+        ..blank(&planned)
+    }
+}
+
+/// Flies flights of a campaign. A flight that cannot be flown is a record like any other, with its reason.
+pub fn fly(campaign: &Campaign, engine: &dyn FlightEngine, indices: std::ops::Range<u64>) -> Vec<FlightRecord> {
+    let first = indices.start;
+    let planned = indices.map(|index| campaign.flight(index));
+    let mut records: Vec<Option<FlightRecord>> = Vec::new();
+    let mut ready = Vec::new();
+    for (place, planned) in planned.enumerate() {
+        let planned = match planned {
+            Ok(planned) => planned,
+            Err(error) => {
+                records.push(Some(failed_record(campaign, first + place as u64, error.to_string())));
+                continue;
+            }
+        };
+        match campaign.scenario(&planned) {
+            Ok(scenario) => {
+                ready.push((place, planned, scenario));
+                records.push(None);
+            }
+            Err(error) => records.push(Some(FlightRecord {
+                reason: error.to_string(),
+                ..blank(&planned)
+            })),
+        }
+    }
+    let levels = campaign.levels();
+    let criteria = &campaign.document().criteria;
+    let mut flights = Vec::with_capacity(ready.len());
+    let mut scorers = Vec::with_capacity(ready.len());
+    let mut places = Vec::with_capacity(ready.len());
+    for (place, planned, scenario) in ready {
+        match FlightScorer::new(&scenario, criteria, levels) {
+            Ok(scorer) => {
+                flights.push((scenario, planned.seed));
+                scorers.push(scorer);
+                places.push((place, planned));
+            }
+            Err(reason) => {
+                records[place] = Some(FlightRecord {
+                    reason,
+                    ..blank(&planned)
+                });
+            }
+        }
+    }
+    let flown = engine.fly(&flights, &mut scorers);
+    for ((((place, planned), scorer), (scenario, _)), flown) in places.into_iter().zip(scorers).zip(&flights).zip(flown)
+    {
+        records[place] = Some(scorer.finish(&planned, scenario, flown));
+    }
+    records
+        .into_iter()
+        .map(|record| record.expect("every flight has a record"))
+        .collect()
+}
+
+/// Flies one scenario as a flight of its own and scores it; for searches beyond the plan.
+pub fn fly_scenario(
+    campaign: &Campaign,
+    engine: &dyn FlightEngine,
+    scenario: Scenario,
+) -> Result<FlightRecord, String> {
+    let planned = PlannedFlight {
+        index: 0,
+        seed: scenario.seed(),
+        parameters: Vec::new(),
+    };
+    let mut scorers = [FlightScorer::new(&scenario, &campaign.document().criteria, &[])?];
+    let flights = [(scenario, planned.seed)];
+    let flown = engine
+        .fly(&flights, &mut scorers)
+        .pop()
+        .ok_or("the engine flew nothing")?;
+    let [scorer] = scorers;
+    Ok(scorer.finish(&planned, &flights[0].0, flown))
+}

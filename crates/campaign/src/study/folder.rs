@@ -1,0 +1,231 @@
+//! The folder of a campaign: a manifest, and shards of records that appear whole or not at all.
+//!
+//! ```text
+//!  campaign.json        what the folder belongs to; written first
+//!  campaign.lock        held while a process works on it
+//!  shards/000000.parquet, 000001.parquet, …     32 flights each, in any order of appearance
+//!  campaign.parquet, campaign.csv, summary.json, report.html     made of the shards, at the end of every run of the command
+//! ```
+//! Files are written under a temporary name and renamed, so that whatever kills the process leaves only whole shards; what was being
+//! flown is flown again. Nothing is synchronised to the disk: a loss of power may cost the latest shards, or leave one that cannot be
+//! read, which is then named.
+
+use super::plan::Campaign;
+use super::record::{FlightRecord, columns};
+use crate::table_file::Values;
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use parquet::record::RowAccessor as _;
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+/// Flights of a shard.
+pub const SHARD_FLIGHTS: u64 = 32;
+
+const MANIFEST: &str = "campaign.json";
+const LOCK: &str = "campaign.lock";
+const SHARDS: &str = "shards";
+const PART: &str = "part";
+const FORMAT: u32 = 1;
+
+/// What a folder belongs to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Manifest {
+    format: u32,
+    name: String,
+    program: String,
+    /// Of the campaign document and every file that it names.
+    content_hash: String,
+    flights: u64,
+}
+
+/// A folder that this process works on alone.
+#[derive(Debug)]
+pub struct CampaignFolder {
+    path: PathBuf,
+    flights: u64,
+    /// Held until it is dropped.
+    _lock: File,
+}
+
+/// Program and version, as in the manifest.
+pub fn program() -> String {
+    format!("rotortwin {}", env!("CARGO_PKG_VERSION"))
+}
+
+impl CampaignFolder {
+    /// Makes the folder of `campaign` at `path`, or opens it to go on. An error is one sentence, and nothing was changed.
+    pub fn open(path: &Path, campaign: &Campaign) -> Result<Self, String> {
+        let wanted = Manifest {
+            format: FORMAT,
+            name: campaign.document().name.clone(),
+            program: program(),
+            content_hash: campaign.content_hash().map_err(|error| error.to_string())?,
+            flights: campaign.flights(),
+        };
+        let shown = path.display();
+        let manifest_path = path.join(MANIFEST);
+        let known = match std::fs::read_to_string(&manifest_path) {
+            Ok(text) => {
+                let manifest: Manifest = serde_json::from_str(&text)
+                    .map_err(|error| format!("{}: not the manifest of a campaign: {error}", manifest_path.display()))?;
+                Some(manifest)
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+            Err(error) => return Err(format!("{}: cannot be read: {error}", manifest_path.display())),
+        };
+        match &known {
+            Some(known) if known.format != FORMAT => {
+                return Err(format!(
+                    "{shown}: was written in format {} of campaign folders, this program has {FORMAT}; name another folder with --out",
+                    known.format
+                ));
+            }
+            Some(known) if known.program != wanted.program => {
+                return Err(format!(
+                    "{shown}: was begun by {}, this is {}, whose flights may differ; name another folder with --out",
+                    known.program, wanted.program
+                ));
+            }
+            Some(known) if *known != wanted => {
+                return Err(format!(
+                    "{shown}: holds flights of another campaign: {} or a file that it names has changed since; name another folder with \
+                     --out, or remove this one",
+                    campaign.path().display()
+                ));
+            }
+            Some(_) => {}
+            None => {
+                let occupied = match std::fs::read_dir(path) {
+                    Ok(mut entries) => entries.next().is_some(),
+                    Err(error) if error.kind() == std::io::ErrorKind::NotFound => false,
+                    Err(error) => return Err(format!("{shown}: cannot be read as a folder: {error}")),
+                };
+                if occupied {
+                    return Err(format!(
+                        "{shown}: holds files that are not those of a campaign; name another folder with --out"
+                    ));
+                }
+                std::fs::create_dir_all(path.join(SHARDS))
+                    .map_err(|error| format!("{shown}: the folder cannot be made: {error}"))?;
+            }
+        }
+        let lock_path = path.join(LOCK);
+        let lock = File::options()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(&lock_path)
+            .map_err(|error| format!("{}: cannot be written: {error}", lock_path.display()))?;
+        rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive)
+            .map_err(|_taken| format!("{shown}: another process works on this campaign at this moment"))?;
+        if known.is_none() {
+            let text = serde_json::to_string_pretty(&wanted).expect("texts and numbers are JSON");
+            write_whole(&manifest_path, text.as_bytes())?;
+        }
+        let folder = Self {
+            path: path.to_path_buf(),
+            flights: wanted.flights,
+            _lock: lock,
+        };
+        folder.sweep()?;
+        Ok(folder)
+    }
+
+    /// Removes what a killed process was writing.
+    fn sweep(&self) -> Result<(), String> {
+        let shards = self.path.join(SHARDS);
+        std::fs::create_dir_all(&shards).map_err(|error| format!("{}: {error}", shards.display()))?;
+        let entries = std::fs::read_dir(&shards).map_err(|error| format!("{}: {error}", shards.display()))?;
+        for entry in entries.filter_map(Result::ok) {
+            let path = entry.path();
+            if path.extension().is_some_and(|extension| extension == PART) {
+                std::fs::remove_file(&path)
+                    .map_err(|error| format!("{}: cannot be removed: {error}", path.display()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Shards of the whole campaign.
+    pub fn shard_count(&self) -> u64 {
+        self.flights.div_ceil(SHARD_FLIGHTS)
+    }
+
+    /// Flights of a shard.
+    pub fn shard_range(&self, shard: u64) -> std::ops::Range<u64> {
+        shard * SHARD_FLIGHTS..((shard + 1) * SHARD_FLIGHTS).min(self.flights)
+    }
+
+    fn shard_path(&self, shard: u64) -> PathBuf {
+        self.path.join(SHARDS).join(format!("{shard:06}.parquet"))
+    }
+
+    /// True if all its flights have been flown.
+    pub fn has_shard(&self, shard: u64) -> bool {
+        self.shard_path(shard).is_file()
+    }
+
+    /// Writes a whole shard.
+    pub fn write_shard(&self, shard: u64, records: &[FlightRecord], campaign: &Campaign) -> Result<(), String> {
+        let mut table = columns(records, campaign.axes(), campaign.levels());
+        table.column(
+            "record",
+            Values::Text(records.iter().map(FlightRecord::to_json).collect()),
+        );
+        let path = self.shard_path(shard);
+        let part = path.with_extension(PART);
+        table.write_parquet(&part).map_err(|error| error.to_string())?;
+        std::fs::rename(&part, &path).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
+    }
+
+    /// The records of a shard, in the order of the flights.
+    pub fn read_shard(&self, shard: u64) -> Result<Vec<FlightRecord>, String> {
+        let path = self.shard_path(shard);
+        let refuse = |reason: String| {
+            format!(
+                "{}: {reason}; remove the file and run the command again",
+                path.display()
+            )
+        };
+        let file = File::open(&path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+        let reader =
+            SerializedFileReader::new(file).map_err(|error| refuse(format!("not a whole Parquet file: {error}")))?;
+        let schema = reader.metadata().file_metadata().schema();
+        let place = schema
+            .get_fields()
+            .iter()
+            .position(|field| field.name() == "record")
+            .ok_or_else(|| refuse("has no column `record`".into()))?;
+        let rows = reader.get_row_iter(None).map_err(|error| refuse(error.to_string()))?;
+        let records: Vec<FlightRecord> = rows
+            .map(|row| {
+                let row = row.map_err(|error| refuse(error.to_string()))?;
+                let text = row.get_string(place).map_err(|error| refuse(error.to_string()))?;
+                serde_json::from_str(text).map_err(|error| refuse(format!("a record cannot be read: {error}")))
+            })
+            .collect::<Result<_, String>>()?;
+        let range = self.shard_range(shard);
+        if !records.iter().map(|record| record.flight).eq(range.clone()) {
+            return Err(refuse(format!(
+                "does not hold the flights {} to {}",
+                range.start,
+                range.end - 1
+            )));
+        }
+        Ok(records)
+    }
+}
+
+/// Writes a file under a temporary name and renames it.
+pub fn write_whole(path: &Path, content: &[u8]) -> Result<(), String> {
+    let part = path.with_extension(PART);
+    std::fs::write(&part, content)
+        .and_then(|()| std::fs::rename(&part, path))
+        .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
+}

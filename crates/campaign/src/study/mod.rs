@@ -1,0 +1,23 @@
+//! Campaigns: many flights of a document of grids and draws, on every core, crash-safe, with the statistics of the detectors.
+//!
+//! ```text
+//!  document ─▶ plan ─▶ engine (one record per flight) ─▶ runner ─▶ folder: shards ─▶ totals ─▶ tables, report, summary
+//! ```
+//!
+//! * [`document`]: the file. * [`plan`]: what flight i is. * [`engine`], [`score`], [`record`]: what became of it.
+//! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
+//!   flights. * [`tables`], [`results`]: for people and files.
+
+pub mod document;
+pub mod engine;
+pub mod folder;
+pub mod intervals;
+pub mod plan;
+pub mod record;
+pub mod results;
+pub mod runner;
+pub mod score;
+pub mod tables;
+pub mod totals;
+
+pub use plan::Campaign;

@@ -1,0 +1,214 @@
+//! Flies what is missing in a campaign's folder, on every core, with a bounded amount of memory.
+//!
+//! Threads take the flights in order, a few at a time; a shard is written as soon as its last flight has ended. At any moment only the
+//! shards that are being flown are in memory. A stop lets the flights in the air land; shards that are not whole then are flown again
+//! next time.
+
+use super::engine::{FlightEngine, fly};
+use super::folder::{CampaignFolder, SHARD_FLIGHTS};
+use super::plan::Campaign;
+use super::record::{FlightRecord, FlightStatus};
+use super::score::DetectorScore;
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// How to fly.
+#[derive(Clone, Copy, Debug)]
+pub struct RunOptions {
+    /// Threads.
+    pub threads: NonZeroUsize,
+    /// Fly only the shards that begin before this flight.
+    pub limit: Option<u64>,
+}
+
+/// What has been flown since the start, told after every few flights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Flights just ended.
+    pub flights: u64,
+    /// Their steps.
+    pub steps: u64,
+    /// Of these, flights that failed or could not be flown.
+    pub failed: u64,
+    /// False alarms of the sequential detector in them.
+    pub false_alarms: u64,
+}
+
+/// How the run of the command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunEnd {
+    /// All wanted flights are there.
+    Complete,
+    /// It was stopped.
+    Stopped,
+}
+
+/// Shards wanted and shards there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// Not there yet, in order.
+    pub missing: Vec<u64>,
+    /// Wanted flights.
+    pub wanted_flights: u64,
+    /// Of these, there already.
+    pub present_flights: u64,
+}
+
+/// What is to be done.
+pub fn plan(folder: &CampaignFolder, limit: Option<u64>) -> Plan {
+    let shards = limit.map_or(folder.shard_count(), |limit| {
+        folder.shard_count().min(limit.div_ceil(SHARD_FLIGHTS))
+    });
+    let size = |shard: u64| folder.shard_range(shard).end - folder.shard_range(shard).start;
+    let missing: Vec<u64> = (0..shards).filter(|shard| !folder.has_shard(*shard)).collect();
+    let wanted: u64 = (0..shards).map(size).sum();
+    Plan {
+        present_flights: wanted - missing.iter().map(|shard| size(*shard)).sum::<u64>(),
+        wanted_flights: wanted,
+        missing,
+    }
+}
+
+/// Flies a flight of the first and of the last shard that is there again: a program that makes something else of them must not go on.
+pub fn check_same_program(
+    campaign: &Campaign,
+    engine: &dyn FlightEngine,
+    folder: &CampaignFolder,
+) -> Result<(), String> {
+    let mut present = (0..folder.shard_count()).filter(|shard| folder.has_shard(*shard));
+    let mut ends: Vec<u64> = present.next().into_iter().chain(present.next_back()).collect();
+    ends.dedup();
+    for shard in ends {
+        let records = folder.read_shard(shard)?;
+        let Some(before) = records.first() else { continue };
+        let now = fly(campaign, engine, before.flight..before.flight + 1);
+        if now.first() != Some(before) {
+            return Err(format!(
+                "{}: this program makes something else of flight {} than the one that began the campaign; name another folder with --out",
+                folder.path().display(),
+                before.flight
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// A shard being flown: groups by their place, and how many are still out.
+struct Open {
+    groups: BTreeMap<u64, Vec<FlightRecord>>,
+    missing: u64,
+}
+
+/// Flies the missing shards. `progress` is called from any thread.
+pub fn run(
+    campaign: &Campaign,
+    engine: &dyn FlightEngine,
+    folder: &CampaignFolder,
+    options: &RunOptions,
+    stop: &AtomicBool,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Result<RunEnd, String> {
+    let missing = plan(folder, options.limit).missing;
+    let lanes = (engine.lanes() as u64).clamp(1, SHARD_FLIGHTS);
+    let groups_per_shard = SHARD_FLIGHTS.div_ceil(lanes) as usize;
+    let jobs = missing.len() * groups_per_shard;
+    let next = AtomicUsize::new(0);
+    let open: Mutex<BTreeMap<u64, Open>> = Mutex::default();
+    let failure: Mutex<Option<String>> = Mutex::default();
+    let halted = AtomicBool::new(false);
+    let worker = || {
+        while !stop.load(Ordering::Relaxed) && !halted.load(Ordering::Relaxed) {
+            let job = next.fetch_add(1, Ordering::Relaxed);
+            if job >= jobs {
+                return;
+            }
+            let shard = missing[job / groups_per_shard];
+            let whole = folder.shard_range(shard);
+            let group = (job % groups_per_shard) as u64;
+            let range =
+                (whole.start + group * lanes).min(whole.end)..(whole.start + (group + 1) * lanes).min(whole.end);
+            let records = if range.is_empty() {
+                Vec::new()
+            } else {
+                fly_guarded(campaign, engine, range)
+            };
+            progress(told(&records));
+            let done = {
+                let mut open = open.lock().unwrap_or_else(PoisonError::into_inner);
+                let entry = open.entry(shard).or_insert_with(|| Open {
+                    groups: BTreeMap::new(),
+                    missing: groups_per_shard as u64,
+                });
+                entry.groups.insert(group, records);
+                entry.missing -= 1;
+                if entry.missing == 0 { open.remove(&shard) } else { None }
+            };
+            if let Some(done) = done {
+                let records: Vec<FlightRecord> = done.groups.into_values().flatten().collect();
+                if let Err(sentence) = folder.write_shard(shard, &records, campaign) {
+                    failure
+                        .lock()
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .get_or_insert(sentence);
+                    halted.store(true, Ordering::Relaxed);
+                }
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..options.threads.get().min(jobs.max(1)) {
+            scope.spawn(worker);
+        }
+        worker();
+    });
+    if let Some(sentence) = failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(sentence);
+    }
+    let complete = missing.iter().all(|shard| folder.has_shard(*shard));
+    Ok(if complete { RunEnd::Complete } else { RunEnd::Stopped })
+}
+
+fn told(records: &[FlightRecord]) -> Progress {
+    let sequential = |record: &FlightRecord| {
+        record
+            .detectors
+            .first()
+            .map_or(0, |score: &DetectorScore| score.false_alarm_events)
+    };
+    Progress {
+        flights: records.len() as u64,
+        steps: records.iter().map(|record| record.steps).sum(),
+        failed: records
+            .iter()
+            .filter(|record| record.status != FlightStatus::Done)
+            .count() as u64,
+        false_alarms: records.iter().map(sequential).sum(),
+    }
+}
+
+/// A flight that the program itself fails on is a record that says so, and does not take thousands of others with it.
+fn fly_guarded(campaign: &Campaign, engine: &dyn FlightEngine, range: std::ops::Range<u64>) -> Vec<FlightRecord> {
+    if let Ok(records) = catch_unwind(AssertUnwindSafe(|| fly(campaign, engine, range.clone()))) {
+        return records;
+    }
+    // Which one of them was it?
+    range
+        .flat_map(|index| {
+            catch_unwind(AssertUnwindSafe(|| fly(campaign, engine, index..index + 1))).unwrap_or_else(|panic| {
+                let why = panic
+                    .downcast_ref::<String>()
+                    .map(String::as_str)
+                    .or_else(|| panic.downcast_ref::<&str>().copied())
+                    .unwrap_or("no message");
+                vec![super::engine::failed_record(
+                    campaign,
+                    index,
+                    format!("the program failed on this flight: {why}"),
+                )]
+            })
+        })
+        .collect()
+}

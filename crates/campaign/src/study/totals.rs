@@ -1,0 +1,506 @@
+//! Totals of a campaign: sums over records in the order of the flights, in memory that does not grow with their number.
+//!
+//! Everything is a whole number or a count per whole number of steps, so totals are the same however the records came about. Delays are
+//! histograms over steps of 2.5 ms: quantiles are exact.
+
+use super::intervals::ClusterSums;
+use super::plan::{Axis, Campaign};
+use super::record::{Cell, DETECTORS, FlightRecord, FlightStatus};
+use super::score::{DetectorScore, NOT_READY, SEVERITY_BINS, Verdict, severity_bin};
+use rotortwin_plant::STEP_S;
+use std::collections::BTreeMap;
+use xxhash_rust::xxh3::Xxh3;
+
+/// Values of an axis that are told apart; more are put into bins (numbers) or left out (texts).
+const MAX_GROUPS: usize = 24;
+/// Bins of an axis of numbers.
+const BINS: usize = 6;
+/// Flights listed as worst, and as failed.
+pub const LISTED: usize = 15;
+
+/// Counts per number of steps.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Delays {
+    counts: BTreeMap<u64, u64>,
+    total: u64,
+}
+
+impl Delays {
+    fn add(&mut self, steps: Option<u64>) {
+        if let Some(steps) = steps {
+            *self.counts.entry(steps).or_default() += 1;
+            self.total += 1;
+        }
+    }
+
+    /// Delays counted.
+    pub fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// Nearest-rank quantile, s; `None` of none.
+    pub fn quantile_s(&self, q: f64) -> Option<f64> {
+        let rank = ((q * self.total as f64).ceil() as u64).clamp(1, self.total.max(1));
+        let mut seen = 0;
+        for (steps, count) in &self.counts {
+            seen += count;
+            if seen >= rank {
+                return Some(*steps as f64 * STEP_S);
+            }
+        }
+        None
+    }
+
+    /// Number of delays of at most `seconds`.
+    pub fn within(&self, seconds: f64) -> u64 {
+        let limit = (seconds / STEP_S + 1e-9) as u64;
+        self.counts.range(..=limit).map(|(_, count)| count).sum()
+    }
+
+    /// Delay in s and how many have been seen by then, in order.
+    pub fn cumulative(&self) -> impl Iterator<Item = (f64, u64)> + '_ {
+        self.counts.iter().scan(0, |seen, (steps, count)| {
+            *seen += count;
+            Some((*steps as f64 * STEP_S, *seen))
+        })
+    }
+}
+
+/// One detector over any set of flights.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DetectorTotals {
+    /// Right windows out of all, flight by flight.
+    pub windows: ClusterSums,
+    /// Right windows out of those without a fault.
+    pub healthy: ClusterSums,
+    /// Right windows out of those with one.
+    pub faulty: ClusterSums,
+    /// Truth, verdict, windows.
+    pub confusion: BTreeMap<(i32, i32), u64>,
+    /// Windows with a fault called healthy.
+    pub missed: u64,
+    /// Naming a healthy rotor.
+    pub wrong_rotor: u64,
+    /// Neither right nor missed, naming no healthy rotor.
+    pub unclear: u64,
+    /// Rows of false alarms.
+    pub false_alarm_events: u64,
+    /// Flights with one.
+    pub false_alarm_flights: u64,
+    /// Time without a fault in which it was ready, steps.
+    pub healthy_steps: u64,
+    /// Flights with a fault in which it was ready.
+    pub fault_flights: u64,
+    /// To the first verdict but healthy after the onset.
+    pub detected: Delays,
+    /// To the first right verdict.
+    pub isolated: Delays,
+    /// To the first of the right verdicts that last to the end.
+    pub settled: Delays,
+    /// Flights that ever named a healthy rotor after the onset.
+    pub wrong_rotor_flights: u64,
+    /// By the loss of the window: faulty windows.
+    pub by_severity: BTreeMap<usize, ClusterSums>,
+    /// By the loss of the first fault: flights, delays to isolation.
+    pub delay_by_severity: BTreeMap<usize, (u64, Delays)>,
+}
+
+impl DetectorTotals {
+    fn add(&mut self, record: &FlightRecord, score: &DetectorScore) {
+        if !score.is_ready() {
+            return;
+        }
+        self.windows.add(score.right, score.windows);
+        let healthy_right = score
+            .confusion
+            .iter()
+            .find(|entry| entry.0 == 0 && entry.1 == 0)
+            .map_or(0, |entry| entry.2);
+        self.healthy.add(healthy_right, score.healthy_windows);
+        self.faulty
+            .add(score.right - healthy_right, score.windows - score.healthy_windows);
+        for (truth, verdict, count) in &score.confusion {
+            *self.confusion.entry((*truth, *verdict)).or_default() += count;
+        }
+        self.missed += score.missed;
+        self.wrong_rotor += score.wrong_rotor;
+        self.unclear += score.unclear;
+        self.false_alarm_events += score.false_alarm_events;
+        self.false_alarm_flights += u64::from(score.false_alarm_events > 0);
+        self.healthy_steps += score.healthy_windows * score.window_steps;
+        for (bin, windows, right) in &score.by_severity {
+            self.by_severity.entry(*bin).or_default().add(*right, *windows);
+        }
+        if let Some(loss) = record.onset_loss_share {
+            self.fault_flights += 1;
+            self.wrong_rotor_flights += u64::from(score.wrong_rotor > 0);
+            self.detected.add(score.detected_after_steps);
+            self.isolated.add(score.isolated_after_steps);
+            self.settled.add(score.settled_after_steps);
+            let (flights, delays) = self.delay_by_severity.entry(severity_bin(loss)).or_default();
+            *flights += 1;
+            delays.add(score.isolated_after_steps);
+        }
+    }
+
+    /// Time without a fault in which it was ready, h.
+    pub fn healthy_h(&self) -> f64 {
+        self.healthy_steps as f64 * STEP_S / 3600.0
+    }
+
+    /// False alarms per hour without a fault.
+    pub fn false_alarms_per_h(&self) -> Option<f64> {
+        (self.healthy_steps > 0).then(|| self.false_alarm_events as f64 / self.healthy_h())
+    }
+}
+
+/// Sums of a whole number and its square, in units of 0.1 mN.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LossError {
+    count: u64,
+    sum: i64,
+    squares: u128,
+    /// Flights whose interval holds the truth.
+    covered: u64,
+}
+
+impl LossError {
+    fn add(&mut self, error_n: f64, covered: bool) {
+        self.covered += u64::from(covered);
+        let units = libm::round(error_n * 1e4) as i64;
+        self.count += 1;
+        self.sum += units;
+        self.squares += u128::from(units.unsigned_abs()) * u128::from(units.unsigned_abs());
+    }
+
+    /// Flights whose interval of 95 % holds the truth.
+    pub fn covered(&self) -> u64 {
+        self.covered
+    }
+
+    /// Flights, mean error and root mean square error, N.
+    pub fn summary(&self) -> Option<(u64, f64, f64)> {
+        (self.count > 0).then(|| {
+            let n = self.count as f64;
+            (
+                self.count,
+                1e-4 * self.sum as f64 / n,
+                1e-4 * (self.squares as f64 / n).sqrt(),
+            )
+        })
+    }
+}
+
+/// How the values of an axis are told apart.
+#[derive(Clone, Debug, PartialEq)]
+enum Grouping {
+    /// By the value itself, until there are too many.
+    Values,
+    /// By equal parts of a range, maybe of its logarithm.
+    Bins { range: [f64; 2], logarithmic: bool },
+}
+
+/// Flights by the value of one axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisTotals {
+    /// Name of the axis.
+    pub axis: String,
+    grouping: Grouping,
+    /// Too many values to tell apart.
+    pub overflown: bool,
+    /// In the order of appearance, or of the bins.
+    pub groups: Vec<GroupTotals>,
+}
+
+/// Flights with one value of one axis.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GroupTotals {
+    /// The value, or the ends of the bin.
+    pub name: String,
+    /// Flights.
+    pub flights: u64,
+    /// Flights that did not reach their end.
+    pub failed: u64,
+    /// In the order of [`DETECTORS`].
+    pub detectors: [DetectorTotals; DETECTORS.len()],
+}
+
+impl AxisTotals {
+    fn new(axis: &Axis) -> Self {
+        let grouping = match axis.drawn_range() {
+            Some((range, logarithmic)) if range[0] < range[1] => Grouping::Bins { range, logarithmic },
+            _ => Grouping::Values,
+        };
+        let groups = match &grouping {
+            Grouping::Values => Vec::new(),
+            Grouping::Bins { range, logarithmic } => (0..BINS)
+                .map(|bin| {
+                    let edge = |i: usize| bin_edge(*range, *logarithmic, i);
+                    GroupTotals {
+                        name: format!("{} – {}", short(edge(bin)), short(edge(bin + 1))),
+                        ..GroupTotals::default()
+                    }
+                })
+                .collect(),
+        };
+        Self {
+            axis: axis.name.clone(),
+            grouping,
+            overflown: false,
+            groups,
+        }
+    }
+
+    fn add(&mut self, cell: &Cell, record: &FlightRecord) {
+        let place = match &self.grouping {
+            Grouping::Bins { range, logarithmic } => {
+                let x = cell.number().unwrap_or(range[0]);
+                (1..BINS)
+                    .take_while(|i| x >= bin_edge(*range, *logarithmic, *i))
+                    .count()
+            }
+            Grouping::Values => {
+                let name = cell.to_string();
+                match self.groups.iter().position(|group| group.name == name) {
+                    Some(place) => place,
+                    None if self.groups.len() >= MAX_GROUPS => {
+                        self.overflown = true;
+                        return;
+                    }
+                    None => {
+                        self.groups.push(GroupTotals {
+                            name,
+                            ..GroupTotals::default()
+                        });
+                        self.groups.len() - 1
+                    }
+                }
+            }
+        };
+        let group = &mut self.groups[place];
+        group.flights += 1;
+        group.failed += u64::from(record.status != FlightStatus::Done);
+        for (totals, score) in group.detectors.iter_mut().zip(&record.detectors) {
+            totals.add(record, score);
+        }
+    }
+}
+
+fn bin_edge(range: [f64; 2], logarithmic: bool, i: usize) -> f64 {
+    let part = i as f64 / BINS as f64;
+    if logarithmic {
+        let (a, b) = (libm::log(range[0]), libm::log(range[1]));
+        libm::exp(a + (b - a) * part)
+    } else {
+        range[0] + (range[1] - range[0]) * part
+    }
+}
+
+/// Three significant digits.
+fn short(x: f64) -> String {
+    if x == 0.0 {
+        return "0".to_owned();
+    }
+    let decimals = (2 - libm::floor(libm::log10(x.abs())) as i32).clamp(0, 9);
+    let text = format!("{x:.*}", usize::try_from(decimals).unwrap_or(0));
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
+/// A flight worth looking at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Listed {
+    /// Number of the flight.
+    pub flight: u64,
+    /// Axis and value.
+    pub parameters: Vec<(String, Cell)>,
+    /// Why it did not reach its end; empty if it did.
+    pub reason: String,
+    /// Of the sequential detector.
+    pub score: DetectorScore,
+    /// With a fault.
+    pub faulty: bool,
+}
+
+impl Listed {
+    fn of(record: &FlightRecord) -> Self {
+        Self {
+            flight: record.flight,
+            parameters: record.parameters.clone(),
+            reason: record.reason.clone(),
+            score: record.detectors.first().cloned().unwrap_or_default(),
+            faulty: record.onset_loss_share.is_some(),
+        }
+    }
+
+    /// The worse, the larger: false alarms first, then faults that were never isolated, then windows that are not right.
+    fn badness(&self) -> (u64, bool, u64) {
+        let score = &self.score;
+        let never = self.faulty && score.is_ready() && score.isolated_after_steps.is_none();
+        (score.false_alarm_events, never, score.windows - score.right)
+    }
+}
+
+/// Everything about a campaign.
+#[derive(Clone)]
+pub struct Totals {
+    /// Flights seen.
+    pub flights: u64,
+    /// Flown to their end.
+    pub done: u64,
+    /// Ended early.
+    pub failed: u64,
+    /// Not flown.
+    pub refused: u64,
+    /// Steps flown.
+    pub steps: u64,
+    /// Most rotors of a vehicle.
+    pub rotor_count: u32,
+    /// In the order of [`DETECTORS`].
+    pub detectors: [DetectorTotals; DETECTORS.len()],
+    /// Evidence, nats, and what the sequential detector does with it.
+    pub curve: Vec<(f32, DetectorTotals)>,
+    /// Axis by axis.
+    pub axes: Vec<AxisTotals>,
+    /// Estimated less true loss of thrust at the end, where the right rotor is named.
+    pub loss_error: LossError,
+    /// Flights with most to be sorry about, worst first.
+    pub worst: Vec<Listed>,
+    /// The first that did not reach their end.
+    pub unfinished: Vec<Listed>,
+    hash: Xxh3,
+}
+
+impl Totals {
+    /// Of no flight yet.
+    pub fn new(campaign: &Campaign) -> Self {
+        Self {
+            flights: 0,
+            done: 0,
+            failed: 0,
+            refused: 0,
+            steps: 0,
+            rotor_count: 0,
+            detectors: Default::default(),
+            curve: campaign
+                .levels()
+                .iter()
+                .map(|level| (*level, DetectorTotals::default()))
+                .collect(),
+            axes: campaign.axes().iter().map(AxisTotals::new).collect(),
+            loss_error: LossError::default(),
+            worst: Vec::new(),
+            unfinished: Vec::new(),
+            hash: Xxh3::new(),
+        }
+    }
+
+    /// Adds the next flight; records come in the order of their numbers.
+    pub fn add(&mut self, record: &FlightRecord) {
+        self.hash.update(record.to_json().as_bytes());
+        self.flights += 1;
+        match record.status {
+            FlightStatus::Done => self.done += 1,
+            FlightStatus::Failed => self.failed += 1,
+            FlightStatus::Refused => self.refused += 1,
+        }
+        self.steps += record.steps;
+        self.rotor_count = self.rotor_count.max(record.rotor_count);
+        for (totals, score) in self.detectors.iter_mut().zip(&record.detectors) {
+            totals.add(record, score);
+        }
+        for ((_, totals), score) in self.curve.iter_mut().zip(&record.curve) {
+            totals.add(record, score);
+        }
+        for (axis, (_, cell)) in self.axes.iter_mut().zip(&record.parameters) {
+            axis.add(cell, record);
+        }
+        let verdict = record.detectors.first().map_or(NOT_READY, |score| score.final_verdict);
+        let right = Verdict::of_code(verdict).named_rotors() == record.faulty_rotors && verdict > 0;
+        if let (Some(estimate), Some(truth), true) = (record.thrust_loss_n, record.true_thrust_loss_n, right) {
+            let ends = [record.thrust_loss_low_n, record.thrust_loss_high_n].map(|end| end.unwrap_or(estimate));
+            self.loss_error
+                .add(estimate - truth, ends[0] <= truth && truth <= ends[1]);
+        }
+        let listed = Listed::of(record);
+        if record.status != FlightStatus::Done {
+            if self.unfinished.len() < LISTED {
+                self.unfinished.push(listed);
+            }
+        } else if listed.badness() > (0, false, 0) {
+            let place = self.worst.partition_point(|other| other.badness() >= listed.badness());
+            if place < LISTED {
+                self.worst.insert(place, listed);
+                self.worst.truncate(LISTED);
+            }
+        }
+    }
+
+    /// Hash over all records in order: the same flights give the same one, however they were flown.
+    pub fn hash(&self) -> String {
+        format!("{:032x}", self.hash.digest128())
+    }
+
+    /// Time flown, h.
+    pub fn flown_h(&self) -> f64 {
+        self.steps as f64 * STEP_S / 3600.0
+    }
+
+    /// Severity bins in which there is a window or an onset, for one detector.
+    pub fn severities(&self) -> Vec<usize> {
+        (0..SEVERITY_BINS.len())
+            .filter(|bin| {
+                self.detectors
+                    .iter()
+                    .any(|d| d.by_severity.contains_key(bin) || d.delay_by_severity.contains_key(bin))
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_quantiles_of_delays_are_nearest_rank() {
+        let mut delays = Delays::default();
+        (1..=100).for_each(|steps| delays.add(Some(steps)));
+        delays.add(None);
+        assert_eq!(delays.total(), 100);
+        assert_eq!(delays.quantile_s(0.5), Some(50.0 * STEP_S));
+        assert_eq!(delays.quantile_s(1.0), Some(100.0 * STEP_S));
+        assert_eq!(delays.quantile_s(0.0), Some(STEP_S));
+        assert_eq!(
+            (delays.within(0.025), delays.within(0.0), delays.within(9.0)),
+            (10, 0, 100)
+        );
+        assert_eq!(Delays::default().quantile_s(0.5), None);
+    }
+
+    #[test]
+    fn val_bins_cover_their_range() {
+        assert_eq!(bin_edge([1.0, 64.0], true, 0), 1.0);
+        assert!((bin_edge([1.0, 64.0], true, 1) - 2.0).abs() < 1e-12);
+        assert!((bin_edge([1.0, 64.0], true, BINS) - 64.0).abs() < 1e-9);
+        assert_eq!(bin_edge([0.0, 6.0], false, 5), 5.0);
+        assert_eq!(
+            (short(0.012345), short(1234.0), short(2.0), short(0.0)),
+            ("0.0123".into(), "1234".into(), "2".into(), "0".into())
+        );
+    }
+
+    #[test]
+    fn val_loss_errors() {
+        let mut errors = LossError::default();
+        assert_eq!(errors.summary(), None);
+        errors.add(0.01, true);
+        errors.add(-0.02, false);
+        assert_eq!(errors.covered(), 1);
+        let (count, mean, rms) = errors.summary().expect("two");
+        assert!(count == 2 && (mean + 0.005).abs() < 1e-12 && (rms - 0.015_811_4).abs() < 1e-6);
+    }
+}
