@@ -1,0 +1,379 @@
+//! Prediction of a flight by a model: sixteen residual channels in measurement space, one step ahead, and whitened.
+//!
+//! ```text
+//! FlightLog ─▶ series (uniform grid, raw and smoothed) ─▶ pass (actuators, body, kinematics, battery) ─▶ prediction
+//!                    └▶ noise ─▶ whiten ◀──────────────────────────────────────────── residual = measured − prediction
+//! ```
+//! * F: accelerometer against force/mass · KV: v̇ against R a + g · M: ω̇ against J⁻¹(τ − ω × Jω) · KA: η̇ against T(η)ω ·
+//!   KP: ṗ against v · V: battery voltage. Missing columns drop channels; [`Predictor::notes`] says which and why.
+//! * Dynamic effects show in F and M, sensor effects in the kinematic channels, battery effects in V.
+//!
+//! Limits: one constant rate a log; the noise of a reading is white, or white enough after the adaptive scale of the diagnosis;
+//! the thrust at the start of the log is taken as settled (the first 0.4 s carry no weight).
+
+pub mod channels;
+pub mod noise;
+pub(crate) mod pass;
+pub mod series;
+pub mod whiten;
+
+use std::sync::Arc;
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::battery::Battery;
+use rotortwin_plant::effects::{ActiveEffect, Catalogue, Constants, EffectInstance, EffectSet, Hooks};
+use rotortwin_plant::error::Refusal;
+use rotortwin_plant::{Vector3, VehicleDocuments};
+
+pub use channels::{CHANNELS, NAMES, PerChannel, UNITS};
+pub use noise::NoiseModel;
+pub use series::{Drive, Series};
+pub use whiten::{Covariance, Whitener};
+
+pub(crate) use pass::{Plant, Prediction, Source, Stages};
+
+use crate::log::FlightLog;
+
+/// Why a log cannot be held against a model: one sentence.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct PredictError(pub String);
+
+/// What every flight has and no model knows: constant errors of the rotors' lift, and the charge at the start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nuisances {
+    /// Added to the static lift of each rotor, N.
+    pub rotor_bias_n: [f64; MAX_ROTORS],
+    /// Added to the charge at the start, fraction.
+    pub charge: f64,
+}
+
+impl Default for Nuisances {
+    fn default() -> Self {
+        Self {
+            rotor_bias_n: [0.0; MAX_ROTORS],
+            charge: 0.0,
+        }
+    }
+}
+
+impl ActiveEffect for Nuisances {
+    fn hooks(&self) -> Hooks {
+        Hooks::CONSTANTS
+    }
+
+    fn boxed_clone(&self) -> Box<dyn ActiveEffect> {
+        Box::new(*self)
+    }
+
+    fn constants(&self, constants: &mut Constants) {
+        for (bias, own) in constants.rotor_bias_n.iter_mut().zip(&self.rotor_bias_n) {
+            *bias += own;
+        }
+        constants.charge_offset += self.charge;
+    }
+}
+
+/// Residuals of all channels; an unavailable channel is empty.
+#[derive(Debug, Clone)]
+pub struct ChannelResiduals {
+    /// Measured minus predicted, in the units of [`UNITS`]; NaN where nothing was measured.
+    pub raw: PerChannel,
+    /// Divided by the noise, without correlation: chi² is the sum of squares. 0 where masked.
+    pub whitened: PerChannel,
+    /// Deviation of a single sample of `raw` from noise alone.
+    pub noise_floor: [f64; CHANNELS],
+    /// Samples that count.
+    pub mask: [Vec<bool>; CHANNELS],
+}
+
+/// A model, a log, and everything that one needs to hold the first against the second.
+#[derive(Debug, Clone)]
+pub struct Predictor {
+    pub(crate) plant: Plant,
+    pub(crate) nominal: Constants,
+    catalogue: Catalogue,
+    model: Vec<EffectInstance>,
+    measured: PerChannel,
+    noise: NoiseModel,
+    covariances: [Covariance; CHANNELS],
+    whiteners: [Option<Whitener>; CHANNELS],
+    /// Name of the log.
+    pub name: String,
+}
+
+impl Predictor {
+    /// A vehicle with the effects of its model, and a log.
+    ///
+    /// # Errors
+    /// One sentence: the log is too short, has other rotors than the vehicle, or an effect of the model is not valid.
+    pub fn new(
+        documents: &VehicleDocuments,
+        effects: &[EffectInstance],
+        catalogue: &Catalogue,
+        log: &FlightLog,
+    ) -> Result<Self, PredictError> {
+        let nominal = Constants::nominal(&documents.vehicle);
+        let allocate = allocation(&nominal);
+        let series = Series::new(log, nominal.rotor_count, allocate).map_err(PredictError)?;
+        let noise = NoiseModel::of(&series, &nominal);
+        let covariances = noise.covariances(series.step_s);
+        let mut plant = Plant {
+            blade: *documents.nominal_blade(),
+            battery_model: documents.vehicle.battery.clone(),
+            charge: 0.75,
+            series: Arc::new(series),
+        };
+        for (index, instance) in effects.iter().enumerate() {
+            catalogue.build(instance, &nominal, 0, index).map_err(|refusal| {
+                PredictError(format!("effect {} of the model: {}", instance.effect, told(&refusal)))
+            })?;
+        }
+        plant.charge = initial_charge(&plant, &nominal);
+        let measured = pass::measured(&plant.series);
+        let mut predictor = Self {
+            plant,
+            nominal,
+            catalogue: catalogue.clone(),
+            model: effects.to_vec(),
+            measured,
+            noise,
+            covariances,
+            whiteners: std::array::from_fn(|_| None),
+            name: log.name.clone(),
+        };
+        let set = predictor.effect_set(&Nuisances::default(), Vec::new())?;
+        let first = predictor.predict(&set, Source::Raw, None);
+        let weight = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2;
+        let flying = predictor.plant.series.flying(&first.thrust, weight);
+        if !flying.iter().any(|&f| f) {
+            return Err(PredictError(format!(
+                "{}: expected a flight, the rotors of the model never lift the vehicle (all duties too small?)",
+                log.name
+            )));
+        }
+        for channel in 0..CHANNELS {
+            if predictor.measured[channel].is_empty() || first.channels[channel].is_empty() {
+                continue;
+            }
+            let mask: Vec<bool> = flying
+                .iter()
+                .zip(&predictor.measured[channel])
+                .zip(first.channels[channel].iter())
+                .map(|((&flies, m), p)| flies && m.is_finite() && p.is_finite())
+                .collect();
+            if mask.iter().any(|&m| m) {
+                predictor.whiteners[channel] = Some(Whitener::new(covariances[channel], &mask));
+            }
+        }
+        Ok(predictor)
+    }
+
+    /// The log on its grid.
+    pub fn series(&self) -> &Series {
+        &self.plant.series
+    }
+
+    /// Noise of the readings.
+    pub fn noise(&self) -> &NoiseModel {
+        &self.noise
+    }
+
+    /// The effects that may be named.
+    pub fn catalogue(&self) -> &Catalogue {
+        &self.catalogue
+    }
+
+    /// True if a channel can be tested.
+    pub fn has(&self, channel: usize) -> bool {
+        self.whiteners[channel].is_some()
+    }
+
+    /// What was resampled or left out, and what that rules out.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = self.plant.series.notes.clone();
+        let have = self.plant.series.available;
+        let mut missing = |there: bool, text: &str| {
+            if !there {
+                notes.push(text.to_owned());
+            }
+        };
+        missing(
+            have.accel,
+            "no accelerometer: channels F are left out, forces are tested through the velocity",
+        );
+        missing(
+            have.rates,
+            "no body rates: channels M and KA are left out, torques are not testable",
+        );
+        missing(have.attitude, "no attitude: channels KV and KA are left out");
+        missing(
+            have.velocity,
+            "no velocity: channels KV and KP are left out, aerodynamic effects are not testable",
+        );
+        missing(have.position, "no position: channel KP is left out");
+        missing(
+            have.voltage,
+            "no battery voltage: channel V is left out, Eq. 19 takes the open-circuit voltage of an assumed charge",
+        );
+        notes
+    }
+
+    /// The model's effects, the nuisances and `extra` effects at work.
+    pub(crate) fn effect_set(
+        &self,
+        nuisances: &Nuisances,
+        extra: Vec<Box<dyn ActiveEffect>>,
+    ) -> Result<EffectSet, PredictError> {
+        let mut effects: Vec<Box<dyn ActiveEffect>> = vec![Box::new(*nuisances)];
+        for (index, instance) in self.model.iter().enumerate() {
+            let built = self
+                .catalogue
+                .build(instance, &self.nominal, 0, index)
+                .map_err(|refusal| PredictError(told(&refusal)))?;
+            effects.push(built);
+        }
+        effects.extend(extra);
+        EffectSet::from_effects(effects, &self.nominal).map_err(|refusal| PredictError(told(&refusal)))
+    }
+
+    pub(crate) fn predict(&self, set: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {
+        self.plant.run(set, source, base)
+    }
+
+    /// Whitened residuals of a raw prediction.
+    pub(crate) fn whitened(&self, prediction: &Prediction) -> PerChannel {
+        std::array::from_fn(|channel| match &self.whiteners[channel] {
+            None => Vec::new(),
+            Some(whitener) => {
+                let mut residual = self.difference(channel, prediction);
+                whitener.apply(&mut residual);
+                residual
+            }
+        })
+    }
+
+    fn difference(&self, channel: usize, prediction: &Prediction) -> Vec<f64> {
+        self.measured[channel]
+            .iter()
+            .zip(prediction.channels[channel].iter())
+            .map(|(m, p)| m - p)
+            .collect()
+    }
+
+    pub(crate) fn whitener(&self, channel: usize) -> Option<&Whitener> {
+        self.whiteners[channel].as_ref()
+    }
+
+    /// Residuals of the model with nuisances and further effects.
+    ///
+    /// # Errors
+    /// The effects together make no vehicle.
+    pub fn residuals(&self, nuisances: &Nuisances, extra: &[EffectInstance]) -> Result<ChannelResiduals, PredictError> {
+        let mut built = Vec::new();
+        for (index, instance) in extra.iter().enumerate() {
+            built.push(
+                self.catalogue
+                    .build(instance, &self.nominal, 0, self.model.len() + index)
+                    .map_err(|refusal| PredictError(told(&refusal)))?,
+            );
+        }
+        let set = self.effect_set(nuisances, built)?;
+        let prediction = self.predict(&set, Source::Raw, None);
+        let whitened = self.whitened(&prediction);
+        let raw = std::array::from_fn(|channel| {
+            if self.has(channel) {
+                self.difference(channel, &prediction)
+            } else {
+                Vec::new()
+            }
+        });
+        let mask = std::array::from_fn(|channel| match &self.whiteners[channel] {
+            None => Vec::new(),
+            Some(whitener) => (0..whitener.len()).map(|k| whitener.counts(k)).collect(),
+        });
+        Ok(ChannelResiduals {
+            raw,
+            whitened,
+            noise_floor: self.covariances.map(|c| c.variance.sqrt()),
+            mask,
+        })
+    }
+}
+
+/// A refusal as a sentence.
+fn told(refusal: &Refusal) -> String {
+    format!("{}: {}", refusal.key, refusal.reason)
+}
+
+/// Minimum-norm allocation of (thrust, torque) to the rotors: f = Bᵀ (B Bᵀ)⁻¹ w, with w = (T, τ).
+fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
+    let n = c.rotor_count;
+    let columns: Vec<[f64; 4]> = (0..n)
+        .map(|i| {
+            let [x, y, _] = c.rotor_position_body[i];
+            [1.0, -y, x, c.rotor_spin[i] * c.moment_ratio_m[i]]
+        })
+        .collect();
+    let mut gram = [[0.0; 4]; 4];
+    for column in &columns {
+        for a in 0..4 {
+            for b in 0..4 {
+                gram[a][b] += column[a] * column[b];
+            }
+        }
+    }
+    move |thrust, torque| {
+        let mut m = gram;
+        let mut w = [thrust, torque[0], torque[1], torque[2]];
+        // Gaussian elimination; the geometry was checked to be controllable.
+        for i in 0..4 {
+            for j in i + 1..4 {
+                let factor = m[j][i] / m[i][i];
+                for k in i..4 {
+                    m[j][k] -= factor * m[i][k];
+                }
+                w[j] -= factor * w[i];
+            }
+        }
+        for i in (0..4).rev() {
+            for j in i + 1..4 {
+                w[i] -= m[i][j] * w[j];
+            }
+            w[i] /= m[i][i];
+        }
+        columns
+            .iter()
+            .map(|column| column.iter().zip(&w).map(|(a, b)| a * b).sum::<f64>().max(0.0))
+            .collect()
+    }
+}
+
+/// Charge at which the resting voltage, less the drop of hovering, is the voltage that was measured in the first second of flight.
+fn initial_charge(plant: &Plant, nominal: &Constants) -> f64 {
+    let series = &plant.series;
+    let first = ((1.0 / series.step_s) as usize).max(10).min(series.voltage.len());
+    let mut begin: Vec<f64> = series.voltage[..first]
+        .iter()
+        .copied()
+        .filter(|v| v.is_finite())
+        .collect();
+    if begin.is_empty() {
+        return 0.75;
+    }
+    let voltage = noise::median(&mut begin);
+    let f = nominal.hover_thrust_n;
+    let power = nominal.power_coefficient_w_per_n15 * f * f.sqrt() * nominal.rotor_count as f64;
+    let open = voltage + nominal.internal_resistance_ohm * power / voltage.max(1.0);
+    let battery = Battery::new(&plant.battery_model);
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if battery.open_circuit_voltage(middle) < open {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    (0.5_f64 * (low + high)).clamp(0.02, 0.98)
+}

@@ -1,0 +1,727 @@
+//! One pass over a log: what the model with some effects predicts for every channel, in measurement space.
+//!
+//! ```text
+//!  duty, V ─▶ actuators: delay, dead zone, Eq. 19, lag ─▶ thrust at every sample
+//!                                                          │
+//!  measured kinematics ─▶ sensors inverted ─▶ motion ──────┼─▶ body: wrench, J⁻¹ ─▶ sensors applied ─▶ F, M
+//!                                              └─▶ kinematics ─▶ KV, KA, KP        └─▶ battery ─▶ V
+//! ```
+//! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) stand at k
+//! for the step from t_k to t_{k+1}. The prediction of step k never uses what was measured after t_k by the same sensor, so that
+//! the feedback of measurement noise through the controller cannot pass for physics.
+//!
+//! Sensor errors are applied to the prediction, never taken off the measurement: dividing the measurement by 1 + s shrinks its noise
+//! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted.
+
+use std::sync::Arc;
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::Vector3;
+use rotortwin_plant::battery::{Battery, BatteryModel};
+use rotortwin_plant::blades::Blade;
+use rotortwin_plant::effects::{Constants, EffectSet, Hooks, Moment, Readings, Wrench};
+
+use super::channels::{CHANNELS, F, KA, KP, KV, M, PerChannel, V};
+use super::series::{Drive, Kinematics, Series, shifted};
+
+/// Parts of the chain that an effect touches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Stages {
+    pub(crate) actuators: bool,
+    pub(crate) motion: bool,
+    pub(crate) body: bool,
+    pub(crate) kinematics: bool,
+    pub(crate) battery: bool,
+}
+
+impl Stages {
+    pub(crate) const ALL: Self = Self {
+        actuators: true,
+        motion: true,
+        body: true,
+        kinematics: true,
+        battery: true,
+    };
+
+    /// The stages whose result differs between two vehicles; `extra` are the hooks in which their effects differ.
+    pub(crate) fn between(a: &Constants, b: &Constants, extra: Hooks) -> Self {
+        if extra.uses(Hooks::VARYING_CONSTANTS) {
+            return Self::ALL;
+        }
+        let voltage = a.voltage_gain != b.voltage_gain || a.voltage_offset_v != b.voltage_offset_v;
+        let actuators = voltage
+            || a.rotor_gain != b.rotor_gain
+            || a.rotor_bias_n != b.rotor_bias_n
+            || a.thrust_lag_up_s != b.thrust_lag_up_s
+            || a.thrust_lag_down_s != b.thrust_lag_down_s
+            || a.speed_domain_share != b.speed_domain_share
+            || a.command_delay_s != b.command_delay_s
+            || a.dead_zone != b.dead_zone
+            || a.duty_limit != b.duty_limit
+            || a.esc_resistance_ohm != b.esc_resistance_ohm
+            || extra.uses(Hooks::COMMAND)
+            || extra.uses(Hooks::STATIC_LIFT);
+        let battery = actuators
+            || a.internal_resistance_ohm != b.internal_resistance_ohm
+            || a.rc_resistance_ohm != b.rc_resistance_ohm
+            || a.rc_time_s != b.rc_time_s
+            || a.capacity_ah != b.capacity_ah
+            || a.charge_offset != b.charge_offset
+            || a.power_coefficient_w_per_n15 != b.power_coefficient_w_per_n15;
+        let motion = a.accelerometer_bias_m_s2 != b.accelerometer_bias_m_s2
+            || a.accelerometer_scale != b.accelerometer_scale
+            || a.gyro_bias_rad_s != b.gyro_bias_rad_s
+            || a.gyro_scale != b.gyro_scale
+            || a.imu_misalignment_rad != b.imu_misalignment_rad
+            || a.imu_lever_arm_m != b.imu_lever_arm_m
+            || a.level_offset_rad != b.level_offset_rad
+            || a.heading_offset_rad != b.heading_offset_rad
+            || a.imu_latency_s != b.imu_latency_s
+            || a.attitude_latency_s != b.attitude_latency_s
+            || a.velocity_latency_s != b.velocity_latency_s
+            || a.position_latency_s != b.position_latency_s
+            || extra.uses(Hooks::READINGS);
+        let body = actuators
+            || motion
+            || a.mass_kg != b.mass_kg
+            || a.gravity_m_s2 != b.gravity_m_s2
+            || a.inertia_body_kg_m2 != b.inertia_body_kg_m2
+            || a.centre_of_mass_m != b.centre_of_mass_m
+            || a.rotor_position_body != b.rotor_position_body
+            || a.rotor_spin != b.rotor_spin
+            || a.moment_ratio_m != b.moment_ratio_m
+            || a.rotor_tilt_tangential != b.rotor_tilt_tangential
+            || a.rotor_tilt_radial != b.rotor_tilt_radial
+            || a.wind_ned_m_s != b.wind_ned_m_s
+            || a.linear_drag_kg_s != b.linear_drag_kg_s
+            || a.angular_drag_nms != b.angular_drag_nms
+            || extra.uses(Hooks::WIND)
+            || extra.uses(Hooks::ROTOR_THRUST)
+            || extra.uses(Hooks::WRENCH);
+        Self {
+            actuators,
+            motion,
+            body,
+            kinematics: motion || a.gravity_m_s2 != b.gravity_m_s2,
+            battery,
+        }
+    }
+}
+
+/// What does not change from pass to pass: series, nominal blade and battery.
+#[derive(Debug, Clone)]
+pub(crate) struct Plant {
+    pub(crate) series: Arc<Series>,
+    pub(crate) blade: Blade,
+    pub(crate) battery_model: BatteryModel,
+    /// Charge at the start before any offset, fraction.
+    pub(crate) charge: f64,
+}
+
+/// Which kinematics drive a pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Source {
+    /// As measured: for residuals.
+    Raw,
+    /// Smoothed: for sensitivities.
+    Smooth,
+}
+
+/// The result of a pass; parts that a perturbation leaves alone are shared.
+#[derive(Debug, Clone)]
+pub(crate) struct Prediction {
+    /// Thrust at t_k before the hooks on it, N: `k * rotors + i`.
+    pub(crate) thrust: Arc<Vec<f64>>,
+    /// True motion as reconstructed from the readings.
+    pub(crate) motion: Arc<Kinematics>,
+    /// Prediction of each channel.
+    pub(crate) channels: [Arc<Vec<f64>>; CHANNELS],
+}
+
+impl Plant {
+    /// Runs the stages that differ from `base`; all of them without one.
+    pub(crate) fn run(&self, effects: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {
+        let stages = base.map_or(Stages::ALL, |(_, stages)| stages);
+        let measured = match source {
+            Source::Raw => &self.series.raw,
+            Source::Smooth => &self.series.smooth,
+        };
+        let motion = match base {
+            Some((base, stages)) if !stages.motion => Arc::clone(&base.motion),
+            _ => Arc::new(self.motion(effects, measured)),
+        };
+        let thrust = match base {
+            Some((base, stages)) if !stages.actuators => Arc::clone(&base.thrust),
+            _ => Arc::new(self.actuators(effects.clone(), &motion)),
+        };
+        let mut channels: [Arc<Vec<f64>>; CHANNELS] = match base {
+            Some((base, _)) => base.channels.clone(),
+            None => std::array::from_fn(|_| Arc::new(Vec::new())),
+        };
+        let have = self.series.available;
+        let mut force: Option<Vec<Vector3>> = None;
+        if stages.body && self.series.drive != Drive::None {
+            let (f, m, specific) = self.body(effects.clone(), &motion, &thrust);
+            for i in 0..3 {
+                if have.accel {
+                    channels[F + i] = Arc::new(f.iter().map(|f| f[i]).collect());
+                }
+                if have.rates {
+                    channels[M + i] = Arc::new(m.iter().map(|m| m[i]).collect());
+                }
+            }
+            force = Some(specific);
+        }
+        // Without an accelerometer the force of the model shows in the velocity.
+        if stages.kinematics || (!have.accel && stages.body) {
+            self.kinematics(effects.constants(), &motion, force.as_deref(), &mut channels);
+        }
+        if stages.battery && have.voltage && self.series.drive != Drive::None {
+            channels[V] = Arc::new(self.battery(effects.clone(), &motion, &thrust));
+        }
+        Prediction {
+            thrust,
+            motion,
+            channels,
+        }
+    }
+
+    /// The true motion behind the readings: latencies undone, sensor errors inverted by fixed-point iteration.
+    fn motion(&self, effects: &EffectSet, measured: &Kinematics) -> Kinematics {
+        let c = effects.constants();
+        let step = self.series.step_s;
+        let at = |x: &Vec<Vector3>, latency: f64| {
+            if latency == 0.0 {
+                x.clone()
+            } else {
+                shifted(x, latency, step)
+            }
+        };
+        let mut motion = Kinematics {
+            position: at(&measured.position, c.position_latency_s),
+            velocity: at(&measured.velocity, c.velocity_latency_s),
+            attitude: at(&measured.attitude, c.attitude_latency_s),
+            rates: at(&measured.rates, c.imu_latency_s),
+            angular_acceleration: at(&measured.angular_acceleration, c.imu_latency_s),
+            accel: at(&measured.accel, c.imu_latency_s),
+        };
+        let mut set = effects.clone();
+        let hooked = set.hooks().uses(Hooks::READINGS);
+        if !hooked && sensors_are_exact(c) {
+            return motion;
+        }
+        let nothing = [0.0; MAX_ROTORS];
+        for k in 0..self.series.len {
+            set.begin(self.series.time(k));
+            let c = *set.constants();
+            let read = Readings {
+                position_ned: motion.position[k],
+                velocity_ned: motion.velocity[k],
+                attitude: motion.attitude[k],
+                body_rates: motion.rates[k],
+                specific_force: motion.accel[k],
+                battery_voltage: 0.0,
+            };
+            let mut truth = read;
+            for _ in 0..3 {
+                let mut again = truth;
+                c.corrupt(&mut again, motion.angular_acceleration[k]);
+                if hooked {
+                    let n = self.series.rotors;
+                    let at = self.moment(k, &motion, &c, &nothing[..n], &nothing[..n], &nothing[..n]);
+                    set.readings(&at, &mut again);
+                }
+                for i in 0..3 {
+                    truth.position_ned[i] += read.position_ned[i] - again.position_ned[i];
+                    truth.velocity_ned[i] += read.velocity_ned[i] - again.velocity_ned[i];
+                    truth.attitude[i] += read.attitude[i] - again.attitude[i];
+                    truth.body_rates[i] += read.body_rates[i] - again.body_rates[i];
+                    truth.specific_force[i] += read.specific_force[i] - again.specific_force[i];
+                }
+            }
+            motion.position[k] = truth.position_ned;
+            motion.velocity[k] = truth.velocity_ned;
+            motion.attitude[k] = truth.attitude;
+            motion.rates[k] = truth.body_rates;
+            motion.accel[k] = truth.specific_force;
+        }
+        motion
+    }
+
+    fn moment<'a>(
+        &'a self,
+        k: usize,
+        motion: &Kinematics,
+        constants: &'a Constants,
+        thrust: &'a [f64],
+        ratio: &'a [f64],
+        rate: &'a [f64],
+    ) -> Moment<'a> {
+        let s = &self.series;
+        let ned_from_body = rotation(motion.attitude[k]);
+        let wind = constants.wind_ned_m_s;
+        let v = motion.velocity[k];
+        let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
+        let n = s.rotors;
+        Moment {
+            time_s: s.time(k),
+            step_s: s.step_s,
+            position_ned: motion.position[k],
+            velocity_ned: v,
+            air_velocity_body: to_body(&ned_from_body, relative),
+            body_rates: motion.rates[k],
+            angular_acceleration: motion.angular_acceleration[k],
+            specific_force: motion.accel[k],
+            ned_from_body,
+            height_above_ground: s.height[k],
+            rotor_thrust: thrust,
+            rotor_speed_ratio: ratio,
+            rotor_speed_rate: rate,
+            duty: &s.input[k * n..(k + 1) * n],
+            battery_voltage: s.voltage.get(k).copied().unwrap_or(0.0),
+            battery_current: 0.0,
+            constants,
+        }
+    }
+
+    /// Thrust of every rotor at every sample, N.
+    fn actuators(&self, mut set: EffectSet, motion: &Kinematics) -> Vec<f64> {
+        let s = &self.series;
+        let n = s.rotors;
+        let mut out = Vec::with_capacity(s.len * n);
+        if s.drive == Drive::RotorSpeed {
+            let c = set.constants();
+            for k in 0..s.len {
+                for i in 0..n {
+                    let ratio = s.input[k * n + i] / c.hover_rotor_speed_rad_s;
+                    out.push(c.rotor_gain[i] * c.hover_thrust_n * ratio * ratio + c.rotor_bias_n[i]);
+                }
+            }
+            return out;
+        }
+        let nominal_voltage = self.resting_voltage();
+        let mut thrust = [0.0; MAX_ROTORS];
+        let mut started = false;
+        let (mut lift, mut duty) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
+        let (mut ratio, mut rate) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
+        // exp(−h/τ) is asked for at every step and rotor with the same few τ.
+        let mut decay = (f64::NAN, 0.0, f64::NAN, 0.0);
+        let mut voltage = nominal_voltage;
+        let hooks = Hooks::COMMAND;
+        for k in 0..s.len {
+            if k > 0 {
+                out.extend_from_slice(&thrust[..n]);
+            }
+            set.begin(s.time(k));
+            let c = set.constants();
+            if decay.0 != c.thrust_lag_up_s || decay.2 != c.thrust_lag_down_s {
+                decay = (
+                    c.thrust_lag_up_s,
+                    1.0 - libm::exp(-s.step_s / c.thrust_lag_up_s),
+                    c.thrust_lag_down_s,
+                    1.0 - libm::exp(-s.step_s / c.thrust_lag_down_s),
+                );
+            }
+            if let Some(&v) = s.voltage.get(k)
+                && v.is_finite()
+            {
+                voltage = (v - c.voltage_offset_v) / (1.0 + c.voltage_gain);
+            }
+            self.delayed_input(k, c.command_delay_s, &mut duty);
+            let active = set.hooks();
+            if active.uses(hooks) || active.uses(Hooks::STATIC_LIFT) || active.uses(Hooks::ADVANCE) {
+                let c = *set.constants();
+                for i in 0..n {
+                    ratio[i] = (thrust[i].max(0.0) / c.hover_thrust_n).sqrt();
+                    rate[i] = 0.0;
+                }
+                let at = self.moment(k, motion, &c, &thrust[..n], &ratio[..n], &rate[..n]);
+                set.command(&at, &mut duty[..n]);
+                self.static_lift(&c, &duty, voltage, &thrust, &mut lift);
+                set.static_lift(&at, &mut lift[..n]);
+                set.advance(&at, s.step_s);
+            } else {
+                self.static_lift(c, &duty, voltage, &thrust, &mut lift);
+            }
+            let c = set.constants();
+            if !started {
+                started = true;
+                thrust[..n].copy_from_slice(&lift[..n]);
+                out.extend_from_slice(&thrust[..n]);
+            }
+            for i in 0..n {
+                thrust[i] = if c.speed_domain_share == 0.0 {
+                    let share = if lift[i] > thrust[i] { decay.1 } else { decay.3 };
+                    thrust[i] + share * (lift[i] - thrust[i])
+                } else {
+                    // Midpoint rule: the lag of the speed has no closed form that is cheaper.
+                    let half = thrust[i] + 0.5 * s.step_s * c.thrust_rate(lift[i], thrust[i]);
+                    thrust[i] + s.step_s * c.thrust_rate(lift[i], half)
+                };
+            }
+        }
+        out.truncate(s.len * n);
+        out
+    }
+
+    /// The input in force over step k, `delay_s` late; of two samples in one step, the mean by their share of the time.
+    fn delayed_input(&self, k: usize, delay_s: f64, duty: &mut [f64; MAX_ROTORS]) {
+        let s = &self.series;
+        let n = s.rotors;
+        if delay_s == 0.0 {
+            duty[..n].copy_from_slice(&s.input[k * n..(k + 1) * n]);
+            return;
+        }
+        let steps = delay_s / s.step_s;
+        let whole = steps.floor();
+        let part = steps - whole;
+        let last = s.len as i64 - 1;
+        let newer = (k as i64 - whole as i64).clamp(0, last) as usize;
+        let older = (k as i64 - whole as i64 - 1).clamp(0, last) as usize;
+        for i in 0..n {
+            duty[i] = (1.0 - part) * s.input[newer * n + i] + part * s.input[older * n + i];
+        }
+    }
+
+    fn static_lift(
+        &self,
+        c: &Constants,
+        duty: &[f64; MAX_ROTORS],
+        voltage: f64,
+        thrust: &[f64; MAX_ROTORS],
+        lift: &mut [f64; MAX_ROTORS],
+    ) {
+        for i in 0..self.series.rotors {
+            let bare = if self.series.drive == Drive::Wrench {
+                duty[i]
+            } else {
+                let mut seen = voltage;
+                if c.esc_resistance_ohm != 0.0 {
+                    let f = thrust[i].max(0.0);
+                    seen -= c.esc_resistance_ohm * c.power_coefficient_w_per_n15 * f * f.sqrt() / voltage;
+                }
+                self.blade.lift(c.effective_duty(duty[i]), seen)
+            };
+            let bias = if duty[i] > 0.0 { c.rotor_bias_n[i] } else { 0.0 };
+            lift[i] = (c.rotor_gain[i] * bare + bias).max(0.0);
+        }
+    }
+
+    /// Open-circuit voltage at the start: what Eq. 19 gets where no voltage was logged.
+    fn resting_voltage(&self) -> f64 {
+        Battery::new(&self.battery_model).open_circuit_voltage(self.charge)
+    }
+
+    /// Predicted readings of accelerometer (row k) and angular acceleration (step k), and the true specific force of step k.
+    fn body(
+        &self,
+        mut set: EffectSet,
+        motion: &Kinematics,
+        thrust: &[f64],
+    ) -> (Vec<Vector3>, Vec<Vector3>, Vec<Vector3>) {
+        let s = &self.series;
+        let n = s.rotors;
+        let zero = [0.0; 3];
+        let (mut specific, mut spin_up) = (vec![zero; s.len], vec![zero; s.len]);
+        let mut f = [0.0; MAX_ROTORS];
+        let (mut ratio, mut rate) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
+        let mut inverse = ([[f64::NAN; 3]; 3], [[0.0; 3]; 3]);
+        let steps = s.len - 1;
+        for k in 0..steps {
+            set.begin(s.time(k));
+            let active = set.hooks();
+            let hooked = active.uses(Hooks::ROTOR_THRUST)
+                || active.uses(Hooks::WRENCH)
+                || active.uses(Hooks::WIND)
+                || active.uses(Hooks::ADVANCE);
+            for i in 0..n {
+                f[i] = 0.5 * (thrust[k * n + i] + thrust[(k + 1) * n + i]);
+            }
+            let c = set.constants();
+            if inverse.0 != c.inertia_body_kg_m2 {
+                inverse = (c.inertia_body_kg_m2, inverted(&c.inertia_body_kg_m2));
+            }
+            let j = inverse.0;
+            let mut w: Wrench;
+            if hooked {
+                let c = *c;
+                for i in 0..n {
+                    let per = 1.0 / c.hover_thrust_n;
+                    let before = (thrust[k * n + i].max(0.0) * per).sqrt();
+                    let after = (thrust[(k + 1) * n + i].max(0.0) * per).sqrt();
+                    ratio[i] = 0.5 * (before + after);
+                    rate[i] = (after - before) / s.step_s;
+                }
+                let undisturbed = f;
+                let mut at = self.moment(k, motion, &c, &undisturbed[..n], &ratio[..n], &rate[..n]);
+                if active.uses(Hooks::WIND) {
+                    let mut wind = c.wind_ned_m_s;
+                    set.wind(&at, &mut wind);
+                    let v = at.velocity_ned;
+                    let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
+                    at.air_velocity_body = to_body(&at.ned_from_body, relative);
+                }
+                set.rotor_thrust(&at, &mut f[..n]);
+                w = c.rotor_wrench(&f[..n]);
+                drag(&c, at.air_velocity_body, at.body_rates, &mut w);
+                set.wrench(&at, &mut w);
+                set.advance(&at, s.step_s);
+            } else {
+                w = c.rotor_wrench(&f[..n]);
+                if c.linear_drag_kg_s != 0.0 || c.angular_drag_nms != 0.0 {
+                    let r = rotation(motion.attitude[k]);
+                    let (v, wind) = (motion.velocity[k], c.wind_ned_m_s);
+                    let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
+                    drag(c, to_body(&r, relative), motion.rates[k], &mut w);
+                }
+            }
+            let omega = motion.rates[k];
+            let momentum = times(&j, omega);
+            let gyroscopic = cross(omega, momentum);
+            let net = [0, 1, 2].map(|i| w.torque_body[i] - gyroscopic[i]);
+            spin_up[k] = times(&inverse.1, net);
+            let per_mass = 1.0 / set.constants().mass_kg;
+            specific[k] = w.force_body.map(|force| force * per_mass);
+        }
+        spin_up[steps] = spin_up[steps - 1];
+        specific[steps] = specific[steps - 1];
+        let mut force = specific.clone();
+        // The value at t_k lies between the means of the steps on either side.
+        for k in (1..s.len).rev() {
+            for i in 0..3 {
+                force[k][i] = 0.5 * (specific[k - 1][i] + specific[k][i]);
+            }
+        }
+        let c = *set.constants();
+        let hooked = set.hooks().uses(Hooks::READINGS);
+        let mut moments = spin_up.clone();
+        if hooked || !sensors_are_exact(&c) {
+            let nothing = [0.0; MAX_ROTORS];
+            let mut set = set.clone();
+            for k in 0..s.len {
+                set.begin(s.time(k));
+                let c = *set.constants();
+                let mut read = Readings {
+                    specific_force: force[k],
+                    body_rates: motion.rates[k],
+                    attitude: motion.attitude[k],
+                    velocity_ned: motion.velocity[k],
+                    position_ned: motion.position[k],
+                    battery_voltage: 0.0,
+                };
+                c.corrupt(&mut read, motion.angular_acceleration[k]);
+                if hooked {
+                    for i in 0..n {
+                        ratio[i] = (thrust[k * n + i].max(0.0) / c.hover_thrust_n).sqrt();
+                    }
+                    let at = self.moment(k, motion, &c, &thrust[k * n..(k + 1) * n], &ratio[..n], &nothing[..n]);
+                    set.readings(&at, &mut read);
+                }
+                force[k] = read.specific_force;
+                // The rate of what the gyroscope reads: its errors without the bias.
+                let scale = 1.0 + c.gyro_scale;
+                let turned = cross(c.imu_misalignment_rad, spin_up[k]);
+                moments[k] = [0, 1, 2].map(|i| scale * (spin_up[k][i] + turned[i]));
+            }
+        }
+        if c.imu_latency_s != 0.0 {
+            force = shifted(&force, -c.imu_latency_s, s.step_s);
+            moments = shifted(&moments, -c.imu_latency_s, s.step_s);
+        }
+        (force, moments, specific)
+    }
+
+    /// KV, KA, KP.
+    fn kinematics(
+        &self,
+        c: &Constants,
+        motion: &Kinematics,
+        model_force: Option<&[Vector3]>,
+        channels: &mut [Arc<Vec<f64>>; CHANNELS],
+    ) {
+        let s = &self.series;
+        let have = s.available;
+        let step = s.step_s;
+        let mut put = |first: usize, rate: Vec<Vector3>, latency: f64, mean: bool| {
+            let rate = if latency == 0.0 {
+                rate
+            } else {
+                shifted(&rate, -latency, step)
+            };
+            for i in 0..3 {
+                let column = (0..s.len)
+                    .map(|k| {
+                        let next = if mean { (k + 1).min(s.len - 1) } else { k };
+                        0.5 * (rate[k][i] + rate[next][i])
+                    })
+                    .collect();
+                channels[first + i] = Arc::new(column);
+            }
+        };
+        if have.velocity && have.attitude {
+            let force: Option<&[Vector3]> = if have.accel { Some(&motion.accel) } else { model_force };
+            if let Some(force) = force {
+                let rate = (0..s.len)
+                    .map(|k| {
+                        let r = rotation(motion.attitude[k]);
+                        let mut a = times(&r, force[k]);
+                        a[2] += c.gravity_m_s2;
+                        a
+                    })
+                    .collect();
+                // The model's force is a step mean already.
+                put(KV, rate, c.velocity_latency_s, have.accel);
+            }
+        }
+        if have.attitude && have.rates {
+            let rate = (0..s.len)
+                .map(|k| euler_rates(motion.attitude[k], motion.rates[k]))
+                .collect();
+            put(KA, rate, c.attitude_latency_s, true);
+        }
+        if have.position && have.velocity {
+            put(KP, motion.velocity.clone(), c.position_latency_s, true);
+        }
+    }
+
+    /// Battery voltage as the sensor reads it, V.
+    fn battery(&self, mut set: EffectSet, motion: &Kinematics, thrust: &[f64]) -> Vec<f64> {
+        let s = &self.series;
+        let n = s.rotors;
+        let battery = Battery::new(&self.battery_model);
+        let mut charge = self.charge + set.constants().charge_offset;
+        let mut relaxation = 0.0;
+        let mut out = Vec::with_capacity(s.len);
+        let nothing = [0.0; MAX_ROTORS];
+        let advancing = set.hooks().uses(Hooks::ADVANCE) && set.hooks().uses(Hooks::VARYING_CONSTANTS);
+        for k in 0..s.len {
+            set.begin(s.time(k));
+            let c = set.constants();
+            let mut power = 0.0;
+            for &f in &thrust[k * n..(k + 1) * n] {
+                let f = f.max(0.0);
+                power += f * f.sqrt();
+            }
+            power *= c.power_coefficient_w_per_n15;
+            let open = battery.open_circuit_voltage(charge) - relaxation;
+            let root = (open * open - 4.0 * c.internal_resistance_ohm * power).max(0.0).sqrt();
+            let voltage = 0.5 * (open + root);
+            let current = power / voltage.max(1e-3);
+            charge -= current * s.step_s / (3600.0 * c.capacity_ah);
+            if c.rc_resistance_ohm != 0.0 {
+                let share = 1.0 - libm::exp(-s.step_s / c.rc_time_s);
+                relaxation += share * (c.rc_resistance_ohm * current - relaxation);
+            }
+            out.push((1.0 + c.voltage_gain) * voltage + c.voltage_offset_v);
+            if advancing {
+                let c = *c;
+                let mut at = self.moment(k, motion, &c, &thrust[k * n..(k + 1) * n], &nothing[..n], &nothing[..n]);
+                at.battery_current = current;
+                set.advance(&at, s.step_s);
+            }
+        }
+        out
+    }
+}
+
+fn sensors_are_exact(c: &Constants) -> bool {
+    c.accelerometer_bias_m_s2 == [0.0; 3]
+        && c.accelerometer_scale == 0.0
+        && c.gyro_bias_rad_s == [0.0; 3]
+        && c.gyro_scale == 0.0
+        && c.imu_misalignment_rad == [0.0; 3]
+        && c.imu_lever_arm_m == [0.0; 3]
+        && c.level_offset_rad == [0.0; 2]
+        && c.heading_offset_rad == 0.0
+}
+
+fn drag(c: &Constants, air_velocity: Vector3, rates: Vector3, w: &mut Wrench) {
+    for i in 0..3 {
+        w.force_body[i] -= c.linear_drag_kg_s * air_velocity[i];
+        w.torque_body[i] -= c.angular_drag_nms * rates[i];
+    }
+}
+
+/// The measured side of every channel: accelerometer, difference quotients, voltage.
+pub(crate) fn measured(series: &Series) -> PerChannel {
+    let have = series.available;
+    let n = series.len;
+    let per = 1.0 / series.step_s;
+    let mut out: PerChannel = std::array::from_fn(|_| Vec::new());
+    let difference = |x: &[Vector3], i: usize| -> Vec<f64> {
+        (0..n)
+            .map(|k| {
+                if k + 1 < n {
+                    (x[k + 1][i] - x[k][i]) * per
+                } else {
+                    f64::NAN
+                }
+            })
+            .collect()
+    };
+    let driven = series.drive != Drive::None;
+    for i in 0..3 {
+        if have.accel && driven {
+            out[F + i] = series.raw.accel.iter().map(|a| a[i]).collect();
+        }
+        if have.velocity && have.attitude && (have.accel || driven) {
+            out[KV + i] = difference(&series.raw.velocity, i);
+        }
+        if have.rates && driven {
+            out[M + i] = difference(&series.raw.rates, i);
+        }
+        if have.attitude && have.rates {
+            out[KA + i] = difference(&series.raw.attitude, i);
+        }
+        if have.position && have.velocity {
+            out[KP + i] = difference(&series.raw.position, i);
+        }
+    }
+    if have.voltage && driven {
+        out[V] = series.voltage.clone();
+    }
+    out
+}
+
+/// R of Eq. 2, rows first.
+pub(crate) fn rotation(attitude: Vector3) -> [Vector3; 3] {
+    let (sr, cr) = libm::sincos(attitude[0]);
+    let (sp, cp) = libm::sincos(attitude[1]);
+    let (sy, cy) = libm::sincos(attitude[2]);
+    [
+        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
+        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
+        [-sp, sr * cp, cr * cp],
+    ]
+}
+
+/// η̇ = T(η) ω.
+fn euler_rates(attitude: Vector3, rates: Vector3) -> Vector3 {
+    let (sr, cr) = libm::sincos(attitude[0]);
+    let (sp, cp) = libm::sincos(attitude[1]);
+    let across = sr * rates[1] + cr * rates[2];
+    [rates[0] + across * sp / cp, cr * rates[1] - sr * rates[2], across / cp]
+}
+
+pub(crate) fn to_body(r: &[Vector3; 3], v: Vector3) -> Vector3 {
+    [0, 1, 2].map(|i| r[0][i] * v[0] + r[1][i] * v[1] + r[2][i] * v[2])
+}
+
+pub(crate) fn times(m: &[Vector3; 3], v: Vector3) -> Vector3 {
+    [0, 1, 2].map(|i| m[i][0] * v[0] + m[i][1] * v[1] + m[i][2] * v[2])
+}
+
+pub(crate) fn cross(a: Vector3, b: Vector3) -> Vector3 {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// Inverse of a 3×3 matrix by cofactors.
+fn inverted(m: &[Vector3; 3]) -> [Vector3; 3] {
+    let rows = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
+    let per = 1.0 / (m[0][0] * rows[0][0] + m[0][1] * rows[0][1] + m[0][2] * rows[0][2]);
+    [0, 1, 2].map(|i| [rows[0][i] * per, rows[1][i] * per, rows[2][i] * per])
+}

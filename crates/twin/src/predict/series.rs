@@ -1,0 +1,360 @@
+//! A flight log on a uniform grid: measured kinematics as they are and smoothed, what is missing, where the vehicle flies.
+//!
+//! Residuals use the raw values, sensitivities the smoothed ones: raw noise in a regressor biases its coefficient towards 0 and
+//! invents scale errors (errors in variables). The smoother is a Hann window of 0.15 s in all, symmetric, so that it has no phase.
+
+use rotortwin_plant::Vector3;
+
+use crate::log::{FlightLog, names};
+
+/// Whole length of the Hann window, s.
+pub const SMOOTHING_S: f64 = 0.15;
+/// Seconds without weight at either end: filters and the unknown thrust at the start settle there.
+pub const EDGE_S: f64 = 0.4;
+/// Share of the weight that the rotors must lift for a sample to count as flight.
+const FLYING_SHARE: f64 = 0.3;
+/// Jitter of the intervals above which the log is resampled.
+const JITTER: f64 = 0.02;
+
+/// Measured motion of the vehicle.
+#[derive(Debug, Clone, Default)]
+pub struct Kinematics {
+    /// m, NED.
+    pub position: Vec<Vector3>,
+    /// m/s, NED.
+    pub velocity: Vec<Vector3>,
+    /// Roll, pitch, yaw, rad; yaw and roll unwrapped.
+    pub attitude: Vec<Vector3>,
+    /// rad/s, body.
+    pub rates: Vec<Vector3>,
+    /// Angular acceleration by central differences, rad/s², body.
+    pub angular_acceleration: Vec<Vector3>,
+    /// Specific force, m/s², body.
+    pub accel: Vec<Vector3>,
+}
+
+/// What of a log is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Available {
+    /// Position.
+    pub position: bool,
+    /// Velocity.
+    pub velocity: bool,
+    /// Attitude.
+    pub attitude: bool,
+    /// Body rates.
+    pub rates: bool,
+    /// Accelerometer.
+    pub accel: bool,
+    /// Battery voltage.
+    pub voltage: bool,
+}
+
+/// What drives the rotors of the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Drive {
+    /// Duties (Eq. 19, lag).
+    Duty,
+    /// Measured rotor speeds: f = f_h (Ω/Ω_h)², no lag.
+    RotorSpeed,
+    /// A commanded wrench, allocated to the rotors, then the lag.
+    Wrench,
+    /// Nothing: force, torque and voltage channels are not testable.
+    None,
+}
+
+/// A log on a uniform grid.
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// Time of the first sample, s.
+    pub start_s: f64,
+    /// Step, s.
+    pub step_s: f64,
+    /// Number of samples.
+    pub len: usize,
+    /// Number of rotors.
+    pub rotors: usize,
+    /// As measured.
+    pub raw: Kinematics,
+    /// Smoothed with [`SMOOTHING_S`].
+    pub smooth: Kinematics,
+    /// Input of each rotor, sample by sample (`k * rotors + i`): duty, or rotor speed in rad/s; thrust N for [`Drive::Wrench`].
+    pub input: Vec<f64>,
+    /// Kind of the input.
+    pub drive: Drive,
+    /// V; empty if missing.
+    pub voltage: Vec<f64>,
+    /// Height above ground, m; infinite where unknown.
+    pub height: Vec<f64>,
+    /// Which columns there are.
+    pub available: Available,
+    /// What was left out or done, in words.
+    pub notes: Vec<String>,
+}
+
+impl Series {
+    /// Puts a log on a uniform grid. `allocate` turns a commanded wrench (thrust, torque) into rotor thrusts.
+    ///
+    /// # Errors
+    /// One sentence if the log holds nothing that a vehicle with `rotors` rotors could be tested with.
+    pub fn new(log: &FlightLog, rotors: usize, allocate: impl Fn(f64, Vector3) -> Vec<f64>) -> Result<Self, String> {
+        let rate = log.sample_rate_hz();
+        if !(rate.is_finite() && rate > 0.0) {
+            return Err(format!("{}: expected a sample rate above 0, got {rate} Hz", log.name));
+        }
+        let mut notes = Vec::new();
+        let duration = log.duration_s();
+        let uniform = {
+            let step = duration / (log.time_s.len() as f64 - 1.0);
+            let start = log.time_s[0];
+            log.time_s
+                .iter()
+                .enumerate()
+                .all(|(k, &t)| (t - start - k as f64 * step).abs() < JITTER.max(1e-9) * step * 5.0)
+        };
+        let resampled;
+        let log = if uniform {
+            log
+        } else {
+            notes.push(format!("time base is not uniform: resampled to {rate:.3} Hz"));
+            resampled = log.resampled(rate);
+            &resampled
+        };
+        let n = log.time_s.len();
+        if duration < 2.0 * EDGE_S + 1.0 || n < 50 {
+            return Err(format!(
+                "{}: expected at least {:.1} s and 50 rows of flight, got {duration:.2} s and {n} rows",
+                log.name,
+                2.0 * EDGE_S + 1.0
+            ));
+        }
+        let step_s = duration / (n as f64 - 1.0);
+        let vector = |names: [&str; 3]| {
+            log.vector(names)
+                .map(|[x, y, z]| (0..n).map(|k| [x[k], y[k], z[k]]).collect::<Vec<Vector3>>())
+        };
+        let (position, velocity, rates, accel) = (
+            vector(names::POSITION),
+            vector(names::VELOCITY),
+            vector(names::RATES),
+            vector(names::ACCEL),
+        );
+        let attitude = vector(names::ATTITUDE).map(unwrapped);
+        let voltage = log.column(names::BATTERY_VOLTAGE).map(<[f64]>::to_vec);
+        let available = Available {
+            position: position.is_some(),
+            velocity: velocity.is_some(),
+            attitude: attitude.is_some(),
+            rates: rates.is_some(),
+            accel: accel.is_some(),
+            voltage: voltage.is_some(),
+        };
+        let zero = || vec![[0.0; 3]; n];
+        let height = log.column(names::HEIGHT_ABOVE_GROUND).map_or_else(
+            || match &position {
+                Some(position) => position.iter().map(|p| -p[2]).collect(),
+                None => vec![f64::INFINITY; n],
+            },
+            <[f64]>::to_vec,
+        );
+        let (drive, input) = rotor_input(log, rotors, &allocate, &mut notes)?;
+        let raw = Kinematics {
+            angular_acceleration: rates.as_ref().map_or_else(zero, |r| derivative(r, step_s)),
+            position: position.unwrap_or_else(zero),
+            velocity: velocity.unwrap_or_else(zero),
+            attitude: attitude.unwrap_or_else(zero),
+            rates: rates.unwrap_or_else(zero),
+            accel: accel.unwrap_or_else(zero),
+        };
+        let half = (0.5 * SMOOTHING_S / step_s).round() as usize;
+        let rates = hann(&raw.rates, half);
+        let smooth = Kinematics {
+            position: hann(&raw.position, half),
+            velocity: hann(&raw.velocity, half),
+            attitude: hann(&raw.attitude, half),
+            angular_acceleration: derivative(&rates, step_s),
+            rates,
+            accel: hann(&raw.accel, half),
+        };
+        Ok(Self {
+            start_s: log.time_s[0],
+            step_s,
+            len: n,
+            rotors,
+            raw,
+            smooth,
+            input,
+            drive,
+            voltage: voltage.unwrap_or_default(),
+            height,
+            available,
+            notes,
+        })
+    }
+
+    /// Time of sample `k`, s.
+    pub fn time(&self, k: usize) -> f64 {
+        self.start_s + k as f64 * self.step_s
+    }
+
+    /// True for samples of flight away from the ends: the rotors of the model lift a share of the weight.
+    pub fn flying(&self, thrust: &[f64], weight_n: f64) -> Vec<bool> {
+        let edge = (EDGE_S / self.step_s).ceil() as usize;
+        let mut flying: Vec<bool> = (0..self.len)
+            .map(|k| {
+                let total: f64 = thrust[k * self.rotors..(k + 1) * self.rotors].iter().sum();
+                k >= edge && k + edge < self.len && (self.drive == Drive::None || total > FLYING_SHARE * weight_n)
+            })
+            .collect();
+        // Take-off and landing touch the ground on either side of the edge.
+        let ground: Vec<usize> = (edge..self.len - edge).filter(|&k| !flying[k]).collect();
+        for k in ground {
+            for near in k.saturating_sub(edge)..(k + edge).min(self.len) {
+                flying[near] = false;
+            }
+        }
+        flying
+    }
+}
+
+fn rotor_input(
+    log: &FlightLog,
+    rotors: usize,
+    allocate: &impl Fn(f64, Vector3) -> Vec<f64>,
+    notes: &mut Vec<String>,
+) -> Result<(Drive, Vec<f64>), String> {
+    let n = log.time_s.len();
+    let interleave = |columns: &[&[f64]]| {
+        let mut held = vec![0.0; rotors];
+        let mut input = Vec::with_capacity(n * rotors);
+        for k in 0..n {
+            for (held, column) in held.iter_mut().zip(columns) {
+                if column[k].is_finite() {
+                    *held = column[k];
+                }
+            }
+            input.extend_from_slice(&held);
+        }
+        input
+    };
+    let duties = log.duties();
+    if !duties.is_empty() {
+        if duties.len() != rotors {
+            return Err(format!(
+                "{}: expected the duties of {rotors} rotors, as the vehicle has, got {}",
+                log.name,
+                duties.len()
+            ));
+        }
+        return Ok((Drive::Duty, interleave(&duties)));
+    }
+    let speeds: Vec<&[f64]> = (1..=rotors).map_while(|i| log.column(&names::rotor_speed(i))).collect();
+    if speeds.len() == rotors {
+        notes.push("no duties: rotor speeds drive the model (no lag, no command effects testable)".into());
+        return Ok((Drive::RotorSpeed, interleave(&speeds)));
+    }
+    if let (Some(thrust), Some([x, y, z])) = (log.column(names::THRUST_COMMAND), log.vector(names::TORQUE_COMMAND)) {
+        notes.push("no duties: the commanded wrench, allocated to the rotors, drives the model".into());
+        let mut held = vec![0.0; rotors];
+        let mut input = Vec::with_capacity(n * rotors);
+        for k in 0..n {
+            if [thrust[k], x[k], y[k], z[k]].iter().all(|v| v.is_finite()) {
+                held = allocate(thrust[k], [x[k], y[k], z[k]]);
+            }
+            input.extend_from_slice(&held);
+        }
+        return Ok((Drive::Wrench, input));
+    }
+    notes.push(
+        "neither duties nor rotor speeds nor a commanded wrench: forces, torques and voltage are not testable".into(),
+    );
+    Ok((Drive::None, vec![0.0; n * rotors]))
+}
+
+/// Euler angles without jumps of a turn.
+fn unwrapped(mut attitude: Vec<Vector3>) -> Vec<Vector3> {
+    let turn = std::f64::consts::TAU;
+    let mut before: Option<Vector3> = None;
+    for angles in &mut attitude {
+        if let Some(before) = before {
+            for axis in [0, 2] {
+                angles[axis] -= turn * ((angles[axis] - before[axis]) / turn).round();
+            }
+        }
+        if angles.iter().all(|a| a.is_finite()) {
+            before = Some(*angles);
+        }
+    }
+    attitude
+}
+
+/// Central differences; one-sided at the ends.
+fn derivative(x: &[Vector3], step_s: f64) -> Vec<Vector3> {
+    let last = x.len() - 1;
+    (0..x.len())
+        .map(|k| {
+            let (a, b) = (k.saturating_sub(1), (k + 1).min(last));
+            let per = 1.0 / ((b - a) as f64 * step_s);
+            [0, 1, 2].map(|i| (x[b][i] - x[a][i]) * per)
+        })
+        .collect()
+}
+
+/// Hann-weighted mean over `half` samples to either side; shorter, still symmetric, at the ends; NaN is left out.
+pub fn hann(x: &[Vector3], half: usize) -> Vec<Vector3> {
+    if half == 0 {
+        return x.to_vec();
+    }
+    let weights: Vec<f64> = (0..=half)
+        .map(|j| 0.5 + 0.5 * libm::cos(std::f64::consts::PI * j as f64 / (half as f64 + 1.0)))
+        .collect();
+    let n = x.len();
+    (0..n)
+        .map(|k| {
+            let reach = half.min(k).min(n - 1 - k);
+            let (mut sum, mut total) = ([0.0; 3], 0.0);
+            for (j, value) in x[k - reach..=k + reach].iter().enumerate() {
+                if value[0].is_finite() && value[1].is_finite() && value[2].is_finite() {
+                    let w = weights[j.abs_diff(reach)];
+                    total += w;
+                    for i in 0..3 {
+                        sum[i] += w * value[i];
+                    }
+                }
+            }
+            if total > 0.0 {
+                sum.map(|s| s / total)
+            } else {
+                [f64::NAN; 3]
+            }
+        })
+        .collect()
+}
+
+/// `x` at a time `shift_s` later, by cubic interpolation; values at the ends are held.
+pub fn shifted(x: &[Vector3], shift_s: f64, step_s: f64) -> Vec<Vector3> {
+    let samples = shift_s / step_s;
+    let whole = samples.floor();
+    let u = samples - whole;
+    // Lagrange weights of the samples −1, 0, 1, 2.
+    let w = [
+        -u * (u - 1.0) * (u - 2.0) / 6.0,
+        (u + 1.0) * (u - 1.0) * (u - 2.0) / 2.0,
+        -(u + 1.0) * u * (u - 2.0) / 2.0,
+        (u + 1.0) * u * (u - 1.0) / 6.0,
+    ];
+    let last = x.len() as i64 - 1;
+    (0..=last)
+        .map(|k| {
+            let at = k + whole as i64;
+            let mut sum = [0.0; 3];
+            for (j, w) in w.iter().enumerate() {
+                let sample = x[(at + j as i64 - 1).clamp(0, last) as usize];
+                for i in 0..3 {
+                    sum[i] += w * sample[i];
+                }
+            }
+            sum
+        })
+        .collect()
+}

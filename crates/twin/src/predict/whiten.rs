@@ -1,0 +1,170 @@
+//! Whitening of a residual channel whose noise is white or a first-order moving average.
+//!
+//! A difference quotient (x_{k+1} − x_k)/h of samples with white noise has the tridiagonal covariance c₀ on the diagonal, c₁ beside
+//! it. With its Cholesky factor L (two diagonals) the whitened residual is w = L⁻¹ r: the innovation form of the Kalman filter,
+//! w_k = (r_k − l_{k,k−1} w_{k−1})/l_{kk}. A masked sample is left out and the recursion starts anew behind it.
+
+/// Covariance of one channel's noise: white (`lag_one` 0) or a first-order moving average.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Covariance {
+    /// c₀, variance of a sample.
+    pub variance: f64,
+    /// c₁, covariance of neighbours; |c₁| < c₀/2.
+    pub lag_one: f64,
+}
+
+impl Covariance {
+    /// White noise of a standard deviation.
+    pub fn white(deviation: f64) -> Self {
+        Self {
+            variance: deviation * deviation,
+            lag_one: 0.0,
+        }
+    }
+
+    /// Noise of a difference quotient over `step_s`: samples of deviation `sample`, a rate that is the mean of two samples of
+    /// deviation `rate`, and white noise `floor` of the step itself.
+    pub fn of_difference(sample: f64, rate: f64, floor: f64, step_s: f64) -> Self {
+        let difference = (sample / step_s) * (sample / step_s);
+        Self {
+            variance: 2.0 * difference + 0.5 * rate * rate + floor * floor,
+            lag_one: -difference + 0.25 * rate * rate,
+        }
+    }
+
+    /// Times a factor on the deviation.
+    pub fn scaled(self, factor: f64) -> Self {
+        let square = factor * factor;
+        Self {
+            variance: self.variance * square,
+            lag_one: self.lag_one * square,
+        }
+    }
+}
+
+/// The two diagonals of L⁻¹'s recursion for one mask.
+#[derive(Debug, Clone)]
+pub struct Whitener {
+    /// 1/l_kk; 0 where masked.
+    gain: Vec<f64>,
+    /// l_{k,k−1}.
+    previous: Vec<f64>,
+}
+
+impl Whitener {
+    /// For a covariance and a mask (true: sample counts).
+    pub fn new(covariance: Covariance, mask: &[bool]) -> Self {
+        let (mut gain, mut previous) = (vec![0.0; mask.len()], vec![0.0; mask.len()]);
+        // l of the sample before; 0 starts anew.
+        let mut before = 0.0;
+        for (k, &counts) in mask.iter().enumerate() {
+            if !counts {
+                before = 0.0;
+                continue;
+            }
+            let off = if before > 0.0 { covariance.lag_one / before } else { 0.0 };
+            // Rounding alone could bring the pivot of a nearly singular covariance to 0.
+            let pivot = (covariance.variance - off * off)
+                .max(1e-12 * covariance.variance)
+                .sqrt();
+            gain[k] = 1.0 / pivot;
+            previous[k] = off;
+            before = pivot;
+        }
+        Self { gain, previous }
+    }
+
+    /// L⁻¹ r in place; masked samples become 0.
+    pub fn apply(&self, residual: &mut [f64]) {
+        let mut before = 0.0;
+        for ((r, &gain), &previous) in residual.iter_mut().zip(&self.gain).zip(&self.previous) {
+            if gain == 0.0 {
+                // A masked sample may be NaN: 0 · NaN would spread.
+                before = 0.0;
+            } else {
+                before = (*r - previous * before) * gain;
+            }
+            *r = before;
+        }
+    }
+
+    /// L⁻¹ (a − b) · `factor` as f32, for columns of a Jacobian.
+    pub fn difference(&self, a: &[f64], b: &[f64], factor: f64) -> Vec<f32> {
+        let mut before = 0.0;
+        let mut out = Vec::with_capacity(a.len());
+        for (((&x, &y), &gain), &previous) in a.iter().zip(b).zip(&self.gain).zip(&self.previous) {
+            before = if gain == 0.0 {
+                0.0
+            } else {
+                ((x - y) * factor - previous * before) * gain
+            };
+            out.push(before as f32);
+        }
+        out
+    }
+
+    /// Length of the channel.
+    pub fn len(&self) -> usize {
+        self.gain.len()
+    }
+
+    /// True for a channel without samples.
+    pub fn is_empty(&self) -> bool {
+        self.gain.is_empty()
+    }
+
+    /// True where a sample counts.
+    pub fn counts(&self, k: usize) -> bool {
+        self.gain[k] != 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// rᵀ C⁻¹ r by Gaussian elimination of the full matrix.
+    fn brute_force(covariance: Covariance, r: &[f64]) -> f64 {
+        let n = r.len();
+        let mut a = vec![vec![0.0; n + 1]; n];
+        for i in 0..n {
+            a[i][i] = covariance.variance;
+            if i > 0 {
+                a[i][i - 1] = covariance.lag_one;
+                a[i - 1][i] = covariance.lag_one;
+            }
+            a[i][n] = r[i];
+        }
+        for i in 0..n {
+            for j in i + 1..n {
+                let factor = a[j][i] / a[i][i];
+                for k in i..=n {
+                    a[j][k] -= factor * a[i][k];
+                }
+            }
+        }
+        let mut x = vec![0.0; n];
+        for i in (0..n).rev() {
+            x[i] = (a[i][n] - (i + 1..n).map(|j| a[i][j] * x[j]).sum::<f64>()) / a[i][i];
+        }
+        x.iter().zip(r).map(|(x, r)| x * r).sum()
+    }
+
+    #[test]
+    fn val_whitened_square_sum_equals_the_full_quadratic_form() {
+        let covariance = Covariance::of_difference(0.0078, 0.08, 0.02, 0.0025);
+        let r: Vec<f64> = (0..40)
+            .map(|k| libm::sin(f64::from(k) * 1.7) + 0.1 * f64::from(k % 3))
+            .collect();
+        let mut mask = vec![true; 40];
+        mask[13] = false;
+        let mut w = r.clone();
+        w[13] = f64::NAN;
+        Whitener::new(covariance, &mask).apply(&mut w);
+        let expected = brute_force(covariance, &r[..13]) + brute_force(covariance, &r[14..]);
+        let got: f64 = w.iter().map(|w| w * w).sum();
+        // Rounding of 40 eliminations of a well-conditioned matrix.
+        assert!((got - expected).abs() < 1e-9 * expected, "{got} against {expected}");
+        assert_eq!(w[13], 0.0);
+    }
+}
