@@ -1,0 +1,137 @@
+//! The library of the diagnosis: every effect of the catalogue on every rotor, as columns of one Jacobian.
+
+use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterKind};
+
+/// An effect that can be named: a declaration, and the rotor for effects of one rotor.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// Entry of the catalogue.
+    pub declaration: &'static EffectDeclaration,
+    /// Rotor, from 1.
+    pub rotor: Option<usize>,
+    /// Column of each size parameter, counted within the library; `None` for shapes.
+    pub columns: Vec<Option<usize>>,
+}
+
+impl Candidate {
+    /// Name with the rotor.
+    pub fn label(&self) -> String {
+        match self.rotor {
+            Some(rotor) => format!("{} (rotor {rotor})", self.declaration.name),
+            None => self.declaration.name.to_owned(),
+        }
+    }
+
+    /// The instance with values in the order of the declaration; `None` if every size is 0.
+    pub fn instance(&self, values: &[f64], onset_s: Option<f64>) -> Option<EffectInstance> {
+        let acts = self
+            .declaration
+            .parameters
+            .iter()
+            .zip(values)
+            .any(|(p, &value)| p.kind == ParameterKind::Size && value != 0.0);
+        acts.then(|| EffectInstance {
+            effect: self.declaration.id.to_owned(),
+            rotor: self.rotor,
+            onset_s,
+            parameters: self
+                .declaration
+                .parameters
+                .iter()
+                .zip(values)
+                .map(|(p, &value)| (p.name.to_owned(), value))
+                .collect(),
+        })
+    }
+
+    /// Sizes 0, shapes typical.
+    pub fn neutral(&self) -> Vec<f64> {
+        self.declaration.parameters.iter().map(|p| p.default_value()).collect()
+    }
+
+    /// Value pulled into what documents accept.
+    pub fn clamped(&self, parameter: usize, value: f64) -> f64 {
+        let (low, high) = self.declaration.parameters[parameter].accepted();
+        value.clamp(low, high)
+    }
+
+    /// True for a fault of the log instead of physics.
+    pub fn is_log_fault(&self) -> bool {
+        matches!(
+            self.declaration.class,
+            EffectClass::SensorFault | EffectClass::TimingFault
+        )
+    }
+}
+
+/// One column: the size parameter of a candidate.
+#[derive(Debug, Clone, Copy)]
+pub struct LibraryColumn {
+    /// Place in [`Library::candidates`].
+    pub candidate: usize,
+    /// Place in the declaration's parameters.
+    pub parameter: usize,
+    /// Plausible size: unit of the column and deviation of the slab.
+    pub size: f64,
+    /// Deviation of the spike over the plausible size.
+    pub spike: f64,
+}
+
+/// All candidates and columns.
+#[derive(Debug, Clone)]
+pub struct Library {
+    /// Effects that can be named.
+    pub candidates: Vec<Candidate>,
+    /// Their sizes.
+    pub columns: Vec<LibraryColumn>,
+}
+
+impl Library {
+    /// Every entry of a catalogue that is not a nuisance, for a vehicle with `rotors` rotors.
+    pub fn new(catalogue: &Catalogue, rotors: usize) -> Self {
+        let mut library = Self {
+            candidates: Vec::new(),
+            columns: Vec::new(),
+        };
+        for &declaration in catalogue.entries() {
+            if declaration.class == EffectClass::Nuisance {
+                continue;
+            }
+            let places: Vec<Option<usize>> = if declaration.per_rotor {
+                (1..=rotors).map(Some).collect()
+            } else {
+                vec![None]
+            };
+            for rotor in places {
+                let candidate = library.candidates.len();
+                let columns = declaration
+                    .parameters
+                    .iter()
+                    .enumerate()
+                    .map(|(parameter, p)| {
+                        (p.kind == ParameterKind::Size && p.size > 0.0).then(|| {
+                            library.columns.push(LibraryColumn {
+                                candidate,
+                                parameter,
+                                size: p.size,
+                                spike: (p.clutter / p.size).clamp(1e-6, 1.0),
+                            });
+                            library.columns.len() - 1
+                        })
+                    })
+                    .collect();
+                library.candidates.push(Candidate {
+                    declaration,
+                    rotor,
+                    columns,
+                });
+            }
+        }
+        library
+    }
+
+    /// Columns of a candidate.
+    pub fn columns_of(&self, candidate: usize) -> Vec<usize> {
+        self.candidates[candidate].columns.iter().flatten().copied().collect()
+    }
+}
