@@ -4,6 +4,7 @@
 
 mod campaign;
 mod fly;
+mod log;
 mod model;
 mod output;
 mod replay;
@@ -30,6 +31,8 @@ enum Command {
     Replay(replay::Args),
     /// Print what a run folder says
     Show(show::Args),
+    /// Import flight logs, and show what they hold
+    Log(log::Args),
     /// Check a scenario and the files it names; prints every setting in effect
     Check(show::CheckArgs),
     /// Reproduce the paper's tables and figures, its numbers beside ours
@@ -58,6 +61,7 @@ pub fn run() -> ExitCode {
         Command::Fly(args) => fly::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Show(args) => show::run(&args),
+        Command::Log(args) => log::run(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Model(args) => model::run(&args),

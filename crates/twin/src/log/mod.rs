@@ -1,7 +1,8 @@
 //! Flight logs: one type for every source.
 //!
 //! ```text
-//! CSV, Parquet (canonical names) ─▶ Table ─▶ accept: refusals, Euler angles, report ─▶ FlightLog
+//! CSV, Parquet, run folder (canonical names) ───────────────────────────▶ Table ─▶ accept: refusals, Euler angles ─▶ FlightLog
+//! ULog, DataFlash, usdlog ─▶ streams ─▶ mapping: units, frames, one time ──▶ Table ─┘
 //! ```
 //! A log has one time base and columns of numbers: the canonical ones ([`names`]) in SI, NED and FRD, and whatever else the file
 //! holds under its own name. A cell without a value is NaN in memory and nowhere else.
@@ -12,16 +13,23 @@
 //! Limits: a log is held in memory as f64, 8 bytes a cell (90 s at 1 kHz and 40 columns: 29 MB); [`MAX_CELLS`] bounds it.
 
 mod accept;
+mod assemble;
 mod csv;
+mod describe;
 mod error;
 mod findings;
+mod mapping;
 pub mod names;
 mod parquet;
 mod report;
 mod resample;
 mod side_file;
+mod sources;
+mod stored;
 mod table;
+mod units;
 
+pub use describe::ColumnRange;
 pub use error::LogError;
 pub use findings::{Finding, FindingKind};
 pub use report::{ColumnNoise, Delay, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn};
@@ -33,6 +41,22 @@ use std::path::{Path, PathBuf};
 /// Most cells of one log: 2 GiB of numbers.
 pub const MAX_CELLS: usize = 1 << 28;
 
+/// Longest file that is read.
+pub const MAX_FILE_BYTES: u64 = 1 << 31;
+/// The table in a run folder; the same name as in `rotortwin-store`.
+const RUN_TELEMETRY: &str = "telemetry.parquet";
+
+/// How [`FlightLog::read_with`] reads.
+#[derive(Clone, Debug, Default)]
+pub struct ReadOptions {
+    /// Mapping file whose rows go before the built-in ones.
+    pub mapping: Option<PathBuf>,
+    /// Of a simulated run, the truth (`true_…` columns) in the place of what was sensed.
+    pub truth: bool,
+    /// Take what can be read of a file whose checksum is wrong.
+    pub accept_damaged: bool,
+}
+
 /// What a log was read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -41,6 +65,16 @@ pub enum SourceKind {
     Csv,
     /// Canonical Parquet.
     Parquet,
+    /// Folder of a simulated run.
+    RunFolder,
+    /// PX4 ULog.
+    Px4Ulog,
+    /// ArduPilot DataFlash, binary.
+    ArdupilotDataflash,
+    /// ArduPilot DataFlash, text.
+    ArdupilotDataflashText,
+    /// Crazyflie micro-SD log.
+    CrazyflieUsdlog,
     /// Made in this process.
     Memory,
 }
@@ -103,28 +137,106 @@ pub struct FlightLog {
     pub report: ImportReport,
 }
 
+/// Parses a log of an autopilot and brings it into canonical form.
+fn read_autopilot(
+    source: impl FnOnce(SourceKind) -> LogSource,
+    file: &Path,
+    format: sources::Format,
+    bytes: &[u8],
+    side: Option<side_file::SideFile>,
+    options: &ReadOptions,
+) -> Result<FlightLog, LogError> {
+    let (kind, name) = match format {
+        sources::Format::Ulog => (SourceKind::Px4Ulog, mapping::SourceName::Px4Ulog),
+        sources::Format::DataFlash => (SourceKind::ArdupilotDataflash, mapping::SourceName::ArdupilotDataflash),
+        sources::Format::DataFlashText => (
+            SourceKind::ArdupilotDataflashText,
+            mapping::SourceName::ArdupilotDataflash,
+        ),
+        sources::Format::Usdlog => (SourceKind::CrazyflieUsdlog, mapping::SourceName::CrazyflieUsdlog),
+    };
+    if options.truth {
+        return Err(LogError::format(
+            file,
+            "a measured log has no truth; --truth is for simulated runs",
+        ));
+    }
+    let mapping = mapping::load(name, options.mapping.as_deref())?;
+    let parsed =
+        sources::parse(format, bytes, options.accept_damaged).map_err(|reason| LogError::format(file, reason))?;
+    let assembled = assemble::assemble(&parsed, &mapping).map_err(|reason| LogError::format(file, reason))?;
+    let mut log = accept::accept(source(kind), assembled.table, side)?;
+    log.origin = log.origin.or(assembled.origin);
+    log.report.streams = assembled.report.streams;
+    log.report.unused_columns.extend(assembled.report.unused_columns);
+    log.report.conversions.splice(0..0, assembled.report.conversions);
+    log.report.notes.splice(0..0, assembled.report.notes);
+    Ok(log)
+}
+
 impl FlightLog {
     /// Reads a flight log; the kind of file is found from its content.
     ///
-    /// A side file `NAME.toml` beside `NAME.csv` or `NAME.parquet` is read with it.
+    /// Takes canonical CSV and Parquet, run folders (`telemetry.parquet`), PX4 ULog, ArduPilot DataFlash (binary and text) and
+    /// Crazyflie usdlog. A side file `NAME.toml` beside `NAME.csv` or `NAME.parquet` is read with it.
     ///
     /// # Errors
     /// Whatever the canonical format forbids, with file, row and column.
     pub fn read(path: &Path) -> Result<Self, LogError> {
-        let bytes = std::fs::read(path).map_err(error::io(path, "cannot read the log"))?;
-        let hash = format!("{:032x}", xxhash_rust::xxh3::xxh3_128(&bytes));
-        let side = side_file::read_beside(path)?;
-        let (kind, table) = if bytes.starts_with(b"PAR1") {
-            (SourceKind::Parquet, parquet::read(path, bytes)?)
+        Self::read_with(path, &ReadOptions::default())
+    }
+
+    /// As [`FlightLog::read`], with options.
+    ///
+    /// # Errors
+    /// Whatever the canonical format forbids, with file, row and column.
+    pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
+        let is_run = path.is_dir();
+        let file = if is_run {
+            path.join(RUN_TELEMETRY)
         } else {
-            (SourceKind::Csv, csv::read(path, &bytes)?)
+            path.to_path_buf()
         };
-        let source = LogSource {
+        let length = std::fs::metadata(&file)
+            .map_err(error::io(&file, "cannot read the log"))?
+            .len();
+        if length > MAX_FILE_BYTES {
+            return Err(LogError::format(
+                &file,
+                format!("{length} bytes; logs of up to {MAX_FILE_BYTES} bytes are read"),
+            ));
+        }
+        let bytes = std::fs::read(&file).map_err(error::io(&file, "cannot read the log"))?;
+        let content_hash = format!("{:032x}", xxhash_rust::xxh3::xxh3_128(&bytes));
+        let side = side_file::read_beside(&file)?;
+        let source = |kind| LogSource {
             kind,
             path: path.to_path_buf(),
-            content_hash: hash,
+            content_hash,
         };
-        accept::accept(source, table, side)
+        if let Some(format) = sources::detect(&bytes) {
+            return read_autopilot(source, &file, format, &bytes, side, options);
+        }
+        if options.mapping.is_some() {
+            return Err(LogError::format(
+                &file,
+                "the columns of this file are canonical; a mapping has no use for it",
+            ));
+        }
+        let (kind, mut table) = if bytes.starts_with(b"PAR1") {
+            let kind = if is_run {
+                SourceKind::RunFolder
+            } else {
+                SourceKind::Parquet
+            };
+            (kind, parquet::read(&file, bytes)?)
+        } else {
+            (SourceKind::Csv, csv::read(&file, &bytes)?)
+        };
+        if options.truth {
+            table.take_truth().map_err(|reason| LogError::format(&file, reason))?;
+        }
+        accept::accept(source(kind), table, side)
     }
 
     /// A log from columns of this process; checked like a file.

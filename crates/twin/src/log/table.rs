@@ -53,4 +53,28 @@ impl Table {
         }
         self.columns.push(column);
     }
+
+    /// Puts the truth of a simulated run (`true_NAME`) in the place of what was sensed (`NAME`).
+    pub(crate) fn take_truth(&mut self) -> Result<(), String> {
+        const PREFIX: &str = "true_";
+        let truths: Vec<String> = self
+            .columns
+            .iter()
+            .filter_map(|column| column.name.strip_prefix(PREFIX).map(str::to_owned))
+            .collect();
+        if truths.is_empty() {
+            return Err("no true_… column; the truth is in the telemetry of simulated runs only".to_owned());
+        }
+        for name in truths {
+            if super::names::is_canonical(&name) {
+                self.columns.retain(|column| column.name != name);
+                for column in &mut self.columns {
+                    if column.name.strip_prefix(PREFIX) == Some(&name) {
+                        column.name.clone_from(&name);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
 }

@@ -1,0 +1,202 @@
+//! `rotortwin log import` and `rotortwin log show`.
+
+use crate::output::{bad_input, failed};
+use comfy_table::{CellAlignment, Table};
+use rotortwin_twin::log::{FlightLog, LogError, ReadOptions};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Import flight logs, and show what they hold.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Bring logs into the canonical format: NAME.parquet, NAME.toml, NAME.import.json
+    Import(ImportArgs),
+    /// Print columns, ranges, rate, gaps, and what a log can and cannot test
+    Show(ShowArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct Reading {
+    /// Mapping file whose rows go before the built-in ones (config/log-mappings)
+    #[arg(long, value_name = "FILE")]
+    mapping: Option<PathBuf>,
+    /// Of a simulated run, take the truth instead of what was sensed
+    #[arg(long)]
+    truth: bool,
+    /// Take what can be read of a file whose checksum is wrong
+    #[arg(long)]
+    damaged: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct ImportArgs {
+    /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, Crazyflie micro-SD log
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// Folder for the imported logs
+    #[arg(long, value_name = "DIR", default_value = "logs")]
+    out: PathBuf,
+    /// Bring every column to this constant rate, Hz
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate: Option<f64>,
+    /// Print one line per log
+    #[arg(long)]
+    quiet: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct ShowArgs {
+    /// The log
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    #[command(flatten)]
+    reading: Reading,
+    /// Print the account of the import as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let rate: f64 = text
+        .parse()
+        .map_err(|_not_a_number: std::num::ParseFloatError| "not a number".to_owned())?;
+    (1.0..=10_000.0)
+        .contains(&rate)
+        .then_some(rate)
+        .ok_or_else(|| "1 to 10000 Hz were expected".to_owned())
+}
+
+fn read(file: &Path, reading: &Reading) -> Result<FlightLog, LogError> {
+    let options = ReadOptions {
+        mapping: reading.mapping.clone(),
+        truth: reading.truth,
+        accept_damaged: reading.damaged,
+    };
+    FlightLog::read_with(file, &options)
+}
+
+pub(crate) fn run(args: &Args) -> ExitCode {
+    match &args.command {
+        Command::Import(args) => import(args),
+        Command::Show(args) => show(args),
+    }
+}
+
+fn import(args: &ImportArgs) -> ExitCode {
+    let mut code = ExitCode::SUCCESS;
+    let names = unique_names(&args.files);
+    for (file, name) in args.files.iter().zip(names) {
+        let stored = read(file, &args.reading).and_then(|log| {
+            let log = args.rate.map_or_else(|| log.clone(), |rate_hz| log.resampled(rate_hz));
+            log.store(&args.out, &name).map(|path| (log, path))
+        });
+        match stored {
+            Ok((log, path)) => {
+                println!("{} → {}", log.headline(), path.display());
+                let findings = &log.report.findings;
+                if args.quiet {
+                    for finding in findings {
+                        println!("  {finding}");
+                    }
+                } else {
+                    print!("{}", log.account());
+                }
+            }
+            Err(refusal) => code = bad_input(refusal),
+        }
+    }
+    code
+}
+
+/// File names without extension; where two files share one, the folder's name goes before it.
+fn unique_names(files: &[PathBuf]) -> Vec<String> {
+    let stem = |file: &PathBuf| {
+        file.file_stem()
+            .map_or_else(|| "log".to_owned(), |stem| stem.to_string_lossy().into_owned())
+    };
+    let mut seen = BTreeSet::new();
+    let twice: BTreeSet<String> = files
+        .iter()
+        .map(stem)
+        .filter(|stem| !seen.insert(stem.clone()))
+        .collect();
+    files
+        .iter()
+        .map(|file| {
+            let name = stem(file);
+            let folder = file.parent().and_then(Path::file_name);
+            match folder {
+                Some(folder) if twice.contains(&name) => format!("{}__{name}", folder.to_string_lossy()),
+                _ => name,
+            }
+        })
+        .collect()
+}
+
+fn show(args: &ShowArgs) -> ExitCode {
+    let log = match read(&args.file, &args.reading) {
+        Ok(log) => log,
+        Err(refusal) => return bad_input(refusal),
+    };
+    if args.json {
+        let account = serde_json::json!({ "source": log.source, "segments": log.segments, "report": log.report });
+        return match serde_json::to_string_pretty(&account) {
+            Ok(text) => {
+                println!("{text}");
+                ExitCode::SUCCESS
+            }
+            Err(error) => failed(error),
+        };
+    }
+    println!("{}", log.headline());
+    if let Some(vehicle) = &log.vehicle {
+        println!("Vehicle      {vehicle}");
+    }
+    for segment in &log.segments {
+        println!(
+            "Segment      {}: {} s to {} s",
+            segment.name, segment.start_s, segment.end_s
+        );
+    }
+    println!("\n{}", range_table(&log));
+    print!("\n{}", log.account());
+    ExitCode::SUCCESS
+}
+
+fn range_table(log: &FlightLog) -> Table {
+    let mut table = Table::new();
+    table.load_style(crate::output::TABLE_STYLE);
+    table.set_header(["column", "unit", "values", "least", "mean", "most"]);
+    for range in log.ranges() {
+        let number = |value: f64| {
+            if value.is_nan() {
+                "–".to_owned()
+            } else {
+                format!("{value:.4}")
+            }
+        };
+        table.add_row([
+            range.column,
+            range.unit.to_owned(),
+            range.values.to_string(),
+            number(range.least),
+            number(range.mean),
+            number(range.most),
+        ]);
+    }
+    for column in 2..6 {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
+}

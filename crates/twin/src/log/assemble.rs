@@ -1,0 +1,525 @@
+//! Streams of different rate → one table on one time base.
+//!
+//! ```text
+//! SourceLog ─▶ rows of the mapping that the log can serve ─▶ units, frames ─▶ time base ─▶ Table
+//! ```
+//! The time base is the stream that the mapping prefers, or else the fastest one in use. The others are brought onto it by straight
+//! lines (angles the short way round, quaternions normalised), commands by holding. No filter is applied: a stream that is faster
+//! than the base folds, one that is slower is correlated from row to row; the report says which is which.
+
+use super::mapping::{Frame, Level, MappingFile, Row, Target};
+use super::report::{ImportReport, Stream, UnusedColumn};
+use super::resample::{Between, at_times, median, median_rate_hz};
+use super::sources::{RawStream, SourceLog};
+use super::table::Table;
+use super::units::{self, Dimension};
+use super::{GAP_FACTOR, Origin, names};
+use std::collections::BTreeSet;
+
+/// What [`assemble`] makes of a source.
+pub(crate) struct Assembled {
+    pub(crate) table: Table,
+    pub(crate) report: ImportReport,
+    pub(crate) origin: Option<Origin>,
+}
+
+/// One row of the mapping that the log can serve.
+struct Served<'a> {
+    row: &'a Row,
+    target: Target,
+    stream: usize,
+    fields: Vec<usize>,
+}
+
+/// Mean radius of curvature is within 0.4 % of this everywhere on the ellipsoid, m.
+const EARTH_RADIUS_M: f64 = 6_371_000.0;
+
+/// Puts a parsed log on one time base; the error is the reason without the file's name.
+pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile) -> Result<Assembled, String> {
+    let mut report = ImportReport {
+        notes: log.notes.clone(),
+        ..ImportReport::default()
+    };
+    let served = serve(log, mapping, &mut report);
+    let base = base_stream(log, mapping, &served).ok_or_else(|| {
+        let found: Vec<String> = log.streams.iter().map(RawStream::label).take(12).collect();
+        format!(
+            "no field of this log is in the mapping (topics: {})",
+            if found.is_empty() {
+                "none".to_owned()
+            } else {
+                found.join(", ")
+            }
+        )
+    })?;
+    let start_s = log.streams[base].time_s[0];
+    let base_s = &log.streams[base].time_s;
+    let mut table = Table::default();
+    table.push(names::TIME, base_s.iter().map(|time| time - start_s).collect());
+    let mut origin = None;
+    for served in &served {
+        for (name, values, between) in convert(log, served, &mut report, &mut origin)? {
+            if values.iter().all(|value| value.is_nan()) {
+                report
+                    .notes
+                    .push(format!("{name}: no valid sample in {}, left out", served.row.from));
+                continue;
+            }
+            let stream = &log.streams[served.stream];
+            let values = if served.stream == base {
+                values
+            } else {
+                let gap_s = GAP_FACTOR / median_rate_hz(&stream.time_s);
+                at_times(&stream.time_s, &values, base_s, between, gap_s)
+            };
+            table.push(&name, values);
+        }
+    }
+    normalise_quaternion(&mut table);
+    describe_streams(log, &served, base, &mut report);
+    if mapping.keep_rest {
+        keep_rest(&log.streams[base], base, &served, &mut table);
+    } else {
+        list_unused(log, &served, &mut report);
+    }
+    Ok(Assembled { table, report, origin })
+}
+
+/// The first row of each target whose fields are in the log and hold numbers.
+fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportReport) -> Vec<Served<'a>> {
+    let mut taken: BTreeSet<&str> = BTreeSet::new();
+    let mut served = Vec::new();
+    for row in &mapping.rows {
+        // Euler angles and quaternion say the same; the first one found is taken.
+        let key = if row.to == "quaternion" {
+            "attitude"
+        } else {
+            row.to.as_str()
+        };
+        if taken.contains(key) {
+            continue;
+        }
+        let Some(place) = row.place() else {
+            taken.insert(key);
+            continue;
+        };
+        let target = Target::of(&row.to);
+        let found = log
+            .streams
+            .iter()
+            .position(|stream| stream.name == place.topic && stream.instance == place.instance);
+        let Some(index) = found else { continue };
+        let stream = &log.streams[index];
+        let fields = find_fields(stream, &place.fields);
+        let enough = match &target {
+            Target::Columns(columns, _) => fields.len() == columns.len(),
+            Target::Own(_) => fields.len() == 1,
+            Target::Duty | Target::RotorSpeed => !fields.is_empty(),
+        };
+        // A field that is 0 or empty from end to end was never written.
+        let written = fields.iter().any(|field| {
+            stream.fields[*field]
+                .1
+                .iter()
+                .any(|value| value.is_finite() && *value != 0.0)
+        });
+        if !enough || stream.time_s.len() < 2 {
+            continue;
+        }
+        if !written && row.to != "duty" {
+            report.notes.push(format!("{}: only zeros, left out", row.from));
+            continue;
+        }
+        taken.insert(key);
+        served.push(Served {
+            row,
+            target,
+            stream: index,
+            fields,
+        });
+    }
+    served
+}
+
+/// Indices of the fields; a name with `[]` counts up from 0 as far as there are fields, `{}` from 1.
+fn find_fields(stream: &RawStream, wanted: &[&str]) -> Vec<usize> {
+    let index = |name: &str| stream.fields.iter().position(|(field, _)| field == name);
+    let mut found = Vec::new();
+    for name in wanted {
+        if name.contains("[]") {
+            found.extend((0..).map_while(|number| index(&name.replace("[]", &format!("[{number}]")))));
+        } else if name.contains("{}") {
+            found.extend((1..).map_while(|number| index(&name.replace("{}", &number.to_string()))));
+        } else {
+            match index(name) {
+                Some(index) => found.push(index),
+                None => return Vec::new(),
+            }
+        }
+    }
+    found
+}
+
+fn base_stream(log: &SourceLog, mapping: &MappingFile, served: &[Served<'_>]) -> Option<usize> {
+    let used: BTreeSet<usize> = served.iter().map(|served| served.stream).collect();
+    let rate = |index: &usize| median_rate_hz(&log.streams[*index].time_s);
+    let fastest = used.iter().map(rate).fold(0.0, f64::max);
+    // A preferred stream that is much slower than the fastest would throw samples away.
+    const SLOWEST_SHARE: f64 = 0.5;
+    mapping
+        .base
+        .iter()
+        .filter_map(|name| used.iter().find(|index| log.streams[**index].label() == *name))
+        .find(|index| rate(index) >= SLOWEST_SHARE * fastest)
+        .copied()
+        .or_else(|| used.iter().copied().max_by(|a, b| rate(a).total_cmp(&rate(b))))
+}
+
+type Converted = Vec<(String, Vec<f64>, Between)>;
+
+/// The columns of one row on the stream's own time, in SI, NED and FRD.
+fn convert(
+    log: &SourceLog,
+    served: &Served<'_>,
+    report: &mut ImportReport,
+    origin: &mut Option<Origin>,
+) -> Result<Converted, String> {
+    let stream = &log.streams[served.stream];
+    let row = served.row;
+    let mut values: Vec<Vec<f64>> = served
+        .fields
+        .iter()
+        .map(|field| stream.fields[*field].1.clone())
+        .collect();
+    // Infinite values mean "none" in several logs.
+    for value in values.iter_mut().flatten() {
+        if value.is_infinite() {
+            *value = f64::NAN;
+        }
+    }
+    if let Some(valid) = &row.valid
+        && let Some((_, flags)) = stream.fields.iter().find(|(name, _)| name == valid)
+    {
+        for column in &mut values {
+            for (value, flag) in column.iter_mut().zip(flags) {
+                if *flag == 0.0 {
+                    *value = f64::NAN;
+                }
+            }
+        }
+    }
+    if row.frame == Some(Frame::Geodetic) {
+        local_tangent(&mut values, origin, report);
+    } else {
+        let (unit, factor) = chosen_unit(row, &values)?;
+        let factor = factor * row.factor.unwrap_or(1.0);
+        scale(&mut values, factor);
+        describe_conversion(row, stream, unit, report);
+    }
+    if let Some(frame) = row.frame {
+        turn(&row.to, frame, &mut values);
+    }
+    Ok(match &served.target {
+        Target::Columns(columns, _) => columns
+            .iter()
+            .zip(values)
+            .map(|(name, values)| ((*name).to_owned(), values, Between::of(name)))
+            .collect(),
+        Target::Own(name) => vec![(name.clone(), values.swap_remove(0), Between::Hold)],
+        Target::Duty => duties(log, row, values, report)?,
+        Target::RotorSpeed => ordered(row, values)?
+            .into_iter()
+            .enumerate()
+            .map(|(rotor, values)| (names::rotor_speed(rotor + 1), values, Between::Linear))
+            .collect(),
+    })
+}
+
+/// The first unit of the row that the data allow.
+fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
+    let units = row.unit.list();
+    let mut tried = Vec::new();
+    for name in units {
+        let (factor, dimension) = units::unit(name).ok_or_else(|| format!("unit '{name}' is not known"))?;
+        let Some(range) = units::plausible_median(dimension) else {
+            return Ok((name, factor));
+        };
+        let samples = values.first().map_or(0, Vec::len);
+        let mut sizes: Vec<f64> = (0..samples)
+            .map(|sample| {
+                factor
+                    * values
+                        .iter()
+                        .map(|column| column[sample] * column[sample])
+                        .sum::<f64>()
+                        .sqrt()
+            })
+            .filter(|size| size.is_finite())
+            .collect();
+        let Some(median) = median(&mut sizes) else {
+            return Ok((name, factor));
+        };
+        // A battery that is not connected reads 0: that is no unit's fault.
+        if range.contains(&median)
+            || median == 0.0
+            || (dimension == Dimension::Voltage && median < 1.0 && units.len() == 1)
+        {
+            return Ok((name, factor));
+        }
+        tried.push(format!("{median:.4} in {name}"));
+    }
+    Err(format!(
+        "{}: the unit cannot be right: the median is {}; set the unit of '{}' in a mapping",
+        row.from,
+        tried.join(", "),
+        row.to
+    ))
+}
+
+fn scale(values: &mut [Vec<f64>], factor: f64) {
+    for value in values.iter_mut().flatten() {
+        *value *= factor;
+    }
+}
+
+fn negate(values: &mut [f64]) {
+    for value in values {
+        *value = -*value;
+    }
+}
+
+/// Turns vectors, Euler angles and quaternions into NED and FRD.
+fn turn(to: &str, frame: Frame, values: &mut [Vec<f64>]) {
+    match (frame, to) {
+        (Frame::Enu, _) => {
+            values.swap(0, 1);
+            negate(&mut values[2]);
+        }
+        (Frame::Flu | Frame::Nwu, _) | (Frame::NwuFlu, "attitude") => {
+            negate(&mut values[1]);
+            negate(&mut values[2]);
+        }
+        (Frame::EnuFlu, "attitude") => {
+            negate(&mut values[1]);
+            for yaw in &mut values[2] {
+                *yaw = super::resample::wrapped(std::f64::consts::FRAC_PI_2 - *yaw);
+            }
+        }
+        (Frame::NwuFlu, _) => {
+            // q_ned_frd = x q x⁻¹ with the half turn about x that exchanges both frames.
+            negate(&mut values[2]);
+            negate(&mut values[3]);
+        }
+        (Frame::EnuFlu, _) => {
+            // R_ned_frd = P R_enu_flu D, P exchanges x and y and turns z, D turns y and z; P = half turn about (1, 1, 0)/√2.
+            let half = std::f64::consts::FRAC_1_SQRT_2;
+            for sample in 0..values[0].len() {
+                let [w, x, y, z] = [0, 1, 2, 3].map(|part| values[part][sample]);
+                // (0, h, h, 0) ⊗ q ⊗ (0, 1, 0, 0), sign free.
+                let product = [-half * (x + y), half * (w + z), half * (w - z), half * (y - x)];
+                let [a, b, c, d] = product;
+                let turned = [-b, a, d, -c];
+                for part in 0..4 {
+                    values[part][sample] = turned[part];
+                }
+            }
+        }
+        (Frame::Frd | Frame::Ned | Frame::NedFrd | Frame::Geodetic, _) => {}
+    }
+    if to == "quaternion" {
+        // Neighbours must not differ by the sign that a rotation does not have.
+        for sample in 1..values[0].len() {
+            let same: f64 = (0..4).map(|part| values[part][sample] * values[part][sample - 1]).sum();
+            if same < 0.0 {
+                for column in values.iter_mut() {
+                    column[sample] = -column[sample];
+                }
+            }
+        }
+    }
+}
+
+/// Latitude, longitude, altitude → NED about the first fix.
+fn local_tangent(values: &mut [Vec<f64>], origin: &mut Option<Origin>, report: &mut ImportReport) {
+    let first = (0..values[0].len())
+        .find(|sample| values.iter().all(|column| column[*sample].is_finite()) && values[0][*sample] != 0.0);
+    let Some(first) = first else { return };
+    let zero = Origin {
+        latitude_deg: values[0][first],
+        longitude_deg: values[1][first],
+        altitude_m: values[2][first],
+    };
+    let to_m = EARTH_RADIUS_M * std::f64::consts::PI / 180.0;
+    let east_m = to_m * (zero.latitude_deg.to_radians()).cos();
+    for sample in 0..values[0].len() {
+        values[0][sample] = (values[0][sample] - zero.latitude_deg) * to_m;
+        values[1][sample] = (values[1][sample] - zero.longitude_deg) * east_m;
+        values[2][sample] = zero.altitude_m - values[2][sample];
+    }
+    origin.get_or_insert(zero);
+    report
+        .conversions
+        .push("position: latitude, longitude, altitude → NED about the first fix (sphere)".to_owned());
+}
+
+fn describe_conversion(row: &Row, stream: &RawStream, unit: &str, report: &mut ImportReport) {
+    let si = units::unit(unit).is_none_or(|(factor, _)| factor == 1.0);
+    let turned = row
+        .frame
+        .filter(|frame| !matches!(frame, Frame::Frd | Frame::Ned | Frame::NedFrd));
+    let frame = turned.map_or_else(String::new, |frame| format!(", from {} axes", frame.name()));
+    let unit = if si { String::new() } else { format!(", from {unit}") };
+    let sign = row.factor.map_or_else(String::new, |factor| format!(", × {factor}"));
+    let fields = row.from.split_once(':').map_or("", |(_, fields)| fields);
+    report
+        .conversions
+        .push(format!("{} ← {}:{fields}{unit}{frame}{sign}", row.to, stream.label()));
+}
+
+fn level(log: &SourceLog, level: Option<&Level>, default: f64) -> f64 {
+    match level {
+        None => default,
+        Some(Level::Number(number)) => *number,
+        Some(Level::Parameter { parameter, default }) => parameter
+            .iter()
+            .find_map(|name| log.parameters.get(name))
+            .copied()
+            .unwrap_or(*default),
+    }
+}
+
+/// Fields in the rotor order of the vehicle file; unused outputs at the end are left off.
+fn ordered(row: &Row, mut values: Vec<Vec<f64>>) -> Result<Vec<Vec<f64>>, String> {
+    if let Some(order) = &row.order {
+        return order
+            .iter()
+            .map(|field| {
+                let field = values.get(field - 1);
+                field
+                    .cloned()
+                    .ok_or_else(|| format!("{}: order names a field that is not there", row.from))
+            })
+            .collect();
+    }
+    let used = |column: &Vec<f64>| column.iter().any(|value| value.is_finite() && *value != 0.0);
+    while values.last().is_some_and(|column| !used(column)) {
+        values.pop();
+    }
+    values.truncate(names::MAX_ROTORS);
+    Ok(values)
+}
+
+fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut ImportReport) -> Result<Converted, String> {
+    let low = level(log, row.low.as_ref(), 0.0);
+    let high = level(log, row.high.as_ref(), 1.0);
+    if high.total_cmp(&low).is_le() {
+        return Err(format!(
+            "{}: {high} means duty 1 and {low} duty 0; the first must be larger",
+            row.from
+        ));
+    }
+    let mut limited = 0_usize;
+    let mut columns = Vec::new();
+    for (rotor, mut column) in ordered(row, values)?.into_iter().enumerate() {
+        for value in &mut column {
+            let duty = (*value - low) / (high - low);
+            limited += usize::from(!(0.0..=1.0).contains(&duty) && !duty.is_nan());
+            *value = if duty.is_nan() { duty } else { duty.clamp(0.0, 1.0) };
+        }
+        columns.push((names::duty(rotor + 1), column, Between::Hold));
+    }
+    if row.low.is_some() || row.high.is_some() {
+        report.conversions.push(format!("duty 0 at {low}, 1 at {high}"));
+    }
+    if limited > 0 {
+        report.notes.push(format!(
+            "{}: {limited} values outside of {low} to {high} are taken as duty 0 or 1",
+            row.from
+        ));
+    }
+    Ok(columns)
+}
+
+fn normalise_quaternion(table: &mut Table) {
+    let places: Vec<usize> = names::QUATERNION
+        .iter()
+        .filter_map(|name| table.columns.iter().position(|column| column.name == *name))
+        .collect();
+    let [w, ..] = places.as_slice() else { return };
+    if places.len() != 4 {
+        return;
+    }
+    // Interpolation shortens a quaternion a little; a length far from 1 must stay visible.
+    const INTERPOLATED: std::ops::Range<f64> = 0.9..1.02;
+    for row in 0..table.columns[*w].values.len() {
+        let length = places
+            .iter()
+            .map(|place| table.columns[*place].values[row].powi(2))
+            .sum::<f64>()
+            .sqrt();
+        if INTERPOLATED.contains(&length) {
+            for place in &places {
+                table.columns[*place].values[row] /= length;
+            }
+        }
+    }
+}
+
+fn describe_streams(log: &SourceLog, served: &[Served<'_>], base: usize, report: &mut ImportReport) {
+    let used: BTreeSet<usize> = served.iter().map(|served| served.stream).collect();
+    let base_hz = median_rate_hz(&log.streams[base].time_s);
+    for index in used {
+        let stream = &log.streams[index];
+        let rate_hz = median_rate_hz(&stream.time_s);
+        let resampling = if index == base {
+            "gives the time base".to_owned()
+        } else if rate_hz > 1.2 * base_hz {
+            "faster than the time base: interpolated without a filter, so it folds".to_owned()
+        } else if rate_hz < base_hz / 1.2 {
+            "slower than the time base: interpolated, so neighbouring rows are correlated".to_owned()
+        } else {
+            "interpolated onto the time base".to_owned()
+        };
+        if stream.dropped > 0 {
+            report.notes.push(format!(
+                "{}: {} samples whose time does not increase are left out",
+                stream.label(),
+                stream.dropped
+            ));
+        }
+        report.streams.push(Stream {
+            name: stream.label(),
+            samples: stream.time_s.len(),
+            sample_rate_hz: rate_hz,
+            resampling,
+        });
+    }
+}
+
+fn keep_rest(stream: &RawStream, base: usize, served: &[Served<'_>], table: &mut Table) {
+    let used: BTreeSet<usize> = served
+        .iter()
+        .filter(|served| served.stream == base)
+        .flat_map(|served| served.fields.iter().copied())
+        .collect();
+    for (index, (name, values)) in stream.fields.iter().enumerate() {
+        if !used.contains(&index) && !table.columns.iter().any(|column| column.name == *name) {
+            table.push(name, values.clone());
+        }
+    }
+}
+
+fn list_unused(log: &SourceLog, served: &[Served<'_>], report: &mut ImportReport) {
+    let used: BTreeSet<usize> = served.iter().map(|served| served.stream).collect();
+    for (index, stream) in log.streams.iter().enumerate() {
+        if !used.contains(&index) {
+            report.unused_columns.push(UnusedColumn {
+                column: stream.label(),
+                reason: format!(
+                    "no row of the mapping names this topic ({} samples)",
+                    stream.time_s.len()
+                ),
+            });
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! Which fields of a source become which canonical columns.
+//!
+//! A mapping is a TOML file, one per kind of source; the ones in `config/log-mappings` are built in. It is a list of rows:
+//!
+//! ```toml
+//! [[column]]
+//! to = "rates"                                  # a canonical column, a group of them, or a name of your own
+//! from = "vehicle_angular_velocity:xyz[]"       # topic:field; several fields with commas; [] counts up; #1 = second instance
+//! unit = "rad/s"                                # or several: the first one that the data allow
+//! frame = "frd"                                 # frd flu (body), ned enu nwu (world), both for a quaternion: "enu-flu"
+//! ```
+//! Of several rows with the same `to` the first one whose fields are in the log wins: that is how a mapping survives renamed topics.
+//! A user's mapping is put before the built-in one, so it can override one row and leave the rest.
+
+use super::units::{self, Dimension};
+use super::{LogError, error, names};
+use serde::Deserialize;
+use std::path::Path;
+
+/// A mapping file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MappingFile {
+    /// Kind of source that it is for.
+    pub(crate) source: SourceName,
+    /// Streams that may give the time base, best first; others only if none of these is there.
+    #[serde(default)]
+    pub(crate) base: Vec<String>,
+    /// Keep the fields that no row takes, as `topic.field`, of the stream that gives the time base.
+    #[serde(default)]
+    pub(crate) keep_rest: bool,
+    /// Rows, best first.
+    #[serde(default, rename = "column")]
+    pub(crate) rows: Vec<Row>,
+}
+
+/// Sources with a mapping.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum SourceName {
+    Px4Ulog,
+    ArdupilotDataflash,
+    CrazyflieUsdlog,
+}
+
+/// One row.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Row {
+    /// Canonical column, group, or a name of one's own.
+    pub(crate) to: String,
+    /// `topic:field,field`.
+    pub(crate) from: String,
+    /// Unit, or units in order of preference.
+    #[serde(default = "one")]
+    pub(crate) unit: Units,
+    /// Axes of the source.
+    #[serde(default)]
+    pub(crate) frame: Option<Frame>,
+    /// Factor beside the unit: −1 turns a sign.
+    #[serde(default)]
+    pub(crate) factor: Option<f64>,
+    /// Duty only: the number in the source that means 0 (a parameter of the log, or a number).
+    #[serde(default)]
+    pub(crate) low: Option<Level>,
+    /// Duty only: the number in the source that means 1.
+    #[serde(default)]
+    pub(crate) high: Option<Level>,
+    /// Duty and rotor speed: for each rotor of the vehicle file, which field of the source it is, from 1.
+    #[serde(default)]
+    pub(crate) order: Option<Vec<usize>>,
+    /// A field that must not be 0 for a sample to count.
+    #[serde(default)]
+    pub(crate) valid: Option<String>,
+}
+
+/// One unit or several.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum Units {
+    One(String),
+    Several(Vec<String>),
+}
+
+fn one() -> Units {
+    Units::One("1".to_owned())
+}
+
+impl Units {
+    pub(crate) fn list(&self) -> &[String] {
+        match self {
+            Self::One(unit) => std::slice::from_ref(unit),
+            Self::Several(units) => units,
+        }
+    }
+}
+
+/// A number, or the first of several parameters that the log has, or else a number.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum Level {
+    Number(f64),
+    Parameter { parameter: Vec<String>, default: f64 },
+}
+
+/// Axes of a vector in the source.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Frame {
+    /// Body forward, right, down.
+    Frd,
+    /// Body forward, left, up.
+    Flu,
+    /// World north, east, down.
+    Ned,
+    /// World east, north, up.
+    Enu,
+    /// World north, west, up.
+    Nwu,
+    /// Attitude from FRD to NED.
+    NedFrd,
+    /// Attitude from FLU to ENU.
+    EnuFlu,
+    /// Attitude from FLU to NWU.
+    NwuFlu,
+    /// Latitude, longitude (degrees), altitude (m).
+    Geodetic,
+}
+
+impl Frame {
+    /// As people write it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Frd => "FRD",
+            Self::Flu => "FLU",
+            Self::Ned => "NED",
+            Self::Enu => "ENU",
+            Self::Nwu => "NWU",
+            Self::NedFrd => "NED-FRD",
+            Self::EnuFlu => "ENU-FLU",
+            Self::NwuFlu => "NWU-FLU",
+            Self::Geodetic => "geodetic",
+        }
+    }
+}
+
+/// What a row's `to` stands for.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Target {
+    /// Fixed columns, with the dimension of all of them.
+    Columns(Vec<&'static str>, Dimension),
+    /// `duty_1` … as many as there are.
+    Duty,
+    /// `rotor_speed_1_rad_s` … as many as there are.
+    RotorSpeed,
+    /// A name of one's own.
+    Own(String),
+}
+
+impl Target {
+    pub(crate) fn of(name: &str) -> Self {
+        let canonical = |name: &str| -> Option<&'static str> {
+            let groups: [&[&'static str]; 9] = [
+                &names::POSITION,
+                &names::VELOCITY,
+                &names::ATTITUDE,
+                &names::QUATERNION,
+                &names::RATES,
+                &names::ACCEL,
+                &names::REFERENCE,
+                &names::TORQUE_COMMAND,
+                &[
+                    names::BATTERY_VOLTAGE,
+                    names::BATTERY_CURRENT,
+                    names::HEIGHT_ABOVE_GROUND,
+                    names::THRUST_COMMAND,
+                ],
+            ];
+            groups.into_iter().flatten().copied().find(|known| *known == name)
+        };
+        match name {
+            "position" => Self::Columns(names::POSITION.to_vec(), Dimension::Length),
+            "velocity" => Self::Columns(names::VELOCITY.to_vec(), Dimension::Speed),
+            "attitude" => Self::Columns(names::ATTITUDE.to_vec(), Dimension::Angle),
+            "quaternion" => Self::Columns(names::QUATERNION.to_vec(), Dimension::One),
+            "rates" => Self::Columns(names::RATES.to_vec(), Dimension::AngularRate),
+            "accel" => Self::Columns(names::ACCEL.to_vec(), Dimension::Acceleration),
+            "reference_position" => Self::Columns(names::REFERENCE[..3].to_vec(), Dimension::Length),
+            "torque_command" => Self::Columns(names::TORQUE_COMMAND.to_vec(), Dimension::Torque),
+            "duty" => Self::Duty,
+            "rotor_speed" => Self::RotorSpeed,
+            name => match canonical(name).and_then(|known| Some((known, units::dimension(known)?))) {
+                Some((known, dimension)) => Self::Columns(vec![known], dimension),
+                None => Self::Own(name.to_owned()),
+            },
+        }
+    }
+
+    /// Dimension that the units of the row must have; `None` for a name of one's own.
+    fn dimension(&self) -> Option<Dimension> {
+        match self {
+            Self::Columns(_, dimension) => Some(*dimension),
+            Self::Duty => Some(Dimension::One),
+            Self::RotorSpeed => Some(Dimension::AngularRate),
+            Self::Own(_) => None,
+        }
+    }
+}
+
+/// The fields of a row: topic, instance, field names (still with `[]`).
+pub(crate) struct Place<'a> {
+    pub(crate) topic: &'a str,
+    pub(crate) instance: u16,
+    pub(crate) fields: Vec<&'a str>,
+}
+
+impl Row {
+    /// The row's `from` in parts; `None` for a row without a place.
+    pub(crate) fn place(&self) -> Option<Place<'_>> {
+        let (topic, fields) = self.from.split_once(':')?;
+        let (topic, instance) = match topic.split_once('#') {
+            Some((topic, instance)) => (topic, instance.parse().ok()?),
+            None => (topic, 0),
+        };
+        let fields: Vec<&str> = fields
+            .split(',')
+            .map(str::trim)
+            .filter(|field| !field.is_empty())
+            .collect();
+        (!topic.is_empty() && !fields.is_empty()).then_some(Place {
+            topic,
+            instance,
+            fields,
+        })
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.place().is_none() && self.from != "none" {
+            return Err(format!(
+                "from = \"{}\": expected \"topic:field\" or \"none\"",
+                self.from
+            ));
+        }
+        let target = Target::of(&self.to);
+        for name in self.unit.list() {
+            let (_, dimension) = units::unit(name)
+                .ok_or_else(|| format!("unit = \"{name}\" is not known; known: {}", units::unit_names()))?;
+            let geodetic = self.frame == Some(Frame::Geodetic);
+            if target.dimension().is_some_and(|wanted| wanted != dimension) && !geodetic {
+                return Err(format!("unit = \"{name}\" does not fit '{}'", self.to));
+            }
+        }
+        let fits = match (self.frame, self.to.as_str()) {
+            (None, _) => true,
+            (Some(Frame::Frd | Frame::Flu), "rates" | "accel" | "torque_command" | "attitude") => true,
+            (Some(Frame::Ned | Frame::Enu | Frame::Nwu), "position" | "velocity" | "reference_position") => true,
+            (Some(Frame::Geodetic), "position") => true,
+            (Some(Frame::NedFrd | Frame::EnuFlu | Frame::NwuFlu), "quaternion" | "attitude") => true,
+            _ => false,
+        };
+        if !fits {
+            return Err(format!("frame = {:?} does not fit '{}'", self.frame, self.to));
+        }
+        if let Some(order) = &self.order
+            && (order.is_empty() || order.len() > names::MAX_ROTORS || order.contains(&0))
+        {
+            return Err("order must name fields of the source, from 1".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// Built-in mapping files.
+const BUILT_IN: [(&str, &str); 3] = [
+    (
+        "px4-ulog.toml",
+        include_str!("../../../../config/log-mappings/px4-ulog.toml"),
+    ),
+    (
+        "ardupilot-dataflash.toml",
+        include_str!("../../../../config/log-mappings/ardupilot-dataflash.toml"),
+    ),
+    (
+        "crazyflie-usdlog.toml",
+        include_str!("../../../../config/log-mappings/crazyflie-usdlog.toml"),
+    ),
+];
+
+fn parse(path: &Path, text: &str) -> Result<MappingFile, LogError> {
+    let mapping: MappingFile = toml::from_str(text).map_err(|bad| {
+        let line = bad
+            .span()
+            .map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+        LogError::format(path, format!("line {line}: {}", bad.message().replace('\n', " ")))
+    })?;
+    for (index, row) in mapping.rows.iter().enumerate() {
+        row.check()
+            .map_err(|reason| LogError::format(path, format!("column {} ('{}'): {reason}", index + 1, row.to)))?;
+    }
+    Ok(mapping)
+}
+
+/// The mapping of a source: the user's rows first, then the built-in ones.
+pub(crate) fn load(source: SourceName, user: Option<&Path>) -> Result<MappingFile, LogError> {
+    let mut built_in = None;
+    for (name, text) in BUILT_IN {
+        let mapping = parse(Path::new(name), text)?;
+        if mapping.source == source {
+            built_in = Some(mapping);
+        }
+    }
+    let built_in = built_in.ok_or_else(|| LogError::format(Path::new("log-mappings"), "no mapping for this source"))?;
+    let Some(path) = user else {
+        return Ok(built_in);
+    };
+    let text = std::fs::read_to_string(path).map_err(error::io(path, "cannot read the mapping"))?;
+    let mut mapping = parse(path, &text)?;
+    if mapping.source != source {
+        return Err(LogError::format(
+            path,
+            format!("a mapping for {:?}, but the log is {source:?}", mapping.source),
+        ));
+    }
+    mapping.rows.extend(built_in.rows);
+    mapping.base.extend(built_in.base);
+    mapping.keep_rest |= built_in.keep_rest;
+    Ok(mapping)
+}

@@ -1,0 +1,213 @@
+//! Log files of autopilots, each parsed into streams; nothing is converted here.
+//!
+//! ```text
+//! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
+//! ```
+//! Each parser takes any bytes: it never panics, and what it allocates is bounded by the length of the file. A damaged or cut file
+//! yields what can be read before and after the damage, with a note that says how much was lost.
+
+mod dataflash;
+mod dataflash_text;
+mod ulog;
+mod usdlog;
+
+use std::collections::BTreeMap;
+
+/// Kinds of autopilot logs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Format {
+    Ulog,
+    DataFlash,
+    DataFlashText,
+    Usdlog,
+}
+
+/// A parsed file.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SourceLog {
+    pub(crate) streams: Vec<RawStream>,
+    pub(crate) parameters: BTreeMap<String, f64>,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Samples of one topic (or message, or event), as in the file.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RawStream {
+    /// Topic name.
+    pub(crate) name: String,
+    /// 0 for the first instance.
+    pub(crate) instance: u16,
+    /// Time of each sample, s, on the file's clock.
+    pub(crate) time_s: Vec<f64>,
+    /// Field names and values; all as long as `time_s`.
+    pub(crate) fields: Vec<(String, Vec<f64>)>,
+    /// Samples left out because their time does not increase.
+    pub(crate) dropped: usize,
+}
+
+impl RawStream {
+    pub(crate) fn label(&self) -> String {
+        if self.instance == 0 {
+            self.name.clone()
+        } else {
+            format!("{}#{}", self.name, self.instance)
+        }
+    }
+
+    /// Drops samples whose time does not increase; says how many.
+    fn keep_increasing(&mut self) -> usize {
+        let mut last = f64::NEG_INFINITY;
+        let keep: Vec<bool> = self
+            .time_s
+            .iter()
+            .map(|time| {
+                let later = *time > last;
+                if later {
+                    last = *time;
+                }
+                later
+            })
+            .collect();
+        let dropped = keep.iter().filter(|keep| !**keep).count();
+        if dropped > 0 {
+            let filter = |values: &mut Vec<f64>| {
+                let mut keep = keep.iter();
+                values.retain(|_| keep.next() == Some(&true));
+            };
+            filter(&mut self.time_s);
+            for (_, values) in &mut self.fields {
+                filter(values);
+            }
+        }
+        dropped
+    }
+}
+
+impl SourceLog {
+    /// Drops empty streams, and samples that go back in time.
+    fn finish(mut self) -> Self {
+        for stream in &mut self.streams {
+            stream.dropped = stream.keep_increasing();
+        }
+        self.streams.retain(|stream| !stream.time_s.is_empty());
+        self.streams
+            .sort_by(|a, b| (&a.name, a.instance).cmp(&(&b.name, b.instance)));
+        self
+    }
+}
+
+/// Kind of an autopilot's log by its first bytes; `None` for anything else.
+pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
+    if bytes.starts_with(ulog::MAGIC) {
+        Some(Format::Ulog)
+    } else if bytes.starts_with(&dataflash::FORMAT_MESSAGE) {
+        Some(Format::DataFlash)
+    } else if bytes.first() == Some(&usdlog::MAGIC) {
+        Some(Format::Usdlog)
+    } else {
+        dataflash_text::looks_like(bytes).then_some(Format::DataFlashText)
+    }
+}
+
+/// Parses a file; the error is the reason without the file's name.
+pub(crate) fn parse(format: Format, bytes: &[u8], accept_damaged: bool) -> Result<SourceLog, String> {
+    let log = match format {
+        Format::Ulog => ulog::parse(bytes),
+        Format::DataFlash => dataflash::parse(bytes),
+        Format::DataFlashText => dataflash_text::parse(bytes),
+        Format::Usdlog => usdlog::parse(bytes, accept_damaged),
+    }?;
+    Ok(log.finish())
+}
+
+/// Bytes taken from the front, never past the end.
+#[derive(Clone, Copy)]
+struct Cursor<'a> {
+    bytes: &'a [u8],
+}
+
+impl<'a> Cursor<'a> {
+    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (front, rest) = self.bytes.split_at_checked(count)?;
+        self.bytes = rest;
+        Some(front)
+    }
+
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.take(N)?.try_into().ok()
+    }
+
+    fn u8(&mut self) -> Option<u8> {
+        self.array::<1>().map(|[byte]| byte)
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    /// Text up to a NUL byte, which is consumed.
+    fn c_string(&mut self) -> Option<&'a str> {
+        let length = self.bytes.iter().position(|byte| *byte == 0)?;
+        let text = self.take(length)?;
+        self.take(1)?;
+        std::str::from_utf8(text).ok()
+    }
+}
+
+/// A number as it stands in a file, little endian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Number {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F16,
+    F32,
+    F64,
+}
+
+impl Number {
+    fn bytes(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 | Self::F16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    fn read(self, cursor: &mut Cursor<'_>) -> Option<f64> {
+        Some(match self {
+            Self::I8 => f64::from(i8::from_le_bytes(cursor.array()?)),
+            Self::U8 => f64::from(cursor.u8()?),
+            Self::I16 => f64::from(i16::from_le_bytes(cursor.array()?)),
+            Self::U16 => f64::from(cursor.u16()?),
+            Self::I32 => f64::from(i32::from_le_bytes(cursor.array()?)),
+            Self::U32 => f64::from(u32::from_le_bytes(cursor.array()?)),
+            Self::I64 => i64::from_le_bytes(cursor.array()?) as f64,
+            Self::U64 => u64::from_le_bytes(cursor.array()?) as f64,
+            Self::F16 => half_to_f64(u16::from_le_bytes(cursor.array()?)),
+            Self::F32 => f64::from(f32::from_le_bytes(cursor.array()?)),
+            Self::F64 => f64::from_le_bytes(cursor.array()?),
+        })
+    }
+}
+
+/// IEEE 754 half precision.
+fn half_to_f64(bits: u16) -> f64 {
+    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let fraction = f64::from(bits & 0x3ff);
+    sign * match (bits >> 10) & 0x1f {
+        0 => fraction * (-24.0_f64).exp2(),
+        0x1f if fraction == 0.0 => f64::INFINITY,
+        0x1f => f64::NAN,
+        exponent => (1.0 + fraction / 1024.0) * (f64::from(exponent) - 15.0).exp2(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,149 @@
+//! Crazyflie micro-SD log ("usdlog"), versions 1 and 2.
+//!
+//! ```text
+//! 0xBC │ u16 version │ u16 event types │ each: u16 id, name\0, u16 variables, "name(c)\0" … │ records │ CRC-32
+//! record = u16 id, time (version 1: u32 ms, version 2: u64 µs), packed little-endian values
+//! ```
+//! `c` is a character of Python's `struct`: b B h H i I l L q Q e f d. The CRC-32 (IEEE) is over everything before it.
+
+use super::{Cursor, Number, RawStream, SourceLog};
+use std::collections::BTreeMap;
+
+pub(super) const MAGIC: u8 = 0xbc;
+const CRC_BYTES: usize = 4;
+
+struct Event {
+    numbers: Vec<Number>,
+    stream: RawStream,
+}
+
+fn number(code: &str) -> Option<Number> {
+    Some(match code {
+        "b" => Number::I8,
+        "B" | "?" => Number::U8,
+        "h" => Number::I16,
+        "H" => Number::U16,
+        "i" | "l" => Number::I32,
+        "I" | "L" => Number::U32,
+        "q" => Number::I64,
+        "Q" => Number::U64,
+        "e" => Number::F16,
+        "f" => Number::F32,
+        "d" => Number::F64,
+        _ => return None,
+    })
+}
+
+/// CRC-32 (IEEE 802.3, reflected, as zlib's).
+pub(super) fn crc32(bytes: &[u8]) -> u32 {
+    const TABLE: [u32; 256] = {
+        let mut table = [0; 256];
+        let mut index = 0;
+        while index < 256 {
+            let mut value = index as u32;
+            let mut bit = 0;
+            while bit < 8 {
+                value = if value & 1 == 1 {
+                    0xedb8_8320 ^ (value >> 1)
+                } else {
+                    value >> 1
+                };
+                bit += 1;
+            }
+            table[index] = value;
+            index += 1;
+        }
+        table
+    };
+    !bytes.iter().fold(!0, |crc, byte| {
+        TABLE[usize::from((crc ^ u32::from(*byte)) as u8)] ^ (crc >> 8)
+    })
+}
+
+/// Parses a usdlog. With `accept_damaged`, a wrong CRC is a note instead of a refusal.
+pub(super) fn parse(bytes: &[u8], accept_damaged: bool) -> Result<SourceLog, String> {
+    let mut log = SourceLog::default();
+    let mut cursor = Cursor { bytes };
+    let (version, mut events) = header(&mut cursor)?.ok_or_else(|| "the file ends in the usdlog header".to_owned())?;
+
+    let intact = bytes
+        .split_last_chunk::<CRC_BYTES>()
+        .is_some_and(|(content, crc)| crc32(content) == u32::from_le_bytes(*crc));
+    if intact {
+        let records = cursor.bytes.len().saturating_sub(CRC_BYTES);
+        cursor.bytes = &cursor.bytes[..records];
+    } else if !accept_damaged {
+        return Err("the CRC-32 at the end does not fit the content: the file is damaged or cut (--damaged takes what can be read)".to_owned());
+    }
+    while !cursor.bytes.is_empty() {
+        let before = cursor.bytes.len();
+        if record(&mut cursor, version, &mut events).is_none() {
+            if intact {
+                return Err(format!(
+                    "{before} bytes before the CRC-32 are not a record; the header does not fit the records"
+                ));
+            }
+            log.notes
+                .push(format!("wrong CRC-32; {before} bytes at the end could not be read"));
+            break;
+        }
+    }
+    log.streams = events.into_values().map(|event| event.stream).collect();
+    Ok(log)
+}
+
+/// `Ok(None)`: the file ends too early.
+fn header(cursor: &mut Cursor<'_>) -> Result<Option<(u16, BTreeMap<u16, Event>)>, String> {
+    let (Some(_), Some(version), Some(count)) = (cursor.u8(), cursor.u16(), cursor.u16()) else {
+        return Ok(None);
+    };
+    if !(1..=2).contains(&version) {
+        return Err(format!("usdlog version {version}; versions 1 and 2 are known"));
+    }
+    let mut events = BTreeMap::new();
+    for _ in 0..count {
+        let (Some(id), Some(name), Some(variables)) = (cursor.u16(), cursor.c_string(), cursor.u16()) else {
+            return Ok(None);
+        };
+        let mut event = Event {
+            numbers: Vec::new(),
+            stream: RawStream {
+                name: name.to_owned(),
+                ..RawStream::default()
+            },
+        };
+        for _ in 0..variables {
+            let Some(text) = cursor.c_string() else {
+                return Ok(None);
+            };
+            let parts = text.strip_suffix(')').and_then(|text| text.rsplit_once('('));
+            let Some((name, number)) = parts.and_then(|(name, code)| Some((name, number(code)?))) else {
+                return Err(format!(
+                    "variable '{text}' of event '{}' has no known type",
+                    event.stream.name
+                ));
+            };
+            event.numbers.push(number);
+            event.stream.fields.push((name.to_owned(), Vec::new()));
+        }
+        events.insert(id, event);
+    }
+    Ok(Some((version, events)))
+}
+
+fn record(cursor: &mut Cursor<'_>, version: u16, events: &mut BTreeMap<u16, Event>) -> Option<()> {
+    let event = events.get_mut(&cursor.u16()?)?;
+    let time_s = match version {
+        1 => Number::U32.read(cursor)? * 1e-3,
+        _ => Number::U64.read(cursor)? * 1e-6,
+    };
+    let bytes = event.numbers.iter().map(|number| number.bytes()).sum();
+    let mut values = Cursor {
+        bytes: cursor.take(bytes)?,
+    };
+    event.stream.time_s.push(time_s);
+    for (number, (_, column)) in event.numbers.iter().zip(&mut event.stream.fields) {
+        column.push(number.read(&mut values)?);
+    }
+    Some(())
+}

@@ -1,0 +1,81 @@
+//! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the account of the import `NAME.import.json`.
+
+use super::{FlightLog, LogError, Origin, Segment, error};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// The side file as written.
+#[derive(Serialize)]
+struct SideFileOut<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vehicle: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    licence: Option<&'a str>,
+    source: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    origin: Option<Origin>,
+    #[serde(rename = "segment", skip_serializing_if = "<[Segment]>::is_empty")]
+    segments: &'a [Segment],
+}
+
+impl FlightLog {
+    /// Writes the log into a folder, which is made if need be; returns the Parquet file's path.
+    ///
+    /// Each file appears whole or not at all.
+    ///
+    /// # Errors
+    /// A file of this name is there already, or the folder cannot be written.
+    pub fn store(&self, folder: &Path, name: &str) -> Result<PathBuf, LogError> {
+        let parquet = folder.join(format!("{name}.parquet"));
+        let side = folder.join(format!("{name}.toml"));
+        let account = folder.join(format!("{name}.import.json"));
+        for path in [&parquet, &side, &account] {
+            if path.exists() {
+                return Err(LogError::format(
+                    path,
+                    "is there already; name another folder with --out, or remove it",
+                ));
+            }
+        }
+        std::fs::create_dir_all(folder).map_err(error::io(folder, "cannot make the folder"))?;
+        let out = SideFileOut {
+            vehicle: self.vehicle.as_deref(),
+            licence: self.licence.as_deref(),
+            source: format!(
+                "{} ({:?}, XXH3 {})",
+                self.source.path.display(),
+                self.source.kind,
+                self.source.content_hash
+            ),
+            origin: self.origin,
+            segments: &self.segments,
+        };
+        let side_text =
+            toml::to_string(&out).map_err(|bad| LogError::format(&side, format!("cannot be written: {bad}")))?;
+        let report = serde_json::json!({ "source": self.source, "report": self.report });
+        let report_text = serde_json::to_string_pretty(&report)
+            .map_err(|bad| LogError::format(&account, format!("cannot be written: {bad}")))?;
+        whole(&side, |path| {
+            std::fs::write(path, side_text).map_err(error::io(path, "cannot write"))
+        })?;
+        whole(&account, |path| {
+            std::fs::write(path, report_text).map_err(error::io(path, "cannot write"))
+        })?;
+        whole(&parquet, |path| self.write_parquet(path))?;
+        Ok(parquet)
+    }
+}
+
+/// Writes beside the file and renames, so that nobody sees half of it.
+fn whole(path: &Path, write: impl FnOnce(&Path) -> Result<(), LogError>) -> Result<(), LogError> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    let partial = PathBuf::from(partial);
+    let written =
+        write(&partial).and_then(|()| std::fs::rename(&partial, path).map_err(error::io(path, "cannot write")));
+    if written.is_err() {
+        // The first error is the one to tell.
+        drop(std::fs::remove_file(&partial));
+    }
+    written
+}
