@@ -84,6 +84,12 @@ fn read(file: &Path, reading: &Reading) -> Result<FlightLog, LogError> {
     FlightLog::read_with(file, &options)
 }
 
+/// Prints; a reader that has closed the pipe has seen enough.
+fn print(text: &str) {
+    use std::io::Write as _;
+    drop(std::io::stdout().write_all(text.as_bytes()));
+}
+
 pub(crate) fn run(args: &Args) -> ExitCode {
     match &args.command {
         Command::Import(args) => import(args),
@@ -101,14 +107,14 @@ fn import(args: &ImportArgs) -> ExitCode {
         });
         match stored {
             Ok((log, path)) => {
-                println!("{} → {}", log.headline(), path.display());
+                print(&format!("{} → {}\n", log.headline(), path.display()));
                 let findings = &log.report.findings;
                 if args.quiet {
                     for finding in findings {
-                        println!("  {finding}");
+                        print(&format!("  {finding}\n"));
                     }
                 } else {
-                    print!("{}", log.account());
+                    print(&log.account());
                 }
             }
             Err(refusal) => code = bad_input(refusal),
@@ -151,24 +157,24 @@ fn show(args: &ShowArgs) -> ExitCode {
         let account = serde_json::json!({ "source": log.source, "segments": log.segments, "report": log.report });
         return match serde_json::to_string_pretty(&account) {
             Ok(text) => {
-                println!("{text}");
+                print(&format!("{text}\n"));
                 ExitCode::SUCCESS
             }
             Err(error) => failed(error),
         };
     }
-    println!("{}", log.headline());
+    let mut text = format!("{}\n", log.headline());
     if let Some(vehicle) = &log.vehicle {
-        println!("Vehicle      {vehicle}");
+        text += &format!("Vehicle      {vehicle}\n");
     }
     for segment in &log.segments {
-        println!(
-            "Segment      {}: {} s to {} s",
+        text += &format!(
+            "Segment      {}: {} s to {} s\n",
             segment.name, segment.start_s, segment.end_s
         );
     }
-    println!("\n{}", range_table(&log));
-    print!("\n{}", log.account());
+    text += &format!("\n{}\n\n{}", range_table(&log), log.account());
+    print(&text);
     ExitCode::SUCCESS
 }
 

@@ -250,14 +250,14 @@ impl Row {
                 return Err(format!("unit = \"{name}\" does not fit '{}'", self.to));
             }
         }
-        let fits = match (self.frame, self.to.as_str()) {
-            (None, _) => true,
-            (Some(Frame::Frd | Frame::Flu), "rates" | "accel" | "torque_command" | "attitude") => true,
-            (Some(Frame::Ned | Frame::Enu | Frame::Nwu), "position" | "velocity" | "reference_position") => true,
-            (Some(Frame::Geodetic), "position") => true,
-            (Some(Frame::NedFrd | Frame::EnuFlu | Frame::NwuFlu), "quaternion" | "attitude") => true,
-            _ => false,
+        let frames: &[Frame] = match self.to.as_str() {
+            "rates" | "accel" | "torque_command" => &[Frame::Frd, Frame::Flu],
+            "velocity" | "reference_position" => &[Frame::Ned, Frame::Enu, Frame::Nwu],
+            "position" => &[Frame::Ned, Frame::Enu, Frame::Nwu, Frame::Geodetic],
+            "quaternion" | "attitude" => &[Frame::NedFrd, Frame::EnuFlu, Frame::NwuFlu],
+            _ => &[],
         };
+        let fits = self.frame.is_none_or(|frame| frames.contains(&frame));
         if !fits {
             return Err(format!("frame = {:?} does not fit '{}'", self.frame, self.to));
         }

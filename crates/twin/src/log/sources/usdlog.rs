@@ -17,6 +17,9 @@ struct Event {
     stream: RawStream,
 }
 
+/// Version, and the event types by their id.
+type Header = (u16, BTreeMap<u16, Event>);
+
 fn number(code: &str) -> Option<Number> {
     Some(match code {
         "b" => Number::I8,
@@ -93,7 +96,7 @@ pub(super) fn parse(bytes: &[u8], accept_damaged: bool) -> Result<SourceLog, Str
 }
 
 /// `Ok(None)`: the file ends too early.
-fn header(cursor: &mut Cursor<'_>) -> Result<Option<(u16, BTreeMap<u16, Event>)>, String> {
+fn header(cursor: &mut Cursor<'_>) -> Result<Option<Header>, String> {
     let (Some(_), Some(version), Some(count)) = (cursor.u8(), cursor.u16(), cursor.u16()) else {
         return Ok(None);
     };
