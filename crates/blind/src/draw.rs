@@ -8,25 +8,26 @@ use crate::random::Stream;
 pub const CLUTTER: f64 = 0.02;
 
 /// Kinds that are a structure, a noise class or a time, not a small deviation that every vehicle has.
-const NO_CLUTTER: [&str; 18] = [
+const NO_CLUTTER: [&str; 19] = [
+    "reversed-spin",
     "wind",
     "gusts",
     "vortex-ring",
     "ceiling-effect",
     "wall-effect",
     "slung-load",
-    "arm-flex",
-    "speed-lag",
+    "frame-flex",
+    "speed-domain-lag",
     "saturation",
     "cold-battery",
-    "drag-height",
-    "actuator-delay",
+    "drag-centre",
+    "command-delay",
     "imu-latency",
     "attitude-latency",
     "velocity-latency",
     "position-latency",
-    "swapped-duties",
-    "thevenin-pair",
+    "swapped-rotors",
+    "battery-rc",
 ];
 
 /// Kinds that no flight of one vehicle can tell apart, or only in a special flight: never drawn into one pair.
@@ -43,34 +44,34 @@ pub const GROUPS: [&[&str]; 8] = [
     ],
     &[
         "rotor-drag",
-        "linear-drag",
-        "parasitic-drag",
+        "linear-friction",
+        "quadratic-drag",
         "wind",
         "gusts",
-        "drag-height",
+        "drag-centre",
         "threshold-drag",
         "translational-lift",
     ],
-    &["inertia-z", "moment-ratio", "rotor-reaction"],
+    &["inertia-yaw", "moment-ratio", "rotor-reaction"],
     &[
-        "motor-lag",
-        "motor-lag-asymmetry",
-        "speed-lag",
-        "actuator-delay",
+        "motor-time-constant",
+        "lag-asymmetry",
+        "speed-domain-lag",
+        "command-delay",
         "imu-latency",
-        "arm-flex",
+        "frame-flex",
         "attitude-latency",
     ],
     &[
-        "accel-bias",
+        "accelerometer-bias",
         "level-offset",
         "imu-misalignment",
         "vibration-rectification",
-        "accel-scale",
+        "accelerometer-scale",
     ],
-    &["internal-resistance", "thevenin-pair", "cold-battery", "capacity"],
+    &["internal-resistance", "battery-rc", "cold-battery", "battery-capacity"],
     &["velocity-latency", "position-latency"],
-    &["motor-tilt-tangential", "motor-tilt-radial"],
+    &["rotor-tilt-tangential", "rotor-tilt-radial"],
 ];
 
 /// Whether two kinds share a group.
@@ -96,11 +97,9 @@ pub fn draw_effect(kind: &Kind, scale: f64, rotors: usize, random: &mut Stream) 
             effect.parameters.insert(parameter.name.to_owned(), value);
         }
     }
-    if kind.id == "swapped-duties" {
-        let first = random.below(rotors);
-        let second = (first + 1 + random.below(rotors - 1)) % rotors;
-        effect.parameters.insert("first".to_owned(), first as f64 + 1.0);
-        effect.parameters.insert("second".to_owned(), second as f64 + 1.0);
+    if let (Some(rotor), "swapped-rotors") = (rotor, kind.id) {
+        let partner = 1 + (rotor + random.below(rotors - 1)) % rotors;
+        effect.parameters.insert("partner".to_owned(), partner as f64);
     }
     drawn.push(effect);
     drawn

@@ -116,8 +116,9 @@ pub struct Active {
     pub ground_effect: f64,
     pub ceiling_effect: f64,
     pub ceiling_height: f64,
-    pub wall_force: f64,
-    pub wall_north: f64,
+    pub wall: f64,
+    pub wall_distance: f64,
+    pub wall_azimuth: f64,
     pub interference: f64,
     pub flapping: f64,
     pub drag_height: f64,
@@ -153,7 +154,7 @@ pub struct Active {
     pub pair_resistance: f64,
     pub pair_time: f64,
     pub capacity: f64,
-    pub cold_resistance: f64,
+    pub cold_below: f64,
     pub cold_warming: f64,
     pub voltage_gain: f64,
     pub voltage_offset: f64,
@@ -173,6 +174,7 @@ pub struct Active {
     pub vibration: f64,
     /// Rotors from 0 whose duty columns are swapped.
     pub swapped: Option<(usize, usize)>,
+    pub reversed: Vec<f64>,
     pub stuck_moment: f64,
     pub backlash: f64,
     pub imbalance: f64,
@@ -198,6 +200,7 @@ impl Active {
             tilt_tangential: vec![0.0; rotors],
             tilt_radial: vec![0.0; rotors],
             thrust_scale: vec![0.0; rotors],
+            reversed: vec![0.0; rotors],
             ..Self::default()
         }
     }
@@ -224,78 +227,79 @@ impl Active {
         let rotor = effect.rotor.unwrap_or(1) - 1;
         match effect.id.as_str() {
             "rotor-drag" => self.rotor_drag += value("drag_n_s_m"),
-            "parasitic-drag" => self.parasitic_drag += value("drag_kg_m"),
-            "linear-drag" => self.linear_drag += value("drag_n_s_m"),
+            "quadratic-drag" => self.parasitic_drag += value("drag_kg_m"),
+            "linear-friction" => self.linear_drag += value("drag_kg_s"),
             "wind" => self.wind += Vector3::new(value("north_m_s"), value("east_m_s"), 0.0),
             "gusts" => {
-                self.gust_sigma += value("sigma_m_s");
+                self.gust_sigma += value("rms_m_s");
                 self.gust_correlation = value("correlation_s");
             }
             "translational-lift" => self.translational_lift += value("lift_n_s2_m2"),
             "axial-inflow" => self.axial_inflow += value("loss_n_s_m"),
-            "vortex-ring" => self.vortex_ring += value("strength"),
+            "vortex-ring" => self.vortex_ring += value("loss"),
             "ground-effect" => self.ground_effect += value("strength"),
             "ceiling-effect" => {
                 self.ceiling_effect += value("strength");
                 self.ceiling_height = value("height_m");
             }
             "wall-effect" => {
-                self.wall_force += value("force_n");
-                self.wall_north = value("north_m");
+                self.wall += value("strength");
+                self.wall_distance = value("distance_m");
+                self.wall_azimuth = value("azimuth_rad");
             }
-            "rotor-interference" => self.interference += value("strength"),
-            "flapping" => self.flapping += value("moment_nm_s_m"),
-            "drag-height" => self.drag_height += value("height_m"),
-            "rotational-damping" => self.rotational_damping += value("damping_nm_s"),
-            "air-density" => self.thrust_scale_all += value("relative"),
-            "mass" => self.mass += value("relative"),
+            "rotor-interference" => self.interference += value("loss_s_m"),
+            "flapping-moment" => self.flapping += value("moment_n_s"),
+            "drag-centre" => self.drag_height += value("height_m"),
+            "rotational-damping" => self.rotational_damping += value("damping_n_m_s"),
+            "air-density" => self.thrust_scale_all += value("share"),
+            "mass" => self.mass += value("share"),
             "slung-load" => {
                 self.slung_mass += value("mass_kg");
                 self.slung_length = value("length_m");
                 self.slung_damping = value("damping_1_s");
-                self.slung_weight = value("weight");
+                self.slung_weight += value("weight_kg");
             }
             "centre-of-mass" => self.centre += Vector3::new(value("forward_m"), value("right_m"), 0.0),
-            "inertia-x" => self.inertia.x += value("relative"),
-            "inertia-y" => self.inertia.y += value("relative"),
-            "inertia-z" => self.inertia.z += value("relative"),
-            "inertia-xy" => self.products.x += value("product_kg_m2"),
-            "inertia-xz" => self.products.y += value("product_kg_m2"),
-            "inertia-yz" => self.products.z += value("product_kg_m2"),
-            "motor-tilt-tangential" => self.tilt_tangential[rotor] += value("angle_rad"),
-            "motor-tilt-radial" => self.tilt_radial[rotor] += value("angle_rad"),
-            "arm-flex" => {
+            "inertia-roll" => self.inertia.x += value("share"),
+            "inertia-pitch" => self.inertia.y += value("share"),
+            "inertia-yaw" => self.inertia.z += value("share"),
+            "inertia-product-xy" => self.products.x += value("value_kg_m2"),
+            "inertia-product-xz" => self.products.y += value("value_kg_m2"),
+            "inertia-product-yz" => self.products.z += value("value_kg_m2"),
+            "rotor-tilt-tangential" => self.tilt_tangential[rotor] += value("angle_rad"),
+            "rotor-tilt-radial" => self.tilt_radial[rotor] += value("angle_rad"),
+            "frame-flex" => {
                 self.flex_share += value("share");
                 self.flex_frequency = value("frequency_hz");
                 self.flex_damping = value("damping");
             }
-            "rotor-thrust" => self.thrust_scale[rotor] += value("relative"),
-            "motor-lag" => self.lag += value("relative"),
-            "motor-lag-asymmetry" => self.lag_asymmetry += value("asymmetry"),
-            "speed-lag" => self.speed_lag = value("share"),
-            "actuator-delay" => self.delay += value("delay_s"),
+            "rotor-thrust-scale" => self.thrust_scale[rotor] += value("share"),
+            "motor-time-constant" => self.lag += value("share"),
+            "lag-asymmetry" => self.lag_asymmetry += value("share"),
+            "speed-domain-lag" => self.speed_lag = value("share"),
+            "command-delay" => self.delay += value("delay_s"),
             "dead-zone" => self.dead_zone += value("duty"),
-            "saturation" => self.saturation = value("duty"),
+            "saturation" => self.saturation = 1.0 - value("lost_duty"),
             "esc-resistance" => self.esc_resistance += value("resistance_ohm"),
-            "gyroscopic-torque" => self.gyroscopic += value("rotor_inertia_kg_m2"),
-            "rotor-reaction" => self.reaction += value("rotor_inertia_kg_m2"),
-            "moment-ratio" => self.moment_ratio += value("relative"),
-            "internal-resistance" => self.internal_resistance += value("resistance_ohm"),
-            "thevenin-pair" => {
+            "gyroscopic-torque" => self.gyroscopic += value("inertia_kg_m2"),
+            "rotor-reaction" => self.reaction += value("inertia_kg_m2"),
+            "moment-ratio" => self.moment_ratio += value("share"),
+            "internal-resistance" => self.internal_resistance += value("added_ohm"),
+            "battery-rc" => {
                 self.pair_resistance += value("resistance_ohm");
                 self.pair_time = value("time_s");
             }
-            "capacity" => self.capacity += value("relative"),
+            "battery-capacity" => self.capacity += value("share"),
             "cold-battery" => {
-                self.cold_resistance += value("resistance_ohm");
+                self.cold_below += value("below_25_k");
                 self.cold_warming = value("warming_s");
             }
-            "voltage-gain" => self.voltage_gain += value("relative"),
+            "voltage-gain" => self.voltage_gain += value("share"),
             "voltage-offset" => self.voltage_offset += value("offset_v"),
-            "accel-bias" => self.accel_bias += Vector3::new(value("x_m_s2"), value("y_m_s2"), value("z_m_s2")),
-            "accel-scale" => self.accel_scale += value("relative"),
+            "accelerometer-bias" => self.accel_bias += Vector3::new(value("x_m_s2"), value("y_m_s2"), value("z_m_s2")),
+            "accelerometer-scale" => self.accel_scale += value("share"),
             "gyro-bias" => self.gyro_bias += Vector3::new(value("x_rad_s"), value("y_rad_s"), value("z_rad_s")),
-            "gyro-scale" => self.gyro_scale += value("relative"),
+            "gyro-scale" => self.gyro_scale += value("share"),
             "imu-misalignment" => self.misalignment += Vector3::new(value("x_rad"), value("y_rad"), value("z_rad")),
             "imu-lever-arm" => self.lever_arm += Vector3::new(value("x_m"), value("y_m"), value("z_m")),
             "imu-latency" => self.imu_latency += value("delay_s"),
@@ -307,8 +311,9 @@ impl Active {
                 self.level_offset[0] += value("roll_rad");
                 self.level_offset[1] += value("pitch_rad");
             }
-            "vibration-rectification" => self.vibration += value("bias_m_s2"),
-            "swapped-duties" => self.swapped = Some((value("first") as usize - 1, value("second") as usize - 1)),
+            "vibration-rectification" => self.vibration += value("hover_bias_m_s2"),
+            "swapped-rotors" => self.swapped = Some((rotor, (value("partner") as usize).max(1) - 1)),
+            "reversed-spin" => self.reversed[rotor] += value("share"),
             "stuck-moment" => self.stuck_moment += value("moment_nm"),
             "thrust-backlash" => self.backlash += value("width"),
             "rotating-imbalance" => {
@@ -356,11 +361,11 @@ mod tests {
 
     #[test]
     fn scenario_an_effect_is_read_or_refused_in_a_sentence() {
-        let effect = Hidden::parse("rotor-thrust:rotor=3,relative=-0.05,onset_s=45").unwrap();
+        let effect = Hidden::parse("rotor-thrust-scale:rotor=3,share=-0.05,onset_s=45").unwrap();
         assert_eq!((effect.rotor, effect.onset_s), (Some(3), Some(45.0)));
         for (text, part) in [
             ("rotor-drga", "there is no effect `rotor-drga`"),
-            ("rotor-thrust:relative=1", "acts on one rotor"),
+            ("rotor-thrust-scale:share=1", "acts on one rotor"),
             ("rotor-drag:mass=1", "has no parameter `mass`"),
             ("rotor-drag:drag_n_s_m=x", "expected a number"),
             ("rotor-drag:rotor=1", "has no parameter `rotor`"),

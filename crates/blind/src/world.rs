@@ -55,6 +55,8 @@ pub struct World {
     pub current: f64,
     gust: Vector3<f64>,
     slung: [Vector3<f64>; 2],
+    /// Of the sub-step before, m/s², down.
+    vertical_acceleration: f64,
     slosh: [Vector3<f64>; 2],
     flex: [Vector3<f64>; 2],
     /// Duties in force from step k − 63 on, newest last; for the delay.
@@ -83,6 +85,8 @@ pub struct StepEnd {
 struct Loads {
     force: Vector3<f64>,
     torque: Vector3<f64>,
+    /// Torque of the rotors alone, before flexible arms.
+    rotor_torque: Vector3<f64>,
 }
 
 impl World {
@@ -116,6 +120,7 @@ impl World {
             current: 0.0,
             gust: Vector3::zeros(),
             slung: [Vector3::zeros(); 2],
+            vertical_acceleration: 0.0,
             slosh: [Vector3::zeros(); 2],
             flex: [Vector3::zeros(); 2],
             past_duties: Vec::new(),
@@ -177,7 +182,8 @@ impl World {
             self.velocity += h * a2;
             self.attitude *= Rotation3::new(h * rates_half).into_inner();
             self.rates += h * w2;
-            self.advance_oscillators(active, a2, w2, h);
+            self.vertical_acceleration = a2.z;
+            self.advance_oscillators(active, a2, loads.rotor_torque, h);
             self.time += h;
 
             end.angular_acceleration = w2;
@@ -198,9 +204,7 @@ impl World {
     }
 
     fn inertia(&self, active: &Active) -> Matrix3<f64> {
-        // The flexible part's share of the roll and pitch inertia hangs on its spring: see `loads`.
-        let rigid = [1.0 - active.flex_share, 1.0 - active.flex_share, 1.0];
-        let j: [f64; 3] = std::array::from_fn(|k| self.vehicle.inertia[k] * rigid[k] * (1.0 + active.inertia[k]));
+        let j: [f64; 3] = std::array::from_fn(|k| self.vehicle.inertia[k] * (1.0 + active.inertia[k]));
         // Products enter with the negative sign of the inertia tensor.
         let [xy, xz, yz] = [-active.products.x, -active.products.y, -active.products.z];
         Matrix3::new(j[0], xy, xz, xy, j[1], yz, xz, yz, j[2])
@@ -227,12 +231,10 @@ impl World {
         let place = self.state_of_charge.clamp(0.0, 1.0) * (chart.len() - 1) as f64;
         let knot = (place as usize).min(chart.len() - 2);
         let open = chart[knot] + (chart[knot + 1] - chart[knot]) * (place - knot as f64) - self.pair_voltage;
-        let cold = if active.cold_warming > 0.0 {
-            active.cold_resistance * libm::exp(-self.time / active.cold_warming)
-        } else {
-            0.0
-        };
-        let resistance = self.vehicle.internal_resistance + active.internal_resistance + cold;
+        let mut resistance = self.vehicle.internal_resistance + active.internal_resistance;
+        if active.cold_warming > 0.0 {
+            resistance *= libm::exp(0.037 * active.cold_below * libm::exp(-self.time / active.cold_warming));
+        }
         // V = V_oc − R P/V, by three Newton steps from V_oc.
         let mut voltage = open;
         for _ in 0..3 {
@@ -372,14 +374,14 @@ impl World {
                 thrust *= 1.0 + active.ground_effect * (1.0 / (1.0 - near * near) - 1.0);
             }
             if active.ceiling_effect > 0.0 {
-                let gap = (active.ceiling_height - height).max(0.15);
-                let near = ROTOR_RADIUS / gap;
-                thrust *= 1.0 / (1.0 - (active.ceiling_effect * near * near).min(0.5));
+                let gap = (active.ceiling_height - height).max(0.0);
+                let near = ROTOR_RADIUS / (gap + ROTOR_RADIUS);
+                thrust *= 1.0 / (1.0 - (active.ceiling_effect * near * near).min(0.9));
             }
             let arm = rotor.position.xy().norm();
             if active.interference != 0.0 && arm > 0.0 {
                 let behind = -(local.x * rotor.position.x + local.y * rotor.position.y) / arm;
-                thrust *= 1.0 - active.interference * 0.1 * behind.max(0.0);
+                thrust *= 1.0 - active.interference * behind.max(0.0);
             }
             let radial = if arm > 0.0 { rotor.position / arm } else { Vector3::x() };
             let tangential = Vector3::z().cross(&radial);
@@ -387,13 +389,18 @@ impl World {
             let push = thrust * axis;
             force += push;
             torque += (rotor.position - active.centre).cross(&push);
-            torque.z += rotor.yaw_sign * rotor.moment_ratio * (1.0 + active.moment_ratio) * thrust;
+            let yaw_sign = rotor.yaw_sign * (1.0 - 2.0 * active.reversed[i]);
+            torque.z += yaw_sign * rotor.moment_ratio * (1.0 + active.moment_ratio) * thrust;
             torque.x += active.flapping * ratio * local.y;
             torque.y -= active.flapping * ratio * local.x;
             // Angular momentum of a rotor that turns counter-clockwise from above points up: −z.
             let momentum = -rotor.yaw_sign * active.gyroscopic * (thrusts[i].max(0.0) / THRUST_COEFFICIENT).sqrt();
             torque.x -= rates.y * momentum;
             torque.y += rates.x * momentum;
+        }
+        let rotor_torque = torque;
+        if active.flex_share > 0.0 {
+            torque += active.flex_share * (self.flex[0] - rotor_torque);
         }
         let level = Vector3::new(air.x, air.y, 0.0);
         let rotor_drag = -active.rotor_drag * speed_ratio_sum / n as f64 * level;
@@ -408,14 +415,18 @@ impl World {
         torque -= (active.rotational_damping + self.vehicle.angular_drag) * rates;
 
         let mut outside = Vector3::zeros();
-        if active.wall_force != 0.0 {
-            let gap = (active.wall_north - position.x).max(0.2);
-            outside.x += active.wall_force * (0.5 / gap).min(2.5);
+        if active.wall != 0.0 {
+            let (east, north) = libm::sincos(active.wall_azimuth);
+            let gap = (active.wall_distance - north * position.x - east * position.y).max(0.0);
+            let near = ROTOR_RADIUS / (gap + ROTOR_RADIUS);
+            let pull = active.wall * near * near * thrusts.iter().sum::<f64>();
+            outside += pull * Vector3::new(north, east, 0.0);
         }
         if active.slung_mass > 0.0 {
             // Cable angles q follow the vehicle's acceleration; the cable pulls the vehicle towards the load.
             let pull = active.slung_mass * self.vehicle.gravity;
-            outside += pull * Vector3::new(self.slung[0].x, self.slung[0].y, active.slung_weight);
+            outside += pull * Vector3::new(self.slung[0].x, self.slung[0].y, 0.0);
+            outside.z += active.slung_weight * (self.vehicle.gravity - self.vertical_acceleration);
         }
         if active.tether > 0.0 {
             let away = self.tether_point - position;
@@ -438,18 +449,15 @@ impl World {
             let yaw = libm::atan2(attitude[(1, 0)], attitude[(0, 0)]);
             torque.x += active.stuck_moment * if yaw >= 0.0 { 1.0 } else { -1.0 };
         }
-        if active.flex_share > 0.0 {
-            let w = std::f64::consts::TAU * active.flex_frequency;
-            for k in 0..2 {
-                let spring = w * w * self.flex[0][k] + 2.0 * active.flex_damping * w * self.flex[1][k];
-                torque[k] += active.flex_share * self.vehicle.inertia[k] * spring;
-            }
+        Loads {
+            force,
+            torque,
+            rotor_torque,
         }
-        Loads { force, torque }
     }
 
-    /// Slung load, sloshing tank and flexible arms, driven by the body's acceleration.
-    fn advance_oscillators(&mut self, active: &Active, acceleration: Vector3<f64>, angular: Vector3<f64>, h: f64) {
+    /// Slung load and sloshing tank, driven by the body's acceleration, and flexible arms, driven by the rotors' torque.
+    fn advance_oscillators(&mut self, active: &Active, acceleration: Vector3<f64>, rotor_torque: Vector3<f64>, h: f64) {
         if active.slung_mass > 0.0 {
             let [angle, rate] = &mut self.slung;
             let mut drive = acceleration / active.slung_length;
@@ -467,7 +475,7 @@ impl World {
         if active.flex_share > 0.0 {
             let w = std::f64::consts::TAU * active.flex_frequency;
             let [angle, rate] = &mut self.flex;
-            *rate += h * (-w * w * *angle - 2.0 * active.flex_damping * w * *rate - angular);
+            *rate += h * (w * w * (rotor_torque - *angle) - 2.0 * active.flex_damping * w * *rate);
             *angle += h * *rate;
         }
     }
