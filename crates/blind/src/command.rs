@@ -37,7 +37,7 @@ pub enum Command {
 }
 
 /// Arguments of `generate`.
-#[derive(Debug, Parser)]
+#[derive(Debug, Clone, Parser)]
 pub struct GenerateArgs {
     /// Vehicle document
     #[arg(long, default_value = "config/vehicles/f550.toml")]

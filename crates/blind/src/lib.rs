@@ -14,6 +14,7 @@
 //! Same seed, same bytes. Limits: flat ground at height 0, rigid rotors, one wind everywhere; the equations of catalogue effects
 //! are those of the catalogue, so a wrong equation there is not found by this bench.
 
+pub mod bench;
 pub mod catalogue;
 pub mod command;
 pub mod draw;

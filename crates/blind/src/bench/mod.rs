@@ -1,0 +1,16 @@
+//! The blind bench: draws cases, has each generated and diagnosed by a process of its own, and scores the answers.
+//!
+//! ```text
+//!  preset, n, seed ─▶ cases ─▶ generator process ─▶ logs/0007.parquet ─▶ diagnosis process ─▶ answers/0007.json ─┐
+//!                                     └───────────▶ truth/0007.json ───────────────────────────────────────────┴─▶ score
+//! ```
+//!
+//! The diagnosis is a command line that gets a log and a vehicle; it never sees `truth/`. Everything is on disk case by case, so a
+//! bench that was stopped goes on where it was. Nothing here knows physics.
+
+pub mod answer;
+pub mod cases;
+pub mod report;
+pub mod run;
+pub mod score;
+pub mod sheet;

@@ -1,0 +1,268 @@
+//! Runs the cases: generator and diagnosis as processes, results on disk case by case.
+//!
+//! ```text
+//!  DIR/bench.json             what was asked for; a bench goes on only with the same request
+//!  DIR/logs/0007.parquet      what the diagnosis sees; removed afterwards unless kept
+//!  DIR/truth/0007.json        what it must not see
+//!  DIR/answers/0007.json      its output as it came;  0007.err: what it wrote to standard error
+//!  DIR/rows/0007.json         the score
+//! ```
+
+use super::answer::Answer;
+use super::cases::{Case, Preset, draw_cases};
+use super::score::{Row, failed, score};
+use crate::error::{BlindError, Result};
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+/// Longest time of one process.
+const TIME_LIMIT: Duration = Duration::from_secs(120);
+
+/// What is asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Request {
+    /// Version of the program.
+    pub version: String,
+    /// Presets.
+    pub presets: Vec<Preset>,
+    /// Cases of each.
+    pub n: usize,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Vehicle documents, taken in turn.
+    pub vehicles: Vec<String>,
+    /// Length of a flight, s.
+    pub duration_s: f64,
+}
+
+impl Request {
+    /// Every case of the request, presets one after the other, with running indices.
+    pub fn cases(&self, rotor_counts: &[usize]) -> Vec<Case> {
+        let vehicles: Vec<(String, usize)> = self
+            .vehicles
+            .iter()
+            .cloned()
+            .zip(rotor_counts.iter().copied())
+            .collect();
+        self.presets
+            .iter()
+            .flat_map(|preset| draw_cases(*preset, self.n, self.seed, &vehicles))
+            .enumerate()
+            .map(|(index, case)| Case { index, ..case })
+            .collect()
+    }
+}
+
+/// How a log becomes an answer.
+pub trait Diagnose: Sync {
+    /// Diagnoses one log against a vehicle document; files for output and errors stand at `stem`.json and `stem`.err.
+    fn diagnose(&self, log: &Path, vehicle: &Path, stem: &Path) -> std::result::Result<Answer, String>;
+}
+
+/// A program with arguments; `{log}` and `{vehicle}` are replaced. Its standard output is turned into an answer by `read`.
+pub struct DiagnosisCommand {
+    /// Program and arguments.
+    pub command: Vec<String>,
+    /// Reads the output.
+    pub read: fn(&str) -> std::result::Result<Answer, String>,
+}
+
+impl Diagnose for DiagnosisCommand {
+    fn diagnose(&self, log: &Path, vehicle: &Path, stem: &Path) -> std::result::Result<Answer, String> {
+        let replaced = |text: &String| {
+            text.replace("{log}", &log.display().to_string())
+                .replace("{vehicle}", &vehicle.display().to_string())
+        };
+        let words: Vec<String> = self.command.iter().map(replaced).collect();
+        let output = stem.with_extension("json");
+        run_process(&words, &output, &stem.with_extension("err"))?;
+        let text = std::fs::read_to_string(&output).map_err(|error| error.to_string())?;
+        (self.read)(&text)
+    }
+}
+
+/// Reads an answer in this crate's own form.
+pub fn read_plain(text: &str) -> std::result::Result<Answer, String> {
+    serde_json::from_str(text).map_err(|error| format!("the answer is not as expected: {error}"))
+}
+
+/// Runs a process with a time limit; an exit code other than 0 is an error with the last line of its standard error.
+fn run_process(words: &[String], output: &Path, errors: &Path) -> std::result::Result<(), String> {
+    let (program, arguments) = words.split_first().ok_or("an empty command")?;
+    let create = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
+    let mut child = Command::new(program)
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(create(output)?)
+        .stderr(create(errors)?)
+        .spawn()
+        .map_err(|error| format!("starting `{program}`: {error}"))?;
+    let start = Instant::now();
+    loop {
+        match child.try_wait() {
+            Ok(Some(status)) if status.success() => return Ok(()),
+            Ok(Some(status)) => {
+                let text = std::fs::read_to_string(errors).unwrap_or_default();
+                let last = text
+                    .lines()
+                    .rev()
+                    .find(|line| !line.trim().is_empty())
+                    .unwrap_or("no message");
+                return Err(format!("{status}: {last}"));
+            }
+            Ok(None) if start.elapsed() > TIME_LIMIT => {
+                let killed = child.kill().and_then(|()| child.wait());
+                return Err(format!(
+                    "not done after {} s, stopped ({killed:?})",
+                    TIME_LIMIT.as_secs()
+                ));
+            }
+            Ok(None) => std::thread::sleep(Duration::from_millis(2)),
+            Err(error) => return Err(error.to_string()),
+        }
+    }
+}
+
+/// A bench on disk.
+pub struct Bench {
+    /// Folder of the results.
+    pub folder: PathBuf,
+    /// What is asked for.
+    pub request: Request,
+    /// Program and first arguments of the generator: `generate …` is appended.
+    pub generator: Vec<String>,
+    /// Processes at a time.
+    pub jobs: usize,
+    /// Keep the logs.
+    pub keep_logs: bool,
+}
+
+fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
+    let text = serde_json::to_string_pretty(value)
+        .map_err(|error| BlindError::input(path.display().to_string(), error.to_string()))?;
+    // Written aside and renamed, so that a stopped bench leaves no half row.
+    let aside = path.with_extension("part");
+    std::fs::write(&aside, text + "\n")
+        .and_then(|()| std::fs::rename(&aside, path))
+        .map_err(|source| BlindError::file("writing", path, source))
+}
+
+impl Bench {
+    /// Makes the folder, or checks that the one there belongs to the same request.
+    pub fn open(&self) -> Result<()> {
+        for part in ["logs", "truth", "answers", "rows"] {
+            let path = self.folder.join(part);
+            std::fs::create_dir_all(&path).map_err(|source| BlindError::file("creating", path, source))?;
+        }
+        let path = self.folder.join("bench.json");
+        match std::fs::read_to_string(&path) {
+            Ok(text) => {
+                let there: Request = serde_json::from_str(&text)
+                    .map_err(|error| BlindError::input(path.display().to_string(), error.to_string()))?;
+                if there == self.request {
+                    return Ok(());
+                }
+                let reason = "expected the request that the folder was begun with (presets, n, seed, vehicles, duration, \
+                              version); give another folder for another request";
+                Err(BlindError::input(path.display().to_string(), reason))
+            }
+            Err(_) => write_json(&path, &self.request),
+        }
+    }
+
+    fn row_path(&self, index: usize) -> PathBuf {
+        self.folder.join(format!("rows/{index:05}.json"))
+    }
+
+    /// The rows on disk.
+    pub fn rows(&self, cases: &[Case]) -> Vec<Row> {
+        cases
+            .iter()
+            .filter_map(|case| {
+                let text = std::fs::read_to_string(self.row_path(case.index)).ok()?;
+                let row: Row = serde_json::from_str(&text).ok()?;
+                (row.case == *case).then_some(row)
+            })
+            .collect()
+    }
+
+    /// Runs every case that has no row yet; `progress` is called after each with its row.
+    pub fn run(&self, cases: &[Case], diagnosis: &dyn Diagnose, progress: &(dyn Fn(&Row) + Sync)) -> Result<Vec<Row>> {
+        let done: Vec<usize> = self.rows(cases).iter().map(|row| row.case.index).collect();
+        let open: Vec<&Case> = cases.iter().filter(|case| !done.contains(&case.index)).collect();
+        let next = AtomicUsize::new(0);
+        let failure: Mutex<Option<BlindError>> = Mutex::new(None);
+        std::thread::scope(|scope| {
+            for _ in 0..self.jobs.clamp(1, open.len().max(1)) {
+                scope.spawn(|| {
+                    while let Some(case) = open.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        match self.run_case(case, diagnosis) {
+                            Ok(row) => progress(&row),
+                            Err(error) => {
+                                // The first failure ends the bench; the others find nothing more to take.
+                                next.store(open.len(), Ordering::Relaxed);
+                                if let Ok(mut first) = failure.lock() {
+                                    first.get_or_insert(error);
+                                }
+                            }
+                        }
+                    }
+                });
+            }
+        });
+        match failure.into_inner() {
+            Ok(Some(error)) => Err(error),
+            _ => Ok(self.rows(cases)),
+        }
+    }
+
+    fn run_case(&self, case: &Case, diagnosis: &dyn Diagnose) -> Result<Row> {
+        let log = self.folder.join(format!("logs/{:05}.parquet", case.index));
+        let stem = self.folder.join(format!("answers/{:05}", case.index));
+        self.generate(case, &log)?;
+        let start = Instant::now();
+        let answer = diagnosis.diagnose(&log, Path::new(&case.vehicle), &stem);
+        let seconds = start.elapsed().as_secs_f64();
+        let row = match answer {
+            Ok(answer) => score(case, &answer, seconds),
+            Err(reason) => failed(case, reason, seconds),
+        };
+        if !self.keep_logs {
+            std::fs::remove_file(&log).map_err(|source| BlindError::file("removing", &log, source))?;
+        }
+        write_json(&self.row_path(case.index), &row)?;
+        Ok(row)
+    }
+
+    /// Has the generator write the log and, apart, the truth.
+    fn generate(&self, case: &Case, log: &Path) -> Result<()> {
+        let truth = self.folder.join(format!("truth/{:05}.json", case.index));
+        let mut words = self.generator.clone();
+        let mut add = |name: &str, value: String| words.extend([name.to_owned(), value]);
+        add("--vehicle", case.vehicle.clone());
+        add("--flight", case.flight.clone());
+        add("--duration-s", self.request.duration_s.to_string());
+        add("--seed", case.seed.to_string());
+        add("--out", log.display().to_string());
+        add("--truth", truth.display().to_string());
+        for effect in case.effect_arguments() {
+            add("--effect", effect);
+        }
+        if case.clutter {
+            words.push("--clutter".to_owned());
+        }
+        let stem = self.folder.join(format!("logs/{:05}", case.index));
+        let (output, errors) = (stem.with_extension("out"), stem.with_extension("err"));
+        run_process(&words, &output, &errors)
+            .map_err(|reason| BlindError::input(format!("generator, case {}", case.index), reason))?;
+        for path in [output, errors] {
+            std::fs::remove_file(&path).map_err(|source| BlindError::file("removing", path, source))?;
+        }
+        Ok(())
+    }
+}
