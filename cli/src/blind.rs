@@ -110,7 +110,9 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
             read: read_plain,
         },
         None => DiagnosisCommand {
-            command: [&program, "diagnose", "{log}", "--model", "{vehicle}", "--json"].map(str::to_owned).to_vec(),
+            command: [&program, "diagnose", "{log}", "--model", "{vehicle}", "--json"]
+                .map(str::to_owned)
+                .to_vec(),
             read: read_plain,
         },
     };

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 the run failed, 2 bad input (nothing was written).
 
+mod blind;
 mod campaign;
 mod fly;
 mod log;
@@ -41,6 +42,8 @@ enum Command {
     Model(model::Args),
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
     Campaign(campaign::Args),
+    /// Blind bench of the diagnosis: logs with hidden effects from a foreign simulator, and the score sheet
+    Blind(Box<blind::Args>),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -66,6 +69,7 @@ pub fn run() -> ExitCode {
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),
+        Command::Blind(args) => blind::run(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),
