@@ -1,6 +1,7 @@
 //! Flights: the closed loop of one flight, whatever carries its messages, and what identifies its result.
 //!
 //! * [`flight`]: the lockstep loop between the plant and its two peers.
+//! * [`batch`]: many flights side by side, with the same results.
 //! * [`run_hash`]: one hash over all samples of a run; the same scenario and seed give the same one over every link.
 //! * [`pace`]: as fast as possible, or 400 Hz of wall clock with a report of jitter and missed deadlines.
 //! * [`setup`]: what the peers of a flight are told before it.
@@ -18,6 +19,7 @@
 //! * [`learning`]: training in f64. * [`cross_validation`], [`scores`]: how good it is. * [`parallel`]: on every core, same bits.
 //! * [`reproduction`]: the tables of the paper. * [`classifiers`]: trained networks as files.
 
+pub mod batch;
 pub mod classifiers;
 pub mod cross_validation;
 pub mod data_set;

@@ -30,6 +30,7 @@ pub fn model_hash(scenario: &Scenario) -> String {
 pub struct RunHasher {
     state: Xxh3,
     rotor_count: usize,
+    bytes: StepBytes,
 }
 
 impl RunHasher {
@@ -39,13 +40,15 @@ impl RunHasher {
         Self {
             state: Xxh3::new(),
             rotor_count,
+            bytes: StepBytes::new(),
         }
     }
 
     /// Adds one step.
     pub fn update(&mut self, sample: &Sample) {
         let n = self.rotor_count;
-        let mut bytes = StepBytes::new();
+        let bytes = &mut self.bytes;
+        bytes.len = 0;
         bytes.u64(sample.sensors.stamp.step);
         bytes.u64(sample.sensors.stamp.sim_time_ns);
 
@@ -89,7 +92,7 @@ impl RunHasher {
         bytes.f64s(&truth.rotor_thrust_n[..n]);
         bytes.f64s(&[truth.state_of_charge, truth.battery_voltage_v, truth.battery_current_a]);
         bytes.u32(truth.faulty_rotors);
-        self.state.update(bytes.filled());
+        self.state.update(self.bytes.filled());
     }
 
     /// The hash of everything added so far: 32 hexadecimal digits.
@@ -99,6 +102,7 @@ impl RunHasher {
 }
 
 /// The signals of one step, laid out byte by byte.
+#[derive(Clone)]
 struct StepBytes {
     buffer: [u8; CAPACITY],
     len: usize,

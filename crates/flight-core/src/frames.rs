@@ -3,6 +3,7 @@
 //! A [`Vec3<Ned>`] cannot be added to a [`Vec3<Body>`]; a [`BodyToNed`] is the only way across. What the types do *not*
 //! protect: units (the name carries them), origin (a position and a velocity are both `Vec3<Ned>`), and time.
 
+use crate::elementary::{Elementary, Libm};
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Mul, Neg, Sub};
 
@@ -42,7 +43,7 @@ impl<F> Vec3<F> {
     pub const ZERO: Self = Self::new(0.0, 0.0, 0.0);
 
     /// A vector from its components.
-    #[inline]
+    #[inline(always)]
     pub const fn new(x: f32, y: f32, z: f32) -> Self {
         Self {
             x,
@@ -53,13 +54,13 @@ impl<F> Vec3<F> {
     }
 
     /// A vector from an array in x, y, z order.
-    #[inline]
+    #[inline(always)]
     pub const fn from_array(v: [f32; 3]) -> Self {
         Self::new(v[0], v[1], v[2])
     }
 
     /// The components in x, y, z order.
-    #[inline]
+    #[inline(always)]
     pub const fn to_array(self) -> [f32; 3] {
         [self.x, self.y, self.z]
     }
@@ -117,7 +118,7 @@ impl<F> core::fmt::Debug for Vec3<F> {
 }
 impl<F> Add for Vec3<F> {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn add(self, o: Self) -> Self {
         Self::new(self.x + o.x, self.y + o.y, self.z + o.z)
     }
@@ -130,14 +131,14 @@ impl<F> AddAssign for Vec3<F> {
 }
 impl<F> Sub for Vec3<F> {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn sub(self, o: Self) -> Self {
         Self::new(self.x - o.x, self.y - o.y, self.z - o.z)
     }
 }
 impl<F> Neg for Vec3<F> {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn neg(self) -> Self {
         Self::new(-self.x, -self.y, -self.z)
     }
@@ -163,6 +164,29 @@ pub struct EulerAngles {
     pub yaw: f32,
 }
 
+/// Sine and cosine of each angle of an attitude.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AttitudeSines {
+    /// sin φ, cos φ.
+    pub roll: (f32, f32),
+    /// sin θ, cos θ.
+    pub pitch: (f32, f32),
+    /// sin ψ, cos ψ.
+    pub yaw: (f32, f32),
+}
+
+impl AttitudeSines {
+    /// Of `attitude`.
+    #[inline(always)]
+    pub fn new(attitude: EulerAngles, functions: &mut impl Elementary) -> Self {
+        Self {
+            roll: functions.sin_cos(attitude.roll),
+            pitch: functions.sin_cos(attitude.pitch),
+            yaw: functions.sin_cos(attitude.yaw),
+        }
+    }
+}
+
 /// Rotation matrix R of Eq. 2: `v_ned = R · v_body`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyToNed {
@@ -174,9 +198,15 @@ impl BodyToNed {
     /// R(η) of Eq. 2.
     #[inline]
     pub fn from_euler(attitude: EulerAngles) -> Self {
-        let (s_phi, c_phi) = (libm::sinf(attitude.roll), libm::cosf(attitude.roll));
-        let (s_theta, c_theta) = (libm::sinf(attitude.pitch), libm::cosf(attitude.pitch));
-        let (s_psi, c_psi) = (libm::sinf(attitude.yaw), libm::cosf(attitude.yaw));
+        Self::from_sines(&AttitudeSines::new(attitude, &mut Libm))
+    }
+
+    /// R(η) of Eq. 2.
+    #[inline(always)]
+    pub fn from_sines(sines: &AttitudeSines) -> Self {
+        let (s_phi, c_phi) = sines.roll;
+        let (s_theta, c_theta) = sines.pitch;
+        let (s_psi, c_psi) = sines.yaw;
         Self {
             rows: [
                 [
@@ -195,7 +225,7 @@ impl BodyToNed {
     }
 
     /// R · v.
-    #[inline]
+    #[inline(always)]
     pub fn to_ned(&self, v: Vec3<Body>) -> Vec3<Ned> {
         let r = &self.rows;
         Vec3::new(
@@ -206,7 +236,7 @@ impl BodyToNed {
     }
 
     /// Rᵀ · v.
-    #[inline]
+    #[inline(always)]
     pub fn to_body(&self, v: Vec3<Ned>) -> Vec3<Body> {
         let r = &self.rows;
         Vec3::new(

@@ -191,8 +191,14 @@ impl Geometry {
     /// not read.
     #[inline]
     pub fn wrench_from_thrust(&self, thrust: &[f32; MAX_ROTORS]) -> [f32; 4] {
+        self.wrench_of(&thrust[..self.rotor_count.min(MAX_ROTORS)])
+    }
+
+    /// [`Geometry::wrench_from_thrust`] of all rotors and no more.
+    #[inline(always)]
+    pub(crate) fn wrench_of(&self, thrust: &[f32]) -> [f32; 4] {
         let mut wrench = [0.0; WRENCH_AXES];
-        for k in 0..self.rotor_count.min(MAX_ROTORS) {
+        for k in 0..thrust.len() {
             for axis in 0..WRENCH_AXES {
                 wrench[axis] += self.effectiveness[axis][k] * thrust[k];
             }
@@ -207,12 +213,18 @@ impl Geometry {
     /// Not limited to what a rotor can give: a thrust may come out negative. Entries past the rotor count are 0.
     #[inline]
     pub fn allocate(&self, wrench: [f32; 4]) -> [f32; MAX_ROTORS] {
-        let [fz, mx, my, mz] = &self.allocation;
         let mut thrust = [0.0; MAX_ROTORS];
-        for k in 0..self.rotor_count.min(MAX_ROTORS) {
+        self.allocate_to(wrench, &mut thrust[..self.rotor_count.min(MAX_ROTORS)]);
+        thrust
+    }
+
+    /// [`Geometry::allocate`] for all rotors and no more.
+    #[inline(always)]
+    pub(crate) fn allocate_to(&self, wrench: [f32; 4], thrust: &mut [f32]) {
+        let [fz, mx, my, mz] = &self.allocation;
+        for k in 0..thrust.len() {
             thrust[k] = fz[k] * wrench[0] + mx[k] * wrench[1] + my[k] * wrench[2] + mz[k] * wrench[3];
         }
-        thrust
     }
 
     /// Rows v_i3, v_i4, v_i5 of Eqs. 37–39, restricted to (Fz, Mx, My, Mz), of rotor `rotor` (from 0).

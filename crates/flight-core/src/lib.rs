@@ -24,6 +24,7 @@
 extern crate std;
 
 pub mod control;
+pub mod elementary;
 pub mod fdi;
 pub mod frames;
 pub mod geometry;

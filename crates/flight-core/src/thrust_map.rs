@@ -129,17 +129,14 @@ impl ThrustMap {
     /// * `duty`: fraction, limited to \[0, 1\]   * `voltage`: battery terminals, V
     ///
     /// 0 in the dead band, below the voltage offset, and if either input is NaN.
-    #[inline]
+    #[inline(always)]
     #[doc(alias = "lift")]
     pub fn thrust(&self, duty: f32, voltage: f32) -> f32 {
         let u = 100.0 * duty.clamp(0.0, 1.0);
         let root = libm::sqrtf(u);
         let excess = voltage - self.voltage_offset;
-        if excess > 0.0 {
-            positive_part(excess * self.shape(root, u))
-        } else {
-            0.0
-        }
+        let thrust = positive_part(excess * self.shape(root, u));
+        if excess > 0.0 { thrust } else { 0.0 }
     }
 
     /// Duty that gives a thrust at a voltage, the inverse of Eq. 19 on its rising branch, fraction in \[0, 1\].
@@ -186,7 +183,7 @@ impl ThrustMap {
     }
 
     /// g(√u) = a₀√u + a₁u + a₂u² + a₃u³, u in percent.
-    #[inline]
+    #[inline(always)]
     fn shape(&self, root: f32, u: f32) -> f32 {
         let [a0, a1, a2, a3] = self.coef;
         a0 * root + u * (a1 + u * (a2 + u * a3))
@@ -201,7 +198,7 @@ impl ThrustMap {
 }
 
 /// max(0, x) that is 0 for NaN and never −0, alike on every target.
-#[inline]
+#[inline(always)]
 fn positive_part(x: f32) -> f32 {
     if x > 0.0 { x } else { 0.0 }
 }

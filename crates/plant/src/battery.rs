@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::dynamics::Chart;
 use crate::error::{Refusal, all_in_range, in_range};
 
 /// Battery of a vehicle document.
@@ -69,10 +70,7 @@ pub struct Battery {
     /// (V_oc at the knot, rise to the next), whole pack, V; the last knot's rise is 0.
     knots: Box<[(f64, f64)]>,
     intervals: f64,
-    internal_resistance: f64,
-    power_coefficient: f64,
-    /// 1/(3600 Q_nom), 1/C.
-    per_coulomb: f64,
+    constants: BatteryConstants,
     /// An empty battery is disconnected: see [`Battery::disconnect`].
     connected: bool,
 }
@@ -93,9 +91,11 @@ impl Battery {
         Self {
             knots,
             intervals: (chart.len() - 1) as f64,
-            internal_resistance: model.internal_resistance_ohm,
-            power_coefficient: model.power_coefficient_w_per_n15,
-            per_coulomb: 1.0 / (3600.0 * model.capacity_ah),
+            constants: BatteryConstants {
+                internal_resistance: model.internal_resistance_ohm,
+                power_coefficient: model.power_coefficient_w_per_n15,
+                per_coulomb: 1.0 / (3600.0 * model.capacity_ah),
+            },
             connected: true,
         }
     }
@@ -103,13 +103,35 @@ impl Battery {
     /// k_P, W/N^1.5.
     #[inline]
     pub fn power_coefficient(&self) -> f64 {
-        self.power_coefficient
+        self.constants.power_coefficient
     }
 
     /// dSoC/dt, 1/s, at a current in A (Eq. 9).
     #[inline]
     pub fn charge_rate(&self, current: f64) -> f64 {
-        -current * self.per_coulomb
+        self.constants.charge_rate(current)
+    }
+
+    /// The numbers of Eqs. 8 and 9.
+    #[inline]
+    pub(crate) fn constants(&self) -> BatteryConstants {
+        self.constants
+    }
+
+    /// The interval of the chart that a charge lies in.
+    #[inline]
+    pub(crate) fn interval(&self, state_of_charge: f64) -> ChartInterval {
+        let position = state_of_charge.clamp(0.0, 1.0) * self.intervals;
+        // As in `open_circuit_voltage`.
+        let knot = position as usize;
+        let (voltage, rise) = self.knots[knot.min(self.knots.len() - 1)];
+        ChartInterval {
+            intervals: self.intervals,
+            knot: knot as f64,
+            voltage,
+            rise,
+            left: false,
+        }
     }
 
     /// V_oc, V (Eq. 7). Charges outside \[0, 1\] count as 0 or 1.
@@ -129,27 +151,7 @@ impl Battery {
     #[inline]
     pub fn output(&self, state_of_charge: f64, power: f64) -> BatteryOutput {
         let open_circuit_voltage = self.open_circuit_voltage(state_of_charge);
-        let drop = 4.0 * self.internal_resistance * power;
-        let square = open_circuit_voltage * open_circuit_voltage;
-        let (power, root) = if drop > square {
-            (square / (4.0 * self.internal_resistance), 0.0)
-        } else {
-            (power, (square - drop).sqrt())
-        };
-        let battery_voltage = 0.5 * (open_circuit_voltage + root);
-        if self.connected {
-            BatteryOutput {
-                open_circuit_voltage,
-                battery_voltage,
-                battery_current: power / battery_voltage,
-            }
-        } else {
-            BatteryOutput {
-                open_circuit_voltage,
-                battery_voltage: 0.0,
-                battery_current: 0.0,
-            }
-        }
+        self.constants.output(open_circuit_voltage, power, self.connected)
     }
 
     /// False once the battery has been cut off.
@@ -162,5 +164,82 @@ impl Battery {
     /// effect any more, the rotors run down within a few lags and the vehicle falls, as after an ESC's low-voltage cut-off.
     pub fn disconnect(&mut self) {
         self.connected = false;
+    }
+}
+
+impl Chart for &Battery {
+    #[inline(always)]
+    fn open_circuit_voltage(&mut self, state_of_charge: f64) -> f64 {
+        Battery::open_circuit_voltage(self, state_of_charge)
+    }
+}
+
+/// One interval of the chart. Within it the voltage is that of the whole chart, bit for bit.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct ChartInterval {
+    pub(crate) intervals: f64,
+    /// Index of its lower end.
+    pub(crate) knot: f64,
+    /// At the knot, V.
+    pub(crate) voltage: f64,
+    /// To the next knot, V.
+    pub(crate) rise: f64,
+    /// True once a charge outside of it has been asked for: what came of that has no meaning.
+    pub(crate) left: bool,
+}
+
+impl Chart for ChartInterval {
+    #[inline(always)]
+    fn open_circuit_voltage(&mut self, state_of_charge: f64) -> f64 {
+        let position = state_of_charge.clamp(0.0, 1.0) * self.intervals;
+        let beyond = position - self.knot;
+        // Not a number leaves every interval, too.
+        self.left |= !((beyond >= 0.0) & (beyond < 1.0));
+        self.voltage + self.rise * beyond
+    }
+}
+
+/// The numbers of Eqs. 8 and 9.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct BatteryConstants {
+    /// R_in, Ω.
+    pub(crate) internal_resistance: f64,
+    /// k_P, W/N^1.5.
+    pub(crate) power_coefficient: f64,
+    /// 1/(3600 Q_nom), 1/C.
+    pub(crate) per_coulomb: f64,
+}
+
+impl BatteryConstants {
+    /// See [`Battery::charge_rate`].
+    #[inline(always)]
+    pub(crate) fn charge_rate(&self, current: f64) -> f64 {
+        -current * self.per_coulomb
+    }
+
+    /// See [`Battery::output`].
+    #[inline(always)]
+    pub(crate) fn output(&self, open_circuit_voltage: f64, power: f64, connected: bool) -> BatteryOutput {
+        let drop = 4.0 * self.internal_resistance * power;
+        let square = open_circuit_voltage * open_circuit_voltage;
+        let (power, root) = if drop > square {
+            (square / (4.0 * self.internal_resistance), 0.0)
+        } else {
+            (power, (square - drop).sqrt())
+        };
+        let battery_voltage = 0.5 * (open_circuit_voltage + root);
+        if connected {
+            BatteryOutput {
+                open_circuit_voltage,
+                battery_voltage,
+                battery_current: power / battery_voltage,
+            }
+        } else {
+            BatteryOutput {
+                open_circuit_voltage,
+                battery_voltage: 0.0,
+                battery_current: 0.0,
+            }
+        }
     }
 }

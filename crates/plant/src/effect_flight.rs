@@ -13,8 +13,9 @@ use rotortwin_flight_core::MAX_ROTORS;
 
 use crate::STEP_S;
 use crate::battery::{Battery, BatteryOutput};
+use crate::dynamics::sum_of_powers;
 use crate::effects::{Constants, EffectSet, Moment, Readings, Wrench};
-use crate::powertrain::{RotorTruth, sum_of_powers};
+use crate::powertrain::RotorTruth;
 use crate::rigid_body::{Quaternion, RigidBodyRate, RigidBodyState, Surroundings};
 use crate::simulation::PlantState;
 use crate::vector::{Vector3, cross};

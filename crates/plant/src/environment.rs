@@ -126,6 +126,11 @@ impl Environment {
         &self.now
     }
 
+    /// False if it never changes.
+    pub(crate) fn moves(&self) -> bool {
+        self.gust.is_some() || self.force.is_some() || self.torque.is_some()
+    }
+
     /// Moves to the next step.
     #[inline]
     pub(crate) fn advance(&mut self) {

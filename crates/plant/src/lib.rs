@@ -37,13 +37,16 @@
 //! Conventions: SI units, radians, NED world, FRD body, ZYX Euler angles; rotors are numbered from 1 in documents and texts, from
 //! 0 in arrays. Equation and table numbers are those of the paper.
 
+pub mod batch;
 pub mod battery;
 pub mod blades;
 pub mod classifier;
 pub mod document;
+mod dynamics;
 mod effect_check;
 mod effect_flight;
 pub mod effects;
+mod elementary;
 pub mod environment;
 pub mod error;
 pub mod faults;
@@ -63,6 +66,7 @@ pub mod trajectory;
 #[cfg(test)]
 mod validation;
 mod vector;
+pub mod vector_units;
 pub mod vehicle;
 pub mod vehicle_documents;
 

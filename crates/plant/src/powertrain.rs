@@ -8,6 +8,7 @@
 use rotortwin_flight_core::MAX_ROTORS;
 
 use crate::blades::Blade;
+use crate::dynamics::HeldRotors;
 use crate::vector::Vector3;
 
 /// One rotor of the true vehicle.
@@ -79,51 +80,30 @@ impl Powertrain {
         }
     }
 
-    /// f' of every rotor, N/s, at the battery voltage V.
+    /// 1/τ, 1/s.
+    pub(crate) fn per_lag(&self) -> f64 {
+        self.per_lag
+    }
+
+    /// What the first `N` rotors do over the step with the held command.
     #[inline(always)]
-    pub(crate) fn rate<const N: usize>(&self, thrust: &[f64; N], voltage: f64) -> [f64; N] {
-        let mut rate = [0.0; N];
-        for i in 0..N {
-            let lift = (voltage - self.voltage_offset[i]).max(0.0) * self.lift_per_volt[i] + self.bias[i];
-            rate[i] = (self.health[i] * lift.max(0.0) - thrust[i]) * self.per_lag;
+    pub(crate) fn held<const N: usize>(&self) -> HeldRotors<'_, N> {
+        HeldRotors {
+            lift_per_volt: first(&self.lift_per_volt),
+            voltage_offset: first(&self.voltage_offset),
+            bias: first(&self.bias),
+            health: first(&self.health),
+            torque_arm: [
+                first(&self.torque_arm[0]),
+                first(&self.torque_arm[1]),
+                first(&self.torque_arm[2]),
+            ],
+            per_lag: self.per_lag,
         }
-        rate
-    }
-
-    /// Collective thrust, N, and torque about the centre of mass, N·m, body (Eq. 6).
-    #[inline(always)]
-    pub(crate) fn wrench<const N: usize>(&self, thrust: &[f64; N]) -> (f64, Vector3) {
-        let total = sum_of_pairs(thrust);
-        let torque = [0, 1, 2].map(|axis| {
-            let mut product = [0.0; N];
-            for i in 0..N {
-                product[i] = self.torque_arm[axis][i] * thrust[i];
-            }
-            sum_of_pairs(&product)
-        });
-        (total, torque)
     }
 }
 
-/// Σ f^1.5, N^1.5.
 #[inline(always)]
-pub(crate) fn sum_of_powers<const N: usize>(thrust: &[f64; N]) -> f64 {
-    let mut power = [0.0; N];
-    for i in 0..N {
-        let f = thrust[i].max(0.0);
-        power[i] = f * f.sqrt();
-    }
-    sum_of_pairs(&power)
-}
-
-/// Sum of the even entries plus sum of the odd ones: two chains of additions instead of one, and the same bits whatever zeros
-/// pad the array.
-#[inline(always)]
-fn sum_of_pairs<const N: usize>(values: &[f64; N]) -> f64 {
-    let (mut even, mut odd) = (0.0, 0.0);
-    for pair in values.as_chunks::<2>().0 {
-        even += pair[0];
-        odd += pair[1];
-    }
-    even + odd
+fn first<const N: usize>(values: &[f64; MAX_ROTORS]) -> &[f64; N] {
+    values.first_chunk().expect("N is at most the number of rotors")
 }

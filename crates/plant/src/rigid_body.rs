@@ -6,6 +6,7 @@
 //! attitude is a unit quaternion, so that no angle is singular and the right-hand side has no trigonometry; Euler angles are
 //! computed at output only. J is diagonal. There is no ground: a vehicle may fall for ever.
 
+use crate::elementary::{Elementary, Libm};
 use crate::vector::{Vector3, cross};
 
 /// Attitude as a Hamilton quaternion (w, x, y, z); rotates body vectors to NED.
@@ -29,16 +30,22 @@ impl Quaternion {
 
     /// ZYX Euler angles (roll, pitch, yaw), rad; roll and yaw in (−π, π], pitch in \[−π/2, π/2\].
     pub fn to_euler(self) -> Vector3 {
+        self.to_euler_with(&mut Libm)
+    }
+
+    /// [`Quaternion::to_euler`] with other elementary functions.
+    #[inline(always)]
+    pub(crate) fn to_euler_with(self, functions: &mut impl Elementary) -> Vector3 {
         let [w, x, y, z] = self.0;
         [
-            libm::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-            libm::asin((2.0 * (w * y - z * x)).clamp(-1.0, 1.0)),
-            libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+            functions.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            functions.asin((2.0 * (w * y - z * x)).clamp(-1.0, 1.0)),
+            functions.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
         ]
     }
 
     /// R e₃: the body's down axis in NED.
-    #[inline]
+    #[inline(always)]
     pub fn down_axis(self) -> Vector3 {
         let [w, x, y, z] = self.0;
         [
@@ -58,9 +65,10 @@ impl Quaternion {
     }
 
     /// q̇ = ½ q ⊗ (0, ω), ω in body axes, rad/s.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn rate(self, body_rates: Vector3) -> [f64; 4] {
-        let ([w, x, y, z], [p, q, r]) = (self.0, body_rates.map(|rate| 0.5 * rate));
+        let [w, x, y, z] = self.0;
+        let (p, q, r) = (0.5 * body_rates[0], 0.5 * body_rates[1], 0.5 * body_rates[2]);
         [
             -x * p - y * q - z * r,
             w * p + y * r - z * q,
@@ -70,11 +78,11 @@ impl Quaternion {
     }
 
     /// Scaled back to length 1; NaN stays NaN.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn normalized(self) -> Self {
         let [w, x, y, z] = self.0;
         let scale = 1.0 / (w * w + x * x + y * y + z * z).sqrt();
-        Self(self.0.map(|c| c * scale))
+        Self([w * scale, x * scale, y * scale, z * scale])
     }
 }
 
@@ -140,6 +148,32 @@ impl RigidBody {
         self.gravity
     }
 
+    /// (1/m, g, k_t, k_r), J and 1/J.
+    pub(crate) fn parts(&self) -> ([f64; 4], Vector3, Vector3) {
+        (
+            [self.per_mass, self.gravity, self.linear_drag, self.angular_drag],
+            self.inertia,
+            self.per_inertia,
+        )
+    }
+
+    /// From what [`RigidBody::parts`] gives.
+    #[inline(always)]
+    pub(crate) fn from_parts(
+        [per_mass, gravity, linear_drag, angular_drag]: [f64; 4],
+        inertia: Vector3,
+        per_inertia: Vector3,
+    ) -> Self {
+        Self {
+            per_mass,
+            gravity,
+            linear_drag,
+            angular_drag,
+            inertia,
+            per_inertia,
+        }
+    }
+
     /// Right-hand side of Eq. 1 for a rotor force of `thrust` N along −e₃ and a rotor torque in N·m, body.
     #[inline(always)]
     pub(crate) fn rate(
@@ -195,16 +229,21 @@ impl RigidBodyRate {
     /// The mean (k₁ + 2 k₂ + 2 k₃ + k₄)/6 of the classical Runge–Kutta method.
     #[inline(always)]
     pub(crate) fn runge_kutta_mean(k: &[Self; 4]) -> Self {
-        let mean = |pick: fn(&Self) -> Vector3| {
-            let v = [pick(&k[0]), pick(&k[1]), pick(&k[2]), pick(&k[3])];
-            [0, 1, 2].map(|i| (v[0][i] + 2.0 * (v[1][i] + v[2][i]) + v[3][i]) * (1.0 / 6.0))
-        };
-        let q = [k[0].quaternion, k[1].quaternion, k[2].quaternion, k[3].quaternion];
+        let [a, b, c, d] = k;
         Self {
-            position: mean(|r| r.position),
-            velocity: mean(|r| r.velocity),
-            quaternion: [0, 1, 2, 3].map(|i| (q[0][i] + 2.0 * (q[1][i] + q[2][i]) + q[3][i]) * (1.0 / 6.0)),
-            body_rates: mean(|r| r.body_rates),
+            position: mean(&a.position, &b.position, &c.position, &d.position),
+            velocity: mean(&a.velocity, &b.velocity, &c.velocity, &d.velocity),
+            quaternion: mean(&a.quaternion, &b.quaternion, &c.quaternion, &d.quaternion),
+            body_rates: mean(&a.body_rates, &b.body_rates, &c.body_rates, &d.body_rates),
         }
     }
+}
+
+#[inline(always)]
+fn mean<const K: usize>(a: &[f64; K], b: &[f64; K], c: &[f64; K], d: &[f64; K]) -> [f64; K] {
+    let mut mean = [0.0; K];
+    for i in 0..K {
+        mean[i] = (a[i] + 2.0 * (b[i] + c[i]) + d[i]) * (1.0 / 6.0);
+    }
+    mean
 }

@@ -201,6 +201,34 @@ impl SensorSuite {
         }
     }
 
+    /// True if any sensor fault is planned.
+    pub(crate) fn has_faults(&self) -> bool {
+        !self.faults.is_empty()
+    }
+
+    /// Standard deviations, indexed by [`Sensor`].
+    pub(crate) fn deviations(&self) -> &[f64; SENSORS] {
+        &self.deviation
+    }
+
+    /// Constant error of the voltage, V.
+    pub(crate) fn voltage_bias(&self) -> f64 {
+        self.voltage_bias
+    }
+
+    /// This step's standard normals: three for each sensor, one for the voltage (0 if it is exact).
+    #[inline]
+    pub(crate) fn noise(&mut self) -> [f64; 3 * SENSORS - 2] {
+        let mut normals = [0.0; 3 * SENSORS - 2];
+        for sensor in 0..SENSORS - 1 {
+            normals[3 * sensor..3 * sensor + 3].copy_from_slice(&self.noise[sensor].sample3());
+        }
+        if self.deviation[SENSORS - 1] > 0.0 {
+            normals[3 * SENSORS - 3] = self.noise[SENSORS - 1].sample();
+        }
+        normals
+    }
+
     /// What the sensors say of `truth` at `step`, which must be one after the step before; and the bit mask of stale sensors.
     #[inline]
     pub(crate) fn measure(&mut self, step: u64, truth: &Readings) -> (NavState, f32, u32) {

@@ -16,14 +16,15 @@ use rotortwin_flight_core::signals::{MotorCommand, NavState, Reference};
 use serde::Serialize;
 
 use crate::battery::{Battery, BatteryOutput};
+use crate::dynamics::{DynamicState, Dynamics, sum_of_powers};
 use crate::effect_flight::{EffectFlight, Plant};
 use crate::effects::{Constants, EffectSet};
 use crate::environment::Environment;
 use crate::error::{ConfigError, Refusal, SimulationError};
 use crate::faults::FaultSchedule;
 use crate::mismatch::MismatchDraw;
-use crate::powertrain::{Powertrain, RotorTruth, sum_of_powers};
-use crate::rigid_body::{Quaternion, RigidBody, RigidBodyRate, RigidBodyState};
+use crate::powertrain::{Powertrain, RotorTruth};
+use crate::rigid_body::{Quaternion, RigidBody, RigidBodyState};
 use crate::scenario::Scenario;
 use crate::sensors::{Accelerometer, Readings, SensorSuite};
 use crate::trajectory::ReferenceGenerator;
@@ -186,14 +187,14 @@ pub struct Simulation {
     substeps: u32,
     hover_duty: f32,
     mismatch: MismatchDraw,
-    body: RigidBody,
-    powertrain: Powertrain,
-    battery: Battery,
-    environment: Environment,
+    pub(crate) body: RigidBody,
+    pub(crate) powertrain: Powertrain,
+    pub(crate) battery: Battery,
+    pub(crate) environment: Environment,
     faults: FaultSchedule,
-    reference: ReferenceGenerator,
-    sensors: SensorSuite,
-    state: PlantState,
+    pub(crate) reference: ReferenceGenerator,
+    pub(crate) sensors: SensorSuite,
+    pub(crate) state: PlantState,
     truth: TruthSample,
     sensed: SensedSample,
     /// Step to which `sensed` belongs, if it has been measured.
@@ -295,7 +296,7 @@ impl Simulation {
         if let Some(effects) = &self.effects {
             return effects.specific_force();
         }
-        let (total, torque) = self.powertrain.wrench(&self.state.thrust);
+        let (total, torque) = self.powertrain.held().wrench(&self.state.thrust);
         let mut rate = self
             .body
             .rate(&self.state.body, total, torque, self.environment.now())
@@ -466,54 +467,90 @@ impl Simulation {
         }
     }
 
-    /// Right-hand side of the whole plant for rotors padded to `N`.
-    #[inline(always)]
-    fn rate<const N: usize>(
-        &self,
-        body: &RigidBodyState,
-        thrust: &[f64; N],
-        state_of_charge: f64,
-    ) -> (RigidBodyRate, [f64; N], f64) {
-        let power = self.battery.power_coefficient() * sum_of_powers(thrust);
-        let battery = self.battery.output(state_of_charge, power);
-        let (total, torque) = self.powertrain.wrench(thrust);
-        (
-            self.body.rate(body, total, torque, self.environment.now()),
-            self.powertrain.rate(thrust, battery.battery_voltage),
-            self.battery.charge_rate(battery.battery_current),
-        )
+    /// One step of 2.5 ms for rotors padded to `N`.
+    fn integrate<const N: usize>(&mut self) {
+        let state = self.stepped::<N>(&self.dynamic_state());
+        self.state.body = state.body;
+        self.state.state_of_charge = state.state_of_charge;
+        self.state.thrust[..N].copy_from_slice(&state.thrust);
     }
 
-    /// One step of 2.5 ms.
-    fn integrate<const N: usize>(&mut self) {
+    /// `state` one step later, with the held command.
+    #[inline]
+    fn stepped<const N: usize>(&self, state: &DynamicState<N>) -> DynamicState<N> {
+        let dynamics = Dynamics {
+            body: &self.body,
+            around: self.environment.now(),
+            rotors: self.powertrain.held::<N>(),
+            battery: self.battery.constants(),
+            connected: self.battery.is_connected(),
+        };
         let h = STEP_S / f64::from(self.substeps);
-        let mut body = self.state.body;
-        let mut charge = self.state.state_of_charge;
+        let mut now = *state;
+        for _ in 0..self.substeps {
+            now = dynamics.step(&mut &self.battery, &now, h);
+        }
+        now
+    }
+
+    /// The integrated state, rotors padded to `N`.
+    #[inline]
+    pub(crate) fn dynamic_state<const N: usize>(&self) -> DynamicState<N> {
         let mut thrust = [0.0; N];
         thrust.copy_from_slice(&self.state.thrust[..N]);
-        let moved = |thrust: &[f64; N], rate: &[f64; N], h: f64| {
-            let mut result = [0.0; N];
-            for i in 0..N {
-                result[i] = thrust[i] + h * rate[i];
-            }
-            result
-        };
-        for _ in 0..self.substeps {
-            let half = 0.5 * h;
-            let (b1, f1, c1) = self.rate(&body, &thrust, charge);
-            let (b2, f2, c2) = self.rate(&body.moved(&b1, half), &moved(&thrust, &f1, half), charge + half * c1);
-            let (b3, f3, c3) = self.rate(&body.moved(&b2, half), &moved(&thrust, &f2, half), charge + half * c2);
-            let (b4, f4, c4) = self.rate(&body.moved(&b3, h), &moved(&thrust, &f3, h), charge + h * c3);
-            body = body.moved(&RigidBodyRate::runge_kutta_mean(&[b1, b2, b3, b4]), h);
-            body.ned_from_body = body.ned_from_body.normalized();
-            for i in 0..N {
-                thrust[i] += h * ((f1[i] + 2.0 * (f2[i] + f3[i]) + f4[i]) * (1.0 / 6.0));
-            }
-            charge += h * ((c1 + 2.0 * (c2 + c3) + c4) * (1.0 / 6.0));
+        DynamicState {
+            body: self.state.body,
+            thrust,
+            state_of_charge: self.state.state_of_charge,
         }
-        self.state.body = body;
-        self.state.state_of_charge = charge;
-        self.state.thrust[..N].copy_from_slice(&thrust);
+    }
+
+    /// For [`crate::batch`], which keeps the state: `state` one step later under `duty`, which must be numbers.
+    pub(crate) fn step_of<const N: usize>(&mut self, state: &DynamicState<N>, duty: &[f32; N]) -> DynamicState<N> {
+        let mut limited = [0.0; MAX_ROTORS];
+        for (limited, duty) in limited.iter_mut().zip(duty) {
+            *limited = f64::from(*duty).clamp(0.0, 1.0);
+        }
+        self.powertrain.hold(&limited);
+        self.stepped(state)
+    }
+
+    /// For [`crate::batch`]: moves everything but the state to the next step; true if a rotor has changed.
+    #[inline]
+    pub(crate) fn advance_around(&mut self) -> bool {
+        let step = self.truth.step + 1;
+        self.environment.advance();
+        let changed = self.faults.apply(step, &mut self.powertrain);
+        if changed {
+            self.record_faults();
+        }
+        self.reference.advance(step);
+        self.truth.step = step;
+        self.truth.sim_time_ns = step * STEP_NS;
+        self.truth.wind_ned_m_s = self.environment.now().wind_ned;
+        changed
+    }
+
+    /// For [`crate::batch`]: attitude, rad, and (V_oc, V_batt, i_batt) of a state.
+    pub(crate) fn truth_of<const N: usize>(&self, state: &DynamicState<N>) -> (Vector3, Vector3) {
+        let power = self.battery.power_coefficient() * sum_of_powers(&state.thrust);
+        let output = self.battery.output(state.state_of_charge, power);
+        let battery = [
+            output.open_circuit_voltage,
+            output.battery_voltage,
+            output.battery_current,
+        ];
+        (state.body.ned_from_body.to_euler(), battery)
+    }
+
+    /// True if the step is not the plain one: effects, or an accelerometer.
+    pub(crate) fn is_extended(&self) -> bool {
+        self.effects.is_some() || self.accelerometer.is_some()
+    }
+
+    /// Substeps of the integrator in a step.
+    pub(crate) fn substeps(&self) -> u32 {
+        self.substeps
     }
 
     /// Refuses a state that is not a number.

@@ -1,6 +1,6 @@
 //! Our own controller and FDI engine, as the peers of a link. They hold no truth and no scenario: only what the hand-shake brings.
 
-use crate::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame};
+use crate::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
 use crate::link::{ControllerPeer, FdiPeer};
 use crate::proto::{ControllerSetup, FdiSetup};
 use crate::setup;
@@ -60,22 +60,27 @@ impl FdiPeer for FdiEnginePeer {
             .engine
             .as_mut()
             .expect("the link calls setup before the first step");
-        let output = engine.step(&command.measurement(sensors));
-        FdiReport {
-            stamp: sensors.stamp,
-            residuals_nms: output.residuals.component,
-            wrench_residual: output.wrench_residual,
-            t_test: output.t_test.code(),
-            network: output.network.code(),
-            sequential: output.sequential.code(),
-            sequential_probability: output.sequential_probability,
-            thrust_loss: loss_frame(&output.thrust_loss[0]),
-            second_thrust_loss: loss_frame(&output.thrust_loss[1]),
-            suspect_rotors: output.suspects.rotors,
-            hypothesis_count: u32::from(output.suspects.hypothesis_count),
-            hypothesis_rotors: output.suspects.hypotheses,
-            window_end: u32::from(output.window_end),
-        }
+        report(sensors.stamp, &engine.step(&command.measurement(sensors)))
+    }
+}
+
+/// What the engine says of the step `stamp`, as a message.
+#[inline]
+pub fn report(stamp: Stamp, output: &fdi::FdiOutput) -> FdiReport {
+    FdiReport {
+        stamp,
+        residuals_nms: output.residuals.component,
+        wrench_residual: output.wrench_residual,
+        t_test: output.t_test.code(),
+        network: output.network.code(),
+        sequential: output.sequential.code(),
+        sequential_probability: output.sequential_probability,
+        thrust_loss: loss_frame(&output.thrust_loss[0]),
+        second_thrust_loss: loss_frame(&output.thrust_loss[1]),
+        suspect_rotors: output.suspects.rotors,
+        hypothesis_count: u32::from(output.suspects.hypothesis_count),
+        hypothesis_rotors: output.suspects.hypotheses,
+        window_end: u32::from(output.window_end),
     }
 }
 

@@ -21,11 +21,7 @@ pub(super) fn duties(
     let mut saturated = 0;
     match map {
         ThrustToDuty::Linear { full_thrust } => {
-            for k in 0..rotor_count {
-                let duty = thrust[k] / full_thrust;
-                command.duty[k] = limit_duty(duty);
-                saturated |= u32::from(!(0.0..=1.0).contains(&duty)) << k;
-            }
+            saturated = linear_duties(&thrust[..rotor_count], *full_thrust, &mut command.duty);
         }
         ThrustToDuty::InverseMap(map) => {
             let full_thrust = map.thrust(1.0, battery_voltage);
@@ -38,8 +34,20 @@ pub(super) fn duties(
     (command, saturated)
 }
 
+/// Duties on a straight line through 0; the bit mask of the rotors that were limited.
+#[inline(always)]
+pub(super) fn linear_duties(thrust: &[f32], full_thrust: f32, limited: &mut [f32]) -> u32 {
+    let mut saturated = 0;
+    for k in 0..thrust.len() {
+        let duty = thrust[k] / full_thrust;
+        limited[k] = limit_duty(duty);
+        saturated |= u32::from(!((duty >= 0.0) & (duty <= 1.0))) << k;
+    }
+    saturated
+}
+
 /// Into \[0, 1\]; NaN becomes 0, which stops the rotor.
-#[inline]
+#[inline(always)]
 fn limit_duty(duty: f32) -> f32 {
     if duty >= 1.0 {
         1.0

@@ -19,18 +19,22 @@
 
 mod allocation;
 mod attitude;
+pub mod lanes;
 mod pid;
 mod position;
 
 #[cfg(test)]
 mod closed_loop;
 
+use crate::MAX_ROTORS;
+use crate::elementary::{Elementary, Libm};
+use crate::frames::{AttitudeSines, EulerAngles};
 use crate::geometry::Geometry;
 use crate::signals::{MotorCommand, NavState, Reference};
 use crate::thrust_map::ThrustMap;
-use crate::{MAX_ROTORS, frames::EulerAngles};
 pub use pid::PidGains;
 use pid::PidState;
+use position::ThrustVector;
 
 /// Inputs beyond this (m, m/s, rad, rad/s, V) cannot be true, and are kept from the integrators like NaN.
 pub const INPUT_LIMIT: f32 = 1e6;
@@ -273,15 +277,9 @@ impl Controller {
             };
         }
         let cfg = &self.cfg;
-        let acceleration = position::acceleration_setpoint(&mut self.position, cfg, nav, reference);
-        let vector = position::thrust_vector(cfg, self.tilt_limit_tan, acceleration, &nav.attitude, reference.yaw);
-        let alpha = attitude::angular_acceleration_setpoint(&mut self.attitude, cfg, nav, &vector.attitude_setpoint);
-        let wrench = [
-            -vector.collective_thrust,
-            cfg.inertia_body[0] * alpha[0],
-            cfg.inertia_body[1] * alpha[1],
-            cfg.inertia_body[2] * alpha[2],
-        ];
+        let sines = AttitudeSines::new(nav.attitude, &mut Libm);
+        let loops = (&mut self.position, &mut self.attitude);
+        let (vector, wrench) = control_law(cfg, self.tilt_limit_tan, loops, nav, &sines, reference, &mut Libm);
         // The linear map, which never has a last voltage, does not read it.
         let voltage = self.last_voltage.unwrap_or(battery_voltage);
         let (command, saturated_rotors) = allocation::duties(&cfg.geometry, &cfg.thrust_to_duty, wrench, voltage);
@@ -297,6 +295,29 @@ impl Controller {
     }
 }
 
+/// Both loops: what thrust and attitude to have, and the wrench (Fz, Mx, My, Mz) for it, N and N·m.
+#[inline(always)]
+fn control_law(
+    cfg: &ControllerConfig,
+    tilt_limit_tan: f32,
+    (position, attitude): (&mut PidState, &mut PidState),
+    nav: &NavState,
+    sines: &AttitudeSines,
+    reference: &Reference,
+    functions: &mut impl Elementary,
+) -> (ThrustVector, [f32; 4]) {
+    let acceleration = position::acceleration_setpoint(position, cfg, nav, reference);
+    let vector = position::thrust_vector(cfg, tilt_limit_tan, acceleration, sines, reference.yaw, functions);
+    let alpha = attitude::angular_acceleration_setpoint(attitude, cfg, nav, &vector.attitude_setpoint, functions);
+    let wrench = [
+        -vector.collective_thrust,
+        cfg.inertia_body[0] * alpha[0],
+        cfg.inertia_body[1] * alpha[1],
+        cfg.inertia_body[2] * alpha[2],
+    ];
+    (vector, wrench)
+}
+
 /// True for a voltage at which the map gives any thrust. Zero, as of a sensor that has dropped out, would ask for full
 /// duty.
 #[inline]
@@ -305,7 +326,7 @@ fn is_voltage_usable(map: &ThrustMap, battery_voltage: f32) -> bool {
 }
 
 /// True if every component is a number within [`INPUT_LIMIT`].
-#[inline]
+#[inline(always)]
 fn is_plausible(nav: &NavState, reference: &Reference) -> bool {
     // NaN compares false; no short circuit, so that the comparisons need no branches.
     let triple = |v: [f32; 3]| (v[0].abs() <= INPUT_LIMIT) & (v[1].abs() <= INPUT_LIMIT) & (v[2].abs() <= INPUT_LIMIT);

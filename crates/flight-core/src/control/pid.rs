@@ -25,7 +25,7 @@ impl PidState {
     /// Kp e + Ki ∫e dt + Kd ė per axis; the integrators are updated after their use, without anti-windup.
     ///
     /// * `error`: e   * `error_rate`: ė, taken as measured and never differentiated here   * `period`: dt, s
-    #[inline]
+    #[inline(always)]
     pub(super) fn step(
         &mut self,
         gains: &[PidGains; 3],

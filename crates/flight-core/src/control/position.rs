@@ -2,7 +2,8 @@
 
 use super::ControllerConfig;
 use super::pid::PidState;
-use crate::frames::{EulerAngles, Ned, Vec3};
+use crate::elementary::Elementary;
+use crate::frames::{AttitudeSines, EulerAngles, Ned, Vec3};
 use crate::signals::{NavState, Reference};
 
 /// Least downward specific force that the thrust must balance, m/s²: the vehicle never asks for inverted or
@@ -23,7 +24,7 @@ pub(super) struct ThrustVector {
 }
 
 /// PID on the position error, derivative on the velocity error: a = Kp e + Ki ∫e + Kd (v_ref − v), m/s², NED.
-#[inline]
+#[inline(always)]
 pub(super) fn acceleration_setpoint(
     state: &mut PidState,
     cfg: &ControllerConfig,
@@ -40,13 +41,14 @@ pub(super) fn acceleration_setpoint(
 /// b = g e₃ − a, with b_z ≥ 1 m/s² and its horizontal part at most tan(tilt limit) b_z;
 /// n = b/‖b‖; φ_ref = asin(n_x sin ψ − n_y cos ψ); θ_ref = atan2(n_x cos ψ + n_y sin ψ, n_z) with the measured ψ;
 /// T = m b_z / max(0.3, cos φ cos θ)
-#[inline]
+#[inline(always)]
 pub(super) fn thrust_vector(
     cfg: &ControllerConfig,
     tilt_limit_tan: f32,
     acceleration: Vec3<Ned>,
-    attitude: &EulerAngles,
+    sines: &AttitudeSines,
     yaw_reference: f32,
+    functions: &mut impl Elementary,
 ) -> ThrustVector {
     let raw = cfg.gravity - acceleration.z;
     let b_z = if raw > MIN_SPECIFIC_THRUST {
@@ -54,20 +56,21 @@ pub(super) fn thrust_vector(
     } else {
         MIN_SPECIFIC_THRUST
     };
-    let (mut b_x, mut b_y) = (-acceleration.x, -acceleration.y);
+    let (b_x, b_y) = (-acceleration.x, -acceleration.y);
     let horizontal = libm::sqrtf(b_x * b_x + b_y * b_y);
     let limit = tilt_limit_tan * b_z;
-    if horizontal > limit {
-        let scale = limit / horizontal;
-        b_x *= scale;
-        b_y *= scale;
-    }
+    let scale = limit / horizontal;
+    let (b_x, b_y) = if horizontal > limit {
+        (b_x * scale, b_y * scale)
+    } else {
+        (b_x, b_y)
+    };
     // At least b_z, which is at least 1: no division by zero.
     let norm = libm::sqrtf(b_x * b_x + b_y * b_y + b_z * b_z);
     let (n_x, n_y, n_z) = (b_x / norm, b_y / norm, b_z / norm);
 
-    let (sin_yaw, cos_yaw) = libm::sincosf(attitude.yaw);
-    let tilt_cosine = libm::cosf(attitude.roll) * libm::cosf(attitude.pitch);
+    let (sin_yaw, cos_yaw) = sines.yaw;
+    let tilt_cosine = sines.roll.1 * sines.pitch.1;
     let compensation = if tilt_cosine > MIN_TILT_COSINE {
         tilt_cosine
     } else {
@@ -77,8 +80,8 @@ pub(super) fn thrust_vector(
         collective_thrust: cfg.mass * b_z / compensation,
         attitude_setpoint: EulerAngles {
             // The tilt limit keeps the argument well inside ±1.
-            roll: libm::asinf(n_x * sin_yaw - n_y * cos_yaw),
-            pitch: libm::atan2f(n_x * cos_yaw + n_y * sin_yaw, n_z),
+            roll: functions.asin(n_x * sin_yaw - n_y * cos_yaw),
+            pitch: functions.atan2(n_x * cos_yaw + n_y * sin_yaw, n_z),
             yaw: yaw_reference,
         },
     }

@@ -19,6 +19,7 @@
 //! Glossary: *fault* is damage to a propeller, *failure* the loss of a rotor; *detect* says that something is wrong, *isolate*
 //! names the rotor; *baseline* is the healthy mean of a residual.
 
+pub mod lanes;
 pub mod network;
 pub mod nominal_thrust;
 pub mod residual;
@@ -350,17 +351,27 @@ impl FdiEngine {
         let residual = self.observer.step(&body, &wrench);
         self.output.wrench_residual = residual;
         self.output.residuals = Residuals::from_wrench(geometry, &residual);
-        let calibrated = self.baseline.mean();
+        let calibrated = self.baseline.mean().is_some();
         self.baseline.push(&residual);
         self.window.push(&residual);
         self.sequential.step(&body, &static_wrench, &thrust);
+        self.close(calibrated);
+        self.output
+    }
 
+    /// What is due after a sample: at the end of a block the sequential detector's filters, at the end of a window the verdicts.
+    ///
+    /// * `calibrated`: the calibration of the baseline was over before this sample
+    #[inline]
+    fn close(&mut self, calibrated: bool) {
+        let geometry = &self.config.geometry;
         let count = self.window.count() as u16;
         if self.block_end.contains(&count) {
             self.sequential.close_block();
         }
         if count >= self.config.window_len {
             self.output.window_end = true;
+            let calibrated = self.baseline.mean().filter(|_| calibrated);
             if let Some(mean) = calibrated {
                 self.output.t_test = self.t_test.evaluate(geometry, &self.window, &mean);
             }
@@ -386,7 +397,6 @@ impl FdiEngine {
             self.output.suspects = decision.suspects;
             self.window.clear();
         }
-        self.output
     }
 }
 

@@ -45,10 +45,10 @@ pub fn static_thrust(map: &ThrustMap, rotor_count: usize, input: &Measurement) -
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrderLag<const N: usize> {
     /// a.
-    end_weight: f32,
+    pub(super) end_weight: f32,
     /// 1 − a τ/dt.
-    mean_weight: f32,
-    state: Option<[f32; N]>,
+    pub(super) mean_weight: f32,
+    pub(super) state: Option<[f32; N]>,
 }
 
 impl<const N: usize> FirstOrderLag<N> {
@@ -67,14 +67,25 @@ impl<const N: usize> FirstOrderLag<N> {
     #[inline]
     pub fn step(&mut self, input: &[f32; N]) -> [f32; N] {
         let state = self.state.get_or_insert(*input);
-        let mut mean = [0.0; N];
-        for i in 0..N {
-            let gap = input[i] - state[i];
-            mean[i] = state[i] + gap * self.mean_weight;
-            state[i] += gap * self.end_weight;
-        }
-        mean
+        lag(self.end_weight, self.mean_weight, state, input)
     }
+}
+
+/// One step of a [`FirstOrderLag`].
+#[inline(always)]
+pub(super) fn lag<const N: usize>(
+    end_weight: f32,
+    mean_weight: f32,
+    state: &mut [f32; N],
+    input: &[f32; N],
+) -> [f32; N] {
+    let mut mean = [0.0; N];
+    for i in 0..N {
+        let gap = input[i] - state[i];
+        mean[i] = state[i] + gap * mean_weight;
+        state[i] += gap * end_weight;
+    }
+    mean
 }
 
 /// Wrench F f̄ that healthy rotors give over a step, for one choice of [`NominalThrust`].

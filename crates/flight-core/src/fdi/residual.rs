@@ -21,7 +21,8 @@
 
 use super::window::dot;
 use crate::MAX_ROTORS;
-use crate::frames::BodyToNed;
+use crate::elementary::Libm;
+use crate::frames::{AttitudeSines, BodyToNed};
 use crate::geometry::Geometry;
 use crate::signals::NavState;
 
@@ -55,7 +56,13 @@ impl BodyMomentum {
     /// Φ and g̃ of Eqs. 30–32 before the projection V_i.
     #[inline]
     pub fn from_nav(body: &RigidBody, nav: &NavState) -> Self {
-        let ned_from_body = BodyToNed::from_euler(nav.attitude);
+        Self::from_sines(body, nav, &AttitudeSines::new(nav.attitude, &mut Libm))
+    }
+
+    /// [`BodyMomentum::from_nav`] with the sines and cosines of the attitude already there.
+    #[inline(always)]
+    pub fn from_sines(body: &RigidBody, nav: &NavState, sines: &AttitudeSines) -> Self {
+        let ned_from_body = BodyToNed::from_sines(sines);
         let v = ned_from_body.to_body(nav.velocity_ned);
         let gravity_z = ned_from_body
             .to_body(crate::frames::Vec3::new(0.0, 0.0, body.gravity))
@@ -79,11 +86,11 @@ impl BodyMomentum {
 /// Observer of the 4-axis momentum; its residual is a low-pass of the wrench that nothing explains, divided by h.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WrenchObserver {
-    gain: f32,
-    period: f32,
-    state: Option<[f32; 4]>,
+    pub(super) gain: f32,
+    pub(super) period: f32,
+    pub(super) state: Option<[f32; 4]>,
     /// Rate of the last accepted sample, held while samples are rejected.
-    rate: [f32; 4],
+    pub(super) rate: [f32; 4],
 }
 
 impl WrenchObserver {
@@ -103,13 +110,7 @@ impl WrenchObserver {
     #[inline]
     pub fn step(&mut self, body: &BodyMomentum, wrench: &[f32; 4]) -> [f32; 4] {
         let state = self.state.get_or_insert(body.momentum);
-        let mut residual = [0.0; 4];
-        for axis in 0..4 {
-            residual[axis] = body.momentum[axis] - state[axis];
-            self.rate[axis] = body.drift[axis] + wrench[axis] + self.gain * residual[axis];
-            state[axis] += self.period * self.rate[axis];
-        }
-        residual
+        observe(self.gain, self.period, state, &mut self.rate, body, wrench)
     }
 
     /// Moves on by one step without a measurement: the last rate is held.
@@ -121,6 +122,25 @@ impl WrenchObserver {
             }
         }
     }
+}
+
+/// One step of a [`WrenchObserver`].
+#[inline(always)]
+pub(super) fn observe(
+    gain: f32,
+    period: f32,
+    state: &mut [f32; 4],
+    rate: &mut [f32; 4],
+    body: &BodyMomentum,
+    wrench: &[f32; 4],
+) -> [f32; 4] {
+    let mut residual = [0.0; 4];
+    for axis in 0..4 {
+        residual[axis] = body.momentum[axis] - state[axis];
+        rate[axis] = body.drift[axis] + wrench[axis] + gain * residual[axis];
+        state[axis] += period * rate[axis];
+    }
+    residual
 }
 
 /// The scalar residuals of all rotors, kg·m²/s (yaw and arm) and kg·m²/s (lever).

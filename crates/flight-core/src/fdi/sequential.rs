@@ -58,6 +58,7 @@ use crate::geometry::Geometry;
 use axis_filter::{AxisFilter, BIAS, Disturbance, GUST, Innovation, LAG, LevelProbe, STATES};
 use config::NOISE_SKIP;
 pub use config::{MAX_UPDATES_PER_WINDOW, SequentialConfig, SequentialConfigError};
+pub(super) use defect::lanes::MeterRows;
 use defect::{AXES, Block, DefectMeter};
 pub use estimate::{LossEstimate, MAX_HYPOTHESES, Suspects};
 use onset::{Evidence, FreeEvidence, OnsetHypotheses};
@@ -265,6 +266,47 @@ impl SequentialDetector {
         self.meter
             .step(body, static_wrench, static_thrust, &self.loss_fraction, learn_noise);
         self.samples = self.samples.saturating_add(1);
+    }
+
+    /// Puts what samples change into a lane; returns the samples so far.
+    pub(super) fn seat_meter<const N: usize, const L: usize>(&self, lane: usize, rows: &mut MeterRows<N, L>) -> u32 {
+        rows.seat(lane, &self.meter, &self.loss_fraction);
+        self.samples
+    }
+
+    /// Takes back what [`SequentialDetector::seat_meter`] gave.
+    pub(super) fn leave_meter<const N: usize, const L: usize>(
+        &mut self,
+        lane: usize,
+        rows: &MeterRows<N, L>,
+        samples: u32,
+    ) {
+        rows.write(lane, &mut self.meter);
+        self.samples = samples;
+    }
+
+    /// [`SequentialDetector::step`] for a lane.
+    #[inline(always)]
+    pub(super) fn step_lane<const N: usize, const L: usize>(
+        &self,
+        rows: &mut MeterRows<N, L>,
+        lane: usize,
+        body: &BodyMomentum,
+        static_wrench: &[f32; AXES],
+        static_thrust: &[f32; N],
+    ) {
+        rows.step(&self.meter, lane, body, static_wrench, static_thrust);
+    }
+
+    /// True while the sensor noise is measured.
+    pub(super) fn is_warming_up(&self) -> bool {
+        self.phase == Phase::WarmUp
+    }
+
+    /// Sample from which on differences count for the noise.
+    #[inline(always)]
+    pub(super) fn noise_from(&self) -> u32 {
+        self.noise_from
     }
 
     /// Lets one step pass without a sample.

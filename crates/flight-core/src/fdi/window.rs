@@ -9,15 +9,29 @@
 /// Mean and covariance of a sequence of 4-vectors, recursively.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WrenchStatistics {
-    count: u32,
-    mean: [f32; 4],
+    pub(super) count: u32,
+    pub(super) mean: [f32; 4],
     /// Σ (x − mean)(x − mean)ᵀ, lower triangle row by row.
-    co_moment: [f32; 10],
+    pub(super) co_moment: [f32; 10],
 }
+
+/// Row and column of the entries of `co_moment`.
+const LOWER_TRIANGLE: [(usize, usize); 10] = [
+    (0, 0),
+    (1, 0),
+    (1, 1),
+    (2, 0),
+    (2, 1),
+    (2, 2),
+    (3, 0),
+    (3, 1),
+    (3, 2),
+    (3, 3),
+];
 
 impl WrenchStatistics {
     /// Takes in one sample.
-    #[inline]
+    #[inline(always)]
     pub fn push(&mut self, sample: &[f32; 4]) {
         self.count = self.count.saturating_add(1);
         let weight = 1.0 / self.count as f32;
@@ -28,12 +42,8 @@ impl WrenchStatistics {
             self.mean[axis] += weight * before[axis];
             after[axis] = sample[axis] - self.mean[axis];
         }
-        let mut entry = 0;
-        for row in 0..4 {
-            for column in 0..=row {
-                self.co_moment[entry] += before[row] * after[column];
-                entry += 1;
-            }
+        for (entry, (row, column)) in LOWER_TRIANGLE.into_iter().enumerate() {
+            self.co_moment[entry] += before[row] * after[column];
         }
     }
 
@@ -79,11 +89,11 @@ impl WrenchStatistics {
 /// Mean of the wrench residual over the calibration time, in which the vehicle is taken to be healthy (µ₀ of §5.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Baseline {
-    first: u32,
-    end: u32,
-    seen: u32,
-    count: u32,
-    mean: [f32; 4],
+    pub(super) first: u32,
+    pub(super) end: u32,
+    pub(super) seen: u32,
+    pub(super) count: u32,
+    pub(super) mean: [f32; 4],
 }
 
 impl Baseline {

@@ -14,11 +14,13 @@ use crate::MAX_ROTORS;
 use crate::fdi::residual::BodyMomentum;
 use crate::geometry::Geometry;
 
+pub(super) mod lanes;
+
 /// Fz, Mx, My, Mz.
 pub(super) const AXES: usize = 4;
 
 /// Most samples in a row that may be taken for spikes; then the jump is taken for real.
-const MAX_SPIKES_IN_ROW: u8 = 4;
+const MAX_SPIKES_IN_ROW: u32 = 4;
 
 /// Integrals beside the defect: wrench (4), lag sensitivity (4), vertical speed, time.
 const REGRESSORS: usize = 10;
@@ -73,7 +75,7 @@ impl Lag {
     }
 
     /// Mean output over a step with the held input, and its derivative with respect to ln τ.
-    #[inline]
+    #[inline(always)]
     pub(super) fn step(&mut self, input: f32) -> (f32, f32) {
         let gap = input - self.state;
         let mean = self.state + gap * self.mean_weight;
@@ -142,7 +144,7 @@ pub(super) struct DefectMeter {
 
     last_defect: [f32; AXES],
     spike_limit: [f32; AXES],
-    spikes_in_row: u8,
+    spikes_in_row: u32,
     noise_count: f32,
     noise_sum: [f32; AXES],
     noise_square: [f32; AXES],
@@ -206,7 +208,6 @@ impl DefectMeter {
         loss_fraction: &[f32; MAX_ROTORS],
         learn_noise: bool,
     ) {
-        let dt = self.period;
         if !self.started {
             self.started = true;
             self.accounted = body.momentum;
@@ -215,7 +216,27 @@ impl DefectMeter {
                 self.lag[axis].state = static_wrench[axis];
             }
         }
+        let used = self.rotor_count.min(MAX_ROTORS);
+        self.take(
+            body,
+            static_wrench,
+            &static_thrust[..used],
+            &loss_fraction[..used],
+            learn_noise,
+        );
+    }
 
+    /// [`DefectMeter::step`] after the first sample; thrusts of all rotors and no more.
+    #[inline(always)]
+    fn take(
+        &mut self,
+        body: &BodyMomentum,
+        static_wrench: &[f32; AXES],
+        static_thrust: &[f32],
+        loss_fraction: &[f32],
+        learn_noise: bool,
+    ) {
+        let dt = self.period;
         // The step before this sample: the drift was held, now its other end is known.
         let mut defect = [0.0; AXES];
         let mut spike = false;
@@ -250,7 +271,7 @@ impl DefectMeter {
         // The step after it.
         let mut wrench = *static_wrench;
         let mut excursion = 0.0;
-        for i in 0..self.rotor_count {
+        for i in 0..static_thrust.len() {
             let deviation = static_thrust[i] - self.hover_thrust[i];
             excursion += deviation * deviation;
             self.thrust_sum[i] += static_thrust[i];
@@ -275,7 +296,7 @@ impl DefectMeter {
     }
 
     /// Moves on by one step at the rates of the last one: also what a rejected sample does.
-    #[inline]
+    #[inline(always)]
     pub(super) fn hold(&mut self) {
         for axis in 0..AXES {
             self.accounted[axis] += self.period * self.rate[axis];

@@ -1,0 +1,345 @@
+//! One group of lanes: the closed loop of up to [`LANES`] flights that share the configurations of their peers.
+
+use super::{BatchOutcome, GroupKey, RUN_ID, Waiting};
+use crate::flight::{Failure, FlightEnd, FlightObserver, FlightOutcome, Sample, StopReason};
+use crate::run_hash::RunHasher;
+use rotortwin_flight_core::control::Controller;
+use rotortwin_flight_core::control::lanes::{ControlRows, MeasuredRows, ReferenceRows, SineRows};
+use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_flight_core::fdi::lanes::FdiRows;
+use rotortwin_plant::Simulation;
+use rotortwin_plant::batch::{BatchSimulation, LANES, NoLane, SensedRows};
+use rotortwin_plant::vector_units::{Dispatch, VectorWork};
+use rotortwin_wire::convert::check_report;
+use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame, Stamp};
+use rotortwin_wire::peers::report;
+use std::time::Instant;
+
+/// No residual of a flight comes near: projections of it are still numbers.
+const LARGEST_RESIDUAL: f32 = 1e30;
+
+/// A flight that has left its lane.
+pub(super) enum Left<O> {
+    /// As `flight::fly` would have ended it.
+    Ended { index: usize, outcome: BatchOutcome<O> },
+    /// It cannot go on in lanes; its observer has seen that many samples.
+    Lost { index: usize, observer: O, seen: u64 },
+}
+
+/// What belongs to one lane's flight.
+struct Rider<O> {
+    index: usize,
+    engine: Box<FdiEngine>,
+    hasher: RunHasher,
+    observer: O,
+    steps: u64,
+    start: Instant,
+}
+
+/// Peers' inputs in canonical form, where −0 has become +0.
+struct PeerInputs {
+    controller: Controller,
+    engine: Box<FdiEngine>,
+    sensed: SensedRows,
+}
+
+/// What the peers compute.
+struct PeerOutputs<const N: usize> {
+    measured: MeasuredRows<LANES>,
+    references: ReferenceRows<LANES>,
+    sines: SineRows<LANES>,
+    control: ControlRows<N, LANES>,
+    fdi: FdiRows<N, LANES>,
+}
+
+/// Canonical inputs, sines, and the controllers.
+struct Control<const N: usize>;
+
+impl<const N: usize> VectorWork for Control<N> {
+    type Input = PeerInputs;
+    type Output = PeerOutputs<N>;
+
+    #[inline(always)]
+    fn run(input: &PeerInputs, output: &mut PeerOutputs<N>) {
+        for row in 0..input.sensed.values.len() {
+            for lane in 0..LANES {
+                output.measured[row][lane] = input.sensed.values[row][lane] + 0.0;
+            }
+        }
+        for row in 0..input.sensed.reference.len() {
+            for lane in 0..LANES {
+                output.references[row][lane] = input.sensed.reference[row][lane] + 0.0;
+            }
+        }
+        output.sines.fill(&output.measured);
+        output
+            .control
+            .step(&input.controller, &output.measured, &output.sines, &output.references);
+    }
+}
+
+/// The FDI engines' part of every sample.
+struct Diagnose<const N: usize>;
+
+impl<const N: usize> VectorWork for Diagnose<N> {
+    type Input = PeerInputs;
+    type Output = PeerOutputs<N>;
+
+    #[inline(always)]
+    fn run(input: &PeerInputs, output: &mut PeerOutputs<N>) {
+        output
+            .fdi
+            .step(&input.engine, &output.measured, &output.sines, &output.control.duty);
+    }
+}
+
+/// See the module.
+pub(super) struct LaneGroup<const N: usize, O> {
+    dispatch: Dispatch,
+    plant: BatchSimulation<N>,
+    inputs: Box<PeerInputs>,
+    outputs: Box<PeerOutputs<N>>,
+    riders: [Option<Rider<O>>; LANES],
+    samples: Vec<Sample>,
+}
+
+impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
+    pub(super) fn new(key: &GroupKey, dispatch: Dispatch) -> Result<Self, String> {
+        let blank = Sample {
+            sensors: SensorFrame::default(),
+            command: CommandFrame::default(),
+            report: FdiReport::default(),
+            truth: rotortwin_plant::TruthSample::default(),
+        };
+        Ok(Self {
+            dispatch,
+            plant: BatchSimulation::new(dispatch, key.substeps),
+            inputs: Box::new(PeerInputs {
+                controller: Controller::new(key.controller).map_err(|error| error.to_string())?,
+                engine: Box::new(FdiEngine::new(key.fdi).map_err(|error| error.to_string())?),
+                sensed: SensedRows {
+                    values: [[0.0; LANES]; 13],
+                    reference: [[0.0; LANES]; 7],
+                },
+            }),
+            outputs: Box::new(PeerOutputs {
+                measured: [[0.0; LANES]; 13],
+                references: [[0.0; LANES]; 7],
+                sines: SineRows::NONE,
+                control: ControlRows::NONE,
+                fdi: FdiRows::NONE,
+            }),
+            riders: [const { None }; LANES],
+            samples: vec![blank; LANES],
+        })
+    }
+
+    pub(super) fn free_lane(&self) -> Option<usize> {
+        self.riders.iter().position(Option::is_none)
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.riders.iter().all(Option::is_none)
+    }
+
+    pub(super) fn check(&self, simulation: &Simulation) -> Result<(), NoLane> {
+        self.plant.check(simulation)
+    }
+
+    /// Gives a checked flight a free lane.
+    pub(super) fn seat(&mut self, lane: usize, waiting: Waiting<O>) -> Result<(), String> {
+        let mut controller = self.inputs.controller;
+        if let Some(trim) = waiting.trim {
+            controller.trim(trim.duty, trim.battery_voltage);
+        }
+        self.outputs.control.seat(lane, &controller);
+        self.plant
+            .seat(lane, waiting.simulation)
+            .map_err(|reason| format!("a checked flight was refused a lane: {reason:?}"))?;
+        self.riders[lane] = Some(Rider {
+            index: waiting.index,
+            engine: self.inputs.engine.clone(),
+            hasher: RunHasher::new(N),
+            observer: waiting.observer,
+            steps: 0,
+            start: Instant::now(),
+        });
+        Ok(())
+    }
+
+    /// One step of every lane.
+    pub(super) fn step(&mut self, leave: &mut impl FnMut(Left<O>) -> Result<(), String>) -> Result<(), String> {
+        for lane in 0..LANES {
+            let Some(rider) = &mut self.riders[lane] else { continue };
+            let reason = rider.observer.stop_requested();
+            if let Some(reason) = reason {
+                self.end(lane, end_of(reason), leave)?;
+            } else if self.plant.simulation(lane).is_some_and(Simulation::done) {
+                self.end(lane, FlightEnd::Done, leave)?;
+            }
+        }
+        self.inputs.sensed.clone_from(self.plant.sense());
+        self.dispatch.run::<Control<N>>(&self.inputs, &mut self.outputs);
+        let mut lost = 0u32;
+        for lane in 0..LANES {
+            let out = &mut *self.outputs;
+            if out.control.outside[lane] != 0
+                && self.riders[lane].is_some()
+                && !out
+                    .control
+                    .step_alone(&self.inputs.controller, lane, &out.measured, &out.references)
+            {
+                lost |= 1 << lane;
+            }
+        }
+        self.dispatch.run::<Diagnose<N>>(&self.inputs, &mut self.outputs);
+        for lane in 0..LANES {
+            if self.riders[lane].is_some() && !self.complete(lane) {
+                lost |= 1 << lane;
+            }
+        }
+        lost |= self.plant.advance(&self.outputs.control.duty);
+        for lane in 0..LANES {
+            if lost & (1 << lane) != 0 {
+                self.lose(lane, leave)?;
+            } else {
+                self.hand_over(lane, leave)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The engine's part at block and window ends, and the sample of this step; false if the lane cannot go on.
+    #[inline]
+    fn complete(&mut self, lane: usize) -> bool {
+        let (Some(rider), Some(simulation)) = (&mut self.riders[lane], self.plant.simulation(lane)) else {
+            return true;
+        };
+        let out = &mut *self.outputs;
+        let stamp = Stamp {
+            run_id: RUN_ID,
+            step: simulation.truth().step,
+            sim_time_ns: simulation.truth().sim_time_ns,
+        };
+        let sample = &mut self.samples[lane];
+        sample.sensors = sensor_frame(&self.inputs.sensed, lane, stamp);
+        let mut duty = [0.0; rotortwin_flight_core::MAX_ROTORS];
+        for k in 0..N {
+            duty[k] = out.control.duty[k][lane];
+        }
+        let setpoint = &out.control.attitude_setpoint;
+        sample.command = CommandFrame {
+            stamp,
+            duty,
+            attitude_setpoint_rad: [setpoint[0][lane], setpoint[1][lane], setpoint[2][lane]],
+            saturated_rotors: out.control.saturated_rotors[lane],
+        }
+        .canonical();
+        let output = if rider.steps == 0 {
+            // An engine starts its observers from the first sample.
+            let output = rider
+                .engine
+                .step(&sample.command.measurement(&sample.sensors.canonical()));
+            if output.rejected_samples > 0 || !out.fdi.seat(lane, &rider.engine) {
+                return false;
+            }
+            output
+        } else {
+            if out.fdi.outside[lane] != 0 {
+                return false;
+            }
+            out.fdi.close(lane, &mut rider.engine);
+            out.fdi.output(lane, &rider.engine)
+        };
+        sample.report = report(stamp, &output).canonical();
+        let finite = output.wrench_residual.iter().all(|r| r.abs() < LARGEST_RESIDUAL);
+        // The link's own check where verdicts are new: it would refuse the report, and with it the flight.
+        if !finite || (output.window_end && check_report(&sample.report, N).is_err()) {
+            return false;
+        }
+        if let Some(truth) = self.plant.truth(lane) {
+            sample.truth = truth;
+        }
+        true
+    }
+
+    #[inline]
+    fn hand_over(&mut self, lane: usize, leave: &mut impl FnMut(Left<O>) -> Result<(), String>) -> Result<(), String> {
+        let Some(rider) = &mut self.riders[lane] else {
+            return Ok(());
+        };
+        let sample = &self.samples[lane];
+        rider.hasher.update(sample);
+        rider.steps += 1;
+        match rider.observer.sample(sample) {
+            Ok(()) => Ok(()),
+            Err(sentence) => {
+                let failed = StopReason::Failed(Failure::of("plant", sentence));
+                // Whoever asked to stop knows why, as in `flight::fly`.
+                let reason = rider.observer.stop_requested().unwrap_or(failed);
+                self.end(lane, end_of(reason), leave)
+            }
+        }
+    }
+
+    fn end(
+        &mut self,
+        lane: usize,
+        end: FlightEnd,
+        leave: &mut impl FnMut(Left<O>) -> Result<(), String>,
+    ) -> Result<(), String> {
+        self.plant.clear(lane);
+        let Some(rider) = self.riders[lane].take() else {
+            return Ok(());
+        };
+        leave(Left::Ended {
+            index: rider.index,
+            outcome: BatchOutcome {
+                outcome: FlightOutcome {
+                    end,
+                    steps: rider.steps,
+                    run_hash: rider.hasher.digest(),
+                    wall: rider.start.elapsed(),
+                    real_time: None,
+                },
+                observer: rider.observer,
+            },
+        })
+    }
+
+    #[cold]
+    fn lose(&mut self, lane: usize, leave: &mut impl FnMut(Left<O>) -> Result<(), String>) -> Result<(), String> {
+        self.plant.clear(lane);
+        let Some(rider) = self.riders[lane].take() else {
+            return Ok(());
+        };
+        leave(Left::Lost {
+            index: rider.index,
+            observer: rider.observer,
+            seen: rider.steps,
+        })
+    }
+}
+
+fn end_of(reason: StopReason) -> FlightEnd {
+    match reason {
+        StopReason::Canceled => FlightEnd::Canceled,
+        StopReason::Failed(failure) => FlightEnd::Failed(failure),
+    }
+}
+
+fn sensor_frame(sensed: &SensedRows, lane: usize, stamp: Stamp) -> SensorFrame {
+    let v = |row: usize| [0, 1, 2].map(|axis| sensed.values[3 * row + axis][lane]);
+    let r = |row: usize| [0, 1, 2].map(|axis| sensed.reference[3 * row + axis][lane]);
+    SensorFrame {
+        stamp,
+        position_ned_m: v(0),
+        velocity_ned_m_s: v(1),
+        attitude_rad: v(2),
+        body_rates_rad_s: v(3),
+        reference_position_ned_m: r(0),
+        reference_velocity_ned_m_s: r(1),
+        reference_yaw_rad: sensed.reference[6][lane],
+        battery_voltage_v: sensed.values[12][lane],
+    }
+}
