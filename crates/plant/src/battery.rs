@@ -194,7 +194,7 @@ impl Chart for ChartInterval {
         let position = state_of_charge.clamp(0.0, 1.0) * self.intervals;
         let beyond = position - self.knot;
         // Not a number leaves every interval, too.
-        self.left |= !((beyond >= 0.0) & (beyond < 1.0));
+        self.left |= !(0.0..1.0).contains(&beyond);
         self.voltage + self.rise * beyond
     }
 }

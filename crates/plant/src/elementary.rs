@@ -40,9 +40,9 @@ const PI_LO: f64 = 1.224_646_799_147_353_2e-16;
 /// atan of 0.5, 1, 1.5, ∞: high and low parts.
 const ATAN_HI: [f64; 4] = [
     4.636_476_090_008_061e-1,
-    7.853_981_633_974_483e-1,
-    9.827_937_232_473_291e-1,
-    1.570_796_326_794_896_6,
+    core::f64::consts::FRAC_PI_4,
+    9.827_937_232_473_29e-1,
+    core::f64::consts::FRAC_PI_2,
 ];
 const ATAN_LO: [f64; 4] = [
     2.269_877_745_296_168_7e-17,
@@ -67,6 +67,10 @@ const ATAN: [f64; 11] = [
 /// Ratios up to this are in range.
 const LARGEST_RATIO: f64 = 1e18;
 
+#[expect(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "NaN fails the comparison and is outside"
+)]
 impl Elementary for BranchFree {
     #[inline(always)]
     fn atan2(&mut self, y: f64, x: f64) -> f64 {

@@ -41,7 +41,7 @@ pub(super) fn linear_duties(thrust: &[f32], full_thrust: f32, limited: &mut [f32
     for k in 0..thrust.len() {
         let duty = thrust[k] / full_thrust;
         limited[k] = limit_duty(duty);
-        saturated |= u32::from(!((duty >= 0.0) & (duty <= 1.0))) << k;
+        saturated |= u32::from(!(0.0..=1.0).contains(&duty)) << k;
     }
     saturated
 }

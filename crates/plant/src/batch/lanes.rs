@@ -290,8 +290,9 @@ impl<const N: usize> VectorWork for RecordTruth<N> {
             for i in 0..N {
                 sum += now.thrust[i];
             }
+            // With a charge that is not a number the sum is none, either.
             let finite = sum.abs() < f64::INFINITY;
-            truth.lost[lane] = u64::from(!finite | !(now.state_of_charge > 0.0));
+            truth.lost[lane] = u64::from(!finite | (now.state_of_charge <= 0.0));
         }
     }
 }
