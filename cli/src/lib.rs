@@ -4,6 +4,7 @@
 
 mod blind;
 mod campaign;
+mod compare;
 mod fly;
 mod log;
 mod model;
@@ -38,6 +39,8 @@ enum Command {
     Check(show::CheckArgs),
     /// Reproduce the paper's tables and figures, its numbers beside ours
     Reproduce(reproduce::Args),
+    /// Hold models against flight logs: where, when and how much they disagree
+    Compare(compare::Args),
     /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
     Model(model::Args),
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
@@ -67,6 +70,7 @@ pub fn run() -> ExitCode {
         Command::Log(args) => log::run(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Blind(args) => blind::run(&args),

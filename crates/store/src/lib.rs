@@ -16,6 +16,7 @@ pub mod analysis;
 pub mod error;
 mod figures;
 mod mcap;
+pub mod page;
 mod parquet;
 mod plots;
 mod report;

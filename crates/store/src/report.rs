@@ -5,6 +5,7 @@
 //!
 //! The looks stand in `assets/report.css`, the drawing in `assets/report.js`, the frame in `assets/report.html`.
 
+use crate::page::{Page, escape};
 use crate::plots::{Plots, Sample, normal_grid, normal_line, scale_from_s};
 use crate::run_folder::{FIGURES_FOLDER, MCAP_FILE, SUMMARY_FILE, TELEMETRY_FILE};
 use crate::summary::{Evaluator, Interval, Score, Status, Summary, verdict_text};
@@ -12,57 +13,24 @@ use crate::telemetry::HEALTHY;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
-const FRAME: &str = include_str!("../assets/report.html");
 const CSS: &str = include_str!("../assets/report.css");
 const JS: &str = include_str!("../assets/report.js");
-const UPLOT_CSS: &str = include_str!("../assets/uPlot.min.css");
-const UPLOT_JS: &str = include_str!("../assets/uPlot.iife.min.js");
-const UPLOT_LICENCE: &str = include_str!("../assets/uPlot.LICENSE");
-
 /// Share of windows from which a verdict on a fault counts as good.
 const GOOD_SHARE: f64 = 0.9;
 
 /// The page; `plots` is absent if no step was recorded.
 pub(crate) fn render(summary: &Summary, plots: Option<&Plots>) -> String {
-    let title = escape(&format!("{} · {}", summary.scenario.name, summary.run));
+    let title = format!("{} · {}", summary.scenario.name, summary.run);
     let body = body(summary, plots);
-    // "</" would end the script element.
-    let data = payload(summary, plots).to_string().replace("</", "<\\/");
-    let mut page = String::with_capacity(FRAME.len() + CSS.len() + JS.len() + UPLOT_JS.len() + body.len() + data.len());
-    let mut rest = FRAME;
-    while let Some((before, after)) = rest.split_once("{{") {
-        let (name, after) = after.split_once("}}").expect("placeholders of the frame are closed");
-        page.push_str(before);
-        page.push_str(match name {
-            "title" => &title,
-            "css" => CSS,
-            "uplot_css" => UPLOT_CSS,
-            "uplot_js" => UPLOT_JS,
-            "uplot_licence" => UPLOT_LICENCE,
-            "body" => &body,
-            "data" => &data,
-            "js" => JS,
-            _ => unreachable!("the frame has no other placeholder"),
-        });
-        rest = after;
+    let data = payload(summary, plots).to_string();
+    Page {
+        title: &title,
+        css: CSS,
+        body: &body,
+        data: &data,
+        js: JS,
     }
-    page.push_str(rest);
-    page
-}
-
-/// Text for HTML content and attributes.
-fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            other => out.push(other),
-        }
-    }
-    out
+    .render()
 }
 
 /// An integer in groups of three.

@@ -4,11 +4,13 @@
 //! log file ─▶ log::FlightLog ─▶ comparison with a model ─▶ missing effect ─▶ model with the effect ─▶ compared again
 //! ```
 //! * [`log`]: flight logs of several sources as one type: canonical columns, SI units, NED and FRD.
+//! * [`compare`]: models against logs: where, when and how much they disagree.
 //! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
 //! * [`predict`]: what a model predicts of a log, one step ahead, in sixteen channels.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
 
+pub mod compare;
 pub mod log;
 pub mod model;
 pub mod predict;

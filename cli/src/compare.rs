@@ -1,0 +1,205 @@
+//! `rotortwin compare`: models against flight logs.
+
+use crate::model::{significant, store_failed};
+use crate::output::{self, TABLE_STYLE};
+use clap::Parser;
+use comfy_table::{CellAlignment, Table};
+use rotortwin_twin::compare::{self, ChannelVerdict, Comparison, LogComparison, ModelOnLog, NamedModel};
+use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::model::ModelStore;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin compare`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    /// Flight logs: canonical CSV or Parquet
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Models to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
+    #[arg(long = "model", required = true, num_args = 1.., value_name = "MODEL")]
+    model: Vec<String>,
+    /// Folder of the models
+    #[arg(long, value_name = "DIR", default_value = "models")]
+    models: PathBuf,
+    /// Write report.html, comparison.json and residuals of each log as Parquet into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print the comparison as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    let models = match named_models(&ModelStore::new(&args.models), &args.model) {
+        Ok(models) => models,
+        Err(code) => return code,
+    };
+    let logs = match read_logs(&args.logs) {
+        Ok(logs) => logs,
+        Err(code) => return code,
+    };
+    let (comparison, series) = match compare::compare(&logs, &models) {
+        Ok(done) => done,
+        Err(error) => return output::bad_input(error),
+    };
+    if let Some(folder) = &args.out
+        && let Err(error) = compare::files::write(folder, &comparison, &series)
+    {
+        return output::failed(error);
+    }
+    if args.json {
+        println!("{}", compare::files::json(&comparison));
+    } else {
+        print!("{}", text(&comparison));
+        if let Some(folder) = &args.out {
+            println!("Files        {}", folder.display());
+            println!("             report.html  comparison.json  residuals of each log as Parquet");
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+/// The models that texts name.
+pub(crate) fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<NamedModel>, ExitCode> {
+    texts
+        .iter()
+        .map(|text| {
+            let found = store.find(text).map_err(|error| store_failed(&error))?;
+            Ok(NamedModel { label: found.label(), version: found.version })
+        })
+        .collect()
+}
+
+/// The logs at these paths.
+pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, ExitCode> {
+    paths.iter().map(|path| FlightLog::read(path).map_err(output::bad_input)).collect()
+}
+
+fn table<const N: usize>(header: [&str; N], right_from: usize) -> Table {
+    let mut table = Table::new();
+    table.load_style(TABLE_STYLE);
+    table.set_header(header);
+    for column in right_from..N {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
+}
+
+/// The comparison for a terminal: verdict first.
+fn text(comparison: &Comparison) -> String {
+    let mut text = String::new();
+    for log in &comparison.logs {
+        for model in &log.models {
+            text.push_str(&format!("{}: {}\n", log.log.name, model.sentence()));
+        }
+        if let Some(last) = log.models.last() {
+            text.push_str(&format!("{}\n", channel_table(last)));
+            text.push_str("chi²: mean square of the whitened residual; slow: of its sums over 0.25 s; both 1 for pure noise\n");
+            text.push_str(&worst(last));
+        }
+        text.push_str(&format!("\nError (means over 0.1 s), and open-loop prediction\n{}\n", error_table(log)));
+        for note in &log.notes {
+            text.push_str(&format!("Note         {note}\n"));
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn channel_table(model: &ModelOnLog) -> Table {
+    let mut table = table(["channel", "", "depends on", "error", "noise", "unit", "chi²", "slow"], 3);
+    for channel in &model.channels {
+        let verdict = match channel.verdict {
+            ChannelVerdict::Agrees => "agrees",
+            ChannelVerdict::Fails => "FAILS",
+            ChannelVerdict::NotTestable => "not testable",
+        };
+        let depends = channel
+            .conditions
+            .first()
+            .filter(|d| channel.verdict == ChannelVerdict::Fails && d.explained > 0.3)
+            .map_or_else(String::new, |d| format!("{} ({:.0} %)", d.title, 100.0 * d.explained));
+        let number = |value: f64| if value.is_finite() { significant3(value) } else { "–".to_owned() };
+        table.add_row([
+            channel.channel.to_owned(),
+            verdict.to_owned(),
+            depends,
+            number(channel.smoothed_rms),
+            number(channel.smoothed_noise),
+            channel.unit.to_owned(),
+            number(channel.chi2),
+            number(channel.low_frequency),
+        ]);
+    }
+    table
+}
+
+/// Three significant digits.
+fn significant3(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let decimals = (2 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    format!("{value:.decimals$}")
+}
+
+fn worst(model: &ModelOnLog) -> String {
+    let mut text = String::new();
+    for (line, moment) in model.worst.iter().take(3).enumerate() {
+        let label = if line == 0 { "Worst" } else { "" };
+        text.push_str(&format!(
+            "{label:<12} {:.1}–{:.1} s  {} off by {} {}, {:.0} deviations\n",
+            moment.start_s,
+            moment.end_s,
+            moment.channel,
+            significant(moment.error),
+            moment.unit,
+            moment.deviations
+        ));
+    }
+    text
+}
+
+/// One row per quantity and horizon, one column per model: the waterfall in numbers.
+fn error_table(log: &LogComparison) -> Table {
+    let mut table = Table::new();
+    table.load_style(TABLE_STYLE);
+    let mut header = vec!["quantity".to_owned()];
+    header.extend(log.models.iter().map(|model| model.model.clone()));
+    header.push("noise".to_owned());
+    table.set_header(header);
+    let Some(first) = log.models.first() else { return table };
+    for error in &first.errors {
+        let mut row = vec![format!("{}, {}", error.quantity, error.unit)];
+        row.extend(log.models.iter().map(|model| {
+            model.error_of(error.quantity).map_or_else(|| "–".to_owned(), |error| significant3(error.error))
+        }));
+        row.push(significant3(error.noise));
+        table.add_row(row);
+    }
+    for (place, open) in first.open_loop.iter().enumerate() {
+        let mut row = vec![format!("after {} s, m · m/s · °", open.horizon_s)];
+        row.extend(log.models.iter().map(|model| {
+            model.open_loop.get(place).map_or_else(|| "–".to_owned(), |open| {
+                format!(
+                    "{} · {} · {}",
+                    significant3(open.position_m),
+                    significant3(open.velocity_m_s),
+                    significant3(open.attitude_rad.to_degrees())
+                )
+            })
+        }));
+        row.push(String::new());
+        table.add_row(row);
+    }
+    for column in 1..table.column_count() {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
+}

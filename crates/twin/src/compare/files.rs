@@ -1,0 +1,122 @@
+//! What a comparison leaves behind: `comparison.json`, `residuals-LOG.parquet`, `report.html`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use parquet::basic::{Compression, Encoding, Repetition, Type as Physical, ZstdLevel};
+use parquet::data_type::FloatType;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+
+use super::{Comparison, LogSeries};
+use crate::model::document::plain_name;
+use crate::predict::{CHANNELS, NAMES, UNITS};
+
+/// Why a file could not be written: one sentence.
+#[derive(Debug, thiserror::Error)]
+#[error("writing {path}: {reason}")]
+pub struct WriteError {
+    path: PathBuf,
+    reason: String,
+}
+
+fn failed(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> WriteError {
+    let path = path.to_owned();
+    move |reason| WriteError { path: path.clone(), reason: reason.to_string() }
+}
+
+/// The comparison as JSON. A number that is not finite (an untestable channel's) is null.
+pub fn json(comparison: &Comparison) -> String {
+    serde_json::to_string_pretty(comparison).expect("text and numbers are JSON")
+}
+
+/// Writes all files into `folder`, which is made if it is not there.
+///
+/// # Errors
+/// The file system refuses.
+pub fn write(folder: &Path, comparison: &Comparison, series: &[LogSeries]) -> Result<(), WriteError> {
+    std::fs::create_dir_all(folder).map_err(|error| failed(folder)(&error))?;
+    let put = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|error| failed(&path)(&error))
+    };
+    put("comparison.json", &json(comparison))?;
+    for (place, (log, series)) in comparison.logs.iter().zip(series).enumerate() {
+        let name = plain_name(&log.log.name);
+        // Two logs may have one name.
+        let taken = comparison.logs[..place].iter().any(|other| plain_name(&other.log.name) == name);
+        let file = if taken { format!("residuals-{name}-{}.parquet", place + 1) } else { format!("residuals-{name}.parquet") };
+        residuals(&folder.join(file), log, series)?;
+    }
+    Ok(())
+}
+
+/// One row per sample: time, and per channel the measurement and each model's residual, raw and whitened; NaN where nothing counts.
+fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Result<(), WriteError> {
+    let fail = failed(path);
+    let mut columns: Vec<(String, Vec<f32>)> =
+        vec![("time_s".to_owned(), series.time_s.iter().map(|t| *t as f32).collect())];
+    let mut units = serde_json::Map::new();
+    units.insert("time_s".to_owned(), "s".into());
+    for channel in 0..CHANNELS {
+        if series.measured[channel].is_empty() {
+            continue;
+        }
+        let mut push = |name: String, unit: &str, values: Vec<f32>| {
+            units.insert(name.clone(), unit.into());
+            columns.push((name, values));
+        };
+        let measured = series.measured[channel].iter().map(|v| *v as f32).collect();
+        push(format!("{}_measured", NAMES[channel]), UNITS[channel], measured);
+        for (place, residuals) in series.models.iter().enumerate() {
+            if residuals.raw[channel].is_empty() {
+                continue;
+            }
+            let counted = |values: &[f64]| -> Vec<f32> {
+                values.iter().zip(&residuals.mask[channel]).map(|(v, &m)| if m { *v as f32 } else { f32::NAN }).collect()
+            };
+            push(format!("{}_residual_{place}", NAMES[channel]), UNITS[channel], counted(&residuals.raw[channel]));
+            push(format!("{}_whitened_{place}", NAMES[channel]), "1", counted(&residuals.whitened[channel]));
+        }
+    }
+    let fields = columns
+        .iter()
+        .map(|(name, _)| {
+            Type::primitive_type_builder(name, Physical::FLOAT).with_repetition(Repetition::REQUIRED).build().map(Arc::new)
+        })
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|error| fail(&error))?;
+    let schema = Type::group_type_builder("residuals").with_fields(fields).build().map_err(|error| fail(&error))?;
+    let labels: Vec<&str> = log.models.iter().map(|model| model.model.as_str()).collect();
+    let entry = |key: &str, value: String| parquet::file::metadata::KeyValue::new(format!("rotortwin.{key}"), value);
+    let metadata = vec![
+        entry("log", log.log.name.clone()),
+        entry("log_hash", log.log.hash.clone()),
+        entry("models", serde_json::to_string(&labels).expect("texts are JSON")),
+        entry("units", serde_json::Value::Object(units).to_string()),
+    ];
+    let level = ZstdLevel::try_new(1).map_err(|error| fail(&error))?;
+    let properties = WriterProperties::builder()
+        .set_created_by(crate::model::TOOL.to_owned())
+        .set_compression(Compression::ZSTD(level))
+        .set_dictionary_enabled(false)
+        .set_encoding(Encoding::BYTE_STREAM_SPLIT)
+        .set_key_value_metadata(Some(metadata))
+        .build();
+    let file = std::fs::File::create(path).map_err(|error| fail(&error))?;
+    let write = || -> Result<(), parquet::errors::ParquetError> {
+        let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))?;
+        let mut rows = writer.next_row_group()?;
+        let mut remaining = columns.iter();
+        while let Some(mut column) = rows.next_column()? {
+            let (_, values) = remaining.next().expect("the schema was made from the columns");
+            column.typed::<FloatType>().write_batch(values, None, None)?;
+            column.close()?;
+        }
+        rows.close()?;
+        writer.close()?;
+        Ok(())
+    };
+    write().map_err(|error| fail(&error))
+}
