@@ -67,14 +67,20 @@ pub(crate) fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<N
         .iter()
         .map(|text| {
             let found = store.find(text).map_err(|error| store_failed(&error))?;
-            Ok(NamedModel { label: found.label(), version: found.version })
+            Ok(NamedModel {
+                label: found.label(),
+                version: found.version,
+            })
         })
         .collect()
 }
 
 /// The logs at these paths.
 pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, ExitCode> {
-    paths.iter().map(|path| FlightLog::read(path).map_err(output::bad_input)).collect()
+    paths
+        .iter()
+        .map(|path| FlightLog::read(path).map_err(output::bad_input))
+        .collect()
 }
 
 fn table<const N: usize>(header: [&str; N], right_from: usize) -> Table {
@@ -98,10 +104,15 @@ fn text(comparison: &Comparison) -> String {
         }
         if let Some(last) = log.models.last() {
             text.push_str(&format!("{}\n", channel_table(last)));
-            text.push_str("chi²: mean square of the whitened residual; slow: of its sums over 0.25 s; both 1 for pure noise\n");
+            text.push_str(
+                "chi²: mean square of the whitened residual; slow: of its sums over 0.25 s; both 1 for pure noise\n",
+            );
             text.push_str(&worst(last));
         }
-        text.push_str(&format!("\nError (means over 0.1 s), and open-loop prediction\n{}\n", error_table(log)));
+        text.push_str(&format!(
+            "\nError (means over 0.1 s), and open-loop prediction\n{}\n",
+            error_table(log)
+        ));
         for note in &log.notes {
             text.push_str(&format!("Note         {note}\n"));
         }
@@ -111,7 +122,10 @@ fn text(comparison: &Comparison) -> String {
 }
 
 fn channel_table(model: &ModelOnLog) -> Table {
-    let mut table = table(["channel", "", "depends on", "error", "noise", "unit", "chi²", "slow"], 3);
+    let mut table = table(
+        ["channel", "", "depends on", "error", "noise", "unit", "chi²", "slow"],
+        3,
+    );
     for channel in &model.channels {
         let verdict = match channel.verdict {
             ChannelVerdict::Agrees => "agrees",
@@ -123,7 +137,13 @@ fn channel_table(model: &ModelOnLog) -> Table {
             .first()
             .filter(|d| channel.verdict == ChannelVerdict::Fails && d.explained > 0.3)
             .map_or_else(String::new, |d| format!("{} ({:.0} %)", d.title, 100.0 * d.explained));
-        let number = |value: f64| if value.is_finite() { significant3(value) } else { "–".to_owned() };
+        let number = |value: f64| {
+            if value.is_finite() {
+                significant3(value)
+            } else {
+                "–".to_owned()
+            }
+        };
         table.add_row([
             channel.channel.to_owned(),
             verdict.to_owned(),
@@ -176,7 +196,9 @@ fn error_table(log: &LogComparison) -> Table {
     for error in &first.errors {
         let mut row = vec![format!("{}, {}", error.quantity, error.unit)];
         row.extend(log.models.iter().map(|model| {
-            model.error_of(error.quantity).map_or_else(|| "–".to_owned(), |error| significant3(error.error))
+            model
+                .error_of(error.quantity)
+                .map_or_else(|| "–".to_owned(), |error| significant3(error.error))
         }));
         row.push(significant3(error.noise));
         table.add_row(row);
@@ -184,14 +206,17 @@ fn error_table(log: &LogComparison) -> Table {
     for (place, open) in first.open_loop.iter().enumerate() {
         let mut row = vec![format!("after {} s, m · m/s · °", open.horizon_s)];
         row.extend(log.models.iter().map(|model| {
-            model.open_loop.get(place).map_or_else(|| "–".to_owned(), |open| {
-                format!(
-                    "{} · {} · {}",
-                    significant3(open.position_m),
-                    significant3(open.velocity_m_s),
-                    significant3(open.attitude_rad.to_degrees())
-                )
-            })
+            model.open_loop.get(place).map_or_else(
+                || "–".to_owned(),
+                |open| {
+                    format!(
+                        "{} · {} · {}",
+                        significant3(open.position_m),
+                        significant3(open.velocity_m_s),
+                        significant3(open.attitude_rad.to_degrees())
+                    )
+                },
+            )
         }));
         row.push(String::new());
         table.add_row(row);

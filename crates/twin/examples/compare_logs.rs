@@ -18,9 +18,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let models: Vec<NamedModel> = model
         .split(',')
-        .map(|path| Ok(NamedModel { label: path.to_owned(), version: ModelVersion::load(path)? }))
+        .map(|path| {
+            Ok(NamedModel {
+                label: path.to_owned(),
+                version: ModelVersion::load(path)?,
+            })
+        })
         .collect::<Result<_, Box<dyn Error>>>()?;
-    let logs: Vec<FlightLog> = logs.iter().map(|path| FlightLog::read(Path::new(path))).collect::<Result<_, _>>()?;
+    let logs: Vec<FlightLog> = logs
+        .iter()
+        .map(|path| FlightLog::read(Path::new(path)))
+        .collect::<Result<_, _>>()?;
     let (comparison, series) = compare::compare(&logs, &models)?;
     for log in &comparison.logs {
         for model in &log.models {
@@ -37,7 +45,10 @@ fn main() -> Result<(), Box<dyn Error>> {
                 );
             }
             for error in &model.errors {
-                println!("  {} {:.3} (noise {:.3}) {}", error.quantity, error.error, error.noise, error.unit);
+                println!(
+                    "  {} {:.3} (noise {:.3}) {}",
+                    error.quantity, error.error, error.noise, error.unit
+                );
             }
             for open in &model.open_loop {
                 println!("  {open:?}");

@@ -31,30 +31,68 @@ pub fn of(series: &Series) -> Vec<Condition> {
     let mut found = Vec::new();
     let mut put = |name, title, unit, values: Vec<f64>| {
         if values.iter().any(|v| v.is_finite()) {
-            found.push(Condition { name, title, unit, values });
+            found.push(Condition {
+                name,
+                title,
+                unit,
+                values,
+            });
         }
     };
     let each = |value: &dyn Fn(usize) -> f64| -> Vec<f64> { (0..series.len).map(value).collect() };
     if have.velocity && have.attitude {
-        let body: Vec<_> = (0..series.len).map(|k| to_body(&rotation(raw.attitude[k]), raw.velocity[k])).collect();
-        put("forward_speed", "forward speed", "m/s", body.iter().map(|v| v[0]).collect());
-        put("sideways_speed", "sideways speed", "m/s", body.iter().map(|v| v[1]).collect());
+        let body: Vec<_> = (0..series.len)
+            .map(|k| to_body(&rotation(raw.attitude[k]), raw.velocity[k]))
+            .collect();
+        put(
+            "forward_speed",
+            "forward speed",
+            "m/s",
+            body.iter().map(|v| v[0]).collect(),
+        );
+        put(
+            "sideways_speed",
+            "sideways speed",
+            "m/s",
+            body.iter().map(|v| v[1]).collect(),
+        );
     }
     if have.velocity {
-        put("speed", "speed over ground", "m/s", each(&|k| {
-            let v = raw.velocity[k];
-            (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
-        }));
+        put(
+            "speed",
+            "speed over ground",
+            "m/s",
+            each(&|k| {
+                let v = raw.velocity[k];
+                (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+            }),
+        );
         put("climb", "climb rate", "m/s", each(&|k| -raw.velocity[k][2]));
     }
     if series.height.iter().any(|h| h.is_finite()) {
-        put("height", "height above ground", "m", each(&|k| if series.height[k].is_finite() { series.height[k] } else { f64::NAN }));
+        put(
+            "height",
+            "height above ground",
+            "m",
+            each(&|k| {
+                if series.height[k].is_finite() {
+                    series.height[k]
+                } else {
+                    f64::NAN
+                }
+            }),
+        );
     } else if have.position {
         put("height", "height over the origin", "m", each(&|k| -raw.position[k][2]));
     }
     if series.drive == Drive::Duty {
         let n = series.rotors;
-        put("throttle", "mean duty", "", each(&|k| series.input[k * n..(k + 1) * n].iter().sum::<f64>() / n as f64));
+        put(
+            "throttle",
+            "mean duty",
+            "",
+            each(&|k| series.input[k * n..(k + 1) * n].iter().sum::<f64>() / n as f64),
+        );
     }
     if have.rates {
         put("roll_rate", "roll rate", "rad/s", each(&|k| raw.rates[k][0]));
@@ -62,10 +100,15 @@ pub fn of(series: &Series) -> Vec<Condition> {
         put("yaw_rate", "yaw rate", "rad/s", each(&|k| raw.rates[k][2]));
     }
     if have.attitude {
-        put("tilt", "tilt", "rad", each(&|k| {
-            let [roll, pitch, _] = raw.attitude[k];
-            libm::acos((libm::cos(roll) * libm::cos(pitch)).clamp(-1.0, 1.0))
-        }));
+        put(
+            "tilt",
+            "tilt",
+            "rad",
+            each(&|k| {
+                let [roll, pitch, _] = raw.attitude[k];
+                libm::acos((libm::cos(roll) * libm::cos(pitch)).clamp(-1.0, 1.0))
+            }),
+        );
     }
     if have.voltage {
         put("voltage", "battery voltage", "V", series.voltage.clone());
@@ -105,8 +148,12 @@ pub struct Bin {
 
 /// How block means of a residual depend on block means of a condition; `deviation` is that of a block mean of pure noise.
 pub fn dependence(condition: &Condition, at: &[f64], residual: &[f64], deviation: f64) -> Option<Dependence> {
-    let pairs: Vec<(f64, f64)> =
-        at.iter().copied().zip(residual.iter().copied()).filter(|(x, r)| x.is_finite() && r.is_finite()).collect();
+    let pairs: Vec<(f64, f64)> = at
+        .iter()
+        .copied()
+        .zip(residual.iter().copied())
+        .filter(|(x, r)| x.is_finite() && r.is_finite())
+        .collect();
     let low = pairs.iter().map(|p| p.0).fold(f64::INFINITY, f64::min);
     let high = pairs.iter().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
     if pairs.len() < 4 * LEAST_BLOCKS || high - low < 1e-6 * (1.0 + high.abs()) {
@@ -142,5 +189,11 @@ pub fn dependence(condition: &Condition, at: &[f64], residual: &[f64], deviation
     let raw = if kept > 0.0 { (between / kept).min(1.0) } else { 0.0 };
     let freedom = (counted as f64 - 1.0) / (counted as f64 - used as f64).max(1.0);
     let explained = (1.0 - (1.0 - raw) * freedom).max(0.0);
-    Some(Dependence { condition: condition.name, title: condition.title, unit: condition.unit, explained, bins })
+    Some(Dependence {
+        condition: condition.name,
+        title: condition.title,
+        unit: condition.unit,
+        explained,
+        bins,
+    })
 }

@@ -84,7 +84,7 @@ pub struct ChannelResult {
     pub strip: Vec<Option<f64>>,
 }
 
-/// A short stretch in which a channel fails badly.
+/// The stretch in which a channel that fails is farthest off.
 #[derive(Debug, Clone, Serialize)]
 pub struct WorstMoment {
     /// Begin, s.
@@ -154,9 +154,13 @@ pub fn evaluate(model: &str, predictor: &Predictor, conditions: &[Condition]) ->
     let residuals = predictor.residuals(&fitted, &[])?;
     let step = predictor.series().step_s;
     let covariances = predictor.noise().covariances(step);
-    let channels: Vec<ChannelResult> =
-        (0..CHANNELS).map(|channel| test(predictor, &residuals, channel, covariances[channel], conditions)).collect();
-    let tested: Vec<&ChannelResult> = channels.iter().filter(|c| c.verdict != ChannelVerdict::NotTestable).collect();
+    let channels: Vec<ChannelResult> = (0..CHANNELS)
+        .map(|channel| test(predictor, &residuals, channel, covariances[channel], conditions))
+        .collect();
+    let tested: Vec<&ChannelResult> = channels
+        .iter()
+        .filter(|c| c.verdict != ChannelVerdict::NotTestable)
+        .collect();
     let samples: usize = tested.iter().map(|c| c.samples).sum();
     let chi2 = tested.iter().map(|c| c.chi2 * c.samples as f64).sum::<f64>() / samples.max(1) as f64;
     let result = ModelOnLog {
@@ -165,7 +169,7 @@ pub fn evaluate(model: &str, predictor: &Predictor, conditions: &[Condition]) ->
         errors: group_errors(predictor, &channels),
         chi2,
         open_loop: open_loop::errors(predictor, &fitted)?,
-        worst: worst_moments(predictor, &residuals, &covariances, conditions),
+        worst: worst_moments(predictor, &residuals, &channels, &covariances, conditions),
         nuisances: nuisance_values(predictor, &fitted),
         channels,
     };
@@ -187,7 +191,9 @@ fn samples(length_s: f64, step_s: f64) -> usize {
 /// Deviation of the mean of `count` samples of pure noise.
 pub(crate) fn deviation_of_mean(covariance: Covariance, count: usize) -> f64 {
     let n = count as f64;
-    ((n * covariance.variance + 2.0 * (n - 1.0) * covariance.lag_one) / (n * n)).max(0.0).sqrt()
+    ((n * covariance.variance + 2.0 * (n - 1.0) * covariance.lag_one) / (n * n))
+        .max(0.0)
+        .sqrt()
 }
 
 fn test(
@@ -219,10 +225,22 @@ fn test(
         return result;
     }
     let step = predictor.series().step_s;
-    let (raw, whitened, mask) = (&residuals.raw[channel], &residuals.whitened[channel], &residuals.mask[channel]);
+    let (raw, whitened, mask) = (
+        &residuals.raw[channel],
+        &residuals.whitened[channel],
+        &residuals.mask[channel],
+    );
     result.samples = mask.iter().filter(|&&m| m).count();
     let count = result.samples as f64;
-    let masked = |values: &[f64]| values.iter().zip(mask).filter(|&(_, &m)| m).map(|(v, _)| v * v).sum::<f64>() / count;
+    let masked = |values: &[f64]| {
+        values
+            .iter()
+            .zip(mask)
+            .filter(|&(_, &m)| m)
+            .map(|(v, _)| v * v)
+            .sum::<f64>()
+            / count
+    };
     result.rms = masked(raw).sqrt();
     result.chi2 = masked(whitened);
     let smooth = samples(SMOOTH_S, step);
@@ -242,12 +260,23 @@ fn test(
             InputTest::of(condition.title, &coarse, &values, INPUT_LAGS, input_block as f64 * step)
         })
         .collect();
-    result.inputs.sort_by(|a, b| (b.correlation / b.band_99).abs().total_cmp(&(a.correlation / a.band_99).abs()));
+    result.inputs.sort_by(|a, b| {
+        (b.correlation / b.band_99)
+            .abs()
+            .total_cmp(&(a.correlation / a.band_99).abs())
+    });
     let means = block_means(raw, mask, block);
     let deviation = deviation_of_mean(covariance, block);
     result.conditions = conditions
         .iter()
-        .filter_map(|condition| conditions::dependence(condition, &block_means(&condition.values, mask, block), &means, deviation))
+        .filter_map(|condition| {
+            conditions::dependence(
+                condition,
+                &block_means(&condition.values, mask, block),
+                &means,
+                deviation,
+            )
+        })
         .collect();
     result.conditions.sort_by(|a, b| b.explained.total_cmp(&a.explained));
     let strip = samples(STRIP_BLOCK_S, step);
@@ -262,10 +291,16 @@ fn test(
     let beyond_chance = level > 1.0 + CHANCE_LIMIT * result.low_frequency_chance;
     let limit = match group(channel) {
         ChannelGroup::Force | ChannelGroup::Moment | ChannelGroup::Voltage => LOW_FREQUENCY_LIMIT,
-        ChannelGroup::VelocityKinematics | ChannelGroup::AttitudeKinematics | ChannelGroup::PositionKinematics => KINEMATIC_LIMIT,
+        ChannelGroup::VelocityKinematics | ChannelGroup::AttitudeKinematics | ChannelGroup::PositionKinematics => {
+            KINEMATIC_LIMIT
+        }
     };
     let fails = (level > limit && beyond_chance) || result.chi2 > CHI2_LIMIT;
-    result.verdict = if fails { ChannelVerdict::Fails } else { ChannelVerdict::Agrees };
+    result.verdict = if fails {
+        ChannelVerdict::Fails
+    } else {
+        ChannelVerdict::Agrees
+    };
     result
 }
 
@@ -302,7 +337,12 @@ fn group_errors(predictor: &Predictor, channels: &[ChannelResult]) -> Vec<GroupE
             let root = |value: fn(&(f64, f64)) -> f64| {
                 (members.iter().map(|m| value(m) * value(m)).sum::<f64>() / members.len() as f64).sqrt()
             };
-            (!members.is_empty()).then(|| GroupError { quantity, unit, error: root(|m| m.0), noise: root(|m| m.1) })
+            (!members.is_empty()).then(|| GroupError {
+                quantity,
+                unit,
+                error: root(|m| m.0),
+                noise: root(|m| m.1),
+            })
         })
         .collect()
 }
@@ -310,6 +350,7 @@ fn group_errors(predictor: &Predictor, channels: &[ChannelResult]) -> Vec<GroupE
 fn worst_moments(
     predictor: &Predictor,
     residuals: &ChannelResiduals,
+    tested: &[ChannelResult],
     covariances: &[Covariance; CHANNELS],
     conditions: &[Condition],
 ) -> Vec<WorstMoment> {
@@ -317,6 +358,9 @@ fn worst_moments(
     let length = samples(MOMENT_S, series.step_s);
     let mut found = Vec::new();
     for channel in 0..CHANNELS {
+        if tested[channel].verdict != ChannelVerdict::Fails {
+            continue;
+        }
         let mask = &residuals.mask[channel];
         let levels = standardised_blocks(&residuals.whitened[channel], mask, length);
         let means = block_means(&residuals.raw[channel], mask, length);
@@ -328,7 +372,8 @@ fn worst_moments(
         if let Some(block) = worst {
             let from = block * length;
             let to = (from + length).min(series.len) - 1;
-            let at = |condition: &Condition| super::statistics::finite_mean(condition.values[from..=to].iter().copied()).0;
+            let at =
+                |condition: &Condition| super::statistics::finite_mean(condition.values[from..=to].iter().copied()).0;
             found.push(WorstMoment {
                 start_s: series.time(from),
                 end_s: series.time(to),

@@ -23,7 +23,10 @@ pub struct WriteError {
 
 fn failed(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> WriteError {
     let path = path.to_owned();
-    move |reason| WriteError { path: path.clone(), reason: reason.to_string() }
+    move |reason| WriteError {
+        path: path.clone(),
+        reason: reason.to_string(),
+    }
 }
 
 /// The comparison as JSON. A number that is not finite (an untestable channel's) is null.
@@ -42,11 +45,18 @@ pub fn write(folder: &Path, comparison: &Comparison, series: &[LogSeries]) -> Re
         std::fs::write(&path, text).map_err(|error| failed(&path)(&error))
     };
     put("comparison.json", &json(comparison))?;
+    put("report.html", &super::report::render(comparison, series))?;
     for (place, (log, series)) in comparison.logs.iter().zip(series).enumerate() {
         let name = plain_name(&log.log.name);
         // Two logs may have one name.
-        let taken = comparison.logs[..place].iter().any(|other| plain_name(&other.log.name) == name);
-        let file = if taken { format!("residuals-{name}-{}.parquet", place + 1) } else { format!("residuals-{name}.parquet") };
+        let taken = comparison.logs[..place]
+            .iter()
+            .any(|other| plain_name(&other.log.name) == name);
+        let file = if taken {
+            format!("residuals-{name}-{}.parquet", place + 1)
+        } else {
+            format!("residuals-{name}.parquet")
+        };
         residuals(&folder.join(file), log, series)?;
     }
     Ok(())
@@ -74,20 +84,38 @@ fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Res
                 continue;
             }
             let counted = |values: &[f64]| -> Vec<f32> {
-                values.iter().zip(&residuals.mask[channel]).map(|(v, &m)| if m { *v as f32 } else { f32::NAN }).collect()
+                values
+                    .iter()
+                    .zip(&residuals.mask[channel])
+                    .map(|(v, &m)| if m { *v as f32 } else { f32::NAN })
+                    .collect()
             };
-            push(format!("{}_residual_{place}", NAMES[channel]), UNITS[channel], counted(&residuals.raw[channel]));
-            push(format!("{}_whitened_{place}", NAMES[channel]), "1", counted(&residuals.whitened[channel]));
+            push(
+                format!("{}_residual_{place}", NAMES[channel]),
+                UNITS[channel],
+                counted(&residuals.raw[channel]),
+            );
+            push(
+                format!("{}_whitened_{place}", NAMES[channel]),
+                "1",
+                counted(&residuals.whitened[channel]),
+            );
         }
     }
     let fields = columns
         .iter()
         .map(|(name, _)| {
-            Type::primitive_type_builder(name, Physical::FLOAT).with_repetition(Repetition::REQUIRED).build().map(Arc::new)
+            Type::primitive_type_builder(name, Physical::FLOAT)
+                .with_repetition(Repetition::REQUIRED)
+                .build()
+                .map(Arc::new)
         })
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| fail(&error))?;
-    let schema = Type::group_type_builder("residuals").with_fields(fields).build().map_err(|error| fail(&error))?;
+    let schema = Type::group_type_builder("residuals")
+        .with_fields(fields)
+        .build()
+        .map_err(|error| fail(&error))?;
     let labels: Vec<&str> = log.models.iter().map(|model| model.model.as_str()).collect();
     let entry = |key: &str, value: String| parquet::file::metadata::KeyValue::new(format!("rotortwin.{key}"), value);
     let metadata = vec![

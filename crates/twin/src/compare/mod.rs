@@ -22,6 +22,7 @@ pub mod evaluate;
 pub mod files;
 pub mod nuisances;
 pub mod open_loop;
+pub mod report;
 pub mod statistics;
 
 use rotortwin_plant::effects::Catalogue;
@@ -139,7 +140,10 @@ pub fn compare(logs: &[FlightLog], models: &[NamedModel]) -> Result<(Comparison,
             });
             let evaluated = evaluate::evaluate(&model.label, &predictor, &into.conditions)?;
             let entry = entry.get_or_insert_with(|| LogComparison {
-                log: LogReference { name: log.name.clone(), hash: log.source.content_hash.clone() },
+                log: LogReference {
+                    name: log.name.clone(),
+                    hash: log.source.content_hash.clone(),
+                },
                 duration_s: grid.len as f64 * grid.step_s,
                 rate_hz: 1.0 / grid.step_s,
                 notes: predictor.notes(),
@@ -162,7 +166,15 @@ pub fn compare(logs: &[FlightLog], models: &[NamedModel]) -> Result<(Comparison,
         })
         .collect();
     let verdict = verdict(&compared);
-    Ok((Comparison { tool: crate::model::TOOL, verdict, models: references, logs: compared }, drawn))
+    Ok((
+        Comparison {
+            tool: crate::model::TOOL,
+            verdict,
+            models: references,
+            logs: compared,
+        },
+        drawn,
+    ))
 }
 
 /// Stretches in which no channel counts.
@@ -175,7 +187,10 @@ fn excluded(time_s: &[f64], mask: &[Vec<bool>]) -> Vec<Excluded> {
         match (from, out) {
             (None, true) => from = Some(k),
             (Some(start), false) => {
-                found.push(Excluded { start_s: time_s[start], end_s: time_s[k - 1] });
+                found.push(Excluded {
+                    start_s: time_s[start],
+                    end_s: time_s[k - 1],
+                });
                 from = None;
             }
             _ => {}
@@ -198,19 +213,38 @@ impl ModelOnLog {
     /// What this model comes to on its log.
     pub fn sentence(&self) -> String {
         let name = &self.model;
-        let tested = self.channels.iter().filter(|c| c.verdict != ChannelVerdict::NotTestable).count();
+        let tested = self
+            .channels
+            .iter()
+            .filter(|c| c.verdict != ChannelVerdict::NotTestable)
+            .count();
         if tested == 0 {
             return format!("nothing of {name} can be tested with this log.");
         }
         if self.agrees {
-            let share = if tested == self.channels.len() { "all 16".to_owned() } else { format!("the {tested} testable") };
-            return format!("{name} agrees with this flight: {share} channels are at their noise (chi²/N {:.2}).", self.chi2);
+            let share = if tested == self.channels.len() {
+                "all 16".to_owned()
+            } else {
+                format!("the {tested} testable")
+            };
+            return format!(
+                "{name} agrees with this flight: {share} channels are at their noise (chi²/N {:.2}).",
+                self.chi2
+            );
         }
-        let mut failing: Vec<&ChannelResult> = self.channels.iter().filter(|c| c.verdict == ChannelVerdict::Fails).collect();
+        let mut failing: Vec<&ChannelResult> = self
+            .channels
+            .iter()
+            .filter(|c| c.verdict == ChannelVerdict::Fails)
+            .collect();
         failing.sort_by(|a, b| b.low_frequency.total_cmp(&a.low_frequency));
         let parts: Vec<String> = failing.iter().take(4).map(|c| c.clause()).collect();
         let more = failing.len().saturating_sub(4);
-        let more = if more > 0 { format!("; and {more} more") } else { String::new() };
+        let more = if more > 0 {
+            format!("; and {more} more")
+        } else {
+            String::new()
+        };
         format!("{name} fails in {}{more}.", parts.join("; "))
     }
 

@@ -57,7 +57,11 @@ pub fn fit(predictor: &Predictor) -> Result<Nuisances, PredictError> {
 }
 
 fn value(nuisances: &Nuisances, i: usize, rotors: usize) -> f64 {
-    if i < rotors { nuisances.rotor_bias_n[i] } else { nuisances.charge }
+    if i < rotors {
+        nuisances.rotor_bias_n[i]
+    } else {
+        nuisances.charge
+    }
 }
 
 fn shift(nuisances: &mut Nuisances, i: usize, rotors: usize, by: f64) {
@@ -69,7 +73,9 @@ fn shift(nuisances: &mut Nuisances, i: usize, rotors: usize, by: f64) {
 }
 
 fn inner(a: &PerChannel, b: &PerChannel) -> f64 {
-    (0..CHANNELS).map(|c| a[c].iter().zip(&b[c]).map(|(x, y)| x * y).sum::<f64>()).sum()
+    (0..CHANNELS)
+        .map(|c| a[c].iter().zip(&b[c]).map(|(x, y)| x * y).sum::<f64>())
+        .sum()
 }
 
 /// Solves a positive definite system whose right side is the last column.

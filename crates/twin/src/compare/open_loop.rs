@@ -83,7 +83,13 @@ pub fn errors(predictor: &Predictor, nuisances: &Nuisances) -> Result<Vec<OpenLo
                 }
                 state = flown(&mut own, predictor, &prediction.thrust, j, state);
                 if !(state.velocity.iter().all(|v| v.abs() < DIVERGED_M_S)) {
-                    state.velocity = state.velocity.map(|v| if v.is_finite() { v.clamp(-DIVERGED_M_S, DIVERGED_M_S) } else { DIVERGED_M_S });
+                    state.velocity = state.velocity.map(|v| {
+                        if v.is_finite() {
+                            v.clamp(-DIVERGED_M_S, DIVERGED_M_S)
+                        } else {
+                            DIVERGED_M_S
+                        }
+                    });
                 }
                 if j + 1 - k == steps[next] {
                     let at = j + 1;
@@ -112,10 +118,18 @@ pub fn errors(predictor: &Predictor, nuisances: &Nuisances) -> Result<Vec<OpenLo
             };
             let accel = series.smooth.accel.get(k).copied().unwrap_or([0.0; 3]);
             let spin_up = series.smooth.angular_acceleration[k];
-            with_moment(predictor, &c, &prediction.thrust, k, &state, accel, spin_up, |at| set.advance(at, series.step_s));
+            with_moment(predictor, &c, &prediction.thrust, k, &state, accel, spin_up, |at| {
+                set.advance(at, series.step_s)
+            });
         }
     }
-    let root = |sum: f64, count: usize| if count == 0 { f64::NAN } else { (sum / count as f64).sqrt() };
+    let root = |sum: f64, count: usize| {
+        if count == 0 {
+            f64::NAN
+        } else {
+            (sum / count as f64).sqrt()
+        }
+    };
     Ok(HORIZONS_S
         .iter()
         .zip(sums)
@@ -193,13 +207,9 @@ fn flown(set: &mut EffectSet, predictor: &Predictor, thrust: &[f64], k: usize, s
         f[..n].copy_from_slice(at.rotor_thrust);
         set.rotor_thrust(&at, &mut f[..n]);
         let mut wrench = c.rotor_wrench(&f[..n]);
-        for i in 0..3 {
-            wrench.force_body[i] -= c.linear_drag_kg_s * at.air_velocity_body[i];
-            wrench.torque_body[i] -= c.angular_drag_nms * at.body_rates[i];
-        }
         set.wrench(&at, &mut wrench);
         set.advance(&at, step);
-        wrench
+        wrench.closed(at.air_velocity_body, at.body_rates, &c)
     });
     let momentum = times(&c.inertia_body_kg_m2, state.rates);
     let gyroscopic = cross(state.rates, momentum);

@@ -36,7 +36,14 @@ pub fn render(comparison: &Comparison, series: &[LogSeries]) -> String {
         "units": UNITS,
         "logs": comparison.logs.iter().zip(series).map(|(log, series)| payload(log, series)).collect::<Vec<_>>(),
     });
-    Page { title: &title, css: &css, body: &body(comparison), data: &data.to_string(), js: JS }.render()
+    Page {
+        title: &title,
+        css: &css,
+        body: &body(comparison),
+        data: &data.to_string(),
+        js: JS,
+    }
+    .render()
 }
 
 fn body(comparison: &Comparison) -> String {
@@ -50,15 +57,28 @@ fn body(comparison: &Comparison) -> String {
         .models
         .iter()
         .map(|model| {
-            let effects = if model.effects.is_empty() { "no effects".to_owned() } else { model.effects.join(", ") };
-            format!("<b>{}</b> ({}; {}…)", escape(&model.label), escape(&effects), &model.hash[..8])
+            let effects = if model.effects.is_empty() {
+                "no effects".to_owned()
+            } else {
+                model.effects.join(", ")
+            };
+            format!(
+                "<b>{}</b> ({}; {}…)",
+                escape(&model.label),
+                escape(&effects),
+                &model.hash[..8]
+            )
         })
         .collect();
     put!(html, "{}</p></header>", models.join(" · "));
     for (place, log) in comparison.logs.iter().enumerate() {
         log_section(&mut html, place, log);
     }
-    put!(html, "<footer>{}. Made without network access; works offline.</footer>", escape(comparison.tool));
+    put!(
+        html,
+        "<footer>{}. Made without network access; works offline.</footer>",
+        escape(comparison.tool)
+    );
     html
 }
 
@@ -72,7 +92,11 @@ fn log_section(html: &mut String, place: usize, log: &LogComparison) {
     );
     for model in &log.models {
         let class = if model.agrees { "good" } else { "bad" };
-        put!(html, "<p class=\"verdictline {class}\">{}</p>", escape(&model.sentence()));
+        put!(
+            html,
+            "<p class=\"verdictline {class}\">{}</p>",
+            escape(&model.sentence())
+        );
     }
     put!(
         html,
@@ -186,7 +210,9 @@ fn moments(html: &mut String, model: &ModelOnLog) {
         let conditions: Vec<String> = moment
             .conditions
             .iter()
-            .filter(|(title, ..)| ["forward speed", "sideways speed", "climb rate", "mean duty", "yaw rate"].contains(title))
+            .filter(|(title, ..)| {
+                ["forward speed", "sideways speed", "climb rate", "mean duty", "yaw rate"].contains(title)
+            })
             .map(|(title, value, unit)| format!("{title} {} {unit}", short(*value)))
             .collect();
         put!(
@@ -231,7 +257,14 @@ fn channel_table(html: &mut String, model: &ModelOnLog) {
             channel.unit,
             short(channel.chi2),
             short(channel.low_frequency),
-            channel.ljung_box.map_or_else(|| "–".to_owned(), |test| if test.p_value < 0.001 { "< 0.001".to_owned() } else { format!("{:.3}", test.p_value) }),
+            channel.ljung_box.map_or_else(
+                || "–".to_owned(),
+                |test| if test.p_value < 0.001 {
+                    "< 0.001".to_owned()
+                } else {
+                    format!("{:.3}", test.p_value)
+                }
+            ),
             depends(channel),
             follows(channel)
         );
@@ -244,7 +277,9 @@ fn depends(channel: &ChannelResult) -> String {
         .conditions
         .first()
         .filter(|dependence| dependence.explained >= 0.01)
-        .map_or_else(String::new, |dependence| format!("{} ({:.0} %)", dependence.title, 100.0 * dependence.explained))
+        .map_or_else(String::new, |dependence| {
+            format!("{} ({:.0} %)", dependence.title, 100.0 * dependence.explained)
+        })
 }
 
 fn follows(channel: &ChannelResult) -> String {
@@ -252,7 +287,12 @@ fn follows(channel: &ChannelResult) -> String {
         .inputs
         .first()
         .filter(|test| test.is_outside())
-        .map_or_else(String::new, |test| format!("{} by {:.2} s: {:.2} (band {:.2})", test.input, test.lag_s, test.correlation, test.band_99))
+        .map_or_else(String::new, |test| {
+            format!(
+                "{} by {:.2} s: {:.2} (band {:.2})",
+                test.input, test.lag_s, test.correlation, test.band_99
+            )
+        })
 }
 
 fn honesty(html: &mut String, log: &LogComparison) {
@@ -271,8 +311,12 @@ fn honesty(html: &mut String, log: &LogComparison) {
         short(noise.voltage_v)
     );
     for model in &log.models {
-        let biases: Vec<String> =
-            model.nuisances.rotor_bias_n.iter().map(|bias| format!("{:+.1}", 1e3 * bias)).collect();
+        let biases: Vec<String> = model
+            .nuisances
+            .rotor_bias_n
+            .iter()
+            .map(|bias| format!("{:+.1}", 1e3 * bias))
+            .collect();
         put!(
             html,
             "<dt>fitted to this log, {}</dt><dd>lift error of the rotors {} mN, charge at the start {:.1} %</dd>",
@@ -281,9 +325,16 @@ fn honesty(html: &mut String, log: &LogComparison) {
             100.0 * model.nuisances.charge_at_start
         );
     }
-    let excluded: Vec<String> =
-        log.excluded.iter().map(|e| format!("{:.1} – {:.1} s", e.start_s, e.end_s)).collect();
-    let excluded = if excluded.is_empty() { "nothing".to_owned() } else { excluded.join(", ") };
+    let excluded: Vec<String> = log
+        .excluded
+        .iter()
+        .map(|e| format!("{:.1} – {:.1} s", e.start_s, e.end_s))
+        .collect();
+    let excluded = if excluded.is_empty() {
+        "nothing".to_owned()
+    } else {
+        excluded.join(", ")
+    };
     put!(html, "<dt>left out (ends, ground)</dt><dd>{excluded}</dd>");
     for note in &log.notes {
         put!(html, "<dt>note</dt><dd>{}</dd>", escape(note));
@@ -292,17 +343,27 @@ fn honesty(html: &mut String, log: &LogComparison) {
         html,
         "<dt>this page cannot show</dt><dd>errors that look like white noise of a sensor, as the noise is estimated from the log; what the \
          flight did not excite (a diagnosis lists it with sizes)</dd><dt>content hash of the log</dt><dd>{}</dd></dl></section>",
-        escape(if log.log.hash.is_empty() { "made in memory" } else { &log.log.hash })
+        escape(if log.log.hash.is_empty() {
+            "made in memory"
+        } else {
+            &log.log.hash
+        })
     );
 }
 
 /// f32, little-endian, base64.
 fn packed(values: impl IntoIterator<Item = f64>) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let bytes: Vec<u8> = values.into_iter().flat_map(|value| (value as f32).to_le_bytes()).collect();
+    let bytes: Vec<u8> = values
+        .into_iter()
+        .flat_map(|value| (value as f32).to_le_bytes())
+        .collect();
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {
-        let word = chunk.iter().enumerate().fold(0_u32, |word, (i, byte)| word | u32::from(*byte) << (16 - 8 * i));
+        let word = chunk
+            .iter()
+            .enumerate()
+            .fold(0_u32, |word, (i, byte)| word | u32::from(*byte) << (16 - 8 * i));
         for i in 0..4 {
             let letter = LETTERS[(word >> (18 - 6 * i)) as usize & 63];
             text.push(if i <= chunk.len() { char::from(letter) } else { '=' });
@@ -314,9 +375,14 @@ fn packed(values: impl IntoIterator<Item = f64>) -> String {
 fn payload(log: &LogComparison, series: &LogSeries) -> Value {
     let step = 1.0 / log.rate_hz;
     let samples = series.time_s.len();
-    let bucket = ((BUCKET_S / step).round() as usize).max(samples.div_ceil(MOST_BUCKETS)).max(1);
+    let bucket = ((BUCKET_S / step).round() as usize)
+        .max(samples.div_ceil(MOST_BUCKETS))
+        .max(1);
     let all = vec![true; samples];
-    let times = series.time_s.chunks(bucket).map(|chunk| 0.5 * (chunk[0] + chunk[chunk.len() - 1]));
+    let times = series
+        .time_s
+        .chunks(bucket)
+        .map(|chunk| 0.5 * (chunk[0] + chunk[chunk.len() - 1]));
     let conditions: Vec<Value> = series
         .conditions
         .iter()
@@ -328,9 +394,16 @@ fn payload(log: &LogComparison, series: &LogSeries) -> Value {
         })
         .collect();
     let covariances = log.noise.covariances(step);
-    let sigma: Vec<f64> = (0..CHANNELS).map(|c| deviation_of_mean(covariances[c], bucket)).collect();
+    let sigma: Vec<f64> = (0..CHANNELS)
+        .map(|c| deviation_of_mean(covariances[c], bucket))
+        .collect();
     // The same samples count for every model.
-    let mask = |channel: usize| series.models.first().map_or(&[] as &[bool], |r| r.mask[channel].as_slice());
+    let mask = |channel: usize| {
+        series
+            .models
+            .first()
+            .map_or(&[] as &[bool], |r| r.mask[channel].as_slice())
+    };
     let measured: Vec<Value> = (0..CHANNELS)
         .map(|channel| match mask(channel) {
             [] => Value::Null,
@@ -350,7 +423,13 @@ fn payload(log: &LogComparison, series: &LogSeries) -> Value {
                     }
                     let extreme = |pick: fn(f64, f64) -> f64| {
                         let of = |(values, mask): (&[f64], &[bool])| {
-                            values.iter().zip(mask).filter(|&(_, &m)| m).map(|(v, _)| *v).reduce(pick).unwrap_or(f64::NAN)
+                            values
+                                .iter()
+                                .zip(mask)
+                                .filter(|&(_, &m)| m)
+                                .map(|(v, _)| *v)
+                                .reduce(pick)
+                                .unwrap_or(f64::NAN)
                         };
                         packed(raw.chunks(bucket).zip(mask.chunks(bucket)).map(of))
                     };

@@ -9,14 +9,26 @@ const LJUNG_BOX_LAGS: usize = 20;
 /// A block counts if at least half of its samples do; others are NaN.
 pub fn standardised_blocks(whitened: &[f64], mask: &[bool], length: usize) -> Vec<f64> {
     blocks(whitened, mask, length)
-        .map(|(sum, count)| if 2 * count >= length { sum / (count as f64).sqrt() } else { f64::NAN })
+        .map(|(sum, count)| {
+            if 2 * count >= length {
+                sum / (count as f64).sqrt()
+            } else {
+                f64::NAN
+            }
+        })
         .collect()
 }
 
 /// Means of consecutive samples; NaN where less than half of a block counts.
 pub fn block_means(values: &[f64], mask: &[bool], length: usize) -> Vec<f64> {
     blocks(values, mask, length)
-        .map(|(sum, count)| if 2 * count >= length { sum / count as f64 } else { f64::NAN })
+        .map(|(sum, count)| {
+            if 2 * count >= length {
+                sum / count as f64
+            } else {
+                f64::NAN
+            }
+        })
         .collect()
 }
 
@@ -66,7 +78,11 @@ impl LjungBox {
         let mut statistic = 0.0;
         let mut lag_one = 0.0;
         for lag in 1..=LJUNG_BOX_LAGS {
-            let product: f64 = whitened.iter().zip(&whitened[lag.min(whitened.len())..]).map(|(a, b)| a * b).sum();
+            let product: f64 = whitened
+                .iter()
+                .zip(&whitened[lag.min(whitened.len())..])
+                .map(|(a, b)| a * b)
+                .sum();
             let rho = if power > 0.0 { product / power } else { 0.0 };
             if lag == 1 {
                 lag_one = rho;
@@ -74,7 +90,12 @@ impl LjungBox {
             statistic += rho * rho / (n - lag as f64).max(1.0);
         }
         statistic *= n * (n + 2.0);
-        Self { lags: LJUNG_BOX_LAGS, statistic, p_value: chi_squared_tail(statistic, LJUNG_BOX_LAGS as f64), lag_one }
+        Self {
+            lags: LJUNG_BOX_LAGS,
+            statistic,
+            p_value: chi_squared_tail(statistic, LJUNG_BOX_LAGS as f64),
+            lag_one,
+        }
     }
 }
 
@@ -132,7 +153,13 @@ impl InputTest {
             let correlation = rx / (rr * xx).sqrt();
             if best.as_ref().is_none_or(|b| correlation.abs() > b.correlation.abs()) {
                 let band_99 = two_sided_quantile(0.01 / lags as f64) / (count as f64).sqrt();
-                best = Some(Self { input, correlation, lag_s: lag as f64 * block_s, band_99, blocks: count });
+                best = Some(Self {
+                    input,
+                    correlation,
+                    lag_s: lag as f64 * block_s,
+                    band_99,
+                    blocks: count,
+                });
             }
         }
         best
@@ -177,7 +204,9 @@ mod tests {
         // Deviation of the mean square of 80 blocks: √(2/80) = 0.16.
         assert!(blocks == 80 && (level - 1.0).abs() < 5.0 * 0.16, "{level}");
         assert!(!InputTest::of("x", &white, &input, 10, 0.05).unwrap().is_outside());
-        let driven: Vec<f64> = (0..8000).map(|k| white[k] + if k >= 3 { 0.3 * input[k - 3] } else { 0.0 }).collect();
+        let driven: Vec<f64> = (0..8000)
+            .map(|k| white[k] + if k >= 3 { 0.3 * input[k - 3] } else { 0.0 })
+            .collect();
         let found = InputTest::of("x", &driven, &input, 10, 0.05).unwrap();
         assert!(found.is_outside() && (found.lag_s - 0.15).abs() < 1e-9);
         // The feedback of a residual into later inputs is not held against the model.

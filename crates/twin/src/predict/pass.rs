@@ -463,8 +463,8 @@ impl Plant {
                 }
                 set.rotor_thrust(&at, &mut f[..n]);
                 w = c.rotor_wrench(&f[..n]);
-                drag(&c, at.air_velocity_body, at.body_rates, &mut w);
                 set.wrench(&at, &mut w);
+                w = w.closed(at.air_velocity_body, at.body_rates, &c);
                 set.advance(&at, s.step_s);
             } else {
                 w = c.rotor_wrench(&f[..n]);
@@ -472,7 +472,7 @@ impl Plant {
                     let r = rotation(motion.attitude[k]);
                     let (v, wind) = (motion.velocity[k], c.wind_ned_m_s);
                     let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
-                    drag(c, to_body(&r, relative), motion.rates[k], &mut w);
+                    w = w.closed(to_body(&r, relative), motion.rates[k], c);
                 }
             }
             let omega = motion.rates[k];
@@ -635,13 +635,6 @@ fn sensors_are_exact(c: &Constants) -> bool {
         && c.heading_offset_rad == 0.0
 }
 
-fn drag(c: &Constants, air_velocity: Vector3, rates: Vector3, w: &mut Wrench) {
-    for i in 0..3 {
-        w.force_body[i] -= c.linear_drag_kg_s * air_velocity[i];
-        w.torque_body[i] -= c.angular_drag_nms * rates[i];
-    }
-}
-
 /// The measured side of every channel: accelerometer, difference quotients, voltage.
 pub(crate) fn measured(series: &Series) -> PerChannel {
     let have = series.available;
@@ -720,7 +713,7 @@ pub(crate) fn cross(a: Vector3, b: Vector3) -> Vector3 {
 }
 
 /// Inverse of a 3×3 matrix by cofactors.
-fn inverted(m: &[Vector3; 3]) -> [Vector3; 3] {
+pub(crate) fn inverted(m: &[Vector3; 3]) -> [Vector3; 3] {
     let rows = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let per = 1.0 / (m[0][0] * rows[0][0] + m[0][1] * rows[0][1] + m[0][2] * rows[0][2]);
     [0, 1, 2].map(|i| [rows[0][i] * per, rows[1][i] * per, rows[2][i] * per])
