@@ -3,7 +3,6 @@
 use crate::output::{bad_input, failed};
 use comfy_table::{CellAlignment, Table};
 use rotortwin_twin::log::{FlightLog, LogError, ReadOptions};
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -48,6 +47,9 @@ struct ImportArgs {
     /// Bring every column to this constant rate, Hz
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
+    /// Take the estimated delays out of attitude, velocity and position
+    #[arg(long)]
+    align: bool,
     /// Print one line per log
     #[arg(long)]
     quiet: bool,
@@ -102,6 +104,7 @@ fn import(args: &ImportArgs) -> ExitCode {
     let names = unique_names(&args.files);
     for (file, name) in args.files.iter().zip(names) {
         let stored = read(file, &args.reading).and_then(|log| {
+            let log = if args.align { log.aligned() } else { log };
             let log = args.rate.map_or_else(|| log.clone(), |rate_hz| log.resampled(rate_hz));
             log.store(&args.out, &name).map(|path| (log, path))
         });
@@ -123,27 +126,25 @@ fn import(args: &ImportArgs) -> ExitCode {
     code
 }
 
-/// File names without extension; where two files share one, the folder's name goes before it.
+/// File names without extension; where files share one, as many of their folders go before it as it takes.
 fn unique_names(files: &[PathBuf]) -> Vec<String> {
-    let stem = |file: &PathBuf| {
-        file.file_stem()
-            .map_or_else(|| "log".to_owned(), |stem| stem.to_string_lossy().into_owned())
+    let parts = |file: &Path, folders: usize| -> String {
+        let stem = file.file_stem().map_or_else(|| "log".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        let parents = file.ancestors().skip(1).filter_map(Path::file_name).take(folders);
+        let mut names: Vec<String> = parents.map(|name| name.to_string_lossy().into_owned()).collect();
+        names.reverse();
+        names.push(stem);
+        names.join("__")
     };
-    let mut seen = BTreeSet::new();
-    let twice: BTreeSet<String> = files
-        .iter()
-        .map(stem)
-        .filter(|stem| !seen.insert(stem.clone()))
-        .collect();
+    let deepest = files.iter().map(|file| file.components().count()).max().unwrap_or(0);
     files
         .iter()
         .map(|file| {
-            let name = stem(file);
-            let folder = file.parent().and_then(Path::file_name);
-            match folder {
-                Some(folder) if twice.contains(&name) => format!("{}__{name}", folder.to_string_lossy()),
-                _ => name,
-            }
+            let alone = |folders: &usize| {
+                let name = parts(file, *folders);
+                files.iter().filter(|other| parts(other, *folders) == name).count() == 1
+            };
+            parts(file, (0..deepest).find(alone).unwrap_or(0))
         })
         .collect()
 }

@@ -1,5 +1,6 @@
 //! From a table to a log: every refusal of the canonical format, Euler angles, the account of the import.
 
+use super::checks;
 use super::report::{Gap, ImportReport, MissingCells, UnusedColumn};
 use super::side_file::SideFile;
 use super::table::{RawColumn, Table};
@@ -75,7 +76,7 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
     if let Some(origin) = side.source {
         report.notes.push(format!("source: {origin}"));
     }
-    Ok(FlightLog {
+    let mut log = FlightLog {
         name: path
             .file_stem()
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
@@ -87,7 +88,9 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         origin: side.origin,
         licence: side.licence,
         report,
-    })
+    };
+    checks::examine(&mut log);
+    Ok(log)
 }
 
 /// A canonical column holds numbers or nothing.

@@ -59,6 +59,10 @@ pub enum FindingKind {
     SwappedAxes,
     /// The vehicle has another number of rotors.
     RotorCount,
+    /// A gain between columns that should be 1: a wrong unit.
+    ScaleMismatch,
+    /// Columns that physics couples move without each other.
+    Inconsistent,
 }
 
 impl FindingKind {
@@ -86,6 +90,8 @@ impl fmt::Display for FindingKind {
             Self::SwappedMotors => "swapped motors",
             Self::SwappedAxes => "swapped axes",
             Self::RotorCount => "rotor count",
+            Self::ScaleMismatch => "scales that do not fit",
+            Self::Inconsistent => "columns that do not fit",
         })
     }
 }

@@ -14,6 +14,7 @@
 
 mod accept;
 mod assemble;
+mod checks;
 mod csv;
 mod describe;
 mod error;

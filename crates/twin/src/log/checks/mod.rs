@@ -1,0 +1,340 @@
+//! Checks of an accepted log: what looks wrong, what is missing, how late its columns are to each other.
+
+mod coverage;
+mod delays;
+mod ground;
+mod kinematics;
+mod vehicle;
+
+use super::findings::{Finding, FindingKind};
+use super::{FlightLog, names};
+use kinematics::{Fit, IDENTITY};
+
+/// Signed axes that turn ENU into NED: north is the second, east the first, down the third turned round.
+const FROM_ENU: kinematics::Axes = [(1, 1.0), (0, 1.0), (2, -1.0)];
+/// FLU into FRD, and NWU into NED.
+const FROM_FLU: kinematics::Axes = [(0, 1.0), (1, -1.0), (2, -1.0)];
+/// Signed axes explain a motion, and others do not, when the shares of variance differ by this much.
+const CLEARLY: f64 = 0.25;
+/// Axes are believed when they explain this share of the motion.
+const BELIEVED: f64 = 0.5;
+/// A gain further from 1 than this factor is no calibration error, no noise and no smoothing estimator.
+const GAIN_TOLERANCE: f64 = 1.4;
+/// A gain is believed when the two sides share this much of their motion; a single one, without another that says the same, needs more.
+const GAIN_BELIEVED: f64 = 0.8;
+const SINGLE_GAIN_BELIEVED: f64 = 0.95;
+
+/// Fills the parts of the report that need the whole log.
+pub(crate) fn examine(log: &mut FlightLog) {
+    let mut findings = Vec::new();
+    coverage::thin_log(log, &mut findings);
+    coverage::stuck_and_saturated(log, &mut findings);
+    ground::no_flight(log, &mut findings);
+    axes_units_and_clock(log, &mut findings);
+    log.report.missing = coverage::missing(log);
+    log.report.noise = coverage::noise(log);
+    log.report.delays = delays::estimate(log);
+    findings.sort_by(|a, b| a.kind.cmp(&b.kind));
+    log.report.findings = findings;
+}
+
+fn push(findings: &mut Vec<Finding>, kind: FindingKind, detail: String) {
+    if !findings.iter().any(|finding| finding.kind == kind) {
+        findings.push(Finding { kind, detail });
+    }
+}
+
+/// Axes written out: `(y, x, −z)`.
+fn axes_text(axes: &kinematics::Axes) -> String {
+    let parts = axes.map(|(axis, sign)| format!("{}{}", if sign < 0.0 { "−" } else { "" }, ["x", "y", "z"][axis]));
+    format!("({})", parts.join(", "))
+}
+
+/// A determinant of −1 is a mirror: no frame of reference, a sign error.
+fn is_proper(axes: &kinematics::Axes) -> bool {
+    let swaps = (0..3).flat_map(|i| (0..i).map(move |j| (j, i)));
+    let odd = swaps.filter(|(j, i)| axes[*j].0 > axes[*i].0).count() % 2 == 1;
+    let minus = axes.iter().filter(|(_, sign)| *sign < 0.0).count() % 2 == 1;
+    odd == minus
+}
+
+/// Axes that are clearly not what they should be.
+fn wrong_axes(fit: &Fit) -> bool {
+    fit.axes != IDENTITY && fit.explained > BELIEVED && fit.explained - fit.explained_as_is > CLEARLY
+}
+
+/// The same signed axes on all axes that move.
+fn same_where_moving(fit: &Fit, axes: &kinematics::Axes) -> bool {
+    (0..3).all(|axis| !fit.moving[axis] || fit.axes[axis] == axes[axis])
+}
+
+fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
+    let rates = kinematics::rate_pairs(log).and_then(|pairs| pairs.fit());
+    let velocity = kinematics::velocity_pairs(log).and_then(|pairs| pairs.fit());
+    let position = kinematics::position_pairs(log).and_then(|pairs| pairs.fit());
+
+    degrees_without_motion(log, findings);
+    if !angles_in_degrees(log, rates.as_ref(), findings) {
+        body_axes(log, rates.as_ref(), velocity.as_ref(), findings);
+        gains(rates.as_ref(), velocity.as_ref(), position.as_ref(), findings);
+    }
+    let z_up = findings
+        .iter()
+        .any(|finding| matches!(finding.kind, FindingKind::BodyAxesFlu | FindingKind::UpsideDownAxes));
+    world_axes(velocity.as_ref(), position.as_ref(), z_up, findings);
+    for (what, fit) in [
+        ("body rates and attitude", &rates),
+        ("specific force and velocity", &velocity),
+        ("velocity and position", &position),
+    ] {
+        if let Some(fit) = fit
+            && fit.explained < 0.1
+            && findings.is_empty()
+        {
+            push(
+                findings,
+                FindingKind::Inconsistent,
+                format!(
+                    "{what} move, but not together: {:.0} % of the motion agrees",
+                    100.0 * fit.explained.max(0.0)
+                ),
+            );
+        }
+    }
+}
+
+/// Ranges that no radians can have.
+fn degrees_without_motion(log: &FlightLog, findings: &mut Vec<Finding>) {
+    /// 2000 deg/s gyroscopes end at 35 rad/s, 4000 deg/s ones at 70.
+    const FASTEST_RAD_S: f64 = 75.0;
+    /// One turn, with rounding: roll does not count turns.
+    const LARGEST_ROLL_RAD: f64 = 2.0 * std::f64::consts::PI + 0.01;
+    let largest = |names: &[&str]| -> f64 {
+        let columns = names.iter().filter_map(|name| log.column(name));
+        columns
+            .flatten()
+            .filter(|value| value.is_finite())
+            .fold(0.0, |most, value| value.abs().max(most))
+    };
+    let rate = largest(&names::RATES);
+    if rate > FASTEST_RAD_S {
+        push(
+            findings,
+            FindingKind::RatesInDegrees,
+            format!("a body rate of {rate:.0} is beyond any gyroscope in rad/s; rad/s was expected"),
+        );
+    }
+    let roll = largest(&names::ATTITUDE[..1]);
+    if roll > LARGEST_ROLL_RAD {
+        push(
+            findings,
+            FindingKind::AnglesInDegrees,
+            format!("a roll of {roll:.1} cannot be radians; rad was expected"),
+        );
+    }
+}
+
+/// Small angles in degrees pass for radians; read as degrees they must fit the rates better.
+fn angles_in_degrees(log: &FlightLog, rates: Option<&Fit>, findings: &mut Vec<Finding>) -> bool {
+    if findings
+        .iter()
+        .any(|finding| finding.kind == FindingKind::AnglesInDegrees)
+    {
+        return true;
+    }
+    if rates.is_some_and(|fit| fit.explained_as_is > 0.7 && (1.0 / GAIN_TOLERANCE..GAIN_TOLERANCE).contains(&fit.gain))
+    {
+        return false;
+    }
+    let mut scaled = log.clone();
+    for name in names::ATTITUDE {
+        if let Some(values) = scaled.columns.get_mut(name) {
+            for value in values {
+                *value = value.to_radians();
+            }
+        }
+    }
+    let Some(fit) = kinematics::rate_pairs(&scaled).and_then(|pairs| pairs.fit()) else {
+        return false;
+    };
+    let fits = fit.explained_as_is > 0.7 && (1.0 / GAIN_TOLERANCE..GAIN_TOLERANCE).contains(&fit.gain);
+    if fits {
+        push(
+            findings,
+            FindingKind::AnglesInDegrees,
+            format!(
+                "read as degrees the attitude follows the body rates (gain {:.2}, {:.0} % of the motion), read as radians it does not",
+                fit.gain,
+                100.0 * fit.explained_as_is
+            ),
+        );
+    }
+    fits
+}
+
+/// FLU, swapped axes, upside down.
+fn body_axes(log: &FlightLog, rates: Option<&Fit>, velocity: Option<&Fit>, findings: &mut Vec<Finding>) {
+    /// Half of gravity: a flight's mean specific force is near ±9.81 m/s².
+    const HALF_GRAVITY_M_S2: f64 = 4.9;
+    let means = names::ACCEL.map(|name| log.column(name).map(kinematics::mean));
+    let up = means[2].is_some_and(|z| z > HALF_GRAVITY_M_S2);
+    let rates_flu = rates.is_some_and(|fit| wrong_axes(fit) && same_where_moving(fit, &FROM_FLU));
+    if let Some(fit) = rates.filter(|fit| wrong_axes(fit)) {
+        let share = format!(
+            "{:.0} % of the motion, as they are {:.0} %",
+            100.0 * fit.explained,
+            100.0 * fit.explained_as_is.max(0.0)
+        );
+        if rates_flu {
+            push(
+                findings,
+                FindingKind::BodyAxesFlu,
+                format!(
+                    "the body rates fit the attitude with y and z turned round ({share}); forward-right-down was expected"
+                ),
+            );
+        } else {
+            push(
+                findings,
+                FindingKind::SwappedAxes,
+                format!("the body rates fit the attitude as {} ({share})", axes_text(&fit.axes)),
+            );
+        }
+    }
+    if up {
+        let z = means[2].unwrap_or(f64::NAN);
+        // With z-up axes everywhere, attitude, velocity and accelerometer still agree with each other.
+        let all_up = velocity.is_some_and(|fit| fit.explained > BELIEVED && !is_proper(&fit.axes));
+        if rates_flu || all_up {
+            push(
+                findings,
+                FindingKind::BodyAxesFlu,
+                format!(
+                    "the accelerometer's z reads {z:+.2} m/s² on average; forward-right-down reads −9.81 in level flight"
+                ),
+            );
+        } else {
+            push(
+                findings,
+                FindingKind::UpsideDownAxes,
+                format!(
+                    "the accelerometer's z reads {z:+.2} m/s² on average; forward-right-down reads −9.81 in level flight (z up, or mounted upside down)"
+                ),
+            );
+        }
+        if all_up {
+            push(
+                findings,
+                FindingKind::WorldAxesEnu,
+                "attitude, specific force and velocity agree only with z up in the world as well; north-east-down was expected".to_owned(),
+            );
+        }
+    } else if let [Some(x), Some(y), Some(z)] = means
+        && z.abs() < HALF_GRAVITY_M_S2
+        && x.abs().max(y.abs()) > 1.5 * HALF_GRAVITY_M_S2
+    {
+        push(
+            findings,
+            FindingKind::SwappedAxes,
+            format!(
+                "gravity lies on the wrong axis: the accelerometer reads ({x:.2}, {y:.2}, {z:.2}) m/s² on average; (0, 0, −9.81) was expected"
+            ),
+        );
+    }
+}
+
+/// Velocity and position in ENU or with exchanged axes.
+///
+/// With `z_up`, a mirror between force and velocity only repeats what the accelerometer's sign has said.
+fn world_axes(velocity: Option<&Fit>, position: Option<&Fit>, z_up: bool, findings: &mut Vec<Finding>) {
+    let cases = [
+        ("velocity", "the specific force", velocity),
+        ("position", "the velocity", position),
+    ];
+    for (what, against, fit) in cases {
+        let Some(fit) = fit.filter(|fit| wrong_axes(fit)) else {
+            continue;
+        };
+        let enu = same_where_moving(fit, &FROM_ENU) || same_where_moving(fit, &FROM_FLU);
+        let share = format!(
+            "{:.0} % of the motion, as it is {:.0} %",
+            100.0 * fit.explained,
+            100.0 * fit.explained_as_is.max(0.0)
+        );
+        if enu {
+            let name = if same_where_moving(fit, &FROM_ENU) {
+                "east-north-up"
+            } else {
+                "north-west-up"
+            };
+            push(
+                findings,
+                FindingKind::WorldAxesEnu,
+                format!("the {what} fits {against} as {name} ({share}); north-east-down was expected"),
+            );
+        } else if is_proper(&fit.axes) || !z_up {
+            push(
+                findings,
+                FindingKind::SwappedAxes,
+                format!("the {what} fits {against} as {} ({share})", axes_text(&fit.axes)),
+            );
+        }
+    }
+}
+
+/// Gains that are not 1: degrees, other units, a wrong clock.
+fn gains(rates: Option<&Fit>, velocity: Option<&Fit>, position: Option<&Fit>, findings: &mut Vec<Finding>) {
+    let believed = |fit: Option<&Fit>| fit.filter(|fit| fit.explained > GAIN_BELIEVED).map(|fit| fit.gain);
+    let off = |gain: f64| !(1.0 / GAIN_TOLERANCE..GAIN_TOLERANCE).contains(&gain);
+    let known = [
+        ("attitude against body rates", believed(rates)),
+        ("velocity against specific force", believed(velocity)),
+        ("position against velocity", believed(position)),
+    ];
+    let degree = std::f64::consts::PI / 180.0;
+    if let Some(gain) = known[0].1
+        && (0.6..1.6).contains(&(gain / degree))
+    {
+        push(
+            findings,
+            FindingKind::RatesInDegrees,
+            format!(
+                "the body rates are {:.1} times what the attitude says; a radian is 57.3 degrees",
+                1.0 / gain
+            ),
+        );
+        return;
+    }
+    let gains: Vec<(&str, f64)> = known
+        .iter()
+        .filter_map(|(what, gain)| Some((*what, (*gain)?)))
+        .collect();
+    let wrong: Vec<&(&str, f64)> = gains.iter().filter(|(_, gain)| off(*gain)).collect();
+    let surest = [rates, velocity, position].into_iter().flatten().map(|fit| fit.explained).fold(0.0, f64::max);
+    if wrong.is_empty() || (gains.len() == 1 && surest < SINGLE_GAIN_BELIEVED) {
+        return;
+    }
+    let list = gains
+        .iter()
+        .map(|(what, gain)| format!("{what} {gain:.2}"))
+        .collect::<Vec<_>>()
+        .join(", ");
+    let least = gains.iter().map(|(_, gain)| *gain).fold(f64::INFINITY, f64::min);
+    let most = gains.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+    if wrong.len() == gains.len() && most / least < GAIN_TOLERANCE * GAIN_TOLERANCE {
+        let factor = (most * least).sqrt();
+        push(
+            findings,
+            FindingKind::TimeScale,
+            format!(
+                "everything moves {factor:.2} times as far as its rate of change times the time stamps says ({list}): the time stamps are {factor:.2} times too short"
+            ),
+        );
+    } else {
+        push(
+            findings,
+            FindingKind::ScaleMismatch,
+            format!("gains that should be 1: {list}; a unit is wrong"),
+        );
+    }
+}

@@ -1,0 +1,207 @@
+//! Does the log belong to the vehicle file: number and order of the rotors.
+//!
+//! The torque that the duties make under the vehicle's geometry must turn the vehicle as its gyroscope says. Duties go through the
+//! vehicle's thrust lag, then both sides are taken over windows and differenced, which removes trim and slow torques:
+//!
+//! ```text
+//! Δ(ω(t+T) − ω(t))  ~  Σ_i arm_i Δ(mean duty_i over T)        per axis
+//! ```
+//! Every order of the rotors is tried (transpositions only, above eight rotors); another order that fits clearly better than the
+//! file's is a finding.
+
+use super::kinematics::mean;
+use crate::log::findings::{Finding, FindingKind};
+use crate::log::resample::median_rate_hz;
+use crate::log::{FlightLog, names};
+use rotortwin_plant::vehicle::VehicleModel;
+
+/// Length of a window, s.
+const WINDOW_S: f64 = 0.08;
+/// A window has at least this many rows.
+const FEWEST_ROWS: usize = 4;
+/// Fewer windows say nothing.
+const FEWEST_WINDOWS: usize = 60;
+/// Every order is tried up to this many rotors (8! = 40 320).
+const MOST_ROTORS: usize = 8;
+/// An order is believed from this mean squared correlation on, and when the file's order has this much less.
+const BELIEVED: f64 = 0.25;
+const CLEARLY: f64 = 0.2;
+
+/// Sums over all windows: duties with duties, duties with angular acceleration.
+struct Moments {
+    duty_duty: Vec<Vec<f64>>,
+    duty_turn: Vec<[f64; 3]>,
+    turn_turn: [f64; 3],
+}
+
+impl FlightLog {
+    /// What speaks against this log being of this vehicle; empty if nothing does.
+    ///
+    /// * `vehicle`: a vehicle document, not yet flown with
+    pub fn check_against_vehicle(&self, vehicle: &VehicleModel) -> Vec<Finding> {
+        let rotors = self.rotor_count();
+        let expected = vehicle.rotor_count();
+        if rotors == 0 {
+            return Vec::new();
+        }
+        if rotors != expected {
+            let detail = format!(
+                "the log has {rotors} rotors, the vehicle '{}' has {expected}",
+                vehicle.name
+            );
+            let kind = FindingKind::RotorCount;
+            return vec![Finding { kind, detail }];
+        }
+        let arms: Vec<[f64; 3]> = vehicle
+            .rotors
+            .layout
+            .placements()
+            .iter()
+            .map(|rotor| rotor.torque_arm([0.0; 3], 1.0))
+            .collect();
+        let Some(moments) = self.moments(vehicle.rotors.thrust_lag_s) else {
+            return Vec::new();
+        };
+        let order: Vec<usize> = (0..rotors).collect();
+        let as_is = moments.score(&arms, &order);
+        let (best, best_score) = moments.best(&arms, order);
+        if best_score < BELIEVED || best_score - as_is < CLEARLY {
+            return Vec::new();
+        }
+        let moved: Vec<String> = best
+            .iter()
+            .enumerate()
+            .filter(|(column, rotor)| column != *rotor)
+            .map(|(column, rotor)| format!("duty_{} drives rotor {}", column + 1, rotor + 1))
+            .collect();
+        vec![Finding {
+            kind: FindingKind::SwappedMotors,
+            detail: format!(
+                "the vehicle turns as if {} (correlation² {best_score:.2}, in the file's order {as_is:.2})",
+                moved.join(", ")
+            ),
+        }]
+    }
+
+    fn moments(&self, lag_s: f64) -> Option<Moments> {
+        let rates = self.vector(names::RATES)?;
+        let duties = self.duties();
+        let rate_hz = median_rate_hz(&self.time_s);
+        let rows = FEWEST_ROWS.max((WINDOW_S * rate_hz).round() as usize);
+        let share = 1.0 - (-1.0 / (rate_hz * lag_s)).exp();
+        let lagged: Vec<Vec<f64>> = duties
+            .iter()
+            .map(|duty| {
+                let mut state = duty.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
+                duty.iter()
+                    .map(|value| {
+                        let now = state;
+                        if value.is_finite() {
+                            state += share * (value - state);
+                        }
+                        now
+                    })
+                    .collect()
+            })
+            .collect();
+        let mut windows: Vec<(Vec<f64>, [f64; 3])> = Vec::new();
+        let mut first = 0;
+        while first + rows < self.time_s.len() {
+            let last = first + rows;
+            let input = lagged.iter().map(|duty| mean(&duty[first..last])).collect();
+            windows.push((input, [0, 1, 2].map(|axis| rates[axis][last] - rates[axis][first])));
+            first = last;
+        }
+        let count = duties.len();
+        let mut moments = Moments {
+            duty_duty: vec![vec![0.0; count]; count],
+            duty_turn: vec![[0.0; 3]; count],
+            turn_turn: [0.0; 3],
+        };
+        let mut used = 0;
+        for pair in windows.windows(2) {
+            let input: Vec<f64> = (0..count).map(|rotor| pair[1].0[rotor] - pair[0].0[rotor]).collect();
+            let turn = [0, 1, 2].map(|axis| pair[1].1[axis] - pair[0].1[axis]);
+            if !input.iter().chain(&turn).all(|value| value.is_finite()) {
+                continue;
+            }
+            used += 1;
+            for i in 0..count {
+                for j in 0..count {
+                    moments.duty_duty[i][j] += input[i] * input[j];
+                }
+                for axis in 0..3 {
+                    moments.duty_turn[i][axis] += input[i] * turn[axis];
+                }
+            }
+            for axis in 0..3 {
+                moments.turn_turn[axis] += turn[axis] * turn[axis];
+            }
+        }
+        (used >= FEWEST_WINDOWS).then_some(moments)
+    }
+}
+
+impl Moments {
+    /// Mean over the axes of the signed squared correlation; `order[column]` is the rotor that the column drives.
+    fn score(&self, arms: &[[f64; 3]], order: &[usize]) -> f64 {
+        let mut sum = 0.0;
+        for axis in 0..3 {
+            let (mut cross, mut power) = (0.0, 0.0);
+            for (i, rotor) in order.iter().enumerate() {
+                let arm = arms[*rotor][axis];
+                cross += arm * self.duty_turn[i][axis];
+                for (j, other) in order.iter().enumerate() {
+                    power += arm * arms[*other][axis] * self.duty_duty[i][j];
+                }
+            }
+            let scale = power * self.turn_turn[axis];
+            if scale > 0.0 {
+                sum += cross * cross.abs() / scale;
+            }
+        }
+        sum / 3.0
+    }
+
+    /// The order that fits best, and how well.
+    fn best(&self, arms: &[[f64; 3]], order: Vec<usize>) -> (Vec<usize>, f64) {
+        let mut best = (order.clone(), self.score(arms, &order));
+        let mut consider = |order: &[usize]| {
+            let score = self.score(arms, order);
+            if score > best.1 {
+                best = (order.to_vec(), score);
+            }
+        };
+        if order.len() <= MOST_ROTORS {
+            permutations(order, &mut consider);
+        } else {
+            for i in 0..order.len() {
+                for j in 0..i {
+                    let mut swapped = order.clone();
+                    swapped.swap(i, j);
+                    consider(&swapped);
+                }
+            }
+        }
+        best
+    }
+}
+
+/// Heap's algorithm.
+fn permutations(mut order: Vec<usize>, visit: &mut impl FnMut(&[usize])) {
+    let mut counters = vec![0; order.len()];
+    visit(&order);
+    let mut index = 1;
+    while index < order.len() {
+        if counters[index] < index {
+            let other = if index % 2 == 0 { 0 } else { counters[index] };
+            order.swap(other, index);
+            visit(&order);
+            counters[index] += 1;
+            index = 1;
+        } else {
+            counters[index] = 0;
+            index += 1;
+        }
+    }
+}

@@ -1,0 +1,241 @@
+//! Real logs against what other readers find in them, and files that are damaged in every way.
+
+use proptest::prelude::*;
+use rotortwin_twin::log::{FindingKind, FlightLog, ReadOptions, SourceKind};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+#[derive(Deserialize)]
+struct Expected {
+    count: usize,
+    mean: f64,
+    first: f64,
+    last: f64,
+}
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+fn bytes(name: &str) -> Vec<u8> {
+    std::fs::read(data(name)).expect("the excerpt is in the repository")
+}
+
+/// f32 values printed as f64 and summed in another order.
+const SAME: f64 = 1e-9;
+
+#[test]
+fn val_excerpts_hold_what_other_readers_find() {
+    let text = std::fs::read_to_string(data("expected.toml")).expect("in the repository");
+    let expected: BTreeMap<String, BTreeMap<String, Expected>> = toml::from_str(&text).expect("written by make.py");
+    let files = [
+        ("crazyflie-sysid", "usdlog", SourceKind::CrazyflieUsdlog),
+        ("crazypad-e8", "usdlog", SourceKind::CrazyflieUsdlog),
+        ("px4-on-the-ground", "ulg", SourceKind::Px4Ulog),
+        ("made-up", "bin", SourceKind::ArdupilotDataflash),
+    ];
+    assert_eq!(expected.len(), files.len());
+    for (name, extension, kind) in files {
+        let log = FlightLog::read(&data(&format!("{name}.{extension}"))).expect(name);
+        assert_eq!(log.source.kind, kind);
+        for (column, expected) in &expected[name] {
+            let values = if column == "time_s" {
+                &log.time_s[..]
+            } else {
+                log.column(column).expect(column)
+            };
+            let present: Vec<f64> = values.iter().copied().filter(|value| !value.is_nan()).collect();
+            assert_eq!(present.len(), expected.count, "{name} {column}");
+            let mean = present.iter().sum::<f64>() / present.len() as f64;
+            for (what, found, wanted) in [
+                ("mean", mean, expected.mean),
+                ("first", present[0], expected.first),
+                ("last", present[present.len() - 1], expected.last),
+            ] {
+                assert!(
+                    (found - wanted).abs() < SAME * (1.0 + wanted.abs()),
+                    "{name} {column} {what}: {found}, {wanted}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn val_motors_take_their_pulse_limits_from_the_parameters() {
+    // 1500 of 1100 to 1900 is the middle; the other instance of the IMU is not mixed in.
+    let log = FlightLog::read(&data("made-up.bin")).expect("a log");
+    let duty = |rotor: usize| log.duties()[rotor - 1][1];
+    assert_eq!((log.rotor_count(), duty(1), duty(3), duty(4)), (4, 0.5, 1.0, 0.25));
+    assert!(
+        log.report
+            .notes
+            .iter()
+            .any(|note| note.contains("14 bytes are not part of a message")),
+        "{:?}",
+        log.report.notes
+    );
+}
+
+#[test]
+fn val_nothing_flies_on_the_ground() {
+    let log = FlightLog::read(&data("px4-on-the-ground.ulg")).expect("a log");
+    assert!(
+        log.report
+            .findings
+            .iter()
+            .any(|finding| finding.kind == FindingKind::NoFlight),
+        "{:?}",
+        log.report.findings
+    );
+}
+
+#[test]
+fn val_a_wrong_checksum_is_refused_unless_asked_for() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("log07");
+    let mut content = bytes("crazypad-e8.usdlog");
+    let middle = content.len() / 2;
+    content[middle] ^= 1;
+    std::fs::write(&path, &content).expect("written");
+    let sentence = FlightLog::read(&path).expect_err("a flipped bit").to_string();
+    assert!(
+        sentence.contains("log07: the CRC-32 at the end does not fit"),
+        "{sentence}"
+    );
+    let options = ReadOptions {
+        accept_damaged: true,
+        ..ReadOptions::default()
+    };
+    assert!(FlightLog::read_with(&path, &options).is_ok());
+}
+
+#[test]
+fn val_a_mapping_overrides_one_row() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let mapping = folder.path().join("mine.toml");
+    let read = |text: &str| {
+        std::fs::write(&mapping, text).expect("written");
+        let options = ReadOptions {
+            mapping: Some(mapping.clone()),
+            ..ReadOptions::default()
+        };
+        FlightLog::read_with(&data("crazyflie-sysid.usdlog"), &options)
+    };
+    let plain = FlightLog::read(&data("crazyflie-sysid.usdlog")).expect("a log");
+    let order = "source = \"crazyflie-usdlog\"\n[[column]]\nto = \"duty\"\nfrom = \"fixedFrequency:motor.m1,motor.m2,motor.m3,motor.m4\"\nhigh = 65535.0\norder = [4, 3, 2, 1]\n";
+    let turned = read(order).expect("a log");
+    assert_eq!(plain.duties()[0], turned.duties()[3]);
+    assert_eq!(
+        plain.column("roll_rate_rad_s"),
+        turned.column("roll_rate_rad_s"),
+        "the other rows stay"
+    );
+    for (text, expected) in [
+        ("source = \"px4-ulog\"\n", "a mapping for Px4Ulog"),
+        (
+            "source = \"crazyflie-usdlog\"\n[[column]]\nto = \"accel\"\nfrom = \"fixedFrequency:acc.x,acc.y,acc.z\"\nunit = \"deg\"\n",
+            "does not fit 'accel'",
+        ),
+        (
+            "source = \"crazyflie-usdlog\"\n[[column]]\nto = \"accel\"\nfrom = \"acc\"\n",
+            "expected \"topic:field\"",
+        ),
+        (
+            "source = \"crazyflie-usdlog\"\n[[column]]\nto = \"accel\"\nfrom = \"fixedFrequency:acc.x,acc.y,acc.z\"\nunit = \"m/s2\"\n",
+            "the unit cannot be right",
+        ),
+    ] {
+        let sentence = read(text).expect_err(text).to_string();
+        assert!(sentence.contains(expected), "{sentence}");
+    }
+}
+
+#[test]
+fn val_text_dataflash_without_times_gets_its_nominal_rate() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("old.log");
+    let mut text = "ArduCopter V3.0.1\nFMT, 1, 17, ATT, cccc, RollIn,Roll,PitchIn,Pitch,YawIn,Yaw\nFMT, 9, 19, CURR, hIhh, Thr,ThrInt,Volt,Curr\n".to_owned();
+    for k in 0..100 {
+        text += &format!("ATT, 0.0, {}, 0.0, {}, 0.0, 90.0\n", k % 7, k % 5);
+        if k % 10 == 5 {
+            text += &format!("CURR, 500, 0, {}, 2000\n", 1200 - k);
+        }
+    }
+    std::fs::write(&path, text).expect("written");
+    let log = FlightLog::read(&path).expect("a log");
+    assert_eq!((log.time_s.len(), log.time_s[1]), (100, 0.1));
+    assert_eq!(log.column("roll_rad").expect("mapped")[3], 3.0_f64.to_radians());
+    // Half a row after the ATT before it, so halfway between two rows: 11.95 V at 0.55 s.
+    let voltage = log.column("battery_voltage_v").expect("mapped");
+    assert!((voltage[6] - 11.945).abs() < 1e-9, "{}", voltage[6]);
+}
+
+/// Whatever the bytes are: a log or one sentence.
+fn survive(name: &str, content: &[u8]) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join(name);
+    std::fs::write(&path, content).expect("written");
+    for accept_damaged in [false, true] {
+        let options = ReadOptions {
+            accept_damaged,
+            ..ReadOptions::default()
+        };
+        if let Err(refusal) = FlightLog::read_with(&path, &options) {
+            let sentence = refusal.to_string();
+            assert!(!sentence.contains('\n') && sentence.contains(name), "{sentence}");
+        }
+    }
+}
+
+const EXCERPTS: [&str; 4] = [
+    "crazyflie-sysid.usdlog",
+    "crazypad-e8.usdlog",
+    "px4-on-the-ground.ulg",
+    "made-up.bin",
+];
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn prop_cut_files_never_panic(file in 0..EXCERPTS.len(), keep in 0.0..1.0_f64) {
+        let content = bytes(EXCERPTS[file]);
+        survive("cut", &content[..(content.len() as f64 * keep) as usize]);
+    }
+
+    #[test]
+    fn prop_damaged_files_never_panic(
+        file in 0..EXCERPTS.len(),
+        damage in proptest::collection::vec((0.0..1.0_f64, any::<u8>()), 1..40),
+        in_the_head in any::<bool>(),
+    ) {
+        let mut content = bytes(EXCERPTS[file]);
+        let reach = if in_the_head { content.len().min(3000) } else { content.len() };
+        for (place, byte) in damage {
+            let place = (place * reach as f64) as usize;
+            content[place] = byte;
+        }
+        survive("damaged", &content);
+    }
+
+    #[test]
+    fn prop_absurd_lengths_never_panic(file in 0..EXCERPTS.len(), place in 0..2000_usize) {
+        let mut content = bytes(EXCERPTS[file]);
+        content.truncate(20_000);
+        content[place..place + 2].fill(0xff);
+        survive("absurd", &content);
+    }
+
+    #[test]
+    fn prop_any_bytes_after_a_magic_never_panic(
+        file in 0..5_usize,
+        tail in proptest::collection::vec(any::<u8>(), 0..4000),
+    ) {
+        let magic: [&[u8]; 5] = [b"PAR1", b"ULog\x01\x12\x35", b"\xa3\x95\x80", b"\xbc\x02\x00", b"FMT, 1, 2, A, B\n"];
+        let mut content = magic[file].to_vec();
+        content.extend(tail);
+        survive("any", &content);
+    }
+}
