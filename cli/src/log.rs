@@ -129,7 +129,9 @@ fn import(args: &ImportArgs) -> ExitCode {
 /// File names without extension; where files share one, as many of their folders go before it as it takes.
 fn unique_names(files: &[PathBuf]) -> Vec<String> {
     let parts = |file: &Path, folders: usize| -> String {
-        let stem = file.file_stem().map_or_else(|| "log".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        let stem = file
+            .file_stem()
+            .map_or_else(|| "log".to_owned(), |stem| stem.to_string_lossy().into_owned());
         let parents = file.ancestors().skip(1).filter_map(Path::file_name).take(folders);
         let mut names: Vec<String> = parents.map(|name| name.to_string_lossy().into_owned()).collect();
         names.reverse();

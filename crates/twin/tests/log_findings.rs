@@ -350,7 +350,7 @@ fn val_delays_are_found_and_taken_out() {
 /// The vehicles of the public logs hover where their flights did.
 #[test]
 fn val_crazyflie_vehicles_hover_at_the_duty_of_their_flights() {
-    use rotortwin_plant::vehicle_documents::VehicleDocuments;
+    use rotortwin_plant::VehicleDocuments;
     // Duty and voltage of the hovers: CrazyPAD E8, mean of seven healthy flights; Eschmann et al., their curve at 27 g and the voltage
     // that the curve is taken at.
     for (file, duty, voltage_v) in [("crazyflie-e8", 0.676, 3.53), ("crazyflie-2", 0.66, 3.8)] {
@@ -360,6 +360,9 @@ fn val_crazyflie_vehicles_hover_at_the_duty_of_their_flights() {
         let weight_n = vehicle.vehicle.body.mass_kg * vehicle.vehicle.body.gravity_m_s2;
         let blade = vehicle.nominal_blade();
         let lift_n = 4.0 * blade.lift(duty, voltage_v);
-        assert!((lift_n / weight_n - 1.0).abs() < WITHIN, "{file}: {lift_n} N carry {weight_n} N");
+        assert!(
+            (lift_n / weight_n - 1.0).abs() < WITHIN,
+            "{file}: {lift_n} N carry {weight_n} N"
+        );
     }
 }

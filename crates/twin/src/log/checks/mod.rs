@@ -310,7 +310,11 @@ fn gains(rates: Option<&Fit>, velocity: Option<&Fit>, position: Option<&Fit>, fi
         .filter_map(|(what, gain)| Some((*what, (*gain)?)))
         .collect();
     let wrong: Vec<&(&str, f64)> = gains.iter().filter(|(_, gain)| off(*gain)).collect();
-    let surest = [rates, velocity, position].into_iter().flatten().map(|fit| fit.explained).fold(0.0, f64::max);
+    let surest = [rates, velocity, position]
+        .into_iter()
+        .flatten()
+        .map(|fit| fit.explained)
+        .fold(0.0, f64::max);
     if wrong.is_empty() || (gains.len() == 1 && surest < SINGLE_GAIN_BELIEVED) {
         return;
     }
