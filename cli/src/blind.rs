@@ -4,6 +4,7 @@ use crate::output;
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use rotortwin_blind::bench::cases::Preset;
+use rotortwin_blind::bench::product::read_diagnosis;
 use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Request, read_plain};
 use rotortwin_blind::bench::{report, sheet};
 use rotortwin_blind::command;
@@ -113,7 +114,7 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
             command: [&program, "diagnose", "{log}", "--model", "{vehicle}", "--json"]
                 .map(str::to_owned)
                 .to_vec(),
-            read: read_plain,
+            read: read_diagnosis,
         },
     };
     bench.open()?;

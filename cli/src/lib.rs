@@ -5,6 +5,7 @@
 mod blind;
 mod campaign;
 mod compare;
+mod fit;
 mod fly;
 mod log;
 mod model;
@@ -45,6 +46,8 @@ enum Command {
     Model(model::Args),
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
     Campaign(campaign::Args),
+    /// Vehicle constants from bench measurements: thrust, battery, motor lag
+    Fit(fit::Args),
     /// Blind bench of the diagnosis: logs with hidden effects from a foreign simulator, and the score sheet
     Blind(Box<blind::Args>),
     /// Train a classifier and write its file
@@ -73,6 +76,7 @@ pub fn run() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),
+        Command::Fit(args) => fit::run(&args),
         Command::Blind(args) => blind::run(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),

@@ -3,6 +3,7 @@
 //! ```text
 //! log file ─▶ log::FlightLog ─▶ comparison with a model ─▶ missing effect ─▶ model with the effect ─▶ compared again
 //! ```
+//! * [`bench_fit`]: vehicle constants from test stands: thrust, battery, motor lag.
 //! * [`log`]: flight logs of several sources as one type: canonical columns, SI units, NED and FRD.
 //! * [`compare`]: models against logs: where, when and how much they disagree.
 //! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
@@ -10,6 +11,7 @@
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
 
+pub mod bench_fit;
 pub mod compare;
 pub mod log;
 pub mod model;

@@ -57,11 +57,11 @@ pub struct Answer {
     pub verdict: Verdict,
     /// Named effects, the most evident first.
     pub findings: Vec<Finding>,
-    /// Smallest size of each effect that the log would have shown, by id (by `id:rotor` where it acts on one), in units of its
-    /// first parameter; infinite where nothing would.
+    /// Smallest size that the log would have shown, by `id/parameter`, or `id:rotor/parameter` where the effect acts on one rotor;
+    /// infinite where no size would.
     #[serde(default)]
     pub smallest: BTreeMap<String, f64>,
-    /// χ² per residual on held-out blocks, before and after what was named was added.
+    /// χ² per residual, before and after what was named was added.
     #[serde(default)]
-    pub held_out: Option<[f64; 2]>,
+    pub chi2: Option<[f64; 2]>,
 }

@@ -10,6 +10,7 @@
 
 pub mod answer;
 pub mod cases;
+pub mod product;
 pub mod report;
 pub mod run;
 pub mod score;

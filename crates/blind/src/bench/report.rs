@@ -50,7 +50,7 @@ fn write_parquet(path: &Path, rows: &[Row]) -> Result<()> {
             row.parameter_errors.iter().copied().fold(f64::NAN, f64::max)
         }),
         ("onset_error_s", |row| row.onset_error_s.unwrap_or(f64::NAN)),
-        ("held_out_after", |row| row.held_out.map_or(f64::NAN, |pair| pair[1])),
+        ("chi2_after", |row| row.chi2.map_or(f64::NAN, |pair| pair[1])),
         ("seconds", |row| row.seconds),
     ];
     let field = |name: &str, physical, logical| {
@@ -158,9 +158,9 @@ fn group_rows(group: &Group) -> String {
             100.0 * p90
         );
     }
-    if let Some([median, worst]) = group.held_out_after {
+    if let Some([median, worst]) = group.chi2_after {
         text += &format!(
-            "<tr><td>held-out χ²/N of right answers (1: the oracle's)</td><td class=n>{median:.4} median, {worst:.4} worst</td><td></td></tr>"
+            "<tr><td>χ²/N of right answers (1: the oracle's)</td><td class=n>{median:.4} median, {worst:.4} worst</td><td></td></tr>"
         );
     }
     text += &format!(

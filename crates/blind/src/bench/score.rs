@@ -56,8 +56,8 @@ pub struct Row {
     pub covered: Vec<bool>,
     /// s, of the onset.
     pub onset_error_s: Option<f64>,
-    /// χ² per residual on held-out blocks, before and after.
-    pub held_out: Option<[f64; 2]>,
+    /// χ² per residual, before and after what was named was added.
+    pub chi2: Option<[f64; 2]>,
     /// s that the diagnosis took.
     pub seconds: f64,
     /// Why there is no answer.
@@ -156,7 +156,7 @@ pub fn score(case: &Case, answer: &Answer, seconds: f64) -> Row {
         parameter_errors,
         covered,
         onset_error_s,
-        held_out: answer.held_out,
+        chi2: answer.chi2,
         seconds,
         failure: None,
     }
@@ -177,26 +177,28 @@ pub fn failed(case: &Case, reason: String, seconds: f64) -> Row {
         parameter_errors: vec![],
         covered: vec![],
         onset_error_s: None,
-        held_out: None,
+        chi2: None,
         seconds,
         failure: Some(reason),
     }
 }
 
-/// Whether the answer itself says that none of these effects would show at their size.
+/// Whether the answer itself says that none of these effects would show: every size of each is below the smallest that would.
 fn would_not_show(hidden: &[Hidden], answer: &Answer) -> bool {
     hidden.iter().all(|h| {
-        let keyed = h
-            .rotor
-            .and_then(|rotor| answer.smallest.get(&format!("{}:{rotor}", h.id)));
-        let Some(&smallest) = keyed.or_else(|| answer.smallest.get(&h.id)) else {
+        let Some(kind) = catalogue::kind(&h.id) else {
             return false;
         };
-        let size = catalogue::kind(&h.id)
-            .and_then(|kind| kind.parameters.first())
-            .and_then(|p| h.parameters.get(p.name))
-            .map_or(0.0, |size| size.abs());
-        size < smallest
+        let mut sizes = kind.parameters.iter().filter(|p| p.scales).peekable();
+        sizes.peek().is_some()
+            && sizes.all(|p| {
+                let size = h.parameters.get(p.name).map_or(0.0, |size| size.abs());
+                let keyed = h
+                    .rotor
+                    .and_then(|rotor| answer.smallest.get(&format!("{}:{rotor}/{}", h.id, p.name)));
+                let smallest = keyed.or_else(|| answer.smallest.get(&format!("{}/{}", h.id, p.name)));
+                smallest.is_some_and(|smallest| size < *smallest)
+            })
     })
 }
 
@@ -263,7 +265,7 @@ mod tests {
             verdict,
             findings,
             smallest: Default::default(),
-            held_out: None,
+            chi2: None,
         }
     }
 
@@ -299,9 +301,9 @@ mod tests {
         alternatives.findings[0].also = vec!["rotor-drag".to_owned()];
         assert_eq!(outcome(&[drag], &alternatives), Outcome::InGroup);
         let mut blind = answer(Verdict::Agrees, &[]);
-        blind.smallest.insert("rotor-drag".to_owned(), 0.3);
+        blind.smallest.insert("rotor-drag/drag_n_s_m".to_owned(), 0.3);
         assert_eq!(outcome(&[drag], &blind), Outcome::NotTestable);
-        blind.smallest.insert("rotor-drag".to_owned(), 0.2);
+        blind.smallest.insert("rotor-drag/drag_n_s_m".to_owned(), 0.2);
         assert_eq!(outcome(&[drag], &blind), Outcome::Missed);
     }
 

@@ -98,8 +98,8 @@ pub struct Group {
     pub coverage: Share,
     /// Onsets within 1 s.
     pub onset_within_1_s: Share,
-    /// χ² per residual on held-out blocks after the named effects were added: median and worst, of right answers.
-    pub held_out_after: Option<[f64; 2]>,
+    /// χ² per residual after the named effects were added: median and worst, of right answers; the oracle's is 1.
+    pub chi2_after: Option<[f64; 2]>,
     /// s per diagnosis: median and worst.
     pub seconds: [f64; 2],
 }
@@ -138,10 +138,10 @@ fn group(name: String, rows: &[&Row]) -> Group {
     let covered: Vec<bool> = rows.iter().flat_map(|row| row.covered.iter().copied()).collect();
     let onsets: Vec<f64> = rows.iter().filter_map(|row| row.onset_error_s).collect();
     let with_onset = count(&|row| row.case.effects.iter().any(|effect| effect.onset_s.is_some()));
-    let held_out: Vec<f64> = rows
+    let chi2: Vec<f64> = rows
         .iter()
         .filter(|row| row.outcome == Outcome::Right)
-        .filter_map(|row| row.held_out.map(|pair| pair[1]))
+        .filter_map(|row| row.chi2.map(|pair| pair[1]))
         .collect();
     let seconds: Vec<f64> = rows.iter().map(|row| row.seconds).collect();
     Group {
@@ -168,9 +168,7 @@ fn group(name: String, rows: &[&Row]) -> Group {
         parameter_error: quantile(&errors, 0.5).zip(quantile(&errors, 0.9)).map(|(a, b)| [a, b]),
         coverage: Share::new(covered.iter().filter(|covered| **covered).count(), covered.len()),
         onset_within_1_s: Share::new(onsets.iter().filter(|error| error.abs() <= 1.0).count(), with_onset),
-        held_out_after: quantile(&held_out, 0.5)
-            .zip(quantile(&held_out, 1.0))
-            .map(|(a, b)| [a, b]),
+        chi2_after: quantile(&chi2, 0.5).zip(quantile(&chi2, 1.0)).map(|(a, b)| [a, b]),
         seconds: [
             quantile(&seconds, 0.5).unwrap_or(0.0),
             quantile(&seconds, 1.0).unwrap_or(0.0),
@@ -266,10 +264,10 @@ pub fn text(sheet: &Sheet) -> String {
                 100.0 * p90
             );
         }
-        if let Some([median, worst]) = group.held_out_after {
+        if let Some([median, worst]) = group.chi2_after {
             out += &format!(
                 "  {:<34}{median:.4} median, {worst:.4} worst\n",
-                "held-out chi2/N, right answers"
+                "chi2/N of right answers"
             );
         }
         out += &format!(

@@ -1,0 +1,464 @@
+//! Tables of test stands: any delimiter, header or none, columns found by role, units from the header or the mapping.
+//!
+//! Roles: time, command, thrust, voltage, current. A mapping names a column by its header or by its number (from 1) and may give a
+//! unit: `thrust=Thrust (gf)`, `thrust=2:kg`; a unit with a minus (`-kg`) turns the sign of a load cell. Text logs of ArduPilot are read one message at a time (`message`), with the columns of
+//! the message's FMT line. Everything becomes SI: s, duty 0…1, N, V, A.
+
+use super::{FitError, refuse};
+use std::path::Path;
+
+/// Standard gravity, m/s²: what a gram-force is defined by.
+const STANDARD_GRAVITY: f64 = 9.806_65;
+
+/// What a column means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// s.
+    Time,
+    /// Duty 0…1.
+    Command,
+    /// N.
+    Thrust,
+    /// V.
+    Voltage,
+    /// A, discharge positive.
+    Current,
+}
+
+impl Role {
+    /// Name in mappings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Time => "time",
+            Self::Command => "command",
+            Self::Thrust => "thrust",
+            Self::Voltage => "voltage",
+            Self::Current => "current",
+        }
+    }
+
+    const ALL: [Self; 5] = [Self::Time, Self::Command, Self::Thrust, Self::Voltage, Self::Current];
+
+    /// Words that a header may begin with, and the unit assumed without one.
+    fn headers(self) -> (&'static [&'static str], &'static str) {
+        match self {
+            Self::Time => (&["time", "t"], "s"),
+            Self::Command => (
+                &["esc signal", "throttle", "command", "duty", "pwm", "u", "signal", "thr"],
+                "",
+            ),
+            Self::Thrust => (&["thrust", "lift", "force", "f"], "N"),
+            Self::Voltage => (&["voltage", "battery_voltage", "volt", "v"], "V"),
+            Self::Current => (&["current", "battery_current", "curr", "i"], "A"),
+        }
+    }
+
+    /// Factor to SI.
+    fn factor(self, unit: &str) -> Option<f64> {
+        if let Some(unit) = unit.strip_prefix('-') {
+            return self.factor(unit).map(|factor| -factor);
+        }
+        let unit = unit.trim().to_lowercase().replace(['µ', 'μ'], "u");
+        match (self, unit.as_str()) {
+            (Self::Time, "s") | (Self::Voltage, "v") | (Self::Current, "a") | (Self::Thrust, "n") => Some(1.0),
+            (Self::Time, "ms") | (Self::Voltage, "mv") | (Self::Current, "ma") | (Self::Thrust, "mn") => Some(1e-3),
+            (Self::Time, "us") => Some(1e-6),
+            (Self::Voltage, "cv") | (Self::Current, "ca") => Some(1e-2),
+            (Self::Thrust, "gf" | "g") => Some(1e-3 * STANDARD_GRAVITY),
+            (Self::Thrust, "kgf" | "kg") => Some(STANDARD_GRAVITY),
+            (Self::Thrust, "lbf") => Some(4.448_221_615),
+            _ => None,
+        }
+    }
+}
+
+/// Which column is what; empty fields are found by the usual headers.
+#[derive(Debug, Clone, Default)]
+pub struct Mapping {
+    /// (role, header or number, unit) as given by the user.
+    pub columns: Vec<(Role, String, Option<String>)>,
+    /// Message name of a text log of ArduPilot.
+    pub message: Option<String>,
+    /// s between rows, where there is no time column.
+    pub period_s: Option<f64>,
+    /// Pulse at duty 0 and at duty 1, µs.
+    pub pulse_us: Option<[f64; 2]>,
+    /// Times that are used, s.
+    pub window_s: Option<[f64; 2]>,
+}
+
+impl Mapping {
+    /// Adds `role=column` or `role=column:unit`.
+    pub fn add(&mut self, text: &str) -> Result<(), FitError> {
+        let expected = "expected role=column or role=column:unit with a role time, command, thrust, voltage or current";
+        let Some((name, rest)) = text.split_once('=') else {
+            return refuse(format!("--map {text}: {expected}"));
+        };
+        let Some(role) = Role::ALL.into_iter().find(|role| role.name() == name) else {
+            return refuse(format!("--map {text}: {expected}, got the role `{name}`"));
+        };
+        let (column, unit) = match rest.rsplit_once(':') {
+            Some((column, unit)) => (column, Some(unit.to_owned())),
+            None => (rest, None),
+        };
+        self.columns.push((role, column.to_owned(), unit));
+        Ok(())
+    }
+}
+
+/// A table in SI.
+#[derive(Debug, Clone, Default)]
+pub struct Table {
+    /// File.
+    pub name: String,
+    /// s; empty if unknown.
+    pub time: Vec<f64>,
+    /// 0…1; empty if unknown.
+    pub command: Vec<f64>,
+    /// N; empty if unknown.
+    pub thrust: Vec<f64>,
+    /// V; empty if unknown.
+    pub voltage: Vec<f64>,
+    /// A; empty if unknown.
+    pub current: Vec<f64>,
+    /// What was done, in sentences.
+    pub notes: Vec<String>,
+}
+
+fn decode(bytes: &[u8]) -> String {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.trim_start_matches('\u{feff}').to_owned(),
+        // Latin-1: each byte is its code point.
+        Err(_) => bytes.iter().map(|byte| char::from(*byte)).collect(),
+    }
+}
+
+/// Unit in brackets at the end of a header, or after its last underscore.
+fn header_unit(header: &str) -> Option<&str> {
+    if let Some((_, rest)) = header.rsplit_once('(') {
+        return rest.strip_suffix(')');
+    }
+    header.rsplit_once('_').map(|(_, unit)| unit)
+}
+
+impl Table {
+    /// Reads a file.
+    pub fn read(path: &Path, mapping: &Mapping) -> Result<Self, FitError> {
+        let bytes = std::fs::read(path).map_err(|error| FitError(format!("{}: {error}", path.display())))?;
+        Self::parse(&path.display().to_string(), &decode(&bytes), mapping)
+    }
+
+    /// Reads a text.
+    pub fn parse(name: &str, text: &str, mapping: &Mapping) -> Result<Self, FitError> {
+        let (header, rows) = split(name, text, mapping)?;
+        let mut table = Self {
+            name: name.to_owned(),
+            ..Self::default()
+        };
+        let mut columns: Vec<(Role, usize, f64)> = Vec::new();
+        for role in Role::ALL {
+            if let Some((index, unit)) = find(name, role, &header, mapping)? {
+                let factor = if role == Role::Command {
+                    f64::NAN // the unit of a command is settled from its values below
+                } else {
+                    match unit.as_deref().map_or(Some(1.0), |unit| role.factor(unit)) {
+                        Some(factor) => factor,
+                        None => {
+                            let unit = unit.unwrap_or_default();
+                            return refuse(format!(
+                                "{name}: `{unit}` is no unit of {}; expected one of s, ms, us, N, mN, gf, kgf, lbf, V, mV, cV, A, mA, cA",
+                                role.name()
+                            ));
+                        }
+                    }
+                };
+                columns.push((role, index, factor));
+            }
+        }
+        let mut kept = 0;
+        for (line, row) in &rows {
+            let mut values = Vec::with_capacity(columns.len());
+            for (role, index, factor) in &columns {
+                let cell = row.get(*index).map_or("", |cell| cell.trim());
+                let Ok(value) = cell.parse::<f64>() else {
+                    return refuse(format!(
+                        "{name}, line {line}, column {} ({}): expected a number, got `{cell}`",
+                        index + 1,
+                        role.name()
+                    ));
+                };
+                if !value.is_finite() {
+                    return refuse(format!(
+                        "{name}, line {line}, column {}: expected a finite number, got {cell}",
+                        index + 1
+                    ));
+                }
+                values.push(if factor.is_nan() { value } else { value * factor });
+            }
+            kept += 1;
+            for ((role, _, _), value) in columns.iter().zip(values) {
+                table.column_mut(*role).push(value);
+            }
+        }
+        if kept < 2 {
+            return refuse(format!("{name}: expected at least two rows of numbers, got {kept}"));
+        }
+        if table.time.is_empty()
+            && let Some(period) = mapping.period_s
+        {
+            table.time = (0..kept).map(|k| k as f64 * period).collect();
+            table
+                .notes
+                .push(format!("no time column: rows are taken as {period} s apart"));
+        }
+        if let Some(k) = table.time.windows(2).position(|pair| pair[1] <= pair[0]) {
+            return refuse(format!(
+                "{name}, row {}: expected a time that increases, got {} after {}",
+                k + 2,
+                table.time[k + 1],
+                table.time[k]
+            ));
+        }
+        table.settle_command(mapping)?;
+        table.cut(mapping)?;
+        Ok(table)
+    }
+
+    fn column_mut(&mut self, role: Role) -> &mut Vec<f64> {
+        match role {
+            Role::Time => &mut self.time,
+            Role::Command => &mut self.command,
+            Role::Thrust => &mut self.thrust,
+            Role::Voltage => &mut self.voltage,
+            Role::Current => &mut self.current,
+        }
+    }
+
+    /// A column that must be there.
+    pub fn require(&self, role: Role) -> Result<&[f64], FitError> {
+        let column = match role {
+            Role::Time => &self.time,
+            Role::Command => &self.command,
+            Role::Thrust => &self.thrust,
+            Role::Voltage => &self.voltage,
+            Role::Current => &self.current,
+        };
+        if column.is_empty() {
+            let name = role.name();
+            return refuse(format!(
+                "{}: no column for {name} found; name it with --map {name}=COLUMN[:UNIT]",
+                self.name
+            ));
+        }
+        Ok(column)
+    }
+
+    /// Commands in µs, percent, thousandths or fractions become fractions.
+    fn settle_command(&mut self, mapping: &Mapping) -> Result<(), FitError> {
+        let Some(high) = self.command.iter().copied().reduce(f64::max) else {
+            return Ok(());
+        };
+        let low = self.command.iter().copied().fold(f64::INFINITY, f64::min);
+        let (zero, one, what) = match mapping.pulse_us {
+            Some([zero, one]) if one > zero => (zero, one, "pulse"),
+            Some(_) => return refuse(format!("{}: expected a pulse range that rises", self.name)),
+            None if low >= 0.0 && high <= 1.0 => (0.0, 1.0, "fraction"),
+            None if low >= 0.0 && high <= 100.0 => (0.0, 100.0, "percent"),
+            None if low >= 800.0 && high <= 2200.0 => (1000.0, 2000.0, "pulse of 1000 to 2000 µs"),
+            None if low >= 0.0 && high <= 1000.0 => (0.0, 1000.0, "thousandths"),
+            None => {
+                return refuse(format!(
+                    "{}: commands from {low} to {high} are neither a fraction, percent, thousandths nor a pulse in µs; give --pulse ZERO:ONE",
+                    self.name
+                ));
+            }
+        };
+        self.notes
+            .push(format!("command read as {what}: {zero} is duty 0, {one} is duty 1"));
+        for value in &mut self.command {
+            *value = (*value - zero) / (one - zero);
+            if !(-0.05..=1.05).contains(value) {
+                return refuse(format!("{}: expected duties from 0 to 1, got {value:.3}", self.name));
+            }
+        }
+        Ok(())
+    }
+
+    fn cut(&mut self, mapping: &Mapping) -> Result<(), FitError> {
+        let Some([from, to]) = mapping.window_s else {
+            return Ok(());
+        };
+        let keep: Vec<bool> = self
+            .require(Role::Time)?
+            .iter()
+            .map(|t| (from..=to).contains(t))
+            .collect();
+        let count = keep.iter().filter(|keep| **keep).count();
+        if count < 2 {
+            return refuse(format!(
+                "{}: expected at least two rows from {from} to {to} s, got {count}",
+                self.name
+            ));
+        }
+        self.notes
+            .push(format!("{count} of {} rows used: {from} to {to} s", keep.len()));
+        for role in Role::ALL {
+            let mut k = 0;
+            self.column_mut(role).retain(|_| {
+                k += 1;
+                keep[k - 1]
+            });
+        }
+        Ok(())
+    }
+}
+
+type Rows = Vec<(usize, Vec<String>)>;
+
+/// Header (empty if none) and rows with their line numbers.
+fn split(name: &str, text: &str, mapping: &Mapping) -> Result<(Vec<String>, Rows), FitError> {
+    let cells = |line: &str, delimiter: char| -> Vec<String> {
+        line.split(delimiter).map(|cell| cell.trim().to_owned()).collect()
+    };
+    if let Some(message) = &mapping.message {
+        let mut header = Vec::new();
+        let mut rows = Vec::new();
+        for (k, line) in text.lines().enumerate() {
+            let row = cells(line, ',');
+            if row.first().is_some_and(|cell| cell == "FMT") && row.get(3) == Some(message) {
+                header = row[5..].to_vec();
+                header.insert(0, "message".to_owned());
+            } else if row.first() == Some(message) {
+                rows.push((k + 1, row));
+            }
+        }
+        if header.is_empty() || rows.is_empty() {
+            return refuse(format!(
+                "{name}: there is no message `{message}` with a FMT line and rows"
+            ));
+        }
+        return Ok((header, rows));
+    }
+    let Some(first) = text.lines().find(|line| !line.trim().is_empty()) else {
+        return refuse(format!("{name}: the file is empty"));
+    };
+    let delimiter = [',', ';', '\t']
+        .into_iter()
+        .max_by_key(|c| first.matches(*c).count())
+        .unwrap_or(',');
+    let mut lines = text.lines().enumerate().filter(|(_, line)| {
+        let bare = line.trim();
+        !bare.is_empty() && !bare.starts_with('#')
+    });
+    let mut rows: Rows = Vec::new();
+    let mut header = Vec::new();
+    if let Some((k, line)) = lines.next() {
+        let row = cells(line, delimiter);
+        if row.first().is_some_and(|cell| cell.parse::<f64>().is_ok()) {
+            rows.push((k + 1, row));
+        } else {
+            header = row;
+        }
+    }
+    rows.extend(lines.map(|(k, line)| (k + 1, cells(line, delimiter))));
+    Ok((header, rows))
+}
+
+/// Column of a role and its unit.
+fn find(
+    name: &str,
+    role: Role,
+    header: &[String],
+    mapping: &Mapping,
+) -> Result<Option<(usize, Option<String>)>, FitError> {
+    if let Some((_, column, unit)) = mapping.columns.iter().find(|(mapped, _, _)| *mapped == role) {
+        let by_header = header.iter().position(|cell| cell.eq_ignore_ascii_case(column));
+        let by_number = column.parse::<usize>().ok().and_then(|number| number.checked_sub(1));
+        let Some(index) = by_header.or(by_number) else {
+            let known = if header.is_empty() {
+                "the file has no header: give a number".to_owned()
+            } else {
+                header.join(", ")
+            };
+            return refuse(format!(
+                "{name}: there is no column `{column}` for {}; there are: {known}",
+                role.name()
+            ));
+        };
+        let from_header = header.get(index).and_then(|cell| header_unit(cell)).map(str::to_owned);
+        return Ok(Some((
+            index,
+            unit.clone().or(from_header.filter(|unit| role.factor(unit).is_some())),
+        )));
+    }
+    let (words, assumed) = role.headers();
+    let bare = |cell: &str| cell.split('(').next().unwrap_or("").trim().to_lowercase();
+    let found = words.iter().find_map(|word| {
+        header.iter().position(|cell| {
+            let cell = bare(cell);
+            cell == *word
+                || (word.len() > 1 && (cell.starts_with(&format!("{word}_")) || cell.starts_with(&format!("{word} "))))
+        })
+    });
+    Ok(found.map(|index| {
+        let unit = header_unit(&header[index]).filter(|unit| role.factor(unit).is_some());
+        (
+            index,
+            Some(unit.unwrap_or(assumed).to_owned()).filter(|unit| !unit.is_empty()),
+        )
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_units_and_roles_of_a_test_stand() {
+        let text = "Time (s),ESC signal (µs),Servo 1 (µs),Thrust (gf),Voltage (V),Current (A)\n0,1050,,15,11.1,0.5\n1,1145,,37,11.0,1.0\n";
+        let table = Table::parse("bench.csv", text, &Mapping::default()).unwrap();
+        assert!((table.thrust[0] - 0.147_099_75).abs() < 1e-9);
+        assert!((table.command[1] - 0.145).abs() < 1e-12);
+        assert_eq!(table.voltage, [11.1, 11.0]);
+    }
+
+    #[test]
+    fn scenario_a_file_without_header_and_bad_input() {
+        let mut mapping = Mapping::default();
+        mapping.add("time=1").unwrap();
+        mapping.add("thrust=2:kg").unwrap();
+        let table = Table::parse("cell.csv", "0,0.8\n0.02,0.7\n", &mapping).unwrap();
+        assert!((table.thrust[0] - 7.845_32).abs() < 1e-9);
+        for (text, part) in [
+            ("0,0.8\n0.02,x\n", "expected a number, got `x`"),
+            ("0,0.8\n0,0.7\n", "expected a time that increases"),
+            ("0,0.8\n", "at least two rows"),
+            ("", "the file is empty"),
+        ] {
+            let sentence = Table::parse("cell.csv", text, &mapping).unwrap_err().to_string();
+            assert!(sentence.contains(part), "{sentence}");
+        }
+        assert!(
+            mapping
+                .add("weight=2")
+                .unwrap_err()
+                .to_string()
+                .contains("got the role `weight`")
+        );
+    }
+
+    #[test]
+    fn scenario_a_message_of_a_text_log() {
+        let text = "FMT, 9, 19, CURR, hIhhhf, Thr,ThrInt,Volt,Curr,Vcc,CurrTot\nATT, 1, 2\nCURR, 164, 1153, 1198, 297, 5028, 0.6\nCURR, 0, 1811, 1210, 0, 5028, 1.0\n";
+        let mut mapping = Mapping {
+            message: Some("CURR".to_owned()),
+            period_s: Some(1.0),
+            ..Mapping::default()
+        };
+        mapping.add("voltage=Volt:cV").unwrap();
+        mapping.add("current=Curr:cA").unwrap();
+        let table = Table::parse("x.log", text, &mapping).unwrap();
+        assert_eq!(table.voltage, [11.98, 12.1]);
+        assert_eq!(table.time, [0.0, 1.0]);
+    }
+}
