@@ -6,10 +6,10 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_campaign::pace::Pace;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::OneByOne;
-use rotortwin_campaign::study::folder::CampaignFolder;
+use rotortwin_campaign::study::folder::{CampaignFolder, write_whole};
 use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
 use rotortwin_campaign::study::totals::Totals;
-use rotortwin_campaign::study::{Campaign, results, tables};
+use rotortwin_campaign::study::{Campaign, report, results, tables};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use std::num::NonZeroUsize;
@@ -159,6 +159,8 @@ fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
 fn finish(args: &Args, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
     let totals = results::collect(campaign, folder)?;
     results::write_summary(campaign, folder, &totals)?;
+    let page = report::render(campaign, &totals, rotortwin_store::REPORT_CSS);
+    write_whole(&folder.path().join(results::REPORT_FILE), page.as_bytes())?;
     if args.json {
         println!("{:#}", results::summary(campaign, &totals));
     } else {
@@ -190,7 +192,13 @@ fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals:
         }
         println!();
     }
-    let files = [results::PARQUET_FILE, results::CSV_FILE, results::SUMMARY_FILE].join("  ");
+    let files = [
+        results::REPORT_FILE,
+        results::PARQUET_FILE,
+        results::CSV_FILE,
+        results::SUMMARY_FILE,
+    ]
+    .join("  ");
     println!("Files        {}\n             {files}", folder.path().display());
     let wall = flown.start.elapsed().as_secs_f64();
     if flown.flights > 0 {

@@ -6,14 +6,16 @@
 //!
 //! * [`document`]: the file. * [`plan`]: what flight i is. * [`engine`], [`score`], [`record`]: what became of it.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
-//!   flights. * [`tables`], [`results`]: for people and files.
+//!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
 
+pub mod charts;
 pub mod document;
 pub mod engine;
 pub mod folder;
 pub mod intervals;
 pub mod plan;
 pub mod record;
+pub mod report;
 pub mod results;
 pub mod runner;
 pub mod score;
