@@ -7,6 +7,7 @@ use rotortwin_campaign::pace::Pace;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::OneByOne;
 use rotortwin_campaign::study::folder::{CampaignFolder, write_whole};
+use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
 use rotortwin_campaign::study::totals::Totals;
 use rotortwin_campaign::study::{Campaign, report, results, tables};
@@ -36,8 +37,21 @@ pub(crate) struct Args {
     /// Fly only this flight, and leave a whole run folder [default of --out: runs/NAME-FLIGHT, with a number if that exists]
     #[arg(long, value_name = "NUMBER", conflicts_with = "limit")]
     flight: Option<u64>,
-    /// Only read the file, try its flights and say what they are
+    /// Look for flights where the sequential detector fails, and write each, shrunk to what matters, as a scenario [default of --out:
+    /// runs/hunt-NAME, with a number if that exists]
     #[arg(long, conflicts_with_all = ["flight", "limit"])]
+    hunt: bool,
+    /// --hunt: flights of the search
+    #[arg(long, value_name = "FLIGHTS", default_value_t = 300, requires = "hunt", value_parser = clap::value_parser!(u64).range(3..=1_000_000))]
+    budget: u64,
+    /// --hunt: seed of the search
+    #[arg(long, value_name = "SEED", default_value_t = 1, requires = "hunt", value_parser = clap::value_parser!(u64).range(..1 << 20))]
+    hunt_seed: u64,
+    /// --hunt: most cases that are shrunk
+    #[arg(long, value_name = "COUNT", default_value_t = 4, requires = "hunt", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    cases: u16,
+    /// Only read the file, try its flights and say what they are
+    #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
     check: bool,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
@@ -54,6 +68,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     if args.check {
         print!("{}", described(&campaign));
         return ExitCode::SUCCESS;
+    }
+    if args.hunt {
+        return hunt(args, &campaign);
     }
     match args.flight {
         Some(index) => fly_one(args, &campaign, index),
@@ -109,11 +126,7 @@ fn fly_missing(args: &Args, campaign: &Campaign, folder: &CampaignFolder) -> Res
         limit: args.limit,
     };
     let plan = runner::plan(folder, options.limit);
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|error| format!("signals cannot be caught: {error}"))?;
-    }
+    let stop = stop_flag()?;
     let bar = progress_bar(args.json, plan.wanted_flights, plan.present_flights);
     let (flights, steps) = (AtomicU64::new(0), AtomicU64::new(0));
     let (failed, alarms) = (AtomicU64::new(0), AtomicU64::new(0));
@@ -272,4 +285,109 @@ fn fly_one(args: &Args, campaign: &Campaign, index: u64) -> ExitCode {
         }
         Err(error) => output::failed(error),
     }
+}
+
+/// Set by Ctrl-C and by a polite end.
+fn stop_flag() -> Result<Arc<AtomicBool>, String> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| format!("signals cannot be caught: {error}"))?;
+    }
+    Ok(stop)
+}
+
+fn hunt(args: &Args, campaign: &Campaign) -> ExitCode {
+    let name = format!("hunt-{}", campaign.document().name);
+    let folder = args
+        .out
+        .clone()
+        .map_or_else(|| output::next_free_folder(&name), Ok)
+        .and_then(|path| RunFolder::create(&path).map_err(|error| error.to_string()));
+    let folder = match folder {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    match hunt_into(args, campaign, folder.path()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+fn hunt_into(args: &Args, campaign: &Campaign, folder: &Path) -> Result<(), String> {
+    let stop = stop_flag()?;
+    let options = HuntOptions {
+        seed: args.hunt_seed,
+        budget: args.budget,
+        cases: usize::from(args.cases),
+        threads: args.threads.unwrap_or_else(available_threads),
+    };
+    let bar = progress_bar(args.json, args.budget, 0);
+    let found = hunt::hunt(campaign, &OneByOne, &options, &stop, &|| {
+        bar.inc(1);
+        if bar.position() >= args.budget {
+            bar.set_message("shrinking");
+        }
+    });
+    bar.finish_and_clear();
+    let mut files = Vec::new();
+    for (i, case) in found.cases.iter().enumerate() {
+        files.push(hunt::write_case(campaign, case, i + 1, folder)?);
+    }
+    if args.json {
+        let cases: Vec<_> = found
+            .cases
+            .iter()
+            .zip(&files)
+            .map(|(case, file)| {
+                serde_json::json!({
+                    "failure": case.failure.as_str(), "words": case.words, "kept": case.kept, "own_seed": case.own_seed, "file": file,
+                })
+            })
+            .collect();
+        let failures: Vec<_> = found
+            .failures
+            .iter()
+            .map(|(failure, count)| (failure.as_str(), count))
+            .collect();
+        println!(
+            "{:#}",
+            serde_json::json!({ "flights": found.flights, "failures": failures, "cases": cases })
+        );
+        return Ok(());
+    }
+    let counts: Vec<String> = found
+        .failures
+        .iter()
+        .map(|(failure, count)| format!("{count} {}", failure.as_str()))
+        .collect();
+    println!(
+        "{} flights searched: {}; {} did not reach their end",
+        found.flights,
+        if counts.is_empty() {
+            "no failure".to_owned()
+        } else {
+            counts.join(", ")
+        },
+        found.unfinished
+    );
+    for (case, file) in found.cases.iter().zip(&files) {
+        let kept: Vec<String> = case
+            .kept
+            .iter()
+            .map(|(axis, cell)| format!("{axis} = {cell}"))
+            .collect();
+        println!("\n{}\n  {}", file.display(), case.words);
+        println!(
+            "  what matters: {}{} ({} flights to shrink)",
+            if kept.is_empty() {
+                "nothing but the base".to_owned()
+            } else {
+                kept.join(", ")
+            },
+            if case.own_seed { ", and the seed" } else { "" },
+            case.flights
+        );
+    }
+    Ok(())
 }

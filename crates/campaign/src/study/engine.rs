@@ -96,7 +96,9 @@ pub struct FlightScorer {
     /// Of the last window.
     verdict: i32,
     thrust_loss: LossEstimate,
-    loss_share: f64,
+    last_blade: [i32; MAX_ROTORS],
+    last_loss: [f64; MAX_ROTORS],
+    last_voltage_v: f64,
 }
 
 impl FlightScorer {
@@ -124,7 +126,7 @@ impl FlightScorer {
         }
         Ok(Self {
             rotor_count,
-            blade_share: blade_shares(scenario),
+            blade_share: blade_shares(scenario, f64::from(vehicle.battery.cells) * 3.9),
             hover_thrust_n: vehicle.body.mass_kg * vehicle.body.gravity_m_s2 / rotor_count as f64,
             lost_tilt_cos: criteria.lost_tilt_deg.to_radians().cos(),
             lost_distance_m: criteria.lost_distance_m,
@@ -136,7 +138,9 @@ impl FlightScorer {
             curve,
             verdict: NOT_READY,
             thrust_loss: LossEstimate::default(),
-            loss_share: 0.0,
+            last_blade: [0; MAX_ROTORS],
+            last_loss: [0.0; MAX_ROTORS],
+            last_voltage_v: f64::from(vehicle.battery.cells) * 3.9,
         })
     }
 
@@ -164,7 +168,9 @@ impl FlightScorer {
             after_onset_steps: self.onset_step.map(|onset| sample.truth.step + 1 - onset),
         };
         self.labels.clear();
-        self.loss_share = truth.loss_share;
+        self.last_blade = sample.truth.rotor_blade;
+        self.last_loss = sample.truth.rotor_thrust_loss;
+        self.last_voltage_v = sample.truth.battery_voltage_v;
         let report = &sample.report;
         self.verdict = report.sequential;
         self.thrust_loss = report.thrust_loss;
@@ -186,8 +192,11 @@ impl FlightScorer {
     }
 
     /// The record of the flight that was watched.
-    pub fn finish(self, planned: &PlannedFlight, scenario: &Scenario, flown: Flown) -> FlightRecord {
+    pub fn finish(mut self, planned: &PlannedFlight, scenario: &Scenario, flown: Flown) -> FlightRecord {
         let faulty = self.onset_step.is_some();
+        let onset_loss = first_loss(scenario, &self.blade_share);
+        self.blade_share = blade_shares(scenario, self.last_voltage_v);
+        let final_loss = self.loss_share_of(&self.last_blade, &self.last_loss);
         // Of a pair, the estimate is that of one of two rotors, and the truth that of the worst.
         let estimate = (1..100).contains(&self.verdict).then_some(self.thrust_loss);
         FlightRecord {
@@ -201,12 +210,12 @@ impl FlightScorer {
             rotor_count: u32::try_from(self.rotor_count).expect("at most 16 rotors"),
             fault_onset_s: self.onset_step.map(|step| step as f64 * rotortwin_plant::STEP_S),
             faulty_rotors: self.faulty_rotors,
-            onset_loss_share: faulty.then(|| first_loss(scenario, &self.blade_share)),
-            final_loss_share: faulty.then_some(self.loss_share),
+            onset_loss_share: faulty.then_some(onset_loss),
+            final_loss_share: faulty.then_some(final_loss),
             thrust_loss_n: estimate.map(|loss| f64::from(loss.loss_n)),
             thrust_loss_low_n: estimate.map(|loss| f64::from(loss.low_n)),
             thrust_loss_high_n: estimate.map(|loss| f64::from(loss.high_n)),
-            true_thrust_loss_n: faulty.then_some(self.loss_share * self.hover_thrust_n),
+            true_thrust_loss_n: faulty.then_some(final_loss * self.hover_thrust_n),
             detectors: self.detectors.map(DetectorScorer::finish).into(),
             curve: self.curve.into_iter().map(|(_, _, scorer)| scorer.finish()).collect(),
             ..blank(planned)
@@ -269,12 +278,12 @@ impl FlightObserver for FlightScorer {
     }
 }
 
-/// Share of the nominal thrust that each blade gives at the hover duty of the scenario, by the code of the truth.
-fn blade_shares(scenario: &Scenario) -> Vec<f64> {
+/// Share of the nominal thrust that each blade gives at the duty with which the nominal one hovers at `voltage`, by the code of the
+/// truth. It varies by some per cent of itself over a discharge.
+fn blade_shares(scenario: &Scenario, voltage: f64) -> Vec<f64> {
     let vehicle = scenario.vehicle();
     let nominal = scenario.nominal_blade();
     let mean = vehicle.body.mass_kg * vehicle.body.gravity_m_s2 / vehicle.rotor_count() as f64;
-    let voltage = f64::from(vehicle.battery.cells) * 3.9;
     let duty = nominal.duty(mean, voltage).unwrap_or(0.5);
     let healthy = nominal.lift(duty, voltage);
     let shares = scenario

@@ -7,11 +7,13 @@
 //! * [`document`]: the file. * [`plan`]: what flight i is. * [`engine`], [`score`], [`record`]: what became of it.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
+//! * [`hunt`]: flights where the detector fails, shrunk to what matters.
 
 pub mod charts;
 pub mod document;
 pub mod engine;
 pub mod folder;
+pub mod hunt;
 pub mod intervals;
 pub mod plan;
 pub mod record;

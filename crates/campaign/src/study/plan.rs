@@ -540,6 +540,38 @@ impl Campaign {
         Ok(planned)
     }
 
+    /// A flight near `flight`: numbers moved by up to a tenth of their range, sometimes another value of a list, another seed half of
+    /// the time.
+    pub fn neighbour(&self, flight: &PlannedFlight, random: &mut RandomStream) -> PlannedFlight {
+        let mut moved = flight.clone();
+        for (axis, parameter) in self.axes.iter().zip(&mut moved.parameters) {
+            let x = parameter.cell.number().unwrap_or(0.0);
+            let choice = match &axis.source {
+                Source::Uniform([low, high]) => {
+                    axis.number((x + 0.1 * (high - low) * random.symmetric()).clamp(*low, *high))
+                }
+                Source::LogUniform([low, high]) => {
+                    let factor = libm::exp(0.1 * libm::log(high / low) * random.symmetric());
+                    axis.number((x * factor).clamp(*low, *high))
+                }
+                // An axis that another one depends on stays as it is.
+                Source::List(list) if axis.other_than.is_none() && self.axes.iter().all(|a| a.other_than.is_none()) => {
+                    match random.unit() < 0.15 {
+                        true => list[index_of(random.unit(), list.len())].clone(),
+                        false => continue,
+                    }
+                }
+                Source::List(_) | Source::Rotors => continue,
+            };
+            parameter.cell = choice.cell;
+            parameter.set = choice.set;
+        }
+        if random.unit() < 0.5 {
+            moved.seed = (random.unit() * (1u64 << 53) as f64) as u64;
+        }
+        moved
+    }
+
     fn nothing_left(&self, place: usize) -> ConfigError {
         let reason = "expected a value other than that of the other axis, there is none";
         self.file.refuse(&format!("axis[{place}].other_than"), reason)

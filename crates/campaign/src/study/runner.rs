@@ -212,3 +212,60 @@ fn fly_guarded(campaign: &Campaign, engine: &dyn FlightEngine, range: std::ops::
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::engine::OneByOne;
+    use std::path::Path;
+
+    fn campaign() -> Campaign {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/campaigns/wide-draw.toml");
+        Campaign::load(&path).expect("a good campaign")
+    }
+
+    #[test]
+    fn prop_every_part_gives_the_flights_of_the_whole() {
+        let campaign = campaign();
+        let whole = fly(&campaign, &OneByOne, 7..11);
+        for (i, record) in whole.iter().enumerate() {
+            let index = 7 + i as u64;
+            assert_eq!((record.flight, &record.reason), (index, &String::new()));
+            assert_eq!(fly(&campaign, &OneByOne, index..index + 1).first(), Some(record));
+            let read: FlightRecord = serde_json::from_str(&record.to_json()).expect("it was written so");
+            assert_eq!(read, *record);
+        }
+    }
+
+    #[test]
+    fn val_draws_are_in_their_ranges_and_differ() {
+        let campaign = campaign();
+        let flights: Vec<_> = (0..200).map(|i| campaign.flight(i).expect("a good draw")).collect();
+        let column = |axis: usize| {
+            flights
+                .iter()
+                .filter_map(move |flight| flight.parameters[axis].cell.number())
+        };
+        let place = |name: &str| {
+            campaign
+                .axes()
+                .iter()
+                .position(|axis| axis.name == name)
+                .expect("an axis")
+        };
+        for (name, low, high) in [("charge", 0.3, 1.0), ("loss_percent", 1.0, 30.0), ("rotor", 1.0, 6.0)] {
+            let values: Vec<f64> = column(place(name)).collect();
+            assert!(
+                values.len() == 200 && values.iter().all(|x| (low..=high).contains(x)),
+                "{name}"
+            );
+        }
+        // Half of the factors below the geometric mean: 100 ± 4.2 standard deviations of a binomial.
+        let small = column(place("loss_percent")).filter(|x| *x < libm::sqrt(30.0)).count();
+        assert!((70..=130).contains(&small), "{small}");
+        let mut seeds: Vec<u64> = flights.iter().map(|flight| flight.seed).collect();
+        seeds.sort_unstable();
+        seeds.dedup();
+        assert_eq!(seeds.len(), 200);
+    }
+}
