@@ -3,7 +3,7 @@
 use rotortwin_store::summary::{Failure, RealTime, ScenarioRecord, Status};
 use rotortwin_store::{RunFolder, SpoolHeader, SpoolWriter, Summary, finalise};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 #[path = "../tests/synthetic/mod.rs"]
@@ -82,13 +82,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ),
         });
     }
-    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../proto");
-    let descriptor = protox::Compiler::new([&sources])?
-        .include_imports(true)
-        .open_file("rotortwin/v1/telemetry.proto")?
-        .encode_file_descriptor_set();
+    let descriptor = include_bytes!("../../wire/src/proto/descriptor.bin");
     let start = Instant::now();
-    let outputs = finalise(&folder, summary, &descriptor)?;
+    let outputs = finalise(&folder, summary, descriptor)?;
     println!("finalise: {:.2} s", start.elapsed().as_secs_f64());
     for file in [
         outputs.telemetry,

@@ -20,16 +20,8 @@ mod synthetic;
 /// A report must stay small enough to be sent by mail.
 const REPORT_LIMIT_BYTES: usize = 4_000_000;
 
-/// The messages of `proto/rotortwin/v1`, compiled here: whatever the crate writes by hand must agree with them.
-fn descriptor() -> Vec<u8> {
-    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../proto");
-    protox::Compiler::new([&sources])
-        .unwrap()
-        .include_imports(true)
-        .open_file("rotortwin/v1/telemetry.proto")
-        .unwrap()
-        .encode_file_descriptor_set()
-}
+/// The messages of `proto/rotortwin/v1`, as `cargo xtask codegen` compiled them: whatever the crate writes by hand must agree.
+const DESCRIPTOR: &[u8] = include_bytes!("../../wire/src/proto/descriptor.bin");
 
 fn header(rotor_count: usize) -> SpoolHeader {
     SpoolHeader {
@@ -64,7 +56,7 @@ fn fly(path: &Path, rotor_count: usize, rows: impl Iterator<Item = TelemetryRow>
         spool.push(&row).unwrap();
     }
     spool.finish().unwrap();
-    finalise(&folder, summary, &descriptor()).unwrap()
+    finalise(&folder, summary, DESCRIPTOR).unwrap()
 }
 
 fn names(path: &Path) -> BTreeSet<String> {
@@ -449,7 +441,7 @@ fn scenario_run_that_failed_before_its_spool_has_summary_and_report() {
             status: Status::Failed,
             ..facts()
         },
-        &descriptor(),
+        DESCRIPTOR,
     )
     .unwrap();
     assert!(outputs.telemetry.is_none() && outputs.mcap.is_none() && outputs.figures.is_empty());
