@@ -51,6 +51,18 @@ impl Posterior {
     }
 }
 
+impl Posterior {
+    /// ln Z alone, without the covariance.
+    pub fn log_evidence_of(normal: &Normal, deviations: &[f64]) -> Option<f64> {
+        let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
+        let factor = normal.matrix.clone().plus_diagonal(&precision).cholesky()?;
+        let mean = factor.solve(&normal.gradient);
+        let fit: f64 = mean.iter().zip(&normal.gradient).map(|(m, g)| m * g).sum();
+        let log_prior: f64 = deviations.iter().map(|d| d.ln()).sum();
+        Some(0.5 * fit - 0.5 * factor.log_determinant() - log_prior)
+    }
+}
+
 /// Result of opening the prior of some parameters.
 #[derive(Debug, Clone)]
 pub struct Opened {
@@ -113,7 +125,11 @@ pub fn minimum_size(information: f64, spike: f64, threshold: f64) -> f64 {
     let h = information;
     let gain = 0.5 * h * h * (1.0 / (h + 1.0) - 1.0 / (h + 1.0 / (spike * spike)));
     let price = 0.5 * ((1.0 + h) / (1.0 + spike * spike * h)).ln();
-    if gain <= 0.0 { f64::INFINITY } else { ((threshold + price) / gain).sqrt() }
+    if gain <= 0.0 {
+        f64::INFINITY
+    } else {
+        ((threshold + price) / gain).sqrt()
+    }
 }
 
 /// Change of Σ squares on test data for the mean fitted on training data: negative is an improvement.
@@ -184,7 +200,15 @@ mod tests {
                 slab[i] = 1.0;
             }
             let small = vec![0.02; which.len()];
-            let open = open(&posterior, &which, &small, &small, &vec![1.0; which.len()], &vec![0.0; which.len()]).unwrap();
+            let open = open(
+                &posterior,
+                &which,
+                &small,
+                &small,
+                &vec![1.0; which.len()],
+                &vec![0.0; which.len()],
+            )
+            .unwrap();
             let difference = brute_force(&columns, &r, &slab) - expected;
             assert!((open.log_bayes_factor - difference).abs() < 1e-7, "{which:?}");
             let full = Posterior::new(&normal, &slab).unwrap();

@@ -2,6 +2,11 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterKind};
 
+/// Row of the catalogue with swapped and reversed rotors: no small deviation, so no column.
+const WIRING: u8 = 35;
+/// Spike of a shape over its plausible range: fixed as long as its effect is not open.
+const SHAPE_SPIKE: f64 = 1e-4;
+
 /// An effect that can be named: a declaration, and the rotor for effects of one rotor.
 #[derive(Debug, Clone)]
 pub struct Candidate {
@@ -9,7 +14,7 @@ pub struct Candidate {
     pub declaration: &'static EffectDeclaration,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
-    /// Column of each size parameter, counted within the library; `None` for shapes.
+    /// Column of each parameter, counted within the library; `None` for one whose plausible range is a point.
     pub columns: Vec<Option<usize>>,
 }
 
@@ -94,7 +99,10 @@ impl Library {
             columns: Vec::new(),
         };
         for &declaration in catalogue.entries() {
-            if declaration.class == EffectClass::Nuisance {
+            // Noise has no column; a nuisance is no finding; wiring is a gross error that other checks name.
+            if matches!(declaration.class, EffectClass::Nuisance | EffectClass::Noise)
+                || declaration.catalogue_number == Some(WIRING)
+            {
                 continue;
             }
             let places: Vec<Option<usize>> = if declaration.per_rotor {
@@ -109,12 +117,13 @@ impl Library {
                     .iter()
                     .enumerate()
                     .map(|(parameter, p)| {
-                        (p.kind == ParameterKind::Size && p.size > 0.0).then(|| {
+                        (p.size > 0.0).then(|| {
                             library.columns.push(LibraryColumn {
                                 candidate,
                                 parameter,
                                 size: p.size,
-                                spike: (p.clutter / p.size).clamp(1e-6, 1.0),
+                                // A shape shows only once its effect has a size; until then its column is 0.
+                                spike: (p.clutter / p.size).clamp(SHAPE_SPIKE, 1.0),
                             });
                             library.columns.len() - 1
                         })
@@ -128,6 +137,22 @@ impl Library {
             }
         }
         library
+    }
+
+    /// Drops candidates and their columns.
+    pub fn retain(&mut self, keep: impl Fn(&Candidate) -> bool) {
+        let kept: Vec<Candidate> = self.candidates.iter().filter(|c| keep(c)).cloned().collect();
+        let old = std::mem::take(&mut self.columns);
+        self.candidates = kept;
+        for (place, candidate) in self.candidates.iter_mut().enumerate() {
+            for column in candidate.columns.iter_mut().flatten() {
+                self.columns.push(LibraryColumn {
+                    candidate: place,
+                    ..old[*column]
+                });
+                *column = self.columns.len() - 1;
+            }
+        }
     }
 
     /// Columns of a candidate.

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::battery::Battery;
-use rotortwin_plant::effects::{ActiveEffect, Catalogue, Constants, EffectInstance, EffectSet, Hooks};
+use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet, Hooks};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::{Vector3, VehicleDocuments};
 
@@ -54,23 +54,6 @@ impl Default for Nuisances {
             rotor_bias_n: [0.0; MAX_ROTORS],
             charge: 0.0,
         }
-    }
-}
-
-impl ActiveEffect for Nuisances {
-    fn hooks(&self) -> Hooks {
-        Hooks::CONSTANTS
-    }
-
-    fn boxed_clone(&self) -> Box<dyn ActiveEffect> {
-        Box::new(*self)
-    }
-
-    fn constants(&self, constants: &mut Constants) {
-        for (bias, own) in constants.rotor_bias_n.iter_mut().zip(&self.rotor_bias_n) {
-            *bias += own;
-        }
-        constants.charge_offset += self.charge;
     }
 }
 
@@ -124,11 +107,6 @@ impl Predictor {
             charge: 0.75,
             series: Arc::new(series),
         };
-        for (index, instance) in effects.iter().enumerate() {
-            catalogue.build(instance, &nominal, 0, index).map_err(|refusal| {
-                PredictError(format!("effect {} of the model: {}", instance.effect, told(&refusal)))
-            })?;
-        }
         plant.charge = initial_charge(&plant, &nominal);
         let measured = pass::measured(&plant.series);
         let mut predictor = Self {
@@ -142,7 +120,7 @@ impl Predictor {
             whiteners: std::array::from_fn(|_| None),
             name: log.name.clone(),
         };
-        let set = predictor.effect_set(&Nuisances::default(), Vec::new())?;
+        let set = predictor.effect_set(&Nuisances::default(), &[])?;
         let first = predictor.predict(&set, Source::Raw, None);
         let weight = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2;
         let flying = predictor.plant.series.flying(&first.thrust, weight);
@@ -219,22 +197,27 @@ impl Predictor {
         notes
     }
 
-    /// The model's effects, the nuisances and `extra` effects at work.
+    /// The model's effects and `extra` effects at work, on a vehicle with the nuisances.
     pub(crate) fn effect_set(
         &self,
         nuisances: &Nuisances,
-        extra: Vec<Box<dyn ActiveEffect>>,
+        extra: &[EffectInstance],
     ) -> Result<EffectSet, PredictError> {
-        let mut effects: Vec<Box<dyn ActiveEffect>> = vec![Box::new(*nuisances)];
-        for (index, instance) in self.model.iter().enumerate() {
-            let built = self
-                .catalogue
-                .build(instance, &self.nominal, 0, index)
-                .map_err(|refusal| PredictError(told(&refusal)))?;
-            effects.push(built);
+        let mut vehicle = self.nominal;
+        for (bias, own) in vehicle.rotor_bias_n.iter_mut().zip(&nuisances.rotor_bias_n) {
+            *bias += own;
         }
-        effects.extend(extra);
-        EffectSet::from_effects(effects, &self.nominal).map_err(|refusal| PredictError(told(&refusal)))
+        vehicle.charge_offset += nuisances.charge;
+        let all: Vec<EffectInstance> = self.model.iter().chain(extra).cloned().collect();
+        EffectSet::new(&self.catalogue, &all, &vehicle, 0).map_err(|refusal| PredictError(told(&refusal)))
+    }
+
+    /// Hooks that an effect uses.
+    pub(crate) fn hooks_of(&self, instance: &EffectInstance) -> Result<Hooks, PredictError> {
+        self.catalogue
+            .build(instance, &self.nominal, 0, 0)
+            .map(|effect| effect.hooks())
+            .map_err(|refusal| PredictError(told(&refusal)))
     }
 
     pub(crate) fn predict(&self, set: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {
@@ -270,15 +253,7 @@ impl Predictor {
     /// # Errors
     /// The effects together make no vehicle.
     pub fn residuals(&self, nuisances: &Nuisances, extra: &[EffectInstance]) -> Result<ChannelResiduals, PredictError> {
-        let mut built = Vec::new();
-        for (index, instance) in extra.iter().enumerate() {
-            built.push(
-                self.catalogue
-                    .build(instance, &self.nominal, 0, self.model.len() + index)
-                    .map_err(|refusal| PredictError(told(&refusal)))?,
-            );
-        }
-        let set = self.effect_set(nuisances, built)?;
+        let set = self.effect_set(nuisances, extra)?;
         let prediction = self.predict(&set, Source::Raw, None);
         let whitened = self.whitened(&prediction);
         let raw = std::array::from_fn(|channel| {

@@ -1,0 +1,316 @@
+//! The problem of a diagnosis and its Gauss–Newton fit: several logs, their nuisances, effects with open priors, all others as clutter.
+//!
+//! The re-ranking keeps the spikes: nuisances and open effects move non-linearly, every other parameter of the library follows
+//! linearly. Without the spikes a refined candidate could win by explaining its neighbours' clutter.
+
+use std::sync::Arc;
+
+use super::evidence::{Normal, Posterior};
+use super::library::Library;
+use super::linear::{Active, Column, Linear, LogState, accumulate, column_product, empty, residual_product};
+use crate::predict::{CHANNELS, Nuisances, PredictError};
+
+/// Most Gauss–Newton steps.
+const STEPS: usize = 8;
+/// A step shorter than this, in posterior deviations, ends the iteration.
+const SETTLED: f64 = 0.05;
+
+/// Everything that a fit needs.
+#[derive(Debug, Clone)]
+pub(crate) struct Problem {
+    pub(crate) library: Library,
+    pub(crate) logs: Vec<LogState>,
+    pub(crate) linear: Vec<Linear>,
+    pub(crate) active: Vec<Active>,
+    /// Trust in each channel of each log: 1 unless its noise is larger or slower than assumed.
+    pub(crate) weights: Vec<[f64; CHANNELS]>,
+}
+
+/// A fitted point.
+#[derive(Debug, Clone)]
+pub(crate) struct Fitted {
+    pub(crate) active: Vec<Active>,
+    pub(crate) nuisances: Vec<Nuisances>,
+    pub(crate) log_evidence: f64,
+    /// Posterior deviations of the library's columns, in plausible sizes.
+    pub(crate) deviations: Vec<f64>,
+}
+
+impl Problem {
+    /// Nuisances of all logs come first.
+    pub(crate) fn nuisances(&self) -> usize {
+        self.logs.iter().map(LogState::nuisance_count).sum()
+    }
+
+    /// Place of a log's own column in the whole problem.
+    pub(crate) fn global(&self, log: usize, column: usize) -> usize {
+        let own = self.logs[log].nuisance_count();
+        if column < own {
+            log * own + column
+        } else {
+            self.nuisances() + column - own
+        }
+    }
+
+    /// Number of unknowns.
+    pub(crate) fn size(&self) -> usize {
+        self.nuisances() + self.library.columns.len()
+    }
+
+    /// Normal matrix of the blocks taken.
+    pub(crate) fn normal(&self, take: impl Fn(usize) -> bool) -> Normal {
+        let mut normal = empty(self.size());
+        for (log, linear) in self.linear.iter().enumerate() {
+            accumulate(
+                &mut normal,
+                linear,
+                &self.weights[log],
+                |column| self.global(log, column),
+                &take,
+            );
+        }
+        normal
+    }
+
+    /// Prior deviations: nuisances 1, open effects 1, the rest at their spikes.
+    pub(crate) fn deviations(&self, open: &[Active]) -> Vec<f64> {
+        let mut deviations = vec![1.0; self.nuisances()];
+        for column in &self.library.columns {
+            let is_open = open.iter().any(|a| a.candidate == column.candidate);
+            deviations.push(if is_open { 1.0 } else { column.spike });
+        }
+        deviations
+    }
+
+    /// Linearises every log about the present point, two at a time.
+    pub(crate) fn linearise(&mut self, progress: &(dyn Fn(f64) + Sync)) -> Result<(), PredictError> {
+        let (library, active) = (&self.library, &self.active);
+        let logs: Vec<&LogState> = self.logs.iter().collect();
+        let mut linear = Vec::with_capacity(logs.len());
+        for (done, pair) in logs.chunks(2).enumerate() {
+            let part = |share: f64| progress((2.0 * done as f64 + share * pair.len() as f64) / logs.len() as f64);
+            let made = std::thread::scope(|scope| {
+                let other = pair
+                    .get(1)
+                    .map(|log| scope.spawn(move || log.linearise(library, active, &|_| ())));
+                let mut made = vec![pair[0].linearise(library, active, &part)];
+                if let Some(other) = other {
+                    made.push(other.join().expect("a linearisation does not panic"));
+                }
+                made
+            });
+            for one in made {
+                linear.push(one?);
+            }
+        }
+        self.linear = linear;
+        Ok(())
+    }
+
+    /// Fits nuisances and `open` effects; starts at the values of `open`.
+    pub(crate) fn fit(&self, open: &[Active]) -> Result<Fitted, PredictError> {
+        let prior = self.deviations(open);
+        let start = self.normal(|_| true);
+        let mut logs = self.logs.clone();
+        let mut active = open.to_vec();
+        let free: Vec<usize> = (0..self.library.columns.len())
+            .filter(|&j| open.iter().any(|a| a.candidate == self.library.columns[j].candidate))
+            .collect();
+        let nuisances = self.nuisances();
+        let mut best: Option<(f64, Vec<LogState>, Vec<Active>, Fitted, Vec<f64>)> = None;
+        let mut shorter = 0;
+        for _ in 0..STEPS {
+            let (normal, position) = (
+                self.moved(&start, &logs, &active, &free)?,
+                position_of(&self.library, &logs, &active),
+            );
+            // The prior pulls towards the neutral value, not towards the point of linearisation.
+            let mut gradient = normal.gradient.clone();
+            let mut penalty = 0.0;
+            for ((g, x), d) in gradient.iter_mut().zip(&position).zip(&prior) {
+                *g -= x / (d * d);
+                penalty += (x / d) * (x / d);
+            }
+            let shifted = Normal { gradient, ..normal };
+            let posterior = Posterior::new(&shifted, &prior)
+                .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
+            let evidence = posterior.log_evidence - 0.5 * (shifted.square_sum + penalty);
+            // Half the quadratic objective that is left once the linear parameters have followed.
+            let better = best.as_ref().is_none_or(|(before, ..)| evidence > *before - 1e-9);
+            let (base_logs, base_active, step) = if better {
+                shorter = 0;
+                let fitted = Fitted {
+                    active: active.clone(),
+                    nuisances: logs.iter().map(|log| log.nuisances).collect(),
+                    log_evidence: evidence,
+                    deviations: (0..self.library.columns.len())
+                        .map(|j| posterior.covariance.at(nuisances + j, nuisances + j).max(0.0).sqrt())
+                        .collect(),
+                };
+                let moved = |i: usize| posterior.mean[i].abs() / posterior.covariance.at(i, i).sqrt();
+                let longest = (0..nuisances)
+                    .chain(free.iter().map(|j| nuisances + j))
+                    .map(moved)
+                    .fold(0.0, f64::max);
+                best = Some((evidence, logs.clone(), active.clone(), fitted, posterior.mean.clone()));
+                if longest < SETTLED {
+                    break;
+                }
+                (logs.clone(), active.clone(), posterior.mean)
+            } else {
+                shorter += 1;
+                if shorter > 3 {
+                    break;
+                }
+                let Some((_, logs, active, _, mean)) = &best else { break };
+                let factor = 0.5_f64.powi(shorter);
+                (logs.clone(), active.clone(), mean.iter().map(|m| m * factor).collect())
+            };
+            (logs, active) = (base_logs, base_active);
+            let mut at = 0;
+            for log in &mut logs {
+                for i in 0..log.nuisance_count() {
+                    let value = log.nuisance(i) + step[at] * log.nuisance_size(i);
+                    log.set_nuisance(i, value);
+                    at += 1;
+                }
+            }
+            for &j in &free {
+                let column = &self.library.columns[j];
+                for a in active.iter_mut().filter(|a| a.candidate == column.candidate) {
+                    let value = a.values[column.parameter] + step[nuisances + j] * column.size;
+                    a.values[column.parameter] = self.library.candidates[a.candidate].clamped(column.parameter, value);
+                }
+            }
+        }
+        best.map(|(.., fitted, _)| fitted)
+            .ok_or_else(|| PredictError("the fit made no step".into()))
+    }
+
+    /// The normal matrix with the free columns and the residual taken anew at a point.
+    fn moved(
+        &self,
+        start: &Normal,
+        logs: &[LogState],
+        active: &[Active],
+        free: &[usize],
+    ) -> Result<Normal, PredictError> {
+        let mut normal = start.clone();
+        normal.gradient.fill(0.0);
+        normal.square_sum = 0.0;
+        let offset = self.nuisances();
+        for &j in free {
+            for i in 0..normal.matrix.size {
+                *normal.matrix.at_mut(offset + j, i) = 0.0;
+                *normal.matrix.at_mut(i, offset + j) = 0.0;
+            }
+        }
+        for (l, log) in logs.iter().enumerate() {
+            let own = log.nuisance_count();
+            let weights = &self.weights[l];
+            let mut columns: Vec<Column> = self.linear[l].columns.clone();
+            if !free.is_empty() {
+                let base = log.base(&self.library, active)?;
+                for &j in free {
+                    let column = &self.library.columns[j];
+                    columns[own + j] =
+                        log.parameter_column(&self.library, active, &base, column.candidate, column.parameter)?;
+                }
+            }
+            let residual = log.residual(&self.library, active)?;
+            for &j in free {
+                for (i, other) in columns.iter().enumerate() {
+                    let product = column_product(&columns[own + j], other, weights);
+                    let (a, b) = (offset + j, self.global(l, i));
+                    let twice = i >= own && free.contains(&(i - own));
+                    *normal.matrix.at_mut(a, b) += product;
+                    if !twice {
+                        *normal.matrix.at_mut(b, a) += product;
+                    }
+                }
+            }
+            for (i, column) in columns.iter().enumerate() {
+                normal.gradient[self.global(l, i)] += residual_product(column, &residual, weights);
+            }
+            for (channel, r) in residual.iter().enumerate() {
+                normal.square_sum += weights[channel] * r.iter().map(|x| x * x).sum::<f64>();
+            }
+        }
+        Ok(normal)
+    }
+
+    /// Takes the fitted point as the new point of linearisation.
+    pub(crate) fn accept(&mut self, fitted: &Fitted) {
+        self.active.clone_from(&fitted.active);
+        for (log, nuisances) in self.logs.iter_mut().zip(&fitted.nuisances) {
+            log.nuisances = *nuisances;
+        }
+    }
+
+    /// Nuisances alone, before anything else is linearised: two Gauss–Newton steps with their own columns only.
+    pub(crate) fn fit_nuisances(&mut self) -> Result<(), PredictError> {
+        for log in &mut self.logs {
+            for _ in 0..2 {
+                let base = log.base(&self.library, &self.active)?;
+                let columns: Vec<Column> = (0..log.nuisance_count())
+                    .map(|i| log.nuisance_column(&self.library, &self.active, &base, i))
+                    .collect::<Result<_, _>>()?;
+                let residual = log.residual(&self.library, &self.active)?;
+                let mut normal = empty(columns.len());
+                for (i, a) in columns.iter().enumerate() {
+                    for (j, b) in columns.iter().enumerate().take(i + 1) {
+                        let product = column_product(a, b, &[1.0; CHANNELS]);
+                        *normal.matrix.at_mut(i, j) = product;
+                        *normal.matrix.at_mut(j, i) = product;
+                    }
+                    normal.gradient[i] =
+                        residual_product(a, &residual, &[1.0; CHANNELS]) - log.nuisance(i) / log.nuisance_size(i);
+                }
+                let Some(posterior) = Posterior::new(&normal, &vec![1.0; columns.len()]) else {
+                    return Err(PredictError("the log holds numbers that make no fit".into()));
+                };
+                for (i, step) in posterior.mean.iter().enumerate() {
+                    let value = log.nuisance(i) + step * log.nuisance_size(i);
+                    log.set_nuisance(i, value);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Where the open parameters stand, in plausible sizes; shapes are counted from their typical value.
+pub(crate) fn position_of(library: &Library, logs: &[LogState], open: &[Active]) -> Vec<f64> {
+    let mut position = Vec::new();
+    for log in logs {
+        position.extend((0..log.nuisance_count()).map(|i| log.nuisance(i) / log.nuisance_size(i)));
+    }
+    for column in &library.columns {
+        let value = open.iter().find(|a| a.candidate == column.candidate).map_or(0.0, |a| {
+            let declared = &library.candidates[column.candidate].declaration.parameters[column.parameter];
+            (a.values[column.parameter] - declared.default_value()) / column.size
+        });
+        position.push(value);
+    }
+    position
+}
+
+/// Residual of one log after the linear parameters took their posterior mean.
+pub(crate) fn fitted_residual(problem: &Problem, log: usize, mean: &[f64]) -> crate::predict::PerChannel {
+    let linear = &problem.linear[log];
+    let mut residual = linear.residual.clone();
+    for (i, column) in linear.columns.iter().enumerate() {
+        let amount = mean[problem.global(log, i)];
+        if amount == 0.0 {
+            continue;
+        }
+        for (r, c) in residual.iter_mut().zip(Arc::as_ref(column)) {
+            if let Some(c) = c {
+                for (r, &c) in r.iter_mut().zip(c) {
+                    *r -= amount * f64::from(c);
+                }
+            }
+        }
+    }
+    residual
+}

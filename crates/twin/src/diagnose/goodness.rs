@@ -1,0 +1,130 @@
+//! Absolute goodness of fit: is what is left white?
+//!
+//! Means over 0.25 s of white noise have the variance of the noise over their length. Slow model errors stand out in them a
+//! hundredfold. The noise level is taken from the median of the whitened residual, so that a wrong noise model does not count as
+//! physics.
+
+use super::fit::{Problem, fitted_residual};
+use super::result::{ChannelGoodness, Goodness};
+use crate::predict::noise::{DEVIATION_PER_MEDIAN, median};
+use crate::predict::{CHANNELS, NAMES, PerChannel, Predictor};
+
+/// Length of a mean, s.
+const MEAN_S: f64 = 0.25;
+/// Normal score above which a channel is not explained.
+pub(crate) const UNEXPLAINED_SCORE: f64 = 6.0;
+/// Slow excess of all channels, as a normal score, below which there is nothing to explain.
+const NO_EXCESS_SCORE: f64 = 6.0;
+
+/// Sums of one channel.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct ChannelFit {
+    /// chi² per sample.
+    pub(crate) chi2: f64,
+    /// Σ of squared, normalised means.
+    pub(crate) slow: f64,
+    /// Number of means.
+    pub(crate) means: f64,
+    /// Noise level from the median.
+    pub(crate) level: f64,
+}
+
+impl ChannelFit {
+    pub(crate) fn score(&self) -> f64 {
+        (self.slow - self.means) / (2.0 * self.means).max(1.0).sqrt()
+    }
+}
+
+/// Fit of each channel of a whitened residual.
+pub(crate) fn channel_fits(predictor: &Predictor, residual: &PerChannel) -> [Option<ChannelFit>; CHANNELS] {
+    let rows = (MEAN_S / predictor.series().step_s).round().max(2.0) as usize;
+    std::array::from_fn(|channel| {
+        let whitener = predictor.whitener(channel)?;
+        let r = &residual[channel];
+        let mut sizes: Vec<f64> = (0..r.len())
+            .filter(|&k| whitener.counts(k))
+            .map(|k| r[k].abs())
+            .collect();
+        let samples = sizes.len() as f64;
+        let level = (DEVIATION_PER_MEDIAN * median(&mut sizes)).max(1e-6);
+        let mut fit = ChannelFit {
+            chi2: r.iter().map(|x| x * x).sum::<f64>() / samples.max(1.0),
+            level,
+            ..ChannelFit::default()
+        };
+        for start in (0..r.len()).step_by(rows) {
+            let end = (start + rows).min(r.len());
+            let count = (start..end).filter(|&k| whitener.counts(k)).count();
+            if 2 * count < rows {
+                continue;
+            }
+            let sum: f64 = r[start..end].iter().sum();
+            fit.slow += sum * sum / (count as f64 * level * level);
+            fit.means += 1.0;
+        }
+        Some(fit)
+    })
+}
+
+/// Trust in each channel, from what the whole library cannot explain: 1, or less if the noise is larger or slower than assumed.
+pub(crate) fn weights(fits: &[Option<ChannelFit>; CHANNELS]) -> [f64; CHANNELS] {
+    std::array::from_fn(|channel| match &fits[channel] {
+        Some(fit) if fit.means > 8.0 => {
+            let slow = fit.slow / fit.means;
+            // White noise scatters by √(2/n): only a clear excess counts.
+            let allowance = 1.0 + 4.0 * (2.0 / fit.means).sqrt();
+            let slow = if slow > allowance { slow } else { 1.0 };
+            let level = if fit.level > 1.02 { fit.level } else { 1.0 };
+            1.0 / (level * level * slow)
+        }
+        _ => 1.0,
+    })
+}
+
+/// Joins the fits before and after.
+pub(crate) fn judge(
+    problem: &Problem,
+    before: &[[Option<ChannelFit>; CHANNELS]],
+    mean: &[f64],
+) -> (Goodness, Vec<[Option<ChannelFit>; CHANNELS]>) {
+    let mut goodness = Goodness {
+        explained_share: None,
+        channels: Vec::new(),
+        unexplained: Vec::new(),
+    };
+    let (mut excess_before, mut excess_after, mut means) = (0.0, 0.0, 0.0);
+    let mut all = Vec::new();
+    for (l, log) in problem.logs.iter().enumerate() {
+        let after = channel_fits(&log.predictor, &fitted_residual(problem, l, mean));
+        for channel in 0..CHANNELS {
+            let (Some(old), Some(new)) = (&before[l][channel], &after[channel]) else {
+                continue;
+            };
+            // One noise level for both, that of the better fit.
+            let slow_before = old.slow * (old.level * old.level) / (new.level * new.level);
+            excess_before += slow_before - new.means;
+            excess_after += new.slow - new.means;
+            means += new.means;
+            if new.score() > UNEXPLAINED_SCORE {
+                goodness.unexplained.push(if problem.logs.len() == 1 {
+                    NAMES[channel].to_owned()
+                } else {
+                    format!("{} of {}", NAMES[channel], log.predictor.name)
+                });
+            }
+            goodness.channels.push(ChannelGoodness {
+                log: log.predictor.name.clone(),
+                channel: NAMES[channel].to_owned(),
+                chi2_before: old.chi2,
+                chi2_after: new.chi2,
+                block_variance: new.slow / new.means.max(1.0),
+                whiteness_score: new.score(),
+            });
+        }
+        all.push(after);
+    }
+    if excess_before > NO_EXCESS_SCORE * (2.0 * means).sqrt() {
+        goodness.explained_share = Some(1.0 - excess_after / excess_before);
+    }
+    (goodness, all)
+}

@@ -1,0 +1,461 @@
+//! Linearisation of a flight about a point: whitened residual, Jacobian columns by finite differences, normal matrices of 5 s blocks.
+//!
+//! A column is the change of the whitened prediction per plausible size, on smoothed kinematics; channels that an effect leaves alone
+//! have none, and stages of the pass that it leaves alone are not run. Columns are f32: they are whitened and of order 1 to 10³.
+
+use std::sync::Arc;
+
+use rotortwin_plant::effects::{EffectInstance, EffectSet, Hooks, ParameterKind};
+
+use super::dense::Matrix;
+use super::evidence::Normal;
+use super::library::Library;
+use crate::predict::{CHANNELS, PerChannel, PredictError, Prediction, Predictor, Source, Stages};
+
+/// Length of a block, s.
+pub const BLOCK_S: f64 = 5.0;
+/// Deviation of a rotor's constant lift error over its hover thrust (U(±10.756 mN) on 2.534 N).
+const BIAS_SHARE: f64 = 0.002_45;
+/// Deviation of the charge at the start.
+const CHARGE_DEVIATION: f64 = 0.25;
+/// Step of the differences in plausible sizes.
+const STEP: f64 = 0.02;
+
+/// One column: nothing where a channel is not touched.
+pub(crate) type Column = Arc<[Option<Vec<f32>>; CHANNELS]>;
+
+/// An effect at work in the fit, beyond those of the model.
+#[derive(Debug, Clone)]
+pub(crate) struct Active {
+    pub(crate) candidate: usize,
+    pub(crate) values: Vec<f64>,
+    pub(crate) onset_s: Option<f64>,
+}
+
+/// One log under diagnosis.
+#[derive(Debug, Clone)]
+pub(crate) struct LogState {
+    pub(crate) predictor: Predictor,
+    pub(crate) nuisances: crate::predict::Nuisances,
+}
+
+impl LogState {
+    /// Rotor biases and the charge; no charge without a voltage.
+    pub(crate) fn nuisance_count(&self) -> usize {
+        self.predictor.series().rotors + 1
+    }
+
+    /// Prior deviation of a nuisance in its own unit.
+    pub(crate) fn nuisance_size(&self, which: usize) -> f64 {
+        if which < self.predictor.series().rotors {
+            BIAS_SHARE * self.predictor.nominal.hover_thrust_n
+        } else {
+            CHARGE_DEVIATION
+        }
+    }
+
+    pub(crate) fn nuisance(&self, which: usize) -> f64 {
+        if which < self.predictor.series().rotors {
+            self.nuisances.rotor_bias_n[which]
+        } else {
+            self.nuisances.charge
+        }
+    }
+
+    pub(crate) fn set_nuisance(&mut self, which: usize, value: f64) {
+        if which < self.predictor.series().rotors {
+            self.nuisances.rotor_bias_n[which] = value;
+        } else {
+            self.nuisances.charge = value;
+        }
+    }
+}
+
+/// The flight linearised about a point.
+#[derive(Debug, Clone)]
+pub(crate) struct Linear {
+    /// Whitened residual.
+    pub(crate) residual: PerChannel,
+    /// Nuisances first, then the library.
+    pub(crate) columns: Vec<Column>,
+    /// By channel, then block.
+    pub(crate) blocks: Vec<Vec<ChannelNormal>>,
+}
+
+/// Normal matrix of one channel in one block, over the columns that touch the channel.
+#[derive(Debug, Clone)]
+pub(crate) struct ChannelNormal {
+    pub(crate) columns: Vec<usize>,
+    pub(crate) matrix: Vec<f64>,
+    pub(crate) gradient: Vec<f64>,
+    pub(crate) square_sum: f64,
+    pub(crate) samples: f64,
+}
+
+/// Instances of the active effects.
+pub(crate) fn instances(library: &Library, active: &[Active]) -> Vec<EffectInstance> {
+    active
+        .iter()
+        .filter_map(|a| library.candidates[a.candidate].instance(&a.values, a.onset_s))
+        .collect()
+}
+
+/// Hooks of an effect alone; all if it sets in late, because then its constants are not there at the start.
+fn hooks_of(predictor: &Predictor, instance: &EffectInstance) -> Result<Hooks, PredictError> {
+    if instance.onset_s.is_some() {
+        return Ok(Hooks::VARYING_CONSTANTS);
+    }
+    predictor.hooks_of(instance)
+}
+
+/// Base of a linearisation on smoothed kinematics.
+pub(crate) struct Base {
+    pub(crate) set: EffectSet,
+    pub(crate) prediction: Prediction,
+}
+
+impl LogState {
+    pub(crate) fn base(&self, library: &Library, active: &[Active]) -> Result<Base, PredictError> {
+        let set = self
+            .predictor
+            .effect_set(&self.nuisances, &instances(library, active))?;
+        let prediction = self.predictor.predict(&set, Source::Smooth, None);
+        Ok(Base { set, prediction })
+    }
+
+    /// Whitened residual at a point.
+    pub(crate) fn residual(&self, library: &Library, active: &[Active]) -> Result<PerChannel, PredictError> {
+        let set = self
+            .predictor
+            .effect_set(&self.nuisances, &instances(library, active))?;
+        Ok(self
+            .predictor
+            .whitened(&self.predictor.predict(&set, Source::Raw, None)))
+    }
+
+    fn column(&self, base: &Base, set: &EffectSet, hooks: Hooks, per: f64) -> Column {
+        let stages = Stages::between(base.set.constants(), set.constants(), hooks);
+        let moved = self
+            .predictor
+            .predict(set, Source::Smooth, Some((&base.prediction, stages)));
+        Arc::new(std::array::from_fn(|channel| {
+            let (a, b) = (&moved.channels[channel], &base.prediction.channels[channel]);
+            if Arc::ptr_eq(a, b) || a == b {
+                return None;
+            }
+            self.predictor
+                .whitener(channel)
+                .map(|whitener| whitener.difference(a, b, per))
+        }))
+    }
+
+    /// Column of a nuisance, per prior deviation.
+    pub(crate) fn nuisance_column(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        which: usize,
+    ) -> Result<Column, PredictError> {
+        let mut moved = self.nuisances;
+        let size = self.nuisance_size(which);
+        let step = if which < self.predictor.series().rotors {
+            0.5 * size
+        } else {
+            0.01 * size
+        };
+        if which < self.predictor.series().rotors {
+            moved.rotor_bias_n[which] += step;
+        } else {
+            moved.charge += step;
+        }
+        let set = self.predictor.effect_set(&moved, &instances(library, active))?;
+        Ok(self.column(base, &set, Hooks::CONSTANTS, size / step))
+    }
+
+    /// Column of a parameter of a candidate, per plausible size, about the active effects.
+    pub(crate) fn parameter_column(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        candidate: usize,
+        parameter: usize,
+    ) -> Result<Column, PredictError> {
+        let entry = &library.candidates[candidate];
+        let declared = &entry.declaration.parameters[parameter];
+        let mut moved = active.to_vec();
+        let place = match moved.iter().position(|a| a.candidate == candidate) {
+            Some(place) => place,
+            None => {
+                moved.push(Active {
+                    candidate,
+                    values: entry.neutral(),
+                    onset_s: None,
+                });
+                moved.len() - 1
+            }
+        };
+        let now = moved[place].values[parameter];
+        let (low, high) = declared.accepted();
+        let mut step = STEP * declared.size;
+        if now + step > high || (now == 0.0 && declared.plausible_high <= 0.0) {
+            step = -step;
+        }
+        if now + step < low {
+            step = 0.5 * (low - now);
+        }
+        if step == 0.0 {
+            return Ok(Arc::new(std::array::from_fn(|_| None)));
+        }
+        moved[place].values[parameter] = now + step;
+        let Some(instance) = entry.instance(&moved[place].values, moved[place].onset_s) else {
+            return Ok(Arc::new(std::array::from_fn(|_| None)));
+        };
+        let hooks = hooks_of(&self.predictor, &instance)?;
+        let set = self
+            .predictor
+            .effect_set(&self.nuisances, &instances(library, &moved))?;
+        let column = self.column(base, &set, hooks, declared.size / step);
+        Ok(column)
+    }
+
+    /// Linearises about the nuisances and active effects: every column anew.
+    pub(crate) fn linearise(
+        &self,
+        library: &Library,
+        active: &[Active],
+        progress: &dyn Fn(f64),
+    ) -> Result<Linear, PredictError> {
+        let base = self.base(library, active)?;
+        let mut columns = Vec::new();
+        for which in 0..self.nuisance_count() {
+            columns.push(self.nuisance_column(library, active, &base, which)?);
+        }
+        for (i, column) in library.columns.iter().enumerate() {
+            if i % 8 == 0 {
+                progress(i as f64 / library.columns.len() as f64);
+            }
+            let made = self.parameter_column(library, active, &base, column.candidate, column.parameter);
+            // A step that makes no vehicle (together with the active effects) has no column: it cannot be tested here.
+            columns.push(made.unwrap_or_else(|_| Arc::new(std::array::from_fn(|_| None))));
+        }
+        let residual = self.residual(library, active)?;
+        let blocks = self.blocks(&columns, &residual);
+        Ok(Linear {
+            residual,
+            columns,
+            blocks,
+        })
+    }
+
+    /// Rows of block `b`.
+    pub(crate) fn block_range(&self, b: usize) -> std::ops::Range<usize> {
+        let series = self.predictor.series();
+        let rows = (BLOCK_S / series.step_s).round() as usize;
+        let first = b * rows;
+        let count = self.block_count();
+        let last = if b + 1 == count { series.len } else { first + rows };
+        first..last.min(series.len)
+    }
+
+    /// Number of blocks; a rest shorter than half a block belongs to the last.
+    pub(crate) fn block_count(&self) -> usize {
+        let series = self.predictor.series();
+        let rows = BLOCK_S / series.step_s;
+        ((series.len as f64 / rows).round() as usize).max(1)
+    }
+
+    pub(crate) fn blocks(&self, columns: &[Column], residual: &PerChannel) -> Vec<Vec<ChannelNormal>> {
+        (0..CHANNELS)
+            .map(|channel| {
+                let Some(whitener) = self.predictor.whitener(channel) else {
+                    return Vec::new();
+                };
+                let touching: Vec<usize> = (0..columns.len()).filter(|&j| columns[j][channel].is_some()).collect();
+                (0..self.block_count())
+                    .map(|b| {
+                        let rows = self.block_range(b);
+                        let slices: Vec<&[f32]> = touching
+                            .iter()
+                            .filter_map(|&j| columns[j][channel].as_ref())
+                            .map(|column| &column[rows.clone()])
+                            .collect();
+                        let r = &residual[channel][rows.clone()];
+                        ChannelNormal {
+                            matrix: gram(&slices),
+                            gradient: slices.iter().map(|c| mixed_dot(c, r)).collect(),
+                            square_sum: r.iter().map(|x| x * x).sum(),
+                            samples: rows.clone().filter(|&k| whitener.counts(k)).count() as f64,
+                            columns: touching.clone(),
+                        }
+                    })
+                    .collect()
+            })
+            .collect()
+    }
+}
+
+/// Σ of blocks with a weight per channel. `global` maps local columns to the problem's; `size` is that of the problem.
+pub(crate) fn accumulate(
+    normal: &mut Normal,
+    linear: &Linear,
+    weights: &[f64; CHANNELS],
+    global: impl Fn(usize) -> usize,
+    take: impl Fn(usize) -> bool,
+) {
+    let size = normal.matrix.size;
+    for (channel, blocks) in linear.blocks.iter().enumerate() {
+        let weight = weights[channel];
+        for (b, block) in blocks.iter().enumerate() {
+            if !take(b) {
+                continue;
+            }
+            let n = block.columns.len();
+            let places: Vec<usize> = block.columns.iter().map(|&j| global(j)).collect();
+            for (a, &i) in places.iter().enumerate() {
+                let row = &mut normal.matrix.entries[i * size..(i + 1) * size];
+                for (c, &j) in places.iter().enumerate() {
+                    row[j] += weight * block.matrix[a * n + c];
+                }
+                normal.gradient[i] += weight * block.gradient[a];
+            }
+            normal.square_sum += weight * block.square_sum;
+            normal.samples += block.samples;
+        }
+    }
+}
+
+/// An empty problem.
+pub(crate) fn empty(size: usize) -> Normal {
+    Normal {
+        matrix: Matrix::zero(size),
+        gradient: vec![0.0; size],
+        square_sum: 0.0,
+        samples: 0.0,
+    }
+}
+
+/// XᵀX of columns, f32 in chunks of 256 rows, sums in f64.
+fn gram(columns: &[&[f32]]) -> Vec<f64> {
+    let n = columns.len();
+    let mut out = vec![0.0; n * n];
+    for i in 0..n {
+        for j in (0..=i).step_by(4) {
+            let last = (j + 4).min(i + 1);
+            if last == j + 4 {
+                let four = dot4(columns[i], [columns[j], columns[j + 1], columns[j + 2], columns[j + 3]]);
+                out[i * n + j..i * n + j + 4].copy_from_slice(&four);
+            } else {
+                for k in j..last {
+                    out[i * n + k] = dot4(columns[i], [columns[k]; 4])[0];
+                }
+            }
+        }
+    }
+    for i in 0..n {
+        for j in 0..i {
+            out[j * n + i] = out[i * n + j];
+        }
+    }
+    out
+}
+
+/// Scalar products of one column with four.
+fn dot4(a: &[f32], b: [&[f32]; 4]) -> [f64; 4] {
+    const CHUNK: usize = 256;
+    let mut sums = [0.0_f64; 4];
+    let mut start = 0;
+    while start < a.len() {
+        let end = (start + CHUNK).min(a.len());
+        let x = &a[start..end];
+        let y = b.map(|b| &b[start..end]);
+        let mut lanes = [[0.0_f32; 8]; 4];
+        let whole = x.len() / 8 * 8;
+        let mut k = 0;
+        while k < whole {
+            let x8: &[f32; 8] = x[k..k + 8].try_into().expect("eight rows");
+            for (lane, y) in lanes.iter_mut().zip(&y) {
+                let y8: &[f32; 8] = y[k..k + 8].try_into().expect("eight rows");
+                for i in 0..8 {
+                    lane[i] += x8[i] * y8[i];
+                }
+            }
+            k += 8;
+        }
+        for ((sum, lane), y) in sums.iter_mut().zip(&lanes).zip(&y) {
+            let mut total: f64 = lane.iter().map(|&v| f64::from(v)).sum();
+            for k in whole..x.len() {
+                total += f64::from(x[k]) * f64::from(y[k]);
+            }
+            *sum += total;
+        }
+        start = end;
+    }
+    sums
+}
+
+/// Σ c r with the residual in f64.
+pub(crate) fn mixed_dot(c: &[f32], r: &[f64]) -> f64 {
+    let mut lanes = [0.0_f64; 8];
+    let (c8, c_rest) = c.as_chunks::<8>();
+    let (r8, r_rest) = r.as_chunks::<8>();
+    for (c, r) in c8.iter().zip(r8) {
+        for i in 0..8 {
+            lanes[i] += f64::from(c[i]) * r[i];
+        }
+    }
+    let rest: f64 = c_rest.iter().zip(r_rest).map(|(&c, r)| f64::from(c) * r).sum();
+    lanes.iter().sum::<f64>() + rest
+}
+
+/// Product of two columns over channels with weights.
+pub(crate) fn column_product(a: &Column, b: &Column, weights: &[f64; CHANNELS]) -> f64 {
+    (0..CHANNELS)
+        .filter_map(|channel| {
+            let (x, y) = (a[channel].as_ref()?, b[channel].as_ref()?);
+            Some(weights[channel] * dot4(x, [y; 4])[0])
+        })
+        .sum()
+}
+
+/// Product of a column with a residual over channels with weights.
+pub(crate) fn residual_product(a: &Column, r: &PerChannel, weights: &[f64; CHANNELS]) -> f64 {
+    (0..CHANNELS)
+        .filter_map(|channel| Some(weights[channel] * mixed_dot(a[channel].as_ref()?, &r[channel])))
+        .sum()
+}
+
+/// True if a parameter of the declaration has a column of its own.
+pub(crate) fn is_size(library: &Library, candidate: usize, parameter: usize) -> bool {
+    library.candidates[candidate].declaration.parameters[parameter].kind == ParameterKind::Size
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_gram_matrix_equals_plain_sums() {
+        let columns: Vec<Vec<f32>> = (0..7)
+            .map(|j| {
+                (0..1001)
+                    .map(|k| libm::sinf(0.37 * (j as f32 + 1.0) * k as f32))
+                    .collect()
+            })
+            .collect();
+        let slices: Vec<&[f32]> = columns.iter().map(Vec::as_slice).collect();
+        let got = gram(&slices);
+        for i in 0..7 {
+            for j in 0..7 {
+                let expected: f64 = columns[i]
+                    .iter()
+                    .zip(&columns[j])
+                    .map(|(a, b)| f64::from(*a) * f64::from(*b))
+                    .sum();
+                // f32 sums over 32 terms a lane.
+                assert!((got[i * 7 + j] - expected).abs() < 1e-4, "{i} {j}");
+            }
+        }
+    }
+}

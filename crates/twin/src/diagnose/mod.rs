@@ -1,0 +1,99 @@
+//! Diagnosis: which effect of the catalogue the model lacks on these flights, with evidence; or that none is missing; or that the
+//! error is real and not in the catalogue.
+//!
+//! ```text
+//! logs ─▶ nuisances fitted ─▶ linearised about the model: residual, Jacobian of the whole library, normal matrices of 5 s blocks
+//!      ─▶ evidence of every candidate (spike and slab) ─▶ the leading few refined by Gauss–Newton ─▶ the best is added
+//!      └──────────────────────────────── again, until none passes ln BF 10 ◀──────────────────────────┘
+//!      ─▶ absolute goodness of fit ─▶ verdict
+//! ```
+//! * Candidates are all effects of the catalogue on all rotors; each parameter of the library that is not the candidate's stays in
+//!   the model as clutter of 2 % of its plausible size.
+//! * An effect is named if its ln Bayes factor passes the threshold, its size the smallest that would have been seen, and its
+//!   values are plausible. A flight that hardly moves needs a ln Bayes factor of 20.
+//! * The evidence compares candidates; it does not say that any of them is true. That is what [`Goodness`] is for.
+//!
+//! Limits: effects that only show together (wind without drag) are found one after the other; the catalogue's noise effects
+//! (gusts) are never named.
+
+mod dense;
+mod evidence;
+mod fit;
+mod goodness;
+mod held_out;
+mod library;
+mod linear;
+mod onset;
+mod ranking;
+mod result;
+mod search;
+mod words;
+
+pub use library::{Candidate, Library};
+pub use result::{
+    ChannelGoodness, Diagnosis, Finding, FittedParameter, Goodness, HeldOutError, NotTestable, Ranked, Rival, Timing,
+    Verdict,
+};
+
+use rotortwin_plant::effects::Catalogue;
+
+use crate::log::FlightLog;
+use crate::model::ModelVersion;
+use crate::predict::{PredictError, Predictor};
+
+/// Threshold on the ln Bayes factor.
+pub const THRESHOLD: f64 = 10.0;
+/// The same for a flight that hardly moves.
+pub const THRESHOLD_AT_REST: f64 = 20.0;
+
+/// How to diagnose.
+pub struct Options<'a> {
+    /// Effects that may be named.
+    pub catalogue: Catalogue,
+    /// Most effects that are looked for one after the other.
+    pub most_effects: usize,
+    /// Told what is being done and what share of it, 0 to 1.
+    pub progress: &'a (dyn Fn(&str, f64) + Sync),
+    /// Seconds since some moment; the library reads no clock.
+    pub clock: &'a dyn Fn() -> f64,
+}
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        Self {
+            catalogue: Catalogue::built_in(),
+            most_effects: 3,
+            progress: &|_, _| (),
+            clock: &|| 0.0,
+        }
+    }
+}
+
+impl std::fmt::Debug for Options<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Options")
+            .field("most_effects", &self.most_effects)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Holds the model against the logs and says what is missing. Several logs share the vehicle; each has its own nuisances.
+///
+/// # Errors
+/// One sentence: a log cannot be held against the model, or the model's effects are not valid.
+pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
+    if logs.is_empty() {
+        return Err(PredictError("expected at least one log, got none".into()));
+    }
+    let start = (options.clock)();
+    (options.progress)("reading", 0.0);
+    let documents = model.documents();
+    let instances = model.instances();
+    let predictors = logs
+        .iter()
+        .map(|log| Predictor::new(&documents, &instances, &options.catalogue, log))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut diagnosis = search::search(predictors, &instances, options, start)?;
+    diagnosis.timing.total_s = (options.clock)() - start;
+    Ok(diagnosis)
+}

@@ -1,0 +1,475 @@
+//! Forward selection: rank, refine, add, linearise anew; then goodness, verdict, words.
+
+use rotortwin_plant::effects::{EffectInstance, ParameterKind};
+
+use super::evidence::{Posterior, minimum_size, open};
+use super::fit::{Fitted, Problem, fitted_residual, position_of};
+use super::goodness::{channel_fits, judge, weights};
+use super::library::Library;
+use super::linear::{Active, Linear, LogState};
+use super::ranking::{Scored, detectable, parameters, priors, score, table};
+use super::result::{Diagnosis, Finding, Goodness, Rival, Timing, Verdict};
+use super::{Options, THRESHOLD, THRESHOLD_AT_REST, held_out, onset, words};
+use crate::predict::{CHANNELS, NAMES, Nuisances, PredictError, Predictor};
+
+/// Most candidates that are refined in one round.
+const REFINED: usize = 4;
+/// Share of the best ln Bayes factor from which a candidate is refined.
+const REFINED_SHARE: f64 = 0.35;
+/// Evidence gap below which a rival counts as compatible.
+const COMPATIBLE_GAP: f64 = 5.0;
+/// Evidence gap below which the flight cannot tell.
+const UNTOLD_GAP: f64 = 1.5;
+/// Least explained share of an answer.
+const LEAST_SHARE: f64 = 0.9;
+/// Gain of ln evidence from which an onset is believed.
+const ONSET_GAIN: f64 = 8.0;
+/// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
+const REST_SPEED_M_S: f64 = 0.3;
+const REST_RATE_RAD_S: f64 = 0.08;
+
+/// A named effect with what its round knew.
+struct Named {
+    candidate: usize,
+    log_bayes_factor: f64,
+    posterior: f64,
+    minimum: f64,
+    compatible: Vec<Rival>,
+    lost: Vec<Rival>,
+}
+
+pub(crate) fn search(
+    predictors: Vec<Predictor>,
+    model: &[EffectInstance],
+    options: &Options<'_>,
+    start: f64,
+) -> Result<Diagnosis, PredictError> {
+    let rotors = predictors[0].series().rotors;
+    let mut library = Library::new(&options.catalogue, rotors);
+    // What the model has already is not looked for; its clutter stays as that of the others.
+    library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
+    let notes: Vec<String> = predictors
+        .iter()
+        .flat_map(|p| p.notes().into_iter().map(|note| format!("{}: {note}", p.name)))
+        .collect();
+    let names: Vec<String> = predictors.iter().map(|p| p.name.clone()).collect();
+    let testable = predictors.iter().any(|p| (0..CHANNELS).any(|c| p.has(c)));
+    let threshold = if predictors.iter().all(at_rest) {
+        THRESHOLD_AT_REST
+    } else {
+        THRESHOLD
+    };
+    let logs: Vec<LogState> = predictors
+        .into_iter()
+        .map(|predictor| LogState {
+            predictor,
+            nuisances: Nuisances::default(),
+        })
+        .collect();
+    let mut diagnosis = Diagnosis {
+        verdict: Verdict::NothingTestable,
+        sentence: String::new(),
+        effects: Vec::new(),
+        sensor_or_timing: Vec::new(),
+        ranking: Vec::new(),
+        not_testable: Vec::new(),
+        detectable: Vec::new(),
+        goodness: Goodness {
+            explained_share: None,
+            channels: Vec::new(),
+            unexplained: Vec::new(),
+        },
+        held_out: Vec::new(),
+        logs: names,
+        notes,
+        threshold,
+        timing: Timing::default(),
+    };
+    if !testable {
+        diagnosis.sentence = words::sentence(&diagnosis);
+        return Ok(diagnosis);
+    }
+    let mut problem = Problem {
+        weights: vec![[1.0; CHANNELS]; logs.len()],
+        library,
+        logs,
+        linear: Vec::new(),
+        active: Vec::new(),
+    };
+    (options.progress)("fitting rotor biases and charge", 0.02);
+    problem.fit_nuisances()?;
+    let plain: Vec<Nuisances> = problem.logs.iter().map(|log| log.nuisances).collect();
+
+    let mut named: Vec<Named> = Vec::new();
+    let mut before = None;
+    for round in 0..=options.most_effects {
+        let done = round as f64 / (options.most_effects + 1) as f64;
+        let text = if round == 0 {
+            "sensitivities of the library"
+        } else {
+            "looking for a further effect"
+        };
+        (options.progress)(text, 0.05 + 0.9 * done);
+        let per = 0.6 / (options.most_effects + 1) as f64;
+        problem.linearise(&|share| (options.progress)(text, 0.05 + 0.9 * done + per * share))?;
+        trust(&mut problem);
+        let (posterior, _) = posterior(&problem)?;
+        if before.is_none() {
+            before = Some(
+                (0..problem.logs.len())
+                    .map(|l| {
+                        channel_fits(
+                            &problem.logs[l].predictor,
+                            &fitted_residual(&problem, l, &posterior.mean),
+                        )
+                    })
+                    .collect::<Vec<_>>(),
+            );
+        }
+        let scored = score(&problem, &posterior);
+        if round == 0 {
+            diagnosis.ranking = table(&problem, &scored)?;
+            (diagnosis.not_testable, diagnosis.detectable) = detectable(&problem, &scored, threshold);
+            diagnosis.timing.ranked_s = (options.clock)() - start;
+        }
+        if round == options.most_effects {
+            break;
+        }
+        (options.progress)("refining the leading candidates", 0.05 + 0.9 * done + per);
+        let Some((fitted, found)) = best_of(&problem, &scored, threshold)? else {
+            break;
+        };
+        problem.accept(&fitted);
+        named.push(found);
+    }
+    (options.progress)("goodness of fit", 0.95);
+    let (posterior, deviations) = posterior(&problem)?;
+    let (goodness, _) = judge(&problem, &before.unwrap_or_default(), &posterior.mean);
+    diagnosis.goodness = goodness;
+    diagnosis.held_out = held_out::errors(&problem, &plain)?;
+    let findings = findings(&problem, named, &posterior, &deviations, threshold);
+    for finding in findings {
+        if matches!(finding.class, rotortwin_plant::effects::EffectClass::Physics) {
+            diagnosis.effects.push(finding);
+        } else {
+            diagnosis.sensor_or_timing.push(finding);
+        }
+    }
+    diagnosis.verdict = verdict(&diagnosis);
+    diagnosis.sentence = words::sentence(&diagnosis);
+    (options.progress)("done", 1.0);
+    Ok(diagnosis)
+}
+
+/// True for a flight that hardly moves.
+fn at_rest(predictor: &Predictor) -> bool {
+    let series = predictor.series();
+    let spread = |x: &[rotortwin_plant::Vector3]| {
+        let count = x.len() as f64;
+        (0..3)
+            .map(|i| {
+                let mean = x.iter().map(|v| v[i]).sum::<f64>() / count;
+                x.iter().map(|v| (v[i] - mean) * (v[i] - mean)).sum::<f64>() / count
+            })
+            .sum::<f64>()
+            .sqrt()
+    };
+    spread(&series.smooth.velocity) < REST_SPEED_M_S && spread(&series.smooth.rates) < REST_RATE_RAD_S
+}
+
+/// Lowers the trust in channels that even the whole library with wide priors leaves coloured.
+fn trust(problem: &mut Problem) {
+    for one in &mut problem.weights {
+        *one = [1.0; CHANNELS];
+    }
+    let normal = problem.normal(|_| true);
+    let wide = vec![1.0; problem.size()];
+    if let Some(posterior) = Posterior::new(&normal, &wide) {
+        for l in 0..problem.logs.len() {
+            let fits = channel_fits(
+                &problem.logs[l].predictor,
+                &fitted_residual(problem, l, &posterior.mean),
+            );
+            problem.weights[l] = weights(&fits);
+        }
+    }
+}
+
+/// Posterior about the present point, as a step from it, with the prior's pull.
+fn posterior(problem: &Problem) -> Result<(Posterior, Vec<f64>), PredictError> {
+    let mut normal = problem.normal(|_| true);
+    let prior = problem.deviations(&problem.active);
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
+        *g -= x / (d * d);
+    }
+    Posterior::new(&normal, &prior)
+        .map(|p| (p, prior))
+        .ok_or_else(|| PredictError("the log holds numbers that make no fit".into()))
+}
+
+/// True if the values lie in the plausible range within two deviations, and the sizes are large enough to be seen.
+fn implausible(problem: &Problem, candidate: usize, fitted: &Fitted) -> Option<String> {
+    let entry = &problem.library.candidates[candidate];
+    let active = fitted.active.iter().find(|a| a.candidate == candidate)?;
+    entry.declaration.parameters.iter().enumerate().find_map(|(i, p)| {
+        let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
+        let value = active.values[i];
+        let margin = 2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low);
+        let outside = value > p.plausible_high + margin || value < p.plausible_low - margin;
+        (p.kind == ParameterKind::Size && outside).then(|| {
+            format!("{} = {} {}", p.symbol, words::number(value), p.unit)
+                .trim_end()
+                .to_owned()
+        })
+    })
+}
+
+/// The best candidate of a round with its fit, if it passes.
+fn best_of(problem: &Problem, scored: &[Scored], threshold: f64) -> Result<Option<(Fitted, Named)>, PredictError> {
+    let Some(first) = scored.first().filter(|s| s.opened.log_bayes_factor > threshold) else {
+        return Ok(None);
+    };
+    let least = threshold.max(REFINED_SHARE * first.opened.log_bayes_factor);
+    let null = problem.fit(&problem.active)?;
+    let mut tried: Vec<(usize, Fitted, f64)> = Vec::new();
+    for one in scored
+        .iter()
+        .take_while(|s| s.opened.log_bayes_factor >= least)
+        .take(REFINED)
+    {
+        let candidate = &problem.library.candidates[one.candidate];
+        let mut values = candidate.neutral();
+        for (a, &j) in problem.library.columns_of(one.candidate).iter().enumerate() {
+            let column = &problem.library.columns[j];
+            let value = values[column.parameter] + one.opened.estimate[a] * column.size;
+            values[column.parameter] = candidate.clamped(column.parameter, value);
+        }
+        let onset = if candidate.is_log_fault() {
+            None
+        } else {
+            onset::scan(problem, one.candidate).filter(|(_, gain)| *gain > ONSET_GAIN)
+        };
+        for onset_s in [None, onset.map(|(t, _)| t)] {
+            if onset_s.is_none() && onset.is_some() && tried.len() > REFINED {
+                continue;
+            }
+            if onset_s.is_none() && tried.iter().any(|(c, ..)| *c == one.candidate) {
+                continue;
+            }
+            let mut open = problem.active.clone();
+            open.push(Active {
+                candidate: one.candidate,
+                values: values.clone(),
+                onset_s,
+            });
+            // A candidate whose fit leaves what is a vehicle at all is out.
+            if let Ok(fitted) = problem.fit(&open) {
+                let gain = fitted.log_evidence - null.log_evidence;
+                tried.push((one.candidate, fitted, gain));
+            }
+        }
+    }
+    tried.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let excuses: Vec<Option<String>> = tried
+        .iter()
+        .map(|(c, fitted, _)| implausible(problem, *c, fitted))
+        .collect();
+    let Some(winner) = (0..tried.len()).find(|&i| excuses[i].is_none()) else {
+        return Ok(None);
+    };
+    let (candidate, fitted, gain) = &tried[winner];
+    let best = &scored[scored.iter().position(|s| s.candidate == *candidate).unwrap_or(0)];
+    let (seen, minimum) = large_enough(problem, best, fitted, threshold);
+    if *gain <= threshold || !seen {
+        return Ok(None);
+    }
+    let (mut compatible, mut lost) = (Vec::new(), Vec::new());
+    for (i, (other, _, other_gain)) in tried.iter().enumerate() {
+        if other == candidate || compatible.iter().chain(&lost).any(|r: &(usize, Rival)| r.0 == *other) {
+            continue;
+        }
+        let (a, b) = (
+            &problem.library.candidates[*candidate],
+            &problem.library.candidates[*other],
+        );
+        let gap = gain - other_gain;
+        let close = gap < COMPATIBLE_GAP && excuses[i].is_none();
+        let rival = Rival {
+            effect: b.declaration.id.to_owned(),
+            rotor: b.rotor,
+            label: b.label(),
+            evidence_gap: gap,
+            reason: if close {
+                "this flight fits it nearly as well".into()
+            } else {
+                words::why_lost(a, b, gap, excuses[i].clone())
+            },
+        };
+        if close {
+            compatible.push((*other, rival));
+        } else {
+            lost.push((*other, rival));
+        }
+    }
+    // Equal prior odds over all candidates; those that were not refined by their linear evidence.
+    let largest = *gain;
+    let mut odds = 0.0;
+    for one in scored {
+        let refined = tried
+            .iter()
+            .filter(|t| t.0 == one.candidate)
+            .map(|t| t.2)
+            .fold(f64::NEG_INFINITY, f64::max);
+        let own = if refined.is_finite() {
+            refined
+        } else {
+            one.opened.log_bayes_factor.min(largest)
+        };
+        odds += (own - largest).exp();
+    }
+    Ok(Some((
+        fitted.clone(),
+        Named {
+            candidate: *candidate,
+            log_bayes_factor: *gain,
+            posterior: 1.0 / odds.max(1.0),
+            minimum,
+            compatible: compatible.into_iter().map(|(_, r)| r).collect(),
+            lost: lost.into_iter().map(|(_, r)| r).collect(),
+        },
+    )))
+}
+
+/// Whether one of the sizes reaches what the flight can show, and the smallest such size of the first parameter.
+fn large_enough(problem: &Problem, one: &Scored, fitted: &Fitted, threshold: f64) -> (bool, f64) {
+    let Some(active) = fitted.active.iter().find(|a| a.candidate == one.candidate) else {
+        return (false, f64::INFINITY);
+    };
+    let entry = &problem.library.candidates[one.candidate];
+    let (mut seen, mut first) = (false, f64::INFINITY);
+    for (a, &j) in problem.library.columns_of(one.candidate).iter().enumerate() {
+        let column = &problem.library.columns[j];
+        let p = &entry.declaration.parameters[column.parameter];
+        if p.kind != ParameterKind::Size {
+            continue;
+        }
+        let least = minimum_size(one.opened.information.at(a, a), column.spike, threshold) * column.size;
+        if first.is_infinite() {
+            first = least;
+        }
+        seen |= active.values[column.parameter].abs() >= least;
+    }
+    // An effect with an onset has less information than the scan over the whole flight says.
+    (seen || active.onset_s.is_some(), first)
+}
+
+/// Findings with the final values and the evidence of each against the final model without it.
+fn findings(
+    problem: &Problem,
+    named: Vec<Named>,
+    posterior: &Posterior,
+    prior: &[f64],
+    threshold: f64,
+) -> Vec<Finding> {
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    let offset = problem.nuisances();
+    named
+        .into_iter()
+        .filter_map(|one| {
+            let active = problem.active.iter().find(|a| a.candidate == one.candidate)?;
+            let (places, spikes, slabs) = priors(problem, one.candidate);
+            let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
+            let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
+            // The posterior is about the point with the prior about 0: what the data alone say is asked for again.
+            let opened = open(posterior, &places, &spikes, &now, &slabs, &at);
+            let still = opened.as_ref().is_none_or(|o| o.log_bayes_factor > 0.5 * threshold);
+            // A later finding may have taken over the whole of an earlier one.
+            if !still && problem.active.len() > 1 && one.log_bayes_factor < 4.0 * threshold {
+                return None;
+            }
+            let entry = &problem.library.candidates[one.candidate];
+            let mut values = active.values.clone();
+            let mut deviations = vec![0.0; values.len()];
+            for &j in &problem.library.columns_of(one.candidate) {
+                let column = &problem.library.columns[j];
+                let value = values[column.parameter] + posterior.mean[offset + j] * column.size;
+                values[column.parameter] = entry.clamped(column.parameter, value);
+                deviations[column.parameter] =
+                    posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt() * column.size;
+            }
+            let mut finding = Finding {
+                instance: entry.instance(&values, active.onset_s)?,
+                label: entry.label(),
+                class: entry.declaration.class,
+                equation: entry.declaration.equation.to_owned(),
+                parameters: parameters(&problem.library, one.candidate, &values, &deviations),
+                ln_bayes_factor: one.log_bayes_factor,
+                posterior: one.posterior,
+                channels: strongest(problem, one.candidate, &position),
+                also_compatible: one.compatible,
+                lost: one.lost,
+                onset_s: active.onset_s,
+                reason: String::new(),
+            };
+            finding.reason = words::why_found(&finding, one.minimum.is_finite().then_some(one.minimum));
+            Some(finding)
+        })
+        .collect()
+}
+
+/// Channels by the energy that the effect has in them; those with at least 5 % of it.
+fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -> Vec<String> {
+    let offset = problem.nuisances();
+    let mut energy = [0.0; CHANNELS];
+    for (l, linear) in problem.linear.iter().enumerate() {
+        let linear: &Linear = linear;
+        let own = problem.logs[l].nuisance_count();
+        for &j in &problem.library.columns_of(candidate) {
+            for (channel, column) in linear.columns[own + j].iter().enumerate() {
+                if let Some(column) = column {
+                    let square: f64 = column.iter().map(|&x| f64::from(x) * f64::from(x)).sum();
+                    energy[channel] += square * position[offset + j] * position[offset + j];
+                }
+            }
+        }
+    }
+    let total: f64 = energy.iter().sum();
+    let mut order: Vec<usize> = (0..CHANNELS).filter(|&c| energy[c] > 0.05 * total).collect();
+    order.sort_by(|&a, &b| energy[b].total_cmp(&energy[a]));
+    order.into_iter().map(|c| NAMES[c].to_owned()).collect()
+}
+
+fn verdict(diagnosis: &Diagnosis) -> Verdict {
+    let ids = |findings: &[Finding]| findings.iter().map(|f| f.instance.effect.clone()).collect::<Vec<_>>();
+    let nothing = diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty();
+    let unexplained = !diagnosis.goodness.unexplained.is_empty();
+    let share = diagnosis.goodness.explained_share;
+    if unexplained && (nothing || share.is_some_and(|share| share < LEAST_SHARE)) {
+        return Verdict::OutsideCatalogue;
+    }
+    if nothing {
+        return Verdict::Agrees;
+    }
+    if diagnosis.effects.is_empty() {
+        return Verdict::LogFault {
+            effects: ids(&diagnosis.sensor_or_timing),
+        };
+    }
+    if let [only] = diagnosis.effects.as_slice() {
+        let untold: Vec<String> = only
+            .also_compatible
+            .iter()
+            .filter(|r| r.evidence_gap < UNTOLD_GAP)
+            .map(|r| r.effect.clone())
+            .collect();
+        if !untold.is_empty() {
+            let mut group = vec![only.instance.effect.clone()];
+            group.extend(untold);
+            return Verdict::CannotTell { group };
+        }
+    }
+    Verdict::Missing {
+        effects: ids(&diagnosis.effects),
+    }
+}
