@@ -29,7 +29,7 @@ fn main() {
             Ok(d) => {
                 println!("{path}: ranked {:.2} s, total {:.2} s", d.timing.ranked_s, d.timing.total_s);
                 println!("  {}", d.sentence);
-                for row in d.ranking.iter().take(4) {
+                for row in d.ranking.iter().take(14) {
                     let values: Vec<String> = row
                         .parameters
                         .iter()

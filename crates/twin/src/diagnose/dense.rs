@@ -2,7 +2,7 @@
 
 /// A square matrix, rows first.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Matrix {
+pub(crate) struct Matrix {
     /// Number of rows.
     pub size: usize,
     /// Entries, rows first.
@@ -11,7 +11,7 @@ pub struct Matrix {
 
 impl Matrix {
     /// All zero.
-    pub fn zero(size: usize) -> Self {
+    pub(crate) fn zero(size: usize) -> Self {
         Self {
             size,
             entries: vec![0.0; size * size],
@@ -20,18 +20,18 @@ impl Matrix {
 
     /// Entry (row, column).
     #[inline]
-    pub fn at(&self, row: usize, column: usize) -> f64 {
+    pub(crate) fn at(&self, row: usize, column: usize) -> f64 {
         self.entries[row * self.size + column]
     }
 
     /// Entry (row, column) for writing.
     #[inline]
-    pub fn at_mut(&mut self, row: usize, column: usize) -> &mut f64 {
+    pub(crate) fn at_mut(&mut self, row: usize, column: usize) -> &mut f64 {
         &mut self.entries[row * self.size + column]
     }
 
     /// Rows and columns of `index` only.
-    pub fn part(&self, index: &[usize]) -> Self {
+    pub(crate) fn part(&self, index: &[usize]) -> Self {
         let mut part = Self::zero(index.len());
         for (a, &i) in index.iter().enumerate() {
             for (b, &j) in index.iter().enumerate() {
@@ -42,7 +42,7 @@ impl Matrix {
     }
 
     /// M x.
-    pub fn times(&self, x: &[f64]) -> Vec<f64> {
+    pub(crate) fn times(&self, x: &[f64]) -> Vec<f64> {
         self.entries
             .chunks_exact(self.size.max(1))
             .map(|row| dot(row, x))
@@ -51,7 +51,7 @@ impl Matrix {
 
     /// Plus numbers on the diagonal.
     #[must_use]
-    pub fn plus_diagonal(mut self, diagonal: &[f64]) -> Self {
+    pub(crate) fn plus_diagonal(mut self, diagonal: &[f64]) -> Self {
         for (i, d) in diagonal.iter().enumerate() {
             *self.at_mut(i, i) += d;
         }
@@ -59,7 +59,7 @@ impl Matrix {
     }
 
     /// The lower factor L of M = L Lᵀ; `None` if M is not positive definite.
-    pub fn cholesky(&self) -> Option<Cholesky> {
+    pub(crate) fn cholesky(&self) -> Option<Cholesky> {
         let n = self.size;
         let mut l = self.entries.clone();
         for i in 0..n {
@@ -88,14 +88,14 @@ impl Matrix {
 
 /// Lower factor of a positive definite matrix.
 #[derive(Debug, Clone)]
-pub struct Cholesky {
+pub(crate) struct Cholesky {
     size: usize,
     l: Vec<f64>,
 }
 
 impl Cholesky {
     /// M⁻¹ b.
-    pub fn solve(&self, b: &[f64]) -> Vec<f64> {
+    pub(crate) fn solve(&self, b: &[f64]) -> Vec<f64> {
         let n = self.size;
         let mut x = b.to_vec();
         for i in 0..n {
@@ -112,12 +112,12 @@ impl Cholesky {
     }
 
     /// ln det M.
-    pub fn log_determinant(&self) -> f64 {
+    pub(crate) fn log_determinant(&self) -> f64 {
         (0..self.size).map(|i| 2.0 * self.l[i * self.size + i].ln()).sum()
     }
 
     /// M⁻¹.
-    pub fn inverse(&self) -> Matrix {
+    pub(crate) fn inverse(&self) -> Matrix {
         let n = self.size;
         // L⁻¹ by forward substitution, stored by columns of L⁻¹ = rows here, so that M⁻¹ = L⁻ᵀ L⁻¹ is a sum of rows.
         let mut inverse = vec![0.0; n * n];
@@ -157,7 +157,7 @@ impl Cholesky {
 
 /// Scalar product in four chains.
 #[inline]
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (a4, ar) = a.as_chunks::<4>();
     let (b4, br) = b.as_chunks::<4>();

@@ -13,7 +13,7 @@ use super::dense::Matrix;
 
 /// Normal matrix of a linearised problem.
 #[derive(Debug, Clone)]
-pub struct Normal {
+pub(crate) struct Normal {
     /// H = JᵀJ.
     pub matrix: Matrix,
     /// g = Jᵀr.
@@ -26,7 +26,7 @@ pub struct Normal {
 
 /// Posterior with some parameters at their spikes and the others integrated out.
 #[derive(Debug, Clone)]
-pub struct Posterior {
+pub(crate) struct Posterior {
     /// m.
     pub mean: Vec<f64>,
     /// C.
@@ -37,7 +37,7 @@ pub struct Posterior {
 
 impl Posterior {
     /// Under independent normal priors about 0 with these deviations. `None` if H is not a sum of squares (NaN in the data).
-    pub fn new(normal: &Normal, deviations: &[f64]) -> Option<Self> {
+    pub(crate) fn new(normal: &Normal, deviations: &[f64]) -> Option<Self> {
         let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
         let factor = normal.matrix.clone().plus_diagonal(&precision).cholesky()?;
         let mean = factor.solve(&normal.gradient);
@@ -53,7 +53,7 @@ impl Posterior {
 
 impl Posterior {
     /// ln Z alone, without the covariance.
-    pub fn log_evidence_of(normal: &Normal, deviations: &[f64]) -> Option<f64> {
+    pub(crate) fn log_evidence_of(normal: &Normal, deviations: &[f64]) -> Option<f64> {
         let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
         let factor = normal.matrix.clone().plus_diagonal(&precision).cholesky()?;
         let mean = factor.solve(&normal.gradient);
@@ -65,7 +65,7 @@ impl Posterior {
 
 /// Result of opening the prior of some parameters.
 #[derive(Debug, Clone)]
-pub struct Opened {
+pub(crate) struct Opened {
     /// ln of the Bayes factor against the spikes.
     pub log_bayes_factor: f64,
     /// Estimate in plausible sizes.
@@ -77,7 +77,7 @@ pub struct Opened {
 }
 
 /// Opens the parameters `which` from spikes to slabs; `offset` is where they were linearised (0 for candidates).
-pub fn open(
+pub(crate) fn open(
     posterior: &Posterior,
     which: &[usize],
     spikes: &[f64],
@@ -121,7 +121,7 @@ pub fn open(
 /// Smallest size (in plausible sizes) whose expected ln Bayes factor reaches `threshold`; infinite where the flight says nothing.
 ///
 /// E ln BF = ½ h²t² (1/(h + 1) − 1/(h + 1/s²)) − ½ ln((1 + h)/(1 + s²h)) for information h, size t, spike s, slab 1.
-pub fn minimum_size(information: f64, spike: f64, threshold: f64) -> f64 {
+pub(crate) fn minimum_size(information: f64, spike: f64, threshold: f64) -> f64 {
     let h = information;
     let gain = 0.5 * h * h * (1.0 / (h + 1.0) - 1.0 / (h + 1.0 / (spike * spike)));
     let price = 0.5 * ((1.0 + h) / (1.0 + spike * spike * h)).ln();
@@ -133,7 +133,7 @@ pub fn minimum_size(information: f64, spike: f64, threshold: f64) -> f64 {
 }
 
 /// Change of Σ squares on test data for the mean fitted on training data: negative is an improvement.
-pub fn square_sum_change(test: &Normal, mean: &[f64]) -> f64 {
+pub(crate) fn square_sum_change(test: &Normal, mean: &[f64]) -> f64 {
     let product = test.matrix.times(mean);
     mean.iter()
         .zip(&product)

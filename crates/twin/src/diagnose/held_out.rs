@@ -13,7 +13,14 @@ const SMOOTH_S: f64 = 0.1;
 /// The parameters fitted on even blocks only: one more step from the fit on all blocks, which forgets where it starts.
 fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictError> {
     let mut normal = problem.normal(|b| b % 2 == 0);
-    let prior = problem.deviations(&problem.active);
+    // Clutter stays at 0: the model that is handed on has none.
+    const FIXED: f64 = 1e-9;
+    let mut prior = problem.deviations(&problem.active);
+    for d in &mut prior {
+        if *d < 1.0 {
+            *d = FIXED;
+        }
+    }
     let position = position_of(&problem.library, &problem.logs, &problem.active);
     for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
         *g -= x / (d * d);

@@ -13,7 +13,7 @@ use super::library::Library;
 use crate::predict::{CHANNELS, PerChannel, PredictError, Prediction, Predictor, Source, Stages};
 
 /// Length of a block, s.
-pub const BLOCK_S: f64 = 5.0;
+pub(crate) const BLOCK_S: f64 = 5.0;
 /// Deviation of a rotor's constant lift error over its hover thrust (U(±10.756 mN) on 2.534 N).
 const BIAS_SHARE: f64 = 0.002_45;
 /// Deviation of the charge at the start.
@@ -60,6 +60,16 @@ impl LogState {
         } else {
             self.nuisances.charge
         }
+    }
+
+    /// The nuisances as far as they are plausible: rotor biases within two deviations. Beyond, they stand in for an effect.
+    pub(crate) fn plain_nuisances(&self) -> crate::predict::Nuisances {
+        let mut plain = self.nuisances;
+        for (i, bias) in plain.rotor_bias_n.iter_mut().enumerate().take(self.predictor.series().rotors) {
+            let most = 2.0 * self.nuisance_size(i);
+            *bias = bias.clamp(-most, most);
+        }
+        plain
     }
 
     pub(crate) fn set_nuisance(&mut self, which: usize, value: f64) {

@@ -98,7 +98,7 @@ pub(crate) fn search(
     };
     (options.progress)("fitting rotor biases and charge", 0.02);
     problem.fit_nuisances()?;
-    let plain: Vec<Nuisances> = problem.logs.iter().map(|log| log.nuisances).collect();
+    let plain: Vec<Nuisances> = problem.logs.iter().map(LogState::plain_nuisances).collect();
 
     let mut named: Vec<Named> = Vec::new();
     let mut before = None;

@@ -13,7 +13,7 @@ pub(crate) fn number(value: f64) -> String {
 }
 
 /// `k_d = 0.2530 ± 0.0010 N·s/m`.
-pub fn parameter(p: &FittedParameter) -> String {
+pub(crate) fn parameter(p: &FittedParameter) -> String {
     let unit = if p.unit.is_empty() {
         String::new()
     } else {

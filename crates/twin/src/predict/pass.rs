@@ -81,20 +81,19 @@ impl Stages {
             || a.velocity_latency_s != b.velocity_latency_s
             || a.position_latency_s != b.position_latency_s
             || extra.uses(Hooks::READINGS);
+        // Whatever else differs acts on the body: the battery alone does not.
+        let without_battery = Constants {
+            internal_resistance_ohm: b.internal_resistance_ohm,
+            rc_resistance_ohm: b.rc_resistance_ohm,
+            rc_time_s: b.rc_time_s,
+            capacity_ah: b.capacity_ah,
+            charge_offset: b.charge_offset,
+            power_coefficient_w_per_n15: b.power_coefficient_w_per_n15,
+            ..*a
+        };
         let body = actuators
             || motion
-            || a.mass_kg != b.mass_kg
-            || a.gravity_m_s2 != b.gravity_m_s2
-            || a.inertia_body_kg_m2 != b.inertia_body_kg_m2
-            || a.centre_of_mass_m != b.centre_of_mass_m
-            || a.rotor_position_body != b.rotor_position_body
-            || a.rotor_spin != b.rotor_spin
-            || a.moment_ratio_m != b.moment_ratio_m
-            || a.rotor_tilt_tangential != b.rotor_tilt_tangential
-            || a.rotor_tilt_radial != b.rotor_tilt_radial
-            || a.wind_ned_m_s != b.wind_ned_m_s
-            || a.linear_drag_kg_s != b.linear_drag_kg_s
-            || a.angular_drag_nms != b.angular_drag_nms
+            || without_battery != *b
             || extra.uses(Hooks::WIND)
             || extra.uses(Hooks::ROTOR_THRUST)
             || extra.uses(Hooks::WRENCH);
