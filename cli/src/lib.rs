@@ -6,6 +6,7 @@ mod blind;
 mod campaign;
 mod compare;
 mod fit;
+mod diagnose;
 mod fly;
 mod log;
 mod model;
@@ -42,6 +43,8 @@ enum Command {
     Reproduce(reproduce::Args),
     /// Hold models against flight logs: where, when and how much they disagree
     Compare(compare::Args),
+    /// Name the physical effect that a model lacks on flight logs, with evidence
+    Diagnose(diagnose::Args),
     /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
     Model(model::Args),
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
@@ -74,6 +77,7 @@ pub fn run() -> ExitCode {
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Diagnose(args) => diagnose::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Fit(args) => fit::run(&args),

@@ -27,7 +27,10 @@ fn main() {
         };
         match diagnose(&[log], &model, &options) {
             Ok(d) => {
-                println!("{path}: ranked {:.2} s, total {:.2} s", d.timing.ranked_s, d.timing.total_s);
+                println!(
+                    "{path}: ranked {:.2} s, total {:.2} s",
+                    d.timing.ranked_s, d.timing.total_s
+                );
                 println!("  {}", d.sentence);
                 for row in d.ranking.iter().take(14) {
                     let values: Vec<String> = row
@@ -35,9 +38,17 @@ fn main() {
                         .iter()
                         .map(|p| format!("{} {:.4} ± {:.4}", p.symbol, p.value, p.deviation))
                         .collect();
-                    println!("    {:30} ln BF {:9.1}  {}", row.label, row.ln_bayes_factor, values.join(", "));
+                    println!(
+                        "    {:30} ln BF {:9.1}  {}",
+                        row.label,
+                        row.ln_bayes_factor,
+                        values.join(", ")
+                    );
                 }
-                println!("  share {:?} unexplained {:?}", d.goodness.explained_share, d.goodness.unexplained);
+                println!(
+                    "  share {:?} unexplained {:?}",
+                    d.goodness.explained_share, d.goodness.unexplained
+                );
             }
             Err(error) => println!("{path}: {error}"),
         }

@@ -209,8 +209,16 @@ impl Problem {
             let own = log.nuisance_count();
             let weights = &self.weights[l];
             let mut columns: Vec<Column> = self.linear[l].columns.clone();
+            let base = log.base(&self.library, active)?;
+            // The open-circuit voltage has kinks: the column of the charge is taken where the charge now is.
+            let charge = own - 1;
+            columns[charge] = log.nuisance_column(&self.library, active, &base, charge)?;
+            let place = self.global(l, charge);
+            for i in 0..normal.matrix.size {
+                *normal.matrix.at_mut(place, i) = 0.0;
+                *normal.matrix.at_mut(i, place) = 0.0;
+            }
             if !free.is_empty() {
-                let base = log.base(&self.library, active)?;
                 for &j in free {
                     let column = &self.library.columns[j];
                     columns[own + j] =
@@ -218,9 +226,18 @@ impl Problem {
                 }
             }
             let residual = log.residual(&self.library, active)?;
+            for (i, other) in columns.iter().enumerate() {
+                let product = column_product(&columns[charge], other, weights);
+                let b = self.global(l, i);
+                *normal.matrix.at_mut(place, b) = product;
+                *normal.matrix.at_mut(b, place) = product;
+            }
             for &j in free {
                 for (i, other) in columns.iter().enumerate() {
                     let product = column_product(&columns[own + j], other, weights);
+                    if i == charge {
+                        continue;
+                    }
                     let (a, b) = (offset + j, self.global(l, i));
                     let twice = i >= own && free.contains(&(i - own));
                     *normal.matrix.at_mut(a, b) += product;

@@ -65,7 +65,12 @@ impl LogState {
     /// The nuisances as far as they are plausible: rotor biases within two deviations. Beyond, they stand in for an effect.
     pub(crate) fn plain_nuisances(&self) -> crate::predict::Nuisances {
         let mut plain = self.nuisances;
-        for (i, bias) in plain.rotor_bias_n.iter_mut().enumerate().take(self.predictor.series().rotors) {
+        for (i, bias) in plain
+            .rotor_bias_n
+            .iter_mut()
+            .enumerate()
+            .take(self.predictor.series().rotors)
+        {
             let most = 2.0 * self.nuisance_size(i);
             *bias = bias.clamp(-most, most);
         }

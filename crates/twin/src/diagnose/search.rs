@@ -24,6 +24,8 @@ const UNTOLD_GAP: f64 = 1.5;
 const LEAST_SHARE: f64 = 0.9;
 /// Gain of ln evidence from which an onset is believed.
 const ONSET_GAIN: f64 = 8.0;
+/// Evidence over the threshold that must not be left unnamed.
+const LEFT_FACTOR: f64 = 3.0;
 /// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
 const REST_SPEED_M_S: f64 = 0.3;
 const REST_RATE_RAD_S: f64 = 0.08;
@@ -102,6 +104,8 @@ pub(crate) fn search(
 
     let mut named: Vec<Named> = Vec::new();
     let mut before = None;
+    // Evidence that is left when nothing more is named.
+    let mut left = 0.0;
     for round in 0..=options.most_effects {
         let done = round as f64 / (options.most_effects + 1) as f64;
         let text = if round == 0 {
@@ -127,6 +131,7 @@ pub(crate) fn search(
             );
         }
         let scored = score(&problem, &posterior);
+        left = scored.first().map_or(0.0, |s| s.opened.log_bayes_factor);
         if round == 0 {
             diagnosis.ranking = table(&problem, &scored)?;
             (diagnosis.not_testable, diagnosis.detectable) = detectable(&problem, &scored, threshold);
@@ -144,7 +149,13 @@ pub(crate) fn search(
     }
     (options.progress)("goodness of fit", 0.95);
     let (posterior, deviations) = posterior(&problem)?;
-    let (goodness, _) = judge(&problem, &before.unwrap_or_default(), &posterior.mean);
+    let (mut goodness, _) = judge(&problem, &before.unwrap_or_default(), &posterior.mean);
+    if left > LEFT_FACTOR * threshold && goodness.unexplained.is_empty() {
+        // The clutter had to stretch far beyond its prior: white residuals then say nothing.
+        goodness
+            .unexplained
+            .push("what only implausible parameters would explain".to_owned());
+    }
     diagnosis.goodness = goodness;
     diagnosis.held_out = held_out::errors(&problem, &plain)?;
     let findings = findings(&problem, named, &posterior, &deviations, threshold);
@@ -225,19 +236,42 @@ fn implausible(problem: &Problem, candidate: usize, fitted: &Fitted) -> Option<S
     })
 }
 
+/// False for a linear estimate far outside of what real vehicles have, by more than half the plausible range: no refinement brings
+/// that back.
+fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
+    let entry = &problem.library.candidates[one.candidate];
+    problem
+        .library
+        .columns_of(one.candidate)
+        .iter()
+        .enumerate()
+        .all(|(a, &j)| {
+            let column = &problem.library.columns[j];
+            let p = &entry.declaration.parameters[column.parameter];
+            let value = p.default_value() + one.opened.estimate[a] * column.size;
+            let deviation = one.opened.covariance.at(a, a).max(0.0).sqrt() * column.size;
+            let margin = 0.5 * (p.plausible_high - p.plausible_low) + 3.0 * deviation;
+            value <= p.plausible_high + margin && value >= p.plausible_low - margin
+        })
+}
+
 /// The best candidate of a round with its fit, if it passes.
 fn best_of(problem: &Problem, scored: &[Scored], threshold: f64) -> Result<Option<(Fitted, Named)>, PredictError> {
     let Some(first) = scored.first().filter(|s| s.opened.log_bayes_factor > threshold) else {
         return Ok(None);
     };
+    let first = scored.iter().find(|s| linearly_plausible(problem, s)).unwrap_or(first);
+    if first.opened.log_bayes_factor <= threshold {
+        return Ok(None);
+    }
     let least = threshold.max(REFINED_SHARE * first.opened.log_bayes_factor);
     let null = problem.fit(&problem.active)?;
-    let mut tried: Vec<(usize, Fitted, f64)> = Vec::new();
-    for one in scored
+    let possible = scored
         .iter()
         .take_while(|s| s.opened.log_bayes_factor >= least)
-        .take(REFINED)
-    {
+        .filter(|s| linearly_plausible(problem, s));
+    let mut tried: Vec<(usize, Fitted, f64)> = Vec::new();
+    for one in possible.take(REFINED) {
         let candidate = &problem.library.candidates[one.candidate];
         let mut values = candidate.neutral();
         for (a, &j) in problem.library.columns_of(one.candidate).iter().enumerate() {

@@ -1,0 +1,211 @@
+//! `rotortwin diagnose`: which physical effect the model lacks.
+
+use crate::compare::read_logs;
+use crate::model::store_failed;
+use crate::output::{self, TABLE_STYLE};
+use clap::Parser;
+use comfy_table::Table;
+use rotortwin_twin::diagnose::{Diagnosis, Finding, FittedParameter, Options, diagnose};
+use rotortwin_twin::model::ModelStore;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Rows of the ranking that are printed.
+const RANKING_ROWS: usize = 8;
+
+/// Arguments of `rotortwin diagnose`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    /// Flight logs of one vehicle: canonical CSV or Parquet
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Model to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
+    #[arg(long, value_name = "MODEL")]
+    model: String,
+    /// Folder of the models
+    #[arg(long, value_name = "DIR", default_value = "models")]
+    models: PathBuf,
+    /// Write diagnosis.json into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print the diagnosis as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the time that a diagnosis takes is told to people"
+)]
+pub(crate) fn run(args: &Args) -> ExitCode {
+    let start = Instant::now();
+    let found = match ModelStore::new(&args.models).find(&args.model) {
+        Ok(found) => found,
+        Err(error) => return store_failed(&error),
+    };
+    let logs = match read_logs(&args.logs) {
+        Ok(logs) => logs,
+        Err(code) => return code,
+    };
+    let shown = !args.json && std::io::stderr().is_terminal();
+    let progress = |text: &str, share: f64| {
+        if shown {
+            // A terminal that went away ends the command elsewhere.
+            write!(std::io::stderr(), "\r\x1b[K{:3.0} % {text}", 100.0 * share).ok();
+        }
+    };
+    let options = Options {
+        progress: &progress,
+        clock: &|| start.elapsed().as_secs_f64(),
+        ..Options::default()
+    };
+    let result = diagnose(&logs, &found.version, &options);
+    if shown {
+        eprint!("\r\x1b[K");
+    }
+    let diagnosis = match result {
+        Ok(diagnosis) => diagnosis,
+        Err(error) => return output::bad_input(error),
+    };
+    let json = serde_json::to_string_pretty(&diagnosis).expect("text and numbers are JSON");
+    if let Some(folder) = &args.out
+        && let Err(error) = write(folder, &json)
+    {
+        return output::failed(error);
+    }
+    if args.json {
+        println!("{json}");
+    } else {
+        print!("{}", text(&diagnosis));
+        if let Some(folder) = &args.out {
+            println!("Files        {}", folder.join("diagnosis.json").display());
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+fn write(folder: &Path, json: &str) -> Result<(), String> {
+    let path = folder.join("diagnosis.json");
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&path, format!("{json}\n")))
+        .map_err(|error| format!("cannot write {}: {error}", path.display()))
+}
+
+/// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
+fn parameter(p: &FittedParameter) -> String {
+    let digits = if p.interval_95 > 0.0 {
+        (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
+    } else {
+        4
+    };
+    let unit = if p.unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {}", p.unit)
+    };
+    format!("{} = {:.digits$} ± {:.digits$}{unit}", p.symbol, p.value, p.interval_95)
+}
+
+fn parameters(list: &[FittedParameter]) -> String {
+    list.iter().map(parameter).collect::<Vec<_>>().join(", ")
+}
+
+fn finding(found: &Finding) -> String {
+    let mut text = format!("{}: {}\n", found.label, parameters(&found.parameters));
+    text += &format!("             {}\n             {}\n", found.equation, found.reason);
+    for rival in &found.also_compatible {
+        text += &format!(
+            "             also compatible: {} (ln BF {:.1} behind)\n",
+            rival.label, rival.evidence_gap
+        );
+    }
+    for rival in &found.lost {
+        text += &format!("             not {}: {}\n", rival.label.to_lowercase(), rival.reason);
+    }
+    text
+}
+
+/// The diagnosis for a terminal: the verdict first.
+fn text(diagnosis: &Diagnosis) -> String {
+    let mut text = format!("{}\n\n", diagnosis.sentence);
+    for found in &diagnosis.effects {
+        text += &format!("Missing      {}", finding(found));
+    }
+    for found in &diagnosis.sensor_or_timing {
+        text += &format!("Log fault    {}", finding(found));
+    }
+    if !diagnosis.held_out.is_empty() {
+        text += "\nFitted on every other 5 s, tested on the rest (means over 0.1 s)\n";
+        for error in &diagnosis.held_out {
+            text += &format!(
+                "  {:8} {:9.2} → {:9.2} m{}\n",
+                error.quantity,
+                1e3 * error.before,
+                1e3 * error.after,
+                error.unit
+            );
+        }
+    }
+    text += "\nRanking about the given model (linear; ± is 95 %)\n";
+    let mut table = Table::new();
+    table.load_style(TABLE_STYLE);
+    table.set_header(["effect", "fitted", "ln BF", "held-out chi²"]);
+    for row in diagnosis.ranking.iter().take(RANKING_ROWS) {
+        table.add_row([
+            row.label.clone(),
+            parameters(&row.parameters),
+            format!("{:.1}", row.ln_bayes_factor),
+            format!("{:+.0}", row.held_out_chi2_change),
+        ]);
+    }
+    text += &format!("{table}\n");
+    if !diagnosis.not_testable.is_empty() {
+        text += "Not testable on this flight\n";
+        for row in &diagnosis.not_testable {
+            let need = row.minimum_size.map_or_else(
+                || "nothing of it shows".to_owned(),
+                |size| {
+                    format!(
+                        "would need {} {} (plausible {})",
+                        short(size),
+                        row.unit,
+                        short(row.plausible_size)
+                    )
+                },
+            );
+            text += &format!(
+                "  {}: {} {need}; excited by {}\n",
+                row.label, row.parameter, row.excited_by
+            );
+        }
+    }
+    let colour: Vec<&str> = diagnosis.goodness.unexplained.iter().map(String::as_str).collect();
+    if !colour.is_empty() {
+        text += &format!("Unexplained  {}\n", colour.join(", "));
+    }
+    for note in &diagnosis.notes {
+        text += &format!("Note         {note}\n");
+    }
+    text += &format!(
+        "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",
+        diagnosis.threshold
+    );
+    text += &format!(
+        "Took         {:.2} s, ranked after {:.2} s\n",
+        diagnosis.timing.total_s, diagnosis.timing.ranked_s
+    );
+    text
+}
+
+/// Three significant digits.
+fn short(value: f64) -> String {
+    let digits = if value == 0.0 {
+        0
+    } else {
+        (2 - value.abs().log10().floor() as i32).clamp(0, 8) as usize
+    };
+    format!("{value:.digits$}")
+}
