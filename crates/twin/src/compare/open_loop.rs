@@ -56,7 +56,7 @@ pub fn errors(predictor: &Predictor, nuisances: &Nuisances) -> Result<Vec<OpenLo
     if !(have.velocity && have.attitude && have.rates) || series.drive == Drive::None {
         return Ok(Vec::new());
     }
-    let mut set = predictor.effect_set(nuisances, Vec::new())?;
+    let mut set = predictor.effect_set(nuisances, &[])?;
     let prediction = predictor.predict(&set, Source::Smooth, None);
     let weight = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2;
     let flying = series.flying(&prediction.thrust, weight);
