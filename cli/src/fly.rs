@@ -142,6 +142,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             Ok(settled) => settled,
             Err(sentence) => return output::bad_input(sentence),
         };
+    for warning in scenario.warnings() {
+        eprintln!("{}: {warning}", args.scenario.display());
+    }
     let screen = Screen::new(args.json);
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),

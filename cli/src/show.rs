@@ -49,7 +49,12 @@ pub(crate) fn check(args: &CheckArgs) -> ExitCode {
             Ok(json) => println!("{json}"),
             Err(error) => return output::failed(error),
         },
-        Ok(scenario) => print!("{}", scenario.documents().to_toml()),
+        Ok(scenario) => {
+            for warning in scenario.warnings() {
+                eprintln!("{}: {warning}", args.scenario.display());
+            }
+            print!("{}", scenario.documents().to_toml());
+        }
         Err(error) => return output::bad_input(error),
     }
     ExitCode::SUCCESS

@@ -14,6 +14,8 @@ const USAGE: &str = "usage: cargo xtask TASK
   codegen [--check] Rust code from proto/ (--check: only say whether it is up to date)
   thumb             build flight-core for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
+  detector WHAT [SCENARIO] [key=value …]
+                    the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)
   bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link";
 
 fn main() -> std::process::ExitCode {
@@ -37,6 +39,7 @@ fn run_task() -> Result<()> {
         ["thumb"] => thumb::run(&root),
         ["seeds"] => seeds(&root, "config/scenarios/reference-flight.toml"),
         ["seeds", scenario] => seeds(&root, scenario),
+        ["detector", what, settings @ ..] => example(&root, "detector_study", [&[*what], settings].concat().as_slice()),
         ["bench"] => bench::run(&root, false),
         ["bench", "--quick"] => bench::run(&root, true),
         _ => bail!("{USAGE}"),
@@ -53,6 +56,11 @@ fn root() -> Result<PathBuf> {
 
 /// Flies a scenario with seeds 1 to 100 and prints what the evaluators did.
 fn seeds(root: &Path, scenario: &str) -> Result<()> {
+    example(root, "seed_study", &[scenario, "100"])
+}
+
+/// Runs an example of the campaign crate.
+fn example(root: &Path, name: &str, settings: &[&str]) -> Result<()> {
     let args = [
         "run",
         "--release",
@@ -61,10 +69,10 @@ fn seeds(root: &Path, scenario: &str) -> Result<()> {
         "-p",
         "rotortwin-campaign",
         "--example",
-        "seed_study",
+        name,
         "--",
     ];
-    run("seeds 1 to 100", cargo(root).args(args).args([scenario, "100"]))
+    run(name, cargo(root).args(args).args(settings))
 }
 
 /// A `cargo` command in the repository root.

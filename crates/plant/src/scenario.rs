@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use rotortwin_flight_core::control::Controller;
-use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_flight_core::fdi::{FdiConfigError, FdiEngine, SequentialConfigError};
 use serde::{Deserialize, Serialize};
 
 use crate::blades::{Blade, BladeSet};
@@ -233,6 +233,21 @@ impl Default for FdiSettings {
             network: None,
         }
     }
+}
+
+/// Names the key of the scenario document that a configuration is refused for.
+fn fdi_refusal(error: &FdiConfigError) -> Refusal {
+    if let FdiConfigError::Sequential(SequentialConfigError { field, expected }) = error {
+        let key = match *field {
+            "calibration_start" => "fdi.calibration_start_s",
+            "calibration_end" => "fdi.calibration_end_s",
+            "updates_per_window" => "fdi.window_samples",
+            // All other values are constants or come from the vehicle.
+            _ => return Refusal::new("fdi", error.to_string()),
+        };
+        return Refusal::new(key, format!("the sequential detector needs it to be {expected}"));
+    }
+    Refusal::new("fdi", error.to_string())
 }
 
 /// Rotor model of the residual generators.
@@ -495,13 +510,33 @@ impl Scenario {
         simulation::trim(&checked).map_err(refuse)?;
         Controller::new(checked.controller_config())
             .map_err(|error| refuse(Refusal::new("controller", error.to_string())))?;
-        FdiEngine::new(checked.fdi_config()).map_err(|error| refuse(Refusal::new("fdi", error.to_string())))?;
+        FdiEngine::new(checked.fdi_config()).map_err(|error| refuse(fdi_refusal(&error)))?;
         Ok(checked)
     }
 
     /// The effects that the scenario may name.
     pub fn catalogue(&self) -> &Catalogue {
         &self.catalogue
+    }
+
+    /// What is allowed but most likely not meant, one sentence each.
+    pub fn warnings(&self) -> Vec<String> {
+        let document = &self.documents.scenario;
+        let end_s = document.fdi.calibration_end_s;
+        let mut warnings = Vec::new();
+        for (index, fault) in document
+            .fault
+            .iter()
+            .enumerate()
+            .filter(|(_, fault)| fault.time_s < end_s)
+        {
+            warnings.push(format!(
+                "fault[{index}].time_s: rotor {} is damaged at {} s, before the calibration of the detectors ends at {end_s} s \
+                 (fdi.calibration_end_s): they take what is there until then for healthy",
+                fault.rotor, fault.time_s
+            ));
+        }
+        warnings
     }
 
     /// The effective configuration.

@@ -439,23 +439,24 @@ fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
 /// * `losses`: N, ends, share, ends; of the first and the second rotor named
 fn severity(verdict: i32, suspects: u64, hypothesis_count: u32, losses: [[f64; 6]; 2]) -> Severity {
     let suspect_rotors = rotors_of(suspects);
-    let losses = if verdict > HEALTHY {
-        suspect_rotors
-            .iter()
-            .zip(losses)
-            .map(
-                |(&rotor, [loss_n, low_n, high_n, share, share_low, share_high])| LossRecord {
-                    rotor,
-                    loss_n,
-                    interval_n: [low_n, high_n],
-                    share,
-                    interval_share: [share_low, share_high],
-                },
-            )
-            .collect()
-    } else {
-        Vec::new()
+    let named = match verdict {
+        1..100 => vec![verdict.unsigned_abs()],
+        100.. => vec![verdict.unsigned_abs() / 100, verdict.unsigned_abs() % 100],
+        _ => Vec::new(),
     };
+    let losses = named
+        .into_iter()
+        .zip(losses)
+        .map(
+            |(rotor, [loss_n, low_n, high_n, share, share_low, share_high])| LossRecord {
+                rotor,
+                loss_n,
+                interval_n: [low_n, high_n],
+                share,
+                interval_share: [share_low, share_high],
+            },
+        )
+        .collect();
     Severity {
         suspect_rotors,
         hypothesis_count,

@@ -395,6 +395,8 @@ sequential_parameters!(
     disturbance_ceiling,
     evidence_to_isolate,
     margin_to_isolate,
+    evidence_for_second,
+    handicap_of_pairs,
     prior_log_odds,
     smallest_loss,
     settling_time,

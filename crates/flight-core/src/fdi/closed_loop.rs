@@ -40,6 +40,8 @@ struct Conditions {
     /// Loss of lift, share, of `rotor` between the two times.
     loss: f64,
     rotor: usize,
+    /// Another rotor that loses as much, from another time on.
+    second: Option<(usize, f64)>,
     from_s: f64,
     to_s: f64,
     /// Standard deviations of force (N) and torque (N·m) with 2 s of correlation.
@@ -58,6 +60,7 @@ impl Conditions {
         duration_s: 14.0,
         loss: 0.0,
         rotor: 0,
+        second: None,
         from_s: 12.0,
         to_s: 1e9,
         gust: (0.0, 0.0),
@@ -182,7 +185,12 @@ fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
         let lost = if t >= c.from_s && t < c.to_s { c.loss } else { 0.0 };
         let settled: Vec<f64> = (0..n)
             .map(|i| {
-                let share = if i == c.rotor { 1.0 - lost } else { 1.0 };
+                let also = c.second.is_some_and(|(rotor, from_s)| i == rotor && t >= from_s);
+                let share = match () {
+                    () if i == c.rotor => 1.0 - lost,
+                    () if also => 1.0 - c.loss,
+                    () => 1.0,
+                };
                 share * f64::from(map.thrust(command.duty[i], VOLTAGE)) + bias[i]
             })
             .collect();
@@ -319,6 +327,53 @@ fn scenario_wind_and_wrong_lag_raise_no_alarm_and_hide_no_fault() {
         assert_eq!(log.changes.len(), 3, "{:?}", log.changes);
         assert_eq!(log.changes[2].1, FaultVerdict::Faulty { rotor: 4 });
         assert!(log.changes[2].0 < 31.0, "{:?}", log.changes);
+    }
+}
+
+#[test]
+fn scenario_two_faults_are_named_or_left_open() {
+    // Together and one after the other; opposite rotors of a hexarotor that fail alike at once are a pure vertical force.
+    for rotor_count in [4, 6, 8] {
+        for second in 1..rotor_count {
+            for second_from_s in [12.0, 16.0] {
+                let log = run(&Conditions {
+                    rotor_count,
+                    loss: 0.08,
+                    second: Some((second, second_from_s)),
+                    duration_s: 22.0,
+                    seed: 300 + second as u64,
+                    ..Conditions::CALM
+                });
+                let last = log.last.expect("samples");
+                let name = std::format!(
+                    "rotors 1 and {} of {rotor_count} from {second_from_s} s: {:?}",
+                    second + 1,
+                    log.changes
+                );
+                let both = 1 | 1 << second;
+                assert_eq!(last.suspects.rotors & both, both, "{name}");
+                let twins =
+                    (rotor_count == 6 && second == 3 || rotor_count == 8 && second == 4) && second_from_s == 12.0;
+                if twins {
+                    assert_eq!(last.sequential, FaultVerdict::Ambiguous, "{name}");
+                    assert!(last.suspects.hypothesis_count >= 2, "{name}");
+                    assert!(last.suspects.hypotheses.contains(&both), "{name}");
+                } else {
+                    let pair = FaultVerdict::FaultyPair {
+                        first: 0,
+                        second: second as u8,
+                    };
+                    assert_eq!(last.sequential, pair, "{name}");
+                    for estimate in last.thrust_loss {
+                        let [share, low, high] = estimate.share();
+                        assert!(
+                            (share - 0.08).abs() < 0.01 && low < share && share < high,
+                            "{name}: {estimate:?}"
+                        );
+                    }
+                }
+            }
+        }
     }
 }
 

@@ -17,15 +17,16 @@
 //! 3. *Onset.* Generalised likelihood ratio of a step of lost thrust, for every rotor, over some twenty moments of onset. Losses are
 //!    positive: the side of the torque tells opposite rotors apart. What a jump of the momentum itself explains better (a sensor that
 //!    shifts, a knock) does not count.
-//! 4. *Decision*, at each window's end: the evidence for the best rotor, in nats, and its lead over the next one. A settled fault
-//!    becomes part of the model, after which *changes* are sought: of the same rotor either way (a fault may grow or heal), of
-//!    another one only as a loss.
+//! 4. *Decision*, at each window's end: the evidence for the best rotor, in nats, and its lead over the next one, and over every pair of
+//!    rotors ([`sets`]). Where one rotor does not explain the lost wrench, a pair is named if it stands alone, else the verdict is
+//!    ambiguous and lists the sets that do. A settled fault becomes part of the model, after which *changes* are sought: of the same
+//!    rotor either way (a fault may grow or heal), of another one only as a loss.
 //!
 //! ```text
-//!   NotReady ──calibration_end──▶ Healthy ⇄ Faulty{rotor} (pending: every window may revise it)
+//!   NotReady ──calibration_end──▶ Healthy ⇄ Faulty{rotor}, FaultyPair (pending: every window may revise it)
 //!                                    │  ▲          │ evidence_to_absorb and settling_time
 //!                                    ▼  │ healed   ▼
-//!                                 Unknown└──── Faulty{rotor} (part of the model)
+//!                       Unknown, Ambiguous└─── Faulty{rotor}, FaultyPair (part of the model)
 //! ```
 //!
 //! # Calibration
@@ -37,7 +38,10 @@
 //!
 //! # Limits
 //!
-//! One fault at a time: a second one may be absorbed, but the verdict names the rotor that has lost most. Torque disturbances that
+//! Sets of up to two rotors at a time; more, one after the other, are reported as one set of an ambiguous verdict. What geometry and gusts
+//! leave undecided is said to be: a rotor that heals and an opposite one that fails alike differ in the vertical force alone, as do
+//! equal losses of opposite rotors and none at all. A second loss below about a tenth of the first may hide in the uncertainty of the
+//! gains until a manoeuvre has shown them. Torque disturbances that
 //! come suddenly and last, and point like a rotor's loss, are taken for one; those that point between rotors are an unknown fault, and
 //! stay one until later data speak against it. A loss below `smallest_loss` is never reported. The
 //! sensor noise is taken to stay as it was measured.
@@ -47,30 +51,26 @@
 
 mod axis_filter;
 mod config;
+mod decision;
 mod defect;
 mod estimate;
 mod onset;
+mod sets;
 
 use super::FaultVerdict;
 use super::residual::BodyMomentum;
 use crate::MAX_ROTORS;
 use crate::geometry::Geometry;
-use axis_filter::{AxisFilter, BIAS, Disturbance, GUST, Innovation, LAG, LevelProbe, STATES};
+use axis_filter::{AxisFilter, BIAS, Disturbance, GUST, Innovation, LevelProbe, STATES};
 use config::NOISE_SKIP;
 pub use config::{MAX_UPDATES_PER_WINDOW, SequentialConfig, SequentialConfigError};
 pub(super) use defect::lanes::MeterRows;
 use defect::{AXES, Block, DefectMeter};
 pub use estimate::{LossEstimate, MAX_HYPOTHESES, Suspects};
-use onset::{Evidence, FreeEvidence, OnsetHypotheses};
+use onset::OnsetHypotheses;
 
 /// Levels of gusts tried during the calibration.
 const LEVELS: usize = 10;
-
-/// A loss that comes back but for this share has healed: more cannot be told from an error of the estimate.
-const HEALED_SHARE: f32 = 0.15;
-
-/// What noise alone leaves unexplained, nats: half a χ² with three degrees of freedom exceeds it once in 40,000.
-const UNEXPLAINED_NATS: f32 = 12.0;
 
 /// Time over which the thrust of every rotor is averaged to turn a loss in newtons into a share, s.
 const THRUST_TIME: f32 = 1.0;
@@ -163,6 +163,12 @@ pub struct SequentialDetector {
     onset: OnsetHypotheses,
     /// Averaged static thrust of every rotor, N; held while something stands out, so that it is the thrust at an onset.
     thrust: [f32; MAX_ROTORS],
+    /// The one with the most evidence at the last window's end.
+    leading_rotor: usize,
+    /// See [`Self::follow_demand`].
+    extra_demand: f32,
+    /// 1 − e^(−block/τ).
+    lag_weight: f32,
     /// The same over the last block.
     recent_thrust: [f32; MAX_ROTORS],
     /// Nothing stands out.
@@ -171,6 +177,9 @@ pub struct SequentialDetector {
     pending: bool,
     ambiguous_windows: u16,
     known: [KnownFault; MAX_ROTORS],
+    /// Gain errors of the axes and their variances as of the last quiet window.
+    gain: [f32; AXES],
+    gain_variance: [f32; AXES],
     /// As the meter wants it.
     loss_fraction: [f32; MAX_ROTORS],
     decision: SequentialDecision,
@@ -236,11 +245,16 @@ impl SequentialDetector {
             rotor_gain_variance: config.excursion_in_calibration,
             onset: OnsetHypotheses::new(block_period, config.rotor_time_constant),
             thrust: hover_thrust,
+            leading_rotor: 0,
+            extra_demand: 0.0,
+            lag_weight: 1.0 - libm::expf(-block_period / config.rotor_time_constant),
             recent_thrust: hover_thrust,
             quiet: true,
             pending: false,
             ambiguous_windows: 0,
             known: [KnownFault::default(); MAX_ROTORS],
+            gain: [0.0; AXES],
+            gain_variance: [config.gain_spread * config.gain_spread; AXES],
             loss_fraction: [0.0; MAX_ROTORS],
             decision: SequentialDecision {
                 verdict: FaultVerdict::NotReady,
@@ -341,6 +355,18 @@ impl SequentialDetector {
             }
             Phase::Watch => self.watch(&block),
         }
+    }
+
+    /// By how much more than before anything stood out the leading rotor is asked for, share, through the lag. A rotor that loses a share
+    /// of its thrust is asked for more at once, and loses the same share of that: the lost thrust grows with it.
+    fn follow_demand(&mut self, block: &Block) {
+        if self.quiet {
+            self.extra_demand = 0.0;
+            return;
+        }
+        let rotor = self.leading_rotor;
+        let extra = block.thrust[rotor] / self.thrust[rotor].max(0.1 * self.mean_hover_thrust) - 1.0;
+        self.extra_demand += (extra.clamp(-0.5, 1.0) - self.extra_demand) * self.lag_weight;
     }
 
     /// φ of one axis, see [`axis_filter`].
@@ -478,18 +504,15 @@ impl SequentialDetector {
 
             self.follow_level(axis, block, known, known_variance, &disturbance);
         }
-        self.onset
-            .update(&phi, &innovation, &evidence, self.correlation, block.elapsed);
-    }
-
-    /// Moves the time constants to their estimates. Only while nothing stands out: what the filters make of a fault is undone
-    /// exactly by [`onset`], but only as long as the model stays the same.
-    fn adopt_time_constants(&mut self) {
-        for axis in 0..AXES {
-            let state = &mut self.axis[axis].filter.state;
-            self.meter.shift_time_constant(axis, state[LAG]);
-            state[LAG] = 0.0;
-        }
+        self.follow_demand(block);
+        self.onset.update(
+            &phi,
+            &innovation,
+            &evidence,
+            self.correlation,
+            block.elapsed,
+            self.extra_demand,
+        );
     }
 
     /// Moves the level of gusts of one axis towards the likelier of the two probes.
@@ -511,214 +534,5 @@ impl SequentialDetector {
         let floor = c.disturbance_floor * self.mean_hover_thrust;
         let ceiling = c.disturbance_ceiling * self.mean_hover_thrust;
         state.variance = (state.variance * (1.0 + step)).clamp(floor * floor, ceiling * ceiling);
-    }
-
-    /// Lost thrust of a fault that is part of the model, at hover, N.
-    fn known_loss(&self, rotor: usize) -> f32 {
-        self.known[rotor].fraction * self.hover_thrust[rotor]
-    }
-
-    /// The rotor with the largest loss in the model.
-    fn known_rotor(&self) -> Option<usize> {
-        let mut worst = None;
-        let mut most = 0.5 * self.config.smallest_loss * self.mean_hover_thrust;
-        for rotor in 0..self.rotor_count {
-            let loss = self.known_loss(rotor);
-            if loss > most {
-                most = loss;
-                worst = Some(rotor);
-            }
-        }
-        worst
-    }
-
-    /// A rotor can get back what it lost; what it can lose is left open, as thrusts move.
-    fn rotor_evidence(&self, rotor: usize) -> Evidence {
-        let lost = self.known[rotor].fraction * self.thrust[rotor];
-        self.onset.evidence(&self.column[rotor], -lost)
-    }
-
-    /// After the last block of a window.
-    pub fn decide(&mut self) {
-        if self.phase != Phase::Watch {
-            return;
-        }
-        let c = self.config;
-        let known = self.known_rotor();
-        let mut first = 0;
-        let mut log_likelihood = [0.0; MAX_ROTORS];
-        let mut leading = self.rotor_evidence(0);
-        for rotor in 0..self.rotor_count {
-            let evidence = self.rotor_evidence(rotor);
-            log_likelihood[rotor] = evidence.log_likelihood;
-            if known == Some(rotor) {
-                log_likelihood[rotor] += c.repeat_bonus;
-            }
-            if rotor == 0 || log_likelihood[rotor] > log_likelihood[first] {
-                first = rotor;
-                leading = evidence;
-            }
-        }
-        let jump = self.onset.jump_evidence();
-        let push = self.onset.push_evidence();
-        self.onset.set_leading(&leading, &jump, &push);
-        let best = log_likelihood[first];
-        let mut next = 0.0f32;
-        for rotor in 0..self.rotor_count {
-            if rotor != first {
-                next = next.max(log_likelihood[rotor]);
-            }
-        }
-        let smallest = c.smallest_loss * self.mean_hover_thrust;
-        let head_start = if known == Some(first) { c.repeat_bonus } else { 0.0 };
-        let fit = self
-            .onset
-            .fit(&leading, &self.column[first], &jump, &push, c.margin_to_isolate);
-        let supported = head_start + fit.explained;
-        let relevant = supported > c.evidence_to_isolate
-            && (leading.loss > smallest || (known == Some(first) && leading.loss < 0.0));
-        let fits = fit.unexplained <= UNEXPLAINED_NATS.max(c.unexplained_share * fit.explained);
-        let decisive = relevant && fits && best - next > c.margin_to_isolate;
-        // Of any fault, and of this one.
-        let odds_of_none = libm::expf((c.prior_log_odds - best.min(supported)).clamp(-80.0, 80.0));
-        let probability = 1.0 / (1.0 + odds_of_none + libm::expf((next - best).clamp(-80.0, 0.0)));
-
-        let unclear = 0.5 * c.evidence_to_isolate;
-        match known {
-            Some(rotor) => self.report_known(rotor, (decisive && first == rotor).then_some(&leading)),
-            None => {
-                self.ambiguous_windows = if relevant && !decisive {
-                    self.ambiguous_windows.saturating_add(1)
-                } else {
-                    0
-                };
-                match self.decision.verdict {
-                    _ if decisive => self.report_pending(first, &leading, probability),
-                    FaultVerdict::Faulty { rotor } if log_likelihood[usize::from(rotor)] >= unclear => {}
-                    _ if self.ambiguous_windows > self.ambiguity_windows => {
-                        // Some rotor, but which?
-                        self.report_none(FaultVerdict::Unknown, 1.0 / (1.0 + odds_of_none));
-                    }
-                    FaultVerdict::Unknown if best >= unclear => {}
-                    _ => {
-                        self.report_none(FaultVerdict::Healthy, odds_of_none / (1.0 + odds_of_none));
-                    }
-                }
-            }
-        }
-        if supported < unclear
-            && self.decision.verdict == FaultVerdict::Healthy
-            && jump.log_likelihood > c.evidence_to_isolate
-            && self.onset.jump_age(&jump) >= self.settling_blocks
-        {
-            self.absorb_jump(&jump);
-            return;
-        }
-        self.quiet = best < unclear;
-        if self.quiet {
-            self.adopt_time_constants();
-        }
-        self.pending = decisive && best > c.evidence_to_absorb;
-        if self.pending && self.onset.age(&leading) >= self.settling_blocks {
-            self.absorb(first, &leading, probability);
-        }
-    }
-
-    fn report_none(&mut self, verdict: FaultVerdict, probability: f32) {
-        self.decision = SequentialDecision {
-            verdict,
-            probability,
-            thrust_loss: [LossEstimate::default(); 2],
-            suspects: Suspects::default(),
-        };
-    }
-
-    fn report_pending(&mut self, rotor: usize, evidence: &Evidence, probability: f32) {
-        let variance = self.onset.change(evidence, &self.column[rotor]).variance;
-        self.decision = SequentialDecision {
-            verdict: FaultVerdict::Faulty { rotor: rotor as u8 },
-            probability,
-            thrust_loss: [
-                LossEstimate::new(evidence.loss, libm::sqrtf(variance), self.hover_thrust[rotor]),
-                LossEstimate::default(),
-            ],
-            suspects: Suspects::certain(1 << rotor),
-        };
-    }
-
-    fn report_known(&mut self, rotor: usize, change: Option<&Evidence>) {
-        let known = self.known[rotor];
-        let mut loss = self.known_loss(rotor);
-        let mut variance = known.deviation * known.deviation;
-        if let Some(evidence) = change {
-            loss = (loss + evidence.loss).max(0.0);
-            variance += self.onset.change(evidence, &self.column[rotor]).variance;
-        }
-        self.decision = SequentialDecision {
-            verdict: FaultVerdict::Faulty { rotor: rotor as u8 },
-            probability: known.probability,
-            thrust_loss: [
-                LossEstimate::new(loss, libm::sqrtf(variance), self.hover_thrust[rotor]),
-                LossEstimate::default(),
-            ],
-            suspects: Suspects::certain(1 << rotor),
-        };
-    }
-
-    /// Undoes what a jump of the momentum has done to the filters.
-    fn absorb_jump(&mut self, jump: &FreeEvidence) {
-        for axis in 0..AXES {
-            let (size, error) = self.onset.jump(jump, axis);
-            let state = &mut self.axis[axis];
-            for i in 0..STATES {
-                state.filter.state[i] += size * error[i];
-            }
-            state.probe = [LevelProbe::new(&state.filter); 2];
-        }
-        self.onset.clear();
-        self.pending = false;
-        self.quiet = true;
-    }
-
-    /// Makes a change of one rotor part of the model; changes from now on are sought against it.
-    fn absorb(&mut self, rotor: usize, evidence: &Evidence, probability: f32) {
-        let column = &self.column[rotor];
-        let change = self.onset.change(evidence, column);
-        for axis in 0..AXES {
-            let state = &mut self.axis[axis];
-            let error = &change.error[axis];
-            let lost = -column[axis] * evidence.loss;
-            // What is wrong with Δ̂ goes on acting like a bias.
-            let mut direction = *error;
-            direction[BIAS] += 1.0;
-            let variance = column[axis] * column[axis] * change.variance;
-            for i in 0..STATES {
-                state.filter.state[i] += lost * error[i];
-                for j in 0..STATES {
-                    state.filter.covariance[i][j] += variance * direction[i] * direction[j];
-                }
-            }
-            state.probe = [LevelProbe::new(&state.filter); 2];
-        }
-
-        let thrust = self.thrust[rotor].max(0.1 * self.mean_hover_thrust);
-        let known = &mut self.known[rotor];
-        let before = known.fraction;
-        let mut fraction = (before + evidence.loss / thrust).clamp(0.0, 1.0);
-        if fraction < HEALED_SHARE * before {
-            fraction = 0.0;
-        }
-        *known = KnownFault {
-            fraction,
-            deviation: libm::sqrtf(change.variance),
-            probability,
-        };
-        self.loss_fraction[rotor] = fraction;
-        let removed = (fraction - before) * self.recent_thrust[rotor];
-        self.meter
-            .remove_wrench(&core::array::from_fn(|axis| removed * column[axis] * self.arm[axis]));
-        self.onset.clear();
-        self.pending = false;
-        self.quiet = true;
     }
 }

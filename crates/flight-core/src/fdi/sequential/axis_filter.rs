@@ -21,7 +21,9 @@ pub(super) const DEFECT: usize = 0;
 pub(super) const GUST: usize = 1;
 /// Constant disturbance.
 pub(super) const BIAS: usize = 2;
-/// Relative error of ln τ; the states between are the gain error and the second parameter.
+/// Gain error; after it comes the second parameter.
+pub(super) const GAIN: usize = 3;
+/// Relative error of ln τ.
 pub(super) const LAG: usize = 5;
 
 /// Largest squared normalised innovation that counts when surprise is averaged: 6 is exceeded by 1.4 % of a χ² with one degree.

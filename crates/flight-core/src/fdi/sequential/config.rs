@@ -45,6 +45,11 @@ pub struct SequentialConfig {
     pub evidence_to_isolate: f32,
     /// Lead over the next best rotor that it takes to name one, nats.
     pub margin_to_isolate: f32,
+    /// What a second rotor must add to the likelihood before a single one does not do, nats.
+    pub evidence_for_second: f32,
+    /// By how much a pair of other rotors may be likelier than the single one that is named, nats: two faults at the same moment are
+    /// rarer than one.
+    pub handicap_of_pairs: f32,
     /// ln of the odds against a fault at any moment, for the reported probability, nats.
     pub prior_log_odds: f32,
     /// Losses below this are not reported, share of the hover thrust.
@@ -105,6 +110,8 @@ impl SequentialConfig {
             disturbance_ceiling: 0.6,
             evidence_to_isolate: 25.0,
             margin_to_isolate: 6.0,
+            evidence_for_second: 10.0,
+            handicap_of_pairs: 1.5,
             prior_log_odds: 12.0,
             smallest_loss: 0.0012,
             settling_time: 1.5,
@@ -185,6 +192,8 @@ impl SequentialConfig {
         }
         for (value, field) in [
             (self.margin_to_isolate, "margin_to_isolate"),
+            (self.evidence_for_second, "evidence_for_second"),
+            (self.handicap_of_pairs, "handicap_of_pairs"),
             (self.prior_log_odds, "prior_log_odds"),
             (self.level_margin, "level_margin"),
             (self.repeat_bonus, "repeat_bonus"),

@@ -16,6 +16,7 @@
 
 use super::axis_filter::{DEFECT, GUST, Innovation, STATES};
 use super::defect::AXES;
+use super::sets::Observation;
 
 /// Moments of onset under test.
 const MOMENTS: usize = 20;
@@ -96,7 +97,8 @@ pub(super) struct Evidence {
     pub log_likelihood: f32,
     /// Δ̂, N; negative if thrust came back.
     pub loss: f32,
-    index: usize,
+    /// Place of the moment.
+    pub index: usize,
 }
 
 /// What all moments together say about something that acts on every axis as it likes.
@@ -106,7 +108,8 @@ pub(super) struct FreeEvidence {
     pub log_likelihood: f32,
     /// The same of every axis.
     pub axis: [f32; AXES],
-    index: usize,
+    /// Place of the moment.
+    pub index: usize,
 }
 
 /// How well a loss of one rotor fits what the innovations say; axes that a jump explains better do not count.
@@ -116,15 +119,6 @@ pub(super) struct Fit {
     pub explained: f32,
     /// What lasting forces and torques of any direction would make likelier beyond that, nats.
     pub unexplained: f32,
-}
-
-/// A change that is to become part of the model.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Change {
-    /// Error of each axis filter per unit of lost wrench.
-    pub error: [[f32; STATES]; AXES],
-    /// 1/C of the rotor, N².
-    pub variance: f32,
 }
 
 /// See the module.
@@ -170,7 +164,8 @@ impl OnsetHypotheses {
     /// Adds the present block as a moment of onset, then takes in its innovations.
     ///
     /// * `evidence`: weight of each axis, 1/S or less   * `correlation`: of the gusts from block to block
-    /// * `elapsed`: of the block, s
+    /// * `elapsed`: of the block, s   * `extra`: lost thrust beyond a step, share, see
+    ///   [`super::SequentialDetector`]
     pub(super) fn update(
         &mut self,
         phi: &[[f32; STATES]; AXES],
@@ -178,12 +173,15 @@ impl OnsetHypotheses {
         evidence: &[f32; AXES],
         correlation: f32,
         elapsed: f32,
+        extra: f32,
     ) {
         self.open();
         for moment in &mut self.moment[..self.count] {
             let age = self.block.wrapping_sub(moment.block) as usize;
             let input = if age < SETTLED { self.response[age] } else { elapsed };
-            moment.loss.update(input, phi, innovation, evidence, correlation);
+            moment
+                .loss
+                .update(input + extra * elapsed, phi, innovation, evidence, correlation);
             let impulse = if age == 0 { 1.0 } else { 0.0 };
             moment.jump.update(impulse, phi, innovation, evidence, correlation);
         }
@@ -324,22 +322,25 @@ impl OnsetHypotheses {
         self.leading = [loss.index, jump.index, push.index].map(|index| self.moment[index].block);
     }
 
-    /// Blocks since the onset of this hypothesis.
-    pub(super) fn age(&self, evidence: &Evidence) -> u32 {
-        self.block.wrapping_sub(self.moment[evidence.index].block)
+    /// Blocks since a moment of onset.
+    pub(super) fn age(&self, index: usize) -> u32 {
+        self.block.wrapping_sub(self.moment[index].block)
     }
 
-    /// Δ's variance and the errors behind this hypothesis.
-    pub(super) fn change(&self, evidence: &Evidence, column: &[f32; AXES]) -> Change {
-        let moment = &self.moment[evidence.index];
-        let mut information = LEAST_INFORMATION;
-        for axis in 0..AXES {
-            information += column[axis] * column[axis] * moment.loss.information[axis];
-        }
-        Change {
-            error: moment.loss.error,
-            variance: 1.0 / information,
-        }
+    /// The lost wrench that the innovations show since a moment of onset.
+    pub(super) fn observation(&self, index: usize) -> Observation {
+        let loss = &self.moment[index].loss;
+        Observation::new(&loss.score, &loss.information)
+    }
+
+    /// ln of the likelihood ratio of every axis, each at its best size, nats.
+    pub(super) fn free_fit(&self, index: usize) -> [f32; AXES] {
+        self.moment[index].loss.free_fit()
+    }
+
+    /// Error of each axis filter per unit of wrench lost since a moment of onset.
+    pub(super) fn error(&self, index: usize) -> [[f32; STATES]; AXES] {
+        self.moment[index].loss.error
     }
 }
 
@@ -379,7 +380,7 @@ mod tests {
                 innovation[axis] = filter[axis].update(-column[axis] * loss * input, d.measurement);
             }
             let weight = innovation.map(|i| i.information);
-            hypotheses.update(&phi, &innovation, &weight, d.correlation, BLOCK);
+            hypotheses.update(&phi, &innovation, &weight, d.correlation, BLOCK, 0.0);
             let evidence = hypotheses.evidence(column, 0.0);
             let (jump, push) = (hypotheses.jump_evidence(), hypotheses.push_evidence());
             hypotheses.set_leading(&evidence, &jump, &push);
@@ -394,11 +395,12 @@ mod tests {
             let hypotheses = run(&column, 0.09, blocks);
             let evidence = hypotheses.evidence(&column, 0.0);
             assert!((evidence.loss / 0.09 - 1.0).abs() < 1e-3, "{evidence:?}");
-            assert_eq!(hypotheses.age(&evidence), blocks - 100);
+            assert_eq!(hypotheses.age(evidence.index), blocks - 100);
             assert!(evidence.log_likelihood > 100.0);
             // ½ Δ² C with a perfect fit.
-            let variance = hypotheses.change(&evidence, &column).variance;
-            let want = 0.5 * 0.09 * 0.09 / variance;
+            let seen = hypotheses.observation(evidence.index);
+            let information: f32 = (0..AXES).map(|a| column[a] * column[a] / seen.variance[a]).sum();
+            let want = 0.5 * 0.09 * 0.09 * information;
             assert!((evidence.log_likelihood / want - 1.0).abs() < 1e-3);
             // A rotor on the other side would have to gain thrust.
             let opposite = [-1.0, 0.5, -0.866, -1.0];
@@ -428,7 +430,7 @@ mod tests {
                 innovation[axis] = filter[axis].update(defect, d.measurement);
             }
             let weight = innovation.map(|i| i.information);
-            jump.update(&phi, &innovation, &weight, d.correlation, BLOCK);
+            jump.update(&phi, &innovation, &weight, d.correlation, BLOCK, 0.0);
         }
         let evidence = jump.jump_evidence();
         assert!(evidence.log_likelihood > 1.5 * jump.evidence(&column, 0.0).log_likelihood);
@@ -447,7 +449,7 @@ mod tests {
         let mut hypotheses = OnsetHypotheses::new(BLOCK, 0.05);
         let phi = [[0.0; STATES]; AXES];
         for _ in 0..5000 {
-            hypotheses.update(&phi, &[Innovation::default(); AXES], &[0.0; AXES], 1.0, BLOCK);
+            hypotheses.update(&phi, &[Innovation::default(); AXES], &[0.0; AXES], 1.0, BLOCK, 0.0);
         }
         let age: Vec<u32> = hypotheses.moment.iter().map(|m| 4999 - m.block).collect();
         assert!(age.windows(2).all(|pair| pair[0] > pair[1]));

@@ -1,0 +1,422 @@
+//! From evidence to verdicts: which set of rotors is named, what is left open, and what becomes part of the model.
+
+use super::axis_filter::{BIAS, GAIN, LAG, LevelProbe, STATES};
+use super::defect::AXES;
+use super::estimate::{LossEstimate, Suspects};
+use super::onset::{Evidence, FreeEvidence};
+use super::sets::{Demands, Observation, SetFit, Sets};
+use super::{KnownFault, Phase, SequentialDecision, SequentialDetector};
+use crate::MAX_ROTORS;
+use crate::fdi::FaultVerdict;
+
+/// A loss that comes back but for this share has healed: more cannot be told from an error of the estimate.
+const HEALED_SHARE: f32 = 0.15;
+
+/// A loss of which no more than this share would be left is about to heal.
+const HEALING_SHARE: f32 = 0.3;
+
+/// What noise alone leaves unexplained, nats: half a χ² with three degrees of freedom exceeds it once in 40,000.
+const UNEXPLAINED_NATS: f32 = 12.0;
+
+/// Gain of a second rotor, nats, up to which a single one becomes part of the model as soon as it has settled.
+const UNDISPUTED_NATS: f32 = 2.0;
+
+/// Settling times that a disputed single fault waits for more evidence before it becomes part of the model.
+const DISPUTED_SETTLINGS: u32 = 4;
+
+/// Squared relative error of the model of an axis that no manoeuvre shows.
+const MODEL_VARIANCE: f32 = 1e-4;
+
+/// What the evidence at the end of a window amounts to.
+struct Finding {
+    /// The set that is to be named.
+    named: Option<SetFit>,
+    /// Several sets explain what is seen, and well.
+    open: Option<Suspects>,
+    /// Something needs an explanation.
+    relevant: bool,
+    probability: f32,
+    /// Of something rather than nothing.
+    probability_of_any: f32,
+    /// Of the best single rotor, nats.
+    best: f32,
+    /// What a second rotor adds to the one named, nats.
+    gain_of_second: f32,
+    /// Lead of the one named over pairs without it, nats.
+    lead: f32,
+}
+
+impl SequentialDetector {
+    /// Lost thrust of a fault that is part of the model, at hover, N.
+    fn known_loss(&self, rotor: usize) -> f32 {
+        self.known[rotor].fraction * self.hover_thrust[rotor]
+    }
+
+    /// Bit i set: rotor i has a loss in the model.
+    fn known_rotors(&self) -> u32 {
+        let least = 0.5 * self.config.smallest_loss * self.mean_hover_thrust;
+        (0..self.rotor_count)
+            .filter(|&rotor| self.known_loss(rotor) > least)
+            .fold(0, |mask, rotor| mask | 1 << rotor)
+    }
+
+    /// A rotor can get back what it lost; what it can lose is left open, as thrusts move.
+    fn least_change(&self, rotor: usize) -> f32 {
+        -self.known[rotor].fraction * self.thrust[rotor]
+    }
+
+    /// A propeller that broke once goes on changing. That it heals altogether is no likelier than that an opposite one fails alike,
+    /// which differs in the vertical force alone: no head start for that.
+    fn goes_on(&self, rotor: usize, change: f32) -> bool {
+        self.known_rotors() >> rotor & 1 == 1 && change > (1.0 - HEALING_SHARE) * self.least_change(rotor)
+    }
+
+    fn rotor_evidence(&self, rotor: usize) -> Evidence {
+        self.onset.evidence(&self.column[rotor], self.least_change(rotor))
+    }
+
+    /// After the last block of a window.
+    pub fn decide(&mut self) {
+        if self.phase != Phase::Watch {
+            return;
+        }
+        let c = self.config;
+        let known = self.known_rotors();
+        let mut first = 0;
+        let mut log_likelihood = [0.0; MAX_ROTORS];
+        let mut leading = self.rotor_evidence(0);
+        for rotor in 0..self.rotor_count {
+            let evidence = self.rotor_evidence(rotor);
+            log_likelihood[rotor] = evidence.log_likelihood;
+            if self.goes_on(rotor, evidence.loss) {
+                log_likelihood[rotor] += c.repeat_bonus;
+            }
+            if rotor == 0 || log_likelihood[rotor] > log_likelihood[first] {
+                first = rotor;
+                leading = evidence;
+            }
+        }
+        let jump = self.onset.jump_evidence();
+        let push = self.onset.push_evidence();
+        self.onset.set_leading(&leading, &jump, &push);
+        self.leading_rotor = first;
+        let head_start = if self.goes_on(first, leading.loss) {
+            c.repeat_bonus
+        } else {
+            0.0
+        };
+        let fit = self
+            .onset
+            .fit(&leading, &self.column[first], &jump, &push, c.margin_to_isolate);
+        let supported = head_start + fit.explained;
+        let fits = fit.unexplained <= UNEXPLAINED_NATS.max(c.unexplained_share * fit.explained);
+        let finding = self.weigh(known, first, &log_likelihood, &leading, &jump, &push, supported, fits);
+
+        let unclear = 0.5 * c.evidence_to_isolate;
+        self.ambiguous_windows = if finding.relevant && finding.named.is_none() {
+            self.ambiguous_windows.saturating_add(1)
+        } else {
+            0
+        };
+        let undecided = self.ambiguous_windows > self.ambiguity_windows;
+        match (&finding.named, self.decision.verdict) {
+            (Some(set), _) => self.report(known, Some(set), finding.probability),
+            (None, _) if undecided && let Some(open) = finding.open => {
+                self.report_open(known, open, finding.probability_of_any);
+            }
+            (None, _) if known != 0 => self.report(known, None, 1.0),
+            (None, FaultVerdict::Faulty { rotor }) if log_likelihood[usize::from(rotor)] >= unclear => {}
+            (None, FaultVerdict::FaultyPair { .. } | FaultVerdict::Ambiguous) if finding.best >= unclear => {}
+            (None, _) if undecided => {
+                // Something, but what?
+                self.report_none(FaultVerdict::Unknown, finding.probability_of_any);
+            }
+            (None, FaultVerdict::Unknown) if finding.best >= unclear => {}
+            (None, _) => self.report_none(FaultVerdict::Healthy, 1.0 - finding.probability_of_any),
+        }
+        if supported < unclear
+            && self.decision.verdict == FaultVerdict::Healthy
+            && jump.log_likelihood > c.evidence_to_isolate
+            && self.onset.jump_age(&jump) >= self.settling_blocks
+        {
+            self.absorb_jump(&jump);
+            return;
+        }
+        self.quiet = finding.best < unclear;
+        if self.quiet {
+            self.adopt_time_constants();
+            for axis in 0..AXES {
+                self.gain[axis] = self.axis[axis].filter.state[GAIN];
+                self.gain_variance[axis] = self.axis[axis].filter.covariance[GAIN][GAIN] + MODEL_VARIANCE;
+            }
+        }
+        let strong = finding.best > c.evidence_to_absorb;
+        self.pending = strong && (finding.named.is_some() || finding.open.is_some() && undecided);
+        if let Some(set) = finding.named.filter(|_| strong) {
+            let age = self.onset.age(set.index);
+            let disputed = !set.is_pair() && (finding.gain_of_second > UNDISPUTED_NATS || finding.lead < 0.0);
+            let settlings = if disputed { DISPUTED_SETTLINGS } else { 1 };
+            if age >= settlings * self.settling_blocks {
+                self.absorb(&set, finding.probability);
+            }
+        }
+    }
+
+    /// Compares sets of rotors.
+    #[expect(clippy::too_many_arguments, reason = "everything that one window has worked out")]
+    fn weigh(
+        &self,
+        known: u32,
+        first: usize,
+        log_likelihood: &[f32; MAX_ROTORS],
+        leading: &Evidence,
+        jump: &FreeEvidence,
+        push: &FreeEvidence,
+        supported: f32,
+        fits: bool,
+    ) -> Finding {
+        let c = &self.config;
+        let best = log_likelihood[first];
+        let mut next = 0.0f32;
+        for rotor in 0..self.rotor_count {
+            if rotor != first {
+                next = next.max(log_likelihood[rotor]);
+            }
+        }
+        let smallest_loss = c.smallest_loss * self.mean_hover_thrust;
+        let relevant = supported > c.evidence_to_isolate
+            && (leading.loss > smallest_loss || (known >> first & 1 == 1 && leading.loss < 0.0));
+        // Of any fault, and of this one.
+        let odds_of_none = libm::expf((c.prior_log_odds - best.min(supported)).clamp(-80.0, 80.0));
+        let mut finding = Finding {
+            named: None,
+            open: None,
+            relevant,
+            probability: 1.0 / (1.0 + odds_of_none + libm::expf((next - best).clamp(-80.0, 0.0))),
+            probability_of_any: 1.0 / (1.0 + odds_of_none),
+            best,
+            gain_of_second: 0.0,
+            lead: 0.0,
+        };
+        if push.log_likelihood + c.repeat_bonus < c.evidence_to_isolate {
+            return finding;
+        }
+
+        let demands = Demands {
+            margin: c.margin_to_isolate,
+            second_rotor: c.evidence_for_second,
+            smallest_loss,
+            heals_at: core::array::from_fn(|rotor| {
+                if known >> rotor & 1 == 1 {
+                    (1.0 - HEALING_SHARE) * self.least_change(rotor)
+                } else {
+                    f32::INFINITY
+                }
+            }),
+            repeat_bonus: c.repeat_bonus,
+        };
+        let moments = [leading.index, push.index];
+        let count = if moments[0] == moments[1] { 1 } else { 2 };
+        let observations = moments.map(|index| (index, self.observation(index, jump, push)));
+        let least = core::array::from_fn(|rotor| self.least_change(rotor));
+        let sets = Sets::weigh(&observations[..count], self.rotor_count, &self.column, &least, &demands);
+
+        let gain_of_second = sets.gain_of_second(first, smallest_loss);
+        let lead = sets.lead_over_other_pairs(first, smallest_loss);
+        finding.gain_of_second = gain_of_second;
+        finding.lead = lead;
+        if relevant
+            && fits
+            && best - next > c.margin_to_isolate
+            && gain_of_second <= c.evidence_for_second
+            && lead >= -c.handicap_of_pairs
+        {
+            finding.named = Some(*sets.single(first));
+            return finding;
+        }
+        let pair = sets.best_pair();
+        let alone = pair
+            .members()
+            .fold(0.0, |most: f32, (rotor, _)| most.max(sets.single(rotor).log_likelihood));
+        let pair_relevant = pair.log_likelihood > c.evidence_to_isolate
+            && pair.log_likelihood - alone > c.evidence_for_second
+            && pair.unexplained <= UNEXPLAINED_NATS;
+        finding.relevant |= pair_relevant;
+        let open = sets.open(&demands);
+        if pair_relevant && open.hypothesis_count == 1 && open.rotors == pair.mask() {
+            finding.probability = 1.0 / (1.0 + odds_of_none);
+            finding.named = Some(*pair);
+        } else if finding.relevant && open.hypothesis_count > 0 && pair.unexplained <= UNEXPLAINED_NATS {
+            finding.open = Some(open);
+        }
+        finding
+    }
+
+    /// The lost wrench as seen since one moment, without the axes that a jump explains better.
+    fn observation(&self, index: usize, jump: &FreeEvidence, push: &FreeEvidence) -> Observation {
+        let mut observation = self.onset.observation(index);
+        let of_any = self.onset.free_fit(index);
+        for axis in 0..AXES {
+            let jumped = jump.axis[axis] > push.axis[axis];
+            if jumped && jump.axis[axis] > of_any[axis] + self.config.margin_to_isolate {
+                observation.forget(axis);
+            }
+        }
+        let centre = self.config.centre_of_mass_spread;
+        observation.tolerant(&self.gain, &self.gain_variance, centre * centre)
+    }
+
+    fn report_none(&mut self, verdict: FaultVerdict, probability: f32) {
+        self.decision = SequentialDecision {
+            verdict,
+            probability,
+            thrust_loss: [LossEstimate::default(); 2],
+            suspects: Suspects::default(),
+        };
+    }
+
+    /// What the model knows together with a change that it does not know yet.
+    fn report(&mut self, known: u32, change: Option<&SetFit>, probability: f32) {
+        let mask = known | change.map_or(0, SetFit::mask);
+        let mut estimates = [LossEstimate::default(); 2];
+        let mut probability = probability;
+        let members = (0..self.rotor_count).filter(|rotor| mask >> rotor & 1 == 1);
+        let count = mask.count_ones();
+        for (place, rotor) in members.enumerate() {
+            let fault = &self.known[rotor];
+            if known >> rotor & 1 == 1 {
+                probability = probability.min(fault.probability);
+            }
+            let scale = self.hover_thrust[rotor] / self.working_thrust(rotor);
+            let mut loss = self.known_loss(rotor);
+            let mut variance = fault.deviation * fault.deviation;
+            if let Some(set) = change
+                && let Some((_, more)) = set.members().find(|member| member.0 == rotor)
+            {
+                let deviation = set.deviation(rotor) * scale;
+                loss += more * scale;
+                variance += deviation * deviation;
+            }
+            if place < 2 && count <= 2 {
+                estimates[place] = LossEstimate::new(loss, variance, self.hover_thrust[rotor]);
+            }
+        }
+        let first = mask.trailing_zeros() as u8;
+        let (verdict, suspects) = match count {
+            1 => (FaultVerdict::Faulty { rotor: first }, Suspects::certain(mask)),
+            2 => (
+                FaultVerdict::FaultyPair {
+                    first,
+                    second: (31 - mask.leading_zeros()) as u8,
+                },
+                Suspects::certain(mask),
+            ),
+            _ => (FaultVerdict::Ambiguous, Suspects::one_set(mask)),
+        };
+        self.decision = SequentialDecision {
+            verdict,
+            probability,
+            thrust_loss: estimates,
+            suspects,
+        };
+    }
+
+    fn report_open(&mut self, known: u32, open: Suspects, probability: f32) {
+        self.decision = SequentialDecision {
+            verdict: FaultVerdict::Ambiguous,
+            probability,
+            thrust_loss: [LossEstimate::default(); 2],
+            suspects: open.with(known),
+        };
+    }
+
+    /// Averaged thrust of a rotor, N, not so small that shares of it lose their meaning.
+    fn working_thrust(&self, rotor: usize) -> f32 {
+        self.thrust[rotor].max(0.1 * self.mean_hover_thrust)
+    }
+
+    /// Undoes what a jump of the momentum has done to the filters.
+    fn absorb_jump(&mut self, jump: &FreeEvidence) {
+        for axis in 0..AXES {
+            let (size, error) = self.onset.jump(jump, axis);
+            let state = &mut self.axis[axis];
+            for i in 0..STATES {
+                state.filter.state[i] += size * error[i];
+            }
+            state.probe = [LevelProbe::new(&state.filter); 2];
+        }
+        self.start_afresh();
+    }
+
+    /// Makes a change part of the model; changes from now on are sought against it. What the losses do not explain of the lasting wrench
+    /// goes on as a bias.
+    fn absorb(&mut self, set: &SetFit, probability: f32) {
+        let seen = self.onset.observation(set.index);
+        let errors = self.onset.error(set.index);
+        for axis in 0..AXES {
+            let explained: f32 = set
+                .members()
+                .map(|(rotor, loss)| -self.column[rotor][axis] * loss)
+                .sum();
+            let state = &mut self.axis[axis];
+            let error = &errors[axis];
+            // An axis that says nothing keeps its state but for what the losses explain.
+            let informed = seen.variance[axis] < 1.0;
+            let (lost, variance) = if informed {
+                (seen.wrench[axis], seen.variance[axis])
+            } else {
+                (explained, 0.0)
+            };
+            // What is wrong with it goes on acting like a bias.
+            let mut direction = *error;
+            direction[BIAS] += 1.0;
+            for i in 0..STATES {
+                state.filter.state[i] += lost * error[i];
+                for j in 0..STATES {
+                    state.filter.covariance[i][j] += variance * direction[i] * direction[j];
+                }
+            }
+            state.filter.state[BIAS] += lost - explained;
+            state.probe = [LevelProbe::new(&state.filter); 2];
+        }
+
+        for (rotor, loss) in set.members() {
+            let thrust = self.working_thrust(rotor);
+            let deviation = set.deviation(rotor) * self.hover_thrust[rotor] / thrust;
+            let known = &mut self.known[rotor];
+            let before = known.fraction;
+            let mut fraction = (before + loss / thrust).clamp(0.0, 1.0);
+            if fraction < HEALED_SHARE * before {
+                fraction = 0.0;
+            }
+            let earlier = if before > 0.0 { known.deviation } else { 0.0 };
+            *known = KnownFault {
+                fraction,
+                deviation: libm::sqrtf(earlier * earlier + deviation * deviation),
+                probability,
+            };
+            self.loss_fraction[rotor] = fraction;
+            let removed = (fraction - before) * self.recent_thrust[rotor];
+            let column = &self.column[rotor];
+            self.meter
+                .remove_wrench(&core::array::from_fn(|axis| removed * column[axis] * self.arm[axis]));
+        }
+        self.start_afresh();
+    }
+
+    fn start_afresh(&mut self) {
+        self.onset.clear();
+        self.pending = false;
+        self.quiet = true;
+    }
+
+    /// Moves the time constants to their estimates. Only while nothing stands out: what the filters make of a fault is undone
+    /// exactly by [`super::onset`], but only as long as the model stays the same.
+    fn adopt_time_constants(&mut self) {
+        for axis in 0..AXES {
+            let state = &mut self.axis[axis].filter.state;
+            self.meter.shift_time_constant(axis, state[LAG]);
+            state[LAG] = 0.0;
+        }
+    }
+}
