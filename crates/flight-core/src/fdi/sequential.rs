@@ -153,6 +153,8 @@ pub struct SequentialDetector {
     watch_from: u32,
     settling_blocks: u32,
     ambiguity_windows: u16,
+    /// Age from which a pair may be named: the vertical force, which tells it from a mere torque, is known late.
+    pair_blocks: u32,
 
     phase: Phase,
     samples: u32,
@@ -236,6 +238,7 @@ impl SequentialDetector {
             calibration_from: count(config.calibration_start, period),
             watch_from: count(config.calibration_end, period),
             settling_blocks: count(config.settling_time, block_period),
+            pair_blocks: count(config.ambiguity_time, block_period),
             ambiguity_windows: count(config.ambiguity_time, window_period) as u16,
             phase: Phase::WarmUp,
             samples: 0,

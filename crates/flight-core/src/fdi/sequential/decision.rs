@@ -18,6 +18,9 @@ const HEALING_SHARE: f32 = 0.3;
 /// What noise alone leaves unexplained, nats: half a χ² with three degrees of freedom exceeds it once in 40,000.
 const UNEXPLAINED_NATS: f32 = 12.0;
 
+/// The same of a pair, which could explain much: half a χ² with two degrees of freedom exceeds it once in 400.
+const UNEXPLAINED_BY_PAIR_NATS: f32 = 6.0;
+
 /// Gain of a second rotor, nats, up to which a single one becomes part of the model as soon as it has settled.
 const UNDISPUTED_NATS: f32 = 2.0;
 
@@ -154,7 +157,9 @@ impl SequentialDetector {
         self.pending = strong && (finding.named.is_some() || finding.open.is_some() && undecided);
         if let Some(set) = finding.named.filter(|_| strong) {
             let age = self.onset.age(set.index);
-            let disputed = !set.is_pair() && (finding.gain_of_second > UNDISPUTED_NATS || finding.lead < 0.0);
+            let grows = set.loss[0] > 0.0;
+            let rivalled = finding.gain_of_second > UNDISPUTED_NATS || finding.lead < 0.0;
+            let disputed = !set.is_pair() && grows && rivalled;
             let settlings = if disputed { DISPUTED_SETTLINGS } else { 1 };
             if age >= settlings * self.settling_blocks {
                 self.absorb(&set, finding.probability);
@@ -240,13 +245,14 @@ impl SequentialDetector {
             .fold(0.0, |most: f32, (rotor, _)| most.max(sets.single(rotor).log_likelihood));
         let pair_relevant = pair.log_likelihood > c.evidence_to_isolate
             && pair.log_likelihood - alone > c.evidence_for_second
-            && pair.unexplained <= UNEXPLAINED_NATS;
+            && pair.unexplained <= UNEXPLAINED_BY_PAIR_NATS;
         finding.relevant |= pair_relevant;
         let open = sets.open(&demands);
-        if pair_relevant && open.hypothesis_count == 1 && open.rotors == pair.mask() {
+        let settled = self.onset.age(pair.index) >= self.pair_blocks;
+        if pair_relevant && settled && open.hypothesis_count == 1 && open.rotors == pair.mask() {
             finding.probability = 1.0 / (1.0 + odds_of_none);
             finding.named = Some(*pair);
-        } else if finding.relevant && open.hypothesis_count > 0 && pair.unexplained <= UNEXPLAINED_NATS {
+        } else if finding.relevant && open.hypothesis_count > 0 && pair.unexplained <= UNEXPLAINED_BY_PAIR_NATS {
             finding.open = Some(open);
         }
         finding
