@@ -5,6 +5,7 @@
 mod blind;
 mod campaign;
 mod compare;
+mod effects;
 mod fit;
 mod diagnose;
 mod fly;
@@ -45,6 +46,8 @@ enum Command {
     Compare(compare::Args),
     /// Name the physical effect that a model lacks on flight logs, with evidence
     Diagnose(diagnose::Args),
+    /// The effects that a model may lack: list, equation, parameters; your own with --effects
+    Effects(effects::Args),
     /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
     Model(model::Args),
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
@@ -78,6 +81,7 @@ pub fn run() -> ExitCode {
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Effects(args) => effects::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Fit(args) => fit::run(&args),

@@ -31,6 +31,8 @@ pub struct Sample {
     pub report: FdiReport,
     /// The truth at its start; neither controller nor FDI engine ever sees it.
     pub truth: TruthSample,
+    /// Accelerometer, m/s², body; not part of the run hash, and absent where the flight does not record it.
+    pub specific_force_m_s2: Option<[f32; 3]>,
 }
 
 /// Watches a flight from inside its process.
@@ -199,11 +201,19 @@ pub fn fly(
     }
 }
 
+/// What is known of a step before its report.
+struct Pending {
+    sensors: SensorFrame,
+    command: CommandFrame,
+    truth: TruthSample,
+    specific_force_m_s2: Option<[f32; 3]>,
+}
+
 /// The state of the loop.
 struct Flight {
     run_id: u64,
     /// Steps whose report is still to come, oldest first.
-    pending: VecDeque<(SensorFrame, CommandFrame, TruthSample)>,
+    pending: VecDeque<Pending>,
     hasher: RunHasher,
     /// Complete samples.
     steps: u64,
@@ -256,7 +266,12 @@ impl Flight {
         let command = link.exchange(&sensors)?;
         self.pacer.end_step();
         simulation.advance(&command.command())?;
-        self.pending.push_back((sensors, command, truth));
+        self.pending.push_back(Pending {
+            sensors,
+            command,
+            truth,
+            specific_force_m_s2: sensed.specific_force_m_s2,
+        });
         while self.take_report(link, observer, false)? {}
         Ok(())
     }
@@ -275,7 +290,13 @@ impl Flight {
         let Some(report) = link.next_report(wait)? else {
             return Ok(false);
         };
-        let Some((sensors, command, truth)) = self.pending.pop_front() else {
+        let Some(Pending {
+            sensors,
+            command,
+            truth,
+            specific_force_m_s2,
+        }) = self.pending.pop_front()
+        else {
             return Ok(false);
         };
         let sample = Sample {
@@ -283,6 +304,7 @@ impl Flight {
             command,
             report,
             truth,
+            specific_force_m_s2,
         };
         self.hasher.update(&sample);
         self.steps += 1;

@@ -14,7 +14,7 @@ use crate::blades::{Blade, BladeSet};
 use crate::classifier::Classifier;
 use crate::document::Document;
 use crate::effect_check;
-use crate::effects::{Catalogue, EffectInstance};
+use crate::effects::{Catalogue, EffectDocument, EffectInstance};
 use crate::environment::WindModel;
 use crate::error::{ConfigError, Refusal, in_range};
 use crate::faults::{FaultEntry, FaultPlan};
@@ -70,6 +70,9 @@ pub struct ScenarioDocument {
     /// Ground; none in reach if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ground: Option<Ground>,
+    /// Paths of effect documents whose effects the scenario may name, relative to the scenario document.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effect_files: Vec<String>,
     /// Effects that the nominal vehicle lacks.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effect: Vec<EffectInstance>,
@@ -367,6 +370,9 @@ pub struct Documents {
     /// The classifier that `fdi.network` of the scenario names, in full: the path alone would not tell what was flown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub classifier: Option<Classifier>,
+    /// The effect documents that `effect_files` of the scenario names, in full.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectDocument>,
 }
 
 impl Documents {
@@ -450,6 +456,7 @@ impl Scenario {
             &render("vehicle", text(toml::to_string(&documents.vehicle)))?,
             &render("blades", text(toml::to_string(&documents.blades)))?,
             documents.classifier.clone(),
+            documents.effects.clone(),
             true,
         )
     }
@@ -457,6 +464,7 @@ impl Scenario {
     fn resolve(scenario: Document, directory: &Path, with_classifier: bool) -> Result<Self, ConfigError> {
         let parsed: ScenarioDocument = scenario.parse()?;
         let vehicle_path = directory.join(&parsed.vehicle);
+        let effect_files = parsed.effect_files;
         let network = parsed.fdi.network.filter(|_| with_classifier);
         let vehicle = scenario.follow("vehicle", &vehicle_path)?;
         let parsed: VehicleModel = vehicle.parse()?;
@@ -468,7 +476,12 @@ impl Scenario {
         let classifier = network
             .map(|path| scenario.follow_classifier("fdi.network", &directory.join(path)))
             .transpose()?;
-        Self::assemble(&scenario, &vehicle, &blades, classifier, with_classifier)
+        let mut effects = Vec::new();
+        for (i, path) in effect_files.iter().enumerate() {
+            let document = scenario.follow(&format!("effect_files[{i}]"), &directory.join(path))?;
+            effects.push(EffectDocument::from_document(&document)?);
+        }
+        Self::assemble(&scenario, &vehicle, &blades, classifier, effects, with_classifier)
     }
 
     pub(crate) fn assemble(
@@ -476,6 +489,7 @@ impl Scenario {
         vehicle: &Document,
         blades: &Document,
         classifier: Option<Classifier>,
+        effects: Vec<EffectDocument>,
         with_classifier: bool,
     ) -> Result<Self, ConfigError> {
         let mut documents = Documents {
@@ -483,6 +497,7 @@ impl Scenario {
             vehicle: vehicle.parse()?,
             blades: blades.parse()?,
             classifier,
+            effects,
         };
         if !with_classifier {
             documents.scenario.fdi.network = None;
@@ -496,7 +511,12 @@ impl Scenario {
         documents.check_classifier().map_err(refuse)?;
         let duration_steps = document.duration_steps();
         let rotor_count = documents.vehicle.rotor_count();
-        let catalogue = Catalogue::built_in();
+        if documents.effects.len() != document.effect_files.len() {
+            let reason = "expected the effect documents that this key names with the documents";
+            return Err(refuse(Refusal::new("effect_files", reason)));
+        }
+        let catalogue = Catalogue::with_documents(&documents.effects)
+            .map_err(|r| refuse(Refusal::new("effect_files", r.reason)))?;
         effect_check::check(document, &documents.vehicle, &catalogue).map_err(refuse)?;
         let fault_plan =
             FaultPlan::new(&document.fault, rotor_count, &documents.blades, nominal, duration_steps).map_err(refuse)?;

@@ -40,14 +40,14 @@ yaw_period_s = 3.0
 
 fn fly(text: &str) -> Vec<TruthSample> {
     let scenario = Scenario::parse(text, config()).unwrap_or_else(|error| panic!("{error}\n{text}"));
-    let mut sim = Simulation::new(&scenario, 3).unwrap();
-    let mut controller = Controller::new(scenario.controller_config()).unwrap();
+    let mut sim = Simulation::new(&scenario, 3).expect("the scenario was checked");
+    let mut controller = Controller::new(scenario.controller_config()).expect("the scenario was checked");
     controller.trim(sim.hover_duty(), sim.sense().battery_voltage);
     let mut samples = vec![*sim.truth()];
     while !sim.done() {
         let sample = sim.sense();
         let output = controller.step(&sample.nav, &sample.reference, sample.battery_voltage);
-        sim.advance(&output.command).unwrap();
+        sim.advance(&output.command).expect("duties are finite");
         samples.push(*sim.truth());
     }
     samples
@@ -224,4 +224,28 @@ fn prop_accelerometer_leaves_the_flight_alone() {
         assert_eq!(a.nav, b.nav);
         assert!(a.specific_force_m_s2.is_some() && b.specific_force_m_s2.is_none());
     }
+}
+
+#[test]
+fn regress_page_is_up_to_date() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/effects.md");
+    let page = std::fs::read_to_string(path).unwrap_or_default();
+    assert!(
+        page == rotortwin_plant::effects::page(),
+        "docs/effects.md is out of date: rotortwin effects --page > docs/effects.md"
+    );
+}
+
+#[test]
+fn scenario_effect_of_a_user_flies_like_the_built_in_one() {
+    let own = fly(&text(
+        2.0,
+        "[[effect]]\neffect = \"fin-drag\"\nparameters = { drag_kg_m = 0.02 }\n",
+    )
+    .replace(
+        "description",
+        "effect_files = [\"../effects/fin-drag.toml\"]\ndescription",
+    ));
+    let base = fly(&text(2.0, ""));
+    assert!(distance(own.last().unwrap(), base.last().unwrap()) > 1e-3);
 }

@@ -107,6 +107,8 @@ pub struct TelemetryRow {
     pub attitude_rad: [f32; 3],
     /// Sensed p, q, r, rad/s, body.
     pub body_rates_rad_s: [f32; 3],
+    /// Accelerometer: specific force, m/s², body.
+    pub specific_force_m_s2: [f32; 3],
     /// Duty held over the step, fraction.
     pub duty: [f32; MAX_ROTORS],
     /// Measured voltage at the battery's terminals, V.
@@ -397,6 +399,10 @@ impl TelemetryRow {
         sink.f32(one("roll_rate_rad_s", "rad/s", "Sensed body rate p"), p);
         sink.f32(one("pitch_rate_rad_s", "rad/s", "Sensed body rate q"), q);
         sink.f32(one("yaw_rate_rad_s", "rad/s", "Sensed body rate r"), r);
+        let [x, y, z] = self.specific_force_m_s2;
+        sink.f32(one("accel_x_m_s2", "m/s²", "Accelerometer: specific force, forward"), x);
+        sink.f32(one("accel_y_m_s2", "m/s²", "Accelerometer: specific force, right"), y);
+        sink.f32(one("accel_z_m_s2", "m/s²", "Accelerometer: specific force, down"), z);
         for i in rotors.clone() {
             sink.f32(
                 of("duty_", i, "", "1", "Commanded duty cycle held over the step, 0 to 1"),

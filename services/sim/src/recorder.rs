@@ -127,6 +127,7 @@ fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, sensor_fa
         command,
         report,
         truth,
+        specific_force_m_s2,
     } = sample;
     *row = TelemetryRow {
         step: sensors.stamp.step,
@@ -135,6 +136,7 @@ fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, sensor_fa
         velocity_ned_m_s: sensors.velocity_ned_m_s,
         attitude_rad: sensors.attitude_rad,
         body_rates_rad_s: sensors.body_rates_rad_s,
+        specific_force_m_s2: specific_force_m_s2.unwrap_or([f32::NAN; 3]),
         duty: command.duty,
         battery_voltage_v: sensors.battery_voltage_v,
         battery_current_a: truth.battery_current_a,

@@ -66,6 +66,7 @@ pub fn fly(
     stop: &mut dyn FnMut() -> Option<StopReason>,
 ) -> Result<Summary, StoreError> {
     let mut simulation = Simulation::new(scenario, config.seed).expect("the scenario was tried with this seed before");
+    simulation.record_accelerometer(scenario, config.seed);
     let conditions = ConditionSchedule::new(scenario);
     let header = SpoolHeader {
         rotor_count: simulation.rotor_count(),

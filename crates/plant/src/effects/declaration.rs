@@ -2,8 +2,8 @@
 //!
 //! One declaration serves the simulator, the diagnosis, the command line and the documents.
 
-use super::Constants;
 use super::hooks::ActiveEffect;
+use super::{Constants, UserEffect};
 
 /// What kind of thing an effect is: physics is added to the model, a fault of sensor or timing is mended in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -245,10 +245,12 @@ pub struct Setup<'a> {
 pub enum Build {
     /// In this crate.
     BuiltIn(fn(&Setup<'_>) -> Box<dyn ActiveEffect>),
+    /// From an effect document.
+    User(&'static UserEffect),
 }
 
 /// One entry of the catalogue.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize)]
 pub struct EffectDeclaration {
     /// Key in documents: `rotor-drag`.
     pub id: &'static str,
@@ -277,6 +279,7 @@ pub struct EffectDeclaration {
     /// Where equation and sizes come from.
     pub source: &'static str,
     /// Makes the physics.
+    #[serde(skip)]
     pub build: Build,
 }
 
@@ -290,6 +293,7 @@ impl EffectDeclaration {
     pub fn build(&self, setup: &Setup<'_>) -> Box<dyn ActiveEffect> {
         match self.build {
             Build::BuiltIn(build) => build(setup),
+            Build::User(effect) => effect.build(setup),
         }
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::declaration::{EffectDeclaration, ParameterDeclaration, ParameterKind, Setup};
 use super::hooks::ActiveEffect;
-use super::{Constants, catalogue};
+use super::{Constants, EffectDocument, catalogue};
 use crate::error::{Refusal, in_range};
 
 /// A value may lie outside of what is plausible by this factor, not more.
@@ -164,6 +164,20 @@ impl Catalogue {
         Self {
             entries: catalogue().to_vec(),
         }
+    }
+
+    /// The effects of this crate and those of users; no two with one id.
+    pub fn with_documents(documents: &[EffectDocument]) -> Result<Self, Refusal> {
+        let mut catalogue = Self::built_in();
+        for document in documents {
+            let declaration = document.declaration()?;
+            if catalogue.find(declaration.id).is_some() {
+                let reason = format!("two effects have the id `{}`", declaration.id);
+                return Err(Refusal::new("id", reason));
+            }
+            catalogue.entries.push(declaration);
+        }
+        Ok(catalogue)
     }
 
     /// All entries: those of this crate in the order of the rows, then those of users.

@@ -36,6 +36,7 @@ mod linear_friction;
 mod mass;
 mod moment_ratio;
 mod motor_lag;
+mod page;
 mod quadratic_drag;
 mod rotational_damping;
 mod rotor_drag;
@@ -49,6 +50,7 @@ mod slung_load;
 #[cfg(test)]
 mod tests;
 mod translational_lift;
+mod user;
 mod vibration;
 mod vortex_ring;
 mod wind;
@@ -60,7 +62,9 @@ pub use declaration::{
 };
 pub use hooks::{ActiveEffect, Hooks, Moment, Readings, Wrench};
 pub use instance::{Catalogue, EffectInstance};
+pub use page::page;
 pub use set::EffectSet;
+pub use user::{EffectDocument, ParameterEntry, TermEntry, UserEffect, expression_places, expression_variables};
 
 /// What the file of an effect needs.
 mod prelude {

@@ -8,6 +8,9 @@ const SMALL: f64 = 0.01;
 /// doubles within the typical size are of this order.
 const LINEARITY: f64 = 0.05;
 
+/// A hook that changes one number per rotor.
+type Call<T> = fn(&mut T, &Moment<'_>, &mut [f64]);
+
 fn sizes(declaration: &EffectDeclaration) -> impl Iterator<Item = usize> {
     (0..declaration.parameters.len()).filter(|&i| declaration.parameters[i].kind == ParameterKind::Size)
 }
@@ -129,12 +132,12 @@ fn val_hooks_not_announced_are_not_used() {
             raw.wind(&at, &mut a);
             announced.wind(&at, &mut b);
             assert_eq!(a, b, "{}", entry.id);
-            let calls: [fn(&mut Box<dyn ActiveEffect>, &Moment<'_>, &mut [f64]); 3] = [
+            let calls: [Call<Box<dyn ActiveEffect>>; 3] = [
                 |e, at, x| e.command(at, x),
                 |e, at, x| e.static_lift(at, x),
                 |e, at, x| e.rotor_thrust(at, x),
             ];
-            let same: [fn(&mut EffectSet, &Moment<'_>, &mut [f64]); 3] = [
+            let same: [Call<EffectSet>; 3] = [
                 |e, at, x| e.command(at, x),
                 |e, at, x| e.static_lift(at, x),
                 |e, at, x| e.rotor_thrust(at, x),

@@ -1,0 +1,171 @@
+//! `rotortwin effects`: the catalogue of effects, built-in and of users.
+
+use crate::output;
+use clap::{Parser, Subcommand};
+use comfy_table::Table;
+use rotortwin_plant::ConfigError;
+use rotortwin_plant::effects::{Catalogue, EffectDeclaration, EffectDocument, ParameterKind, page};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin effects`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Effect document of your own; may be given several times
+    #[arg(long, value_name = "FILE", global = true)]
+    effects: Vec<PathBuf>,
+    /// Print JSON
+    #[arg(long, global = true)]
+    json: bool,
+    /// Print the page docs/effects.md
+    #[arg(long, conflicts_with = "json")]
+    page: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Equation, parameters, how to excite it, what it is confused with
+    Show {
+        /// Id of the effect
+        id: String,
+    },
+}
+
+/// The built-in effects and those of the documents.
+pub(crate) fn load(files: &[PathBuf]) -> Result<Catalogue, String> {
+    let documents: Result<Vec<EffectDocument>, ConfigError> = files.iter().map(EffectDocument::load).collect();
+    let documents = documents.map_err(|error| error.to_string())?;
+    Catalogue::with_documents(&documents).map_err(|refusal| format!("--effects: {}", refusal.reason))
+}
+
+/// Lists the catalogue, or shows one entry.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    if args.page {
+        print!("{}", page());
+        return ExitCode::SUCCESS;
+    }
+    let catalogue = match load(&args.effects) {
+        Ok(catalogue) => catalogue,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    match &args.command {
+        Some(Command::Show { id }) => match catalogue.find(id) {
+            Some(entry) if args.json => print_json(serde_json::to_string_pretty(entry)),
+            Some(entry) => {
+                print!("{}", text(entry));
+                ExitCode::SUCCESS
+            }
+            None => output::bad_input(format!(
+                "there is no effect `{id}`; nearest: {}; 'rotortwin effects' lists all",
+                catalogue.nearest(id)
+            )),
+        },
+        None if args.json => print_json(serde_json::to_string_pretty(catalogue.entries())),
+        None => {
+            println!("{}", table(&catalogue));
+            ExitCode::SUCCESS
+        }
+    }
+}
+
+fn print_json(text: serde_json::Result<String>) -> ExitCode {
+    match text {
+        Ok(json) => {
+            println!("{json}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => output::failed(error),
+    }
+}
+
+fn channels(entry: &EffectDeclaration) -> String {
+    entry.channels.iter().map(|c| c.symbol()).collect::<Vec<_>>().join(" ")
+}
+
+fn table(catalogue: &Catalogue) -> Table {
+    let mut table = Table::new();
+    table.set_header(["row", "id", "name", "class", "channels", "parameters (plausible range)"]);
+    for entry in catalogue.entries() {
+        let parameters = entry
+            .parameters
+            .iter()
+            .filter(|p| p.kind == ParameterKind::Size)
+            .map(|p| {
+                format!("{} {} to {} {}", p.name, p.plausible_low, p.plausible_high, p.unit)
+                    .trim_end()
+                    .to_owned()
+            });
+        let rotor = if entry.per_rotor { ", per rotor" } else { "" };
+        table.add_row([
+            entry.catalogue_number.map_or("own".to_owned(), |n| n.to_string()),
+            entry.id.to_owned(),
+            entry.name.to_owned(),
+            format!("{}{rotor}", entry.class.as_str()),
+            channels(entry),
+            parameters.collect::<Vec<_>>().join("\n"),
+        ]);
+    }
+    table
+}
+
+fn text(entry: &EffectDeclaration) -> String {
+    let rotor = if entry.per_rotor { ", one rotor" } else { "" };
+    let places = entry.places.iter().map(|p| p.as_str()).collect::<Vec<_>>().join(", ");
+    let mut out = format!(
+        "{} — {}\n\n  {}\n\n  class         {}{rotor}\n  acts on       {places}\n  shows in      {}\n",
+        entry.id,
+        entry.name,
+        entry.equation,
+        entry.class.as_str(),
+        channels(entry)
+    );
+    let mut line = |label: &str, value: &str| {
+        if !value.is_empty() {
+            out += &format!("  {label:<14}{value}\n");
+        }
+    };
+    line("excited by", entry.excited_by);
+    line("confused with", &entry.confused_with.join(", "));
+    line("needs one of", &entry.needs.join(", "));
+    line("source", entry.source);
+    let mut table = Table::new();
+    table.set_header([
+        "parameter",
+        "symbol",
+        "unit",
+        "plausible",
+        "typical",
+        "prior sd",
+        "clutter sd",
+        "meaning",
+    ]);
+    for p in entry.parameters {
+        let shape = if p.kind == ParameterKind::Shape { " (shape)" } else { "" };
+        table.add_row([
+            p.name.to_owned(),
+            p.symbol.to_owned(),
+            p.unit.to_owned(),
+            format!("{} to {}", p.plausible_low, p.plausible_high),
+            p.typical.to_string(),
+            p.size.to_string(),
+            p.clutter.to_string(),
+            format!("{}{shape}", p.meaning),
+        ]);
+    }
+    out += &format!(
+        "\n{table}\n\nIn a scenario or model:\n\n[[effect]]\neffect = \"{}\"\n",
+        entry.id
+    );
+    if entry.per_rotor {
+        out += "rotor = 1\n";
+    }
+    let values: Vec<String> = entry
+        .parameters
+        .iter()
+        .map(|p| format!("{} = {}", p.name, p.typical))
+        .collect();
+    out += &format!("parameters = {{ {} }}\n", values.join(", "));
+    out
+}
