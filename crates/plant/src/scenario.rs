@@ -295,6 +295,19 @@ impl FdiSettings {
     }
 }
 
+/// The documents that `effect_files` of a scenario names, relative to `directory`.
+pub(crate) fn effect_documents(
+    scenario: &Document,
+    files: &[String],
+    directory: &Path,
+) -> Result<Vec<EffectDocument>, ConfigError> {
+    let read = |(i, path): (usize, &String)| {
+        let document = scenario.follow(&format!("effect_files[{i}]"), &directory.join(path))?;
+        EffectDocument::from_document(&document)
+    };
+    files.iter().enumerate().map(read).collect()
+}
+
 impl ScenarioDocument {
     /// Length of the flight in steps.
     pub fn duration_steps(&self) -> u64 {
@@ -476,11 +489,7 @@ impl Scenario {
         let classifier = network
             .map(|path| scenario.follow_classifier("fdi.network", &directory.join(path)))
             .transpose()?;
-        let mut effects = Vec::new();
-        for (i, path) in effect_files.iter().enumerate() {
-            let document = scenario.follow(&format!("effect_files[{i}]"), &directory.join(path))?;
-            effects.push(EffectDocument::from_document(&document)?);
-        }
+        let effects = effect_documents(&scenario, &effect_files, directory)?;
         Self::assemble(&scenario, &vehicle, &blades, classifier, effects, with_classifier)
     }
 

@@ -17,7 +17,7 @@ use toml::{Table, Value};
 use crate::classifier::Classifier;
 use crate::document::{Document, plain};
 use crate::error::{ConfigError, Refusal};
-use crate::scenario::{Scenario, ScenarioDocument};
+use crate::scenario::{Scenario, ScenarioDocument, effect_documents};
 use crate::vehicle::VehicleModel;
 
 /// A TOML file of another kind than a scenario, with errors that name file, line and key as those of scenarios do.
@@ -105,7 +105,8 @@ impl ScenarioTemplate {
             .as_deref()
             .map(|path| self.classifier(&document, path))
             .transpose()?;
-        Scenario::assemble(&document, &files.vehicle, &files.blades, classifier, true)
+        let effects = effect_documents(&document, &parsed.effect_files, &self.directory)?;
+        Scenario::assemble(&document, &files.vehicle, &files.blades, classifier, effects, true)
     }
 
     /// Rotors of the vehicle that `table` names.

@@ -110,6 +110,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             command: CommandFrame::default(),
             report: FdiReport::default(),
             truth: rotortwin_plant::TruthSample::default(),
+            specific_force_m_s2: None,
         };
         Ok(Self {
             dispatch,
