@@ -185,7 +185,7 @@ fn worst(model: &ModelOnLog) -> String {
 }
 
 /// One row per quantity and horizon, one column per model: the waterfall in numbers.
-fn error_table(log: &LogComparison) -> Table {
+pub(crate) fn error_table(log: &LogComparison) -> Table {
     let mut table = Table::new();
     table.load_style(TABLE_STYLE);
     let mut header = vec!["quantity".to_owned()];

@@ -11,6 +11,7 @@ use rotortwin_sim::events::{Change, Progress, RunEvent};
 use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Status, Summary, load_summary, verdict_text};
+use rotortwin_twin::model::ModelStore;
 use rotortwin_wire::link::endpoint::PeerOptions;
 use rotortwin_wire::link::{LinkTiming, host_name};
 use std::collections::BTreeSet;
@@ -62,6 +63,15 @@ pub(crate) struct Args {
     /// Run every process on this CPU
     #[arg(long, value_name = "CPU", value_parser = whole_number(0..=1023))]
     pub(crate) cpu: Option<u64>,
+    /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file
+    #[arg(long, value_name = "MODEL")]
+    pub(crate) model: Option<String>,
+    /// The detectors believe in this model, as far as their parameters can hold it
+    #[arg(long, value_name = "MODEL")]
+    pub(crate) fdi_model: Option<String>,
+    /// Folder of the models
+    #[arg(long, value_name = "DIR", default_value = "models")]
+    pub(crate) models: PathBuf,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub(crate) json: bool,
@@ -133,6 +143,10 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(scenario) => scenario,
         Err(error) => return output::bad_input(error),
     };
+    let scenario = match with_models(scenario, args) {
+        Ok(scenario) => scenario,
+        Err(code) => return code,
+    };
     let seed = args.seed.unwrap_or_else(|| scenario.seed());
     if let Err(error) = rotortwin_plant::Simulation::new(&scenario, seed) {
         return output::bad_input(error);
@@ -169,6 +183,39 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         }
         Err(sentence) => output::failed(sentence),
     }
+}
+
+/// The scenario with the models that were asked for: their vehicle and effects in the plant, their constants in the detectors.
+fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
+    let store = ModelStore::new(&args.models);
+    let find = |text: &str| store.find(text).map_err(|error| crate::model::store_failed(&error));
+    let mut scenario = scenario;
+    if let Some(text) = &args.model {
+        let version = find(text)?.version;
+        let mut documents = scenario.documents().clone();
+        documents.scenario.effect.extend(version.instances());
+        documents.vehicle = version.vehicle;
+        documents.blades = version.blades;
+        scenario = Scenario::from_documents(&documents)
+            .map_err(|error| output::bad_input(format!("{} with model {text}: {error}", args.scenario.display())))?;
+    }
+    if let Some(text) = &args.fdi_model {
+        let refuse = |refusal: rotortwin_plant::error::Refusal| {
+            output::bad_input(format!(
+                "model {text} for the detectors, key `{}`: {}",
+                refusal.key, refusal.reason
+            ))
+        };
+        let vehicle = find(text)?.version.for_detectors().map_err(refuse)?;
+        if !vehicle.not_carried.is_empty() {
+            eprintln!(
+                "rotortwin: the detectors have no parameter for {}: not carried into their model",
+                vehicle.not_carried.join(", ")
+            );
+        }
+        scenario = scenario.with_fdi_vehicle(vehicle.documents).map_err(refuse)?;
+    }
+    Ok(scenario)
 }
 
 /// Tries everything that can be tried before something is written: the CPU, and where the processes are to meet.

@@ -6,7 +6,7 @@ use comfy_table::Table;
 use rotortwin_twin::model::difference::{ParameterChange, Value};
 use rotortwin_twin::model::specification::effect_by_hand;
 use rotortwin_twin::model::store::{Found, MAIN, Place};
-use rotortwin_twin::model::{Difference, ModelEffect, ModelStore, ModelVersion, Source, StoreError};
+use rotortwin_twin::model::{Difference, ModelEffect, ModelStore, ModelVersion, Source, StoreError, from_diagnosis};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -85,10 +85,17 @@ struct Add {
     /// MODEL or MODEL@BRANCH; a vehicle file begins a model of its name
     model: String,
     /// Effect of the catalogue, such as rotor-drag
-    effect: String,
+    #[arg(required_unless_present = "from")]
+    effect: Option<String>,
     /// Its parameters: name=value or name=value±deviation
-    #[arg(value_name = "PARAMETER=VALUE±SD", required = true)]
+    #[arg(value_name = "PARAMETER=VALUE±SD")]
     parameters: Vec<String>,
+    /// Take the effects that a diagnosis found, from the JSON of 'rotortwin diagnose --json'
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["effect", "rotor", "onset"])]
+    from: Option<PathBuf>,
+    /// Only this one of them, from 1
+    #[arg(long, value_name = "NUMBER", requires = "from")]
+    pick: Option<usize>,
     /// Rotor, from 1, of an effect of one rotor
     #[arg(long, value_name = "NUMBER")]
     rotor: Option<usize>,
@@ -328,12 +335,39 @@ pub(crate) fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVers
 impl Add {
     fn run(&self, store: &ModelStore) -> Result<(), StoreError> {
         let (version, branch) = find_or_begin(store, &self.model)?;
-        let effect =
-            effect_by_hand(&self.effect, self.rotor, self.onset, &self.parameters).map_err(StoreError::Refused)?;
-        let next = version.with_effects([effect], self.note.clone());
+        let effects = self.effects()?;
+        let next = version.with_effects(effects, self.note.clone());
         let place = store.append(&branch, &next)?;
         announce(&version, &next, &place);
         Ok(())
+    }
+
+    /// The effects given by hand, or those of a diagnosis.
+    fn effects(&self) -> Result<Vec<ModelEffect>, StoreError> {
+        let Some(path) = &self.from else {
+            let effect = self.effect.as_deref().unwrap_or_default();
+            return effect_by_hand(effect, self.rotor, self.onset, &self.parameters)
+                .map(|effect| vec![effect])
+                .map_err(StoreError::Refused);
+        };
+        let refuse = |reason: String| StoreError::Refused(format!("{}: {reason}", path.display()));
+        let text =
+            std::fs::read_to_string(path).map_err(|error| refuse(format!("expected a readable file: {error}")))?;
+        let json = serde_json::from_str(&text).map_err(|error| refuse(format!("expected JSON: {error}")))?;
+        let mut effects = from_diagnosis::effects(&json, &[]).map_err(refuse)?;
+        if effects.is_empty() {
+            return Err(refuse("this diagnosis found no missing physics to add".into()));
+        }
+        if let Some(number) = self.pick {
+            if !(1..=effects.len()).contains(&number) {
+                return Err(refuse(format!(
+                    "expected --pick from 1 to {}, got {number}",
+                    effects.len()
+                )));
+            }
+            effects = vec![effects.swap_remove(number - 1)];
+        }
+        Ok(effects)
     }
 }
 

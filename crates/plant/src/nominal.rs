@@ -45,9 +45,18 @@ impl Scenario {
         }
     }
 
-    /// Configuration of `flight-core`'s detectors for the nominal vehicle.
+    /// Configuration of `flight-core`'s detectors for the nominal vehicle, or for the one of [`Scenario::with_fdi_vehicle`].
     pub fn fdi_config(&self) -> FdiConfig {
-        let vehicle = self.vehicle();
+        let own = &self.documents().fdi_vehicle;
+        let vehicle = own.as_ref().map_or(self.vehicle(), |documents| &documents.vehicle);
+        let thrust_map = own.as_ref().map_or_else(
+            || self.thrust_map(),
+            |documents| {
+                let blade = documents.nominal_blade();
+                ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
+                    .expect("the blade was checked with the detectors' vehicle")
+            },
+        );
         let fdi = &self.document().fdi;
         let rotor_time_constant = vehicle.rotors.thrust_lag_s as f32;
         let (calibration_start, calibration_end) = (fdi.calibration_start_s as f32, fdi.calibration_end_s as f32);
@@ -59,7 +68,7 @@ impl Scenario {
             linear_drag: vehicle.body.linear_drag_kg_s as f32,
             angular_drag: vehicle.body.angular_drag_nms as f32,
             period: STEP_S as f32,
-            thrust_map: self.thrust_map(),
+            thrust_map,
             nominal_thrust: match fdi.nominal_thrust {
                 NominalThrustModel::Static => NominalThrust::Static,
                 NominalThrustModel::Lagged => NominalThrust::Lagged {

@@ -23,7 +23,7 @@ use crate::sensor_faults::{SensorFaultEntry, SensorFaultPlan};
 use crate::sensors::SensorModel;
 use crate::trajectory::Trajectory;
 use crate::vehicle::VehicleModel;
-use crate::vehicle_documents::check_together;
+use crate::vehicle_documents::{VehicleDocuments, check_together};
 use crate::{nearest_step, simulation};
 
 /// Longest flight, s.
@@ -386,6 +386,9 @@ pub struct Documents {
     /// The effect documents that `effect_files` of the scenario names, in full.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectDocument>,
+    /// The vehicle that the detectors believe in, where it is another than the one of the scenario's document.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fdi_vehicle: Option<VehicleDocuments>,
 }
 
 impl Documents {
@@ -464,14 +467,36 @@ impl Scenario {
     pub fn from_documents(documents: &Documents) -> Result<Self, ConfigError> {
         let text = |value: Result<String, toml::ser::Error>| value.expect("documents hold nothing that TOML cannot");
         let render = |name: &str, text: String| Document::from_text(name, text);
-        Self::assemble(
+        let scenario = Self::assemble(
             &render("scenario", text(toml::to_string(&documents.scenario)))?,
             &render("vehicle", text(toml::to_string(&documents.vehicle)))?,
             &render("blades", text(toml::to_string(&documents.blades)))?,
             documents.classifier.clone(),
             documents.effects.clone(),
             true,
-        )
+        )?;
+        match &documents.fdi_vehicle {
+            Some(vehicle) => scenario
+                .with_fdi_vehicle(vehicle.clone())
+                .map_err(|refusal| ConfigError::new("detectors' vehicle", None, Some(refusal.key), refusal.reason)),
+            None => Ok(scenario),
+        }
+    }
+
+    /// The same scenario with detectors that believe in another vehicle than the one of its document.
+    ///
+    /// # Errors
+    /// The vehicle has another number of rotors, or cannot fly.
+    pub fn with_fdi_vehicle(mut self, vehicle: VehicleDocuments) -> Result<Self, Refusal> {
+        vehicle.check()?;
+        if vehicle.rotor_count() != self.vehicle().rotor_count() {
+            let (wanted, found) = (self.vehicle().rotor_count(), vehicle.rotor_count());
+            let reason = format!("expected the {wanted} rotors of the scenario's vehicle, got {found}");
+            return Err(Refusal::new("vehicle.rotors.layout", reason));
+        }
+        self.documents.fdi_vehicle = Some(vehicle);
+        FdiEngine::new(self.fdi_config()).map_err(|error| Refusal::new("vehicle", error.to_string()))?;
+        Ok(self)
     }
 
     fn resolve(scenario: Document, directory: &Path, with_classifier: bool) -> Result<Self, ConfigError> {
@@ -507,6 +532,7 @@ impl Scenario {
             blades: blades.parse()?,
             classifier,
             effects,
+            fdi_vehicle: None,
         };
         if !with_classifier {
             documents.scenario.fdi.network = None;

@@ -17,8 +17,10 @@
 //! Limits: parameters are normal about their value ([`ModelEffect::deviations`], [`Correlation`]); nothing else about their
 //! distribution is kept. Nuisances of a flight (rotor biases, charge at take-off) belong to the log and are not part of a version.
 
+pub mod detector;
 pub mod difference;
 pub mod document;
+pub mod from_diagnosis;
 pub mod specification;
 pub mod store;
 

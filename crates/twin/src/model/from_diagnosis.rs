@@ -1,0 +1,85 @@
+//! Effects that a diagnosis found, as terms of a model version with their provenance.
+//!
+//! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that a file from yesterday serves as well as the answer just
+//! given. Faults of sensors and clocks (`sensor_or_timing`) are left alone: they are mended in the log, not in the model.
+
+use serde_json::Value;
+
+use super::{HeldOut, LogReference, ModelEffect, Provenance, Source, TOOL};
+
+/// The missing physics of a diagnosis, in the order in which it was found. `logs` are the logs that it was made from; if empty, the
+/// names in the JSON are taken, without hashes.
+///
+/// # Errors
+/// One sentence: the JSON is not that of a diagnosis.
+pub fn effects(diagnosis: &Value, logs: &[LogReference]) -> Result<Vec<ModelEffect>, String> {
+    let findings = diagnosis["effects"]
+        .as_array()
+        .ok_or("expected the JSON of a diagnosis, it has no list `effects`")?;
+    let logs: Vec<LogReference> = if logs.is_empty() {
+        let names = diagnosis["logs"].as_array().map_or(&[] as &[Value], Vec::as_slice);
+        let named = names.iter().filter_map(Value::as_str);
+        named
+            .map(|name| LogReference {
+                name: name.to_owned(),
+                hash: String::new(),
+            })
+            .collect()
+    } else {
+        logs.to_vec()
+    };
+    let held_out: Vec<HeldOut> = diagnosis["held_out"]
+        .as_array()
+        .map_or(&[] as &[Value], Vec::as_slice)
+        .iter()
+        .filter_map(|entry| {
+            Some(HeldOut {
+                data: "held-out blocks, all effects found".to_owned(),
+                quantity: entry["quantity"].as_str()?.to_owned(),
+                unit: entry["unit"].as_str()?.to_owned(),
+                before: entry["before"].as_f64()?,
+                after: entry["after"].as_f64()?,
+            })
+        })
+        .collect();
+    findings
+        .iter()
+        .enumerate()
+        .map(|(place, finding)| {
+            let missing = |key: &str| {
+                format!("expected the JSON of a diagnosis, `effects[{place}].{key}` is missing or of another kind")
+            };
+            let mut effect = ModelEffect {
+                effect: finding["instance"]["effect"]
+                    .as_str()
+                    .ok_or_else(|| missing("instance.effect"))?
+                    .to_owned(),
+                rotor: finding["instance"]["rotor"]
+                    .as_u64()
+                    .and_then(|rotor| usize::try_from(rotor).ok()),
+                onset_s: finding["onset_s"].as_f64(),
+                parameters: Default::default(),
+                deviations: Default::default(),
+                provenance: Provenance {
+                    source: Source::Diagnosis,
+                    tool: TOOL.to_owned(),
+                    ln_bayes_factor: finding["ln_bayes_factor"].as_f64(),
+                    posterior: finding["posterior"].as_f64(),
+                    log: logs.clone(),
+                    held_out: held_out.clone(),
+                },
+            };
+            for parameter in finding["parameters"].as_array().ok_or_else(|| missing("parameters"))? {
+                let name = parameter["name"].as_str().ok_or_else(|| missing("parameters[].name"))?;
+                let value = parameter["value"]
+                    .as_f64()
+                    .ok_or_else(|| missing("parameters[].value"))?;
+                effect.parameters.insert(name.to_owned(), value);
+                if let Some(deviation) = parameter["deviation"].as_f64() {
+                    effect.deviations.insert(name.to_owned(), deviation);
+                }
+            }
+            Ok(effect)
+        })
+        .collect()
+}
