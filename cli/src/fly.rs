@@ -22,6 +22,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
+/// In the run folder: scenario, vehicle, models and blades as flown, for the plant's process.
+const DOCUMENTS_FILE: &str = "documents.toml";
+
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
@@ -360,6 +363,12 @@ fn fly_in_processes(
     folder: &RunFolder,
     screen: &Screen,
 ) -> Result<Summary, String> {
+    if args.model.is_some() || args.fdi_model.is_some() {
+        // The plant's process reads the scenario by itself, and the file knows nothing of the models.
+        let path = folder.path().join(DOCUMENTS_FILE);
+        std::fs::write(&path, scenario.documents().to_toml())
+            .map_err(|error| format!("{}: cannot be written: {error}", path.display()))?;
+    }
     let external: BTreeSet<External> = args.external.iter().copied().collect();
     let parts = parts(args, config, address, folder, &external);
     if !external.is_empty() {
@@ -434,6 +443,9 @@ fn parts(
             "real-time"
         },
     );
+    if args.model.is_some() || args.fdi_model.is_some() {
+        sim.option("--documents", folder.path().join(DOCUMENTS_FILE));
+    }
     sim.option("--out", folder.path()).option("--", &args.scenario);
     let mut parts = vec![Part {
         name: "sim",

@@ -4,7 +4,7 @@ use crate::events::RunEvent;
 use crate::session::{self, SessionConfig};
 use clap::Parser;
 use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_plant::{Documents, Scenario, Simulation};
 use rotortwin_process::{
     AnyEndpoint, EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, parse_run_id, pin_to_cpu, start_logging,
 };
@@ -51,6 +51,9 @@ pub struct Args {
     /// Run on this CPU
     #[arg(long, value_name = "CPU")]
     pub cpu: Option<usize>,
+    /// Effective configuration, in place of what the scenario file says: the text of a run's summary
+    #[arg(long, value_name = "FILE")]
+    pub documents: Option<PathBuf>,
     /// Take requests on standard input; its end means that the supervisor is dead
     #[arg(long, hide = true)]
     pub supervised: bool,
@@ -101,7 +104,14 @@ fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
     if !args.supervised {
         args.link.probe().map_err(|sentence| format!("--link: {sentence}"))?;
     }
-    let scenario = Scenario::load(&args.scenario).map_err(|error| error.to_string())?;
+    let scenario = match &args.documents {
+        None => Scenario::load(&args.scenario),
+        Some(path) => std::fs::read_to_string(path)
+            .map_err(|error| format!("{}: expected a readable file: {error}", path.display()))
+            .map(|text| Documents::from_toml(&path.display().to_string(), &text))?
+            .and_then(|documents| Scenario::from_documents(&documents)),
+    }
+    .map_err(|error| error.to_string())?;
     let seed = args.seed.unwrap_or_else(|| scenario.seed());
     Simulation::new(&scenario, seed).map_err(|error| error.to_string())?;
     Ok((scenario, seed))
