@@ -195,12 +195,8 @@ fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
     let mut scenario = scenario;
     if let Some(text) = &args.model {
         let version = find(text)?.version;
-        let mut documents = scenario.documents().clone();
-        documents.scenario.effect.extend(version.instances());
-        documents.vehicle = version.vehicle;
-        documents.blades = version.blades;
-        scenario = Scenario::from_documents(&documents)
-            .map_err(|error| output::bad_input(format!("{} with model {text}: {error}", args.scenario.display())))?;
+        scenario = crate::fdi_models::flown_model(&scenario, &version)
+            .map_err(|error| output::bad_input(format!("{} {error}", args.scenario.display())))?;
     }
     if let Some(text) = &args.fdi_model {
         let refuse = |refusal: rotortwin_plant::error::Refusal| {

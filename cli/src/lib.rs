@@ -6,6 +6,7 @@ mod blind;
 mod campaign;
 mod compare;
 mod effects;
+mod fdi_models;
 mod fit;
 mod diagnose;
 mod fly;

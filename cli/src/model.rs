@@ -70,6 +70,8 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
+    /// Fly a model's effects with detectors that know them and with detectors that do not
+    Detectors(crate::fdi_models::Args),
     /// Take a vehicle or version file as version 0 of a new model
     Import {
         /// The file
@@ -127,6 +129,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Command::Branch { model, name } => branch(&store, model, name),
         Command::Diff { before, after, json } => diff(&store, before, after, *json),
         Command::Export { model, out } => export(&store, model, out.as_deref()),
+        Command::Detectors(args) => return crate::fdi_models::run(&store, args),
         Command::Import { file, name } => import(&store, file, name.as_deref()),
     };
     match done {
@@ -135,7 +138,12 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
-fn table<const N: usize>(header: [&str; N]) -> Table {
+/// The version that a text names.
+pub(crate) fn find(store: &ModelStore, text: &str) -> Result<ModelVersion, StoreError> {
+    store.find(text).map(|found| found.version)
+}
+
+pub(crate) fn table<const N: usize>(header: [&str; N]) -> Table {
     let mut table = Table::new();
     table.load_style(TABLE_STYLE);
     table.set_header(header);
