@@ -37,6 +37,9 @@ pub struct Sample {
 
 /// Watches a flight from inside its process.
 pub trait FlightObserver {
+    /// False for an observer that looks at no sample: flights side by side then need not put samples together.
+    const SEES_SAMPLES: bool = true;
+
     /// Called once for each complete step, in order. An error ends the run as failed.
     fn sample(&mut self, sample: &Sample) -> Result<(), String>;
 
@@ -58,6 +61,8 @@ pub enum StopReason {
 pub struct NoObserver;
 
 impl FlightObserver for NoObserver {
+    const SEES_SAMPLES: bool = false;
+
     #[inline]
     fn sample(&mut self, _: &Sample) -> Result<(), String> {
         Ok(())

@@ -7,6 +7,7 @@
 use crate::flight::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Scenario;
+use rotortwin_wire::frames::FdiReport;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Bytes of one step at most: 3 × 8 (truth header) + 4-byte and 8-byte signals, see `update`.
@@ -47,30 +48,66 @@ impl RunHasher {
     /// Adds one step.
     pub fn update(&mut self, sample: &Sample) {
         let n = self.rotor_count;
+        let (sensors, truth) = (&sample.sensors, &sample.truth);
+        let mut sensed = [0.0; 20];
+        let parts: [&[f32]; 8] = [
+            &sensors.position_ned_m,
+            &sensors.velocity_ned_m_s,
+            &sensors.attitude_rad,
+            &sensors.body_rates_rad_s,
+            &sensors.reference_position_ned_m,
+            &sensors.reference_velocity_ned_m_s,
+            &[sensors.reference_yaw_rad],
+            &[sensors.battery_voltage_v],
+        ];
+        let mut at = 0;
+        for part in parts {
+            sensed[at..at + part.len()].copy_from_slice(part);
+            at += part.len();
+        }
+        let mut motion = [0.0; 12];
+        for (part, values) in motion.as_chunks_mut::<3>().0.iter_mut().zip([
+            truth.position_ned_m,
+            truth.velocity_ned_m_s,
+            truth.attitude_rad,
+            truth.body_rates_rad_s,
+        ]) {
+            *part = values;
+        }
+        self.update_step(&HashedStep {
+            step: sensors.stamp.step,
+            sim_time_ns: sensors.stamp.sim_time_ns,
+            sensed: &sensed,
+            duty: &sample.command.duty[..n],
+            attitude_setpoint_rad: &sample.command.attitude_setpoint_rad,
+            saturated_rotors: sample.command.saturated_rotors,
+            residuals: sample.report.residuals_nms[..n].as_flattened(),
+            wrench_residual: &sample.report.wrench_residual,
+            verdicts: &sample.report,
+            window_end: sample.report.window_end,
+            motion: &motion,
+            rotor_thrust_n: &truth.rotor_thrust_n[..n],
+            battery: &[truth.state_of_charge, truth.battery_voltage_v, truth.battery_current_a],
+            faulty_rotors: truth.faulty_rotors,
+        });
+    }
+
+    /// Adds one step: the one place that says what is hashed, and in which order.
+    #[inline]
+    pub(crate) fn update_step(&mut self, s: &HashedStep<'_>) {
         let bytes = &mut self.bytes;
         bytes.len = 0;
-        bytes.u64(sample.sensors.stamp.step);
-        bytes.u64(sample.sensors.stamp.sim_time_ns);
+        bytes.u64(s.step);
+        bytes.u64(s.sim_time_ns);
+        bytes.f32s(s.sensed);
 
-        let sensors = &sample.sensors;
-        bytes.f32s(&sensors.position_ned_m);
-        bytes.f32s(&sensors.velocity_ned_m_s);
-        bytes.f32s(&sensors.attitude_rad);
-        bytes.f32s(&sensors.body_rates_rad_s);
-        bytes.f32s(&sensors.reference_position_ned_m);
-        bytes.f32s(&sensors.reference_velocity_ned_m_s);
-        bytes.f32s(&[sensors.reference_yaw_rad, sensors.battery_voltage_v]);
+        bytes.f32s(s.duty);
+        bytes.f32s(s.attitude_setpoint_rad);
+        bytes.u32(s.saturated_rotors);
 
-        let command = &sample.command;
-        bytes.f32s(&command.duty[..n]);
-        bytes.f32s(&command.attitude_setpoint_rad);
-        bytes.u32(command.saturated_rotors);
-
-        let report = &sample.report;
-        for residual in &report.residuals_nms[..n] {
-            bytes.f32s(residual);
-        }
-        bytes.f32s(&report.wrench_residual);
+        bytes.f32s(s.residuals);
+        bytes.f32s(s.wrench_residual);
+        let report = s.verdicts;
         for code in [report.t_test, report.network, report.sequential] {
             bytes.u32(code.cast_unsigned());
         }
@@ -82,16 +119,12 @@ impl RunHasher {
         for rotors in report.hypothesis_rotors {
             bytes.u32(rotors);
         }
-        bytes.u32(report.window_end);
+        bytes.u32(s.window_end);
 
-        let truth = &sample.truth;
-        bytes.f64s(&truth.position_ned_m);
-        bytes.f64s(&truth.velocity_ned_m_s);
-        bytes.f64s(&truth.attitude_rad);
-        bytes.f64s(&truth.body_rates_rad_s);
-        bytes.f64s(&truth.rotor_thrust_n[..n]);
-        bytes.f64s(&[truth.state_of_charge, truth.battery_voltage_v, truth.battery_current_a]);
-        bytes.u32(truth.faulty_rotors);
+        bytes.f64s(s.motion);
+        bytes.f64s(s.rotor_thrust_n);
+        bytes.f64s(s.battery);
+        bytes.u32(s.faulty_rotors);
         self.state.update(self.bytes.filled());
     }
 
@@ -99,6 +132,28 @@ impl RunHasher {
     pub fn digest(&self) -> String {
         format!("{:032x}", self.state.digest128())
     }
+}
+
+/// What is hashed of one step.
+pub(crate) struct HashedStep<'a> {
+    pub(crate) step: u64,
+    pub(crate) sim_time_ns: u64,
+    /// Position, velocity, attitude, body rates; reference position and velocity; reference yaw; battery voltage.
+    pub(crate) sensed: &'a [f32; 20],
+    pub(crate) duty: &'a [f32],
+    pub(crate) attitude_setpoint_rad: &'a [f32; 3],
+    pub(crate) saturated_rotors: u32,
+    pub(crate) residuals: &'a [f32],
+    pub(crate) wrench_residual: &'a [f32; 4],
+    /// Verdicts, probability, losses, suspects.
+    pub(crate) verdicts: &'a FdiReport,
+    pub(crate) window_end: u32,
+    /// Position, velocity, attitude, body rates.
+    pub(crate) motion: &'a [f64; 12],
+    pub(crate) rotor_thrust_n: &'a [f64],
+    /// State of charge, voltage, current.
+    pub(crate) battery: &'a [f64; 3],
+    pub(crate) faulty_rotors: u32,
 }
 
 /// The signals of one step, laid out byte by byte.
@@ -135,16 +190,22 @@ impl StepBytes {
 
     #[inline]
     fn f32s(&mut self, values: &[f32]) {
-        for value in values {
-            self.put(value.to_le_bytes());
+        let end = self.len + 4 * values.len();
+        let places = self.buffer[self.len..end].as_chunks_mut::<4>().0;
+        for (place, value) in places.iter_mut().zip(values) {
+            *place = value.to_le_bytes();
         }
+        self.len = end;
     }
 
     #[inline]
     fn f64s(&mut self, values: &[f64]) {
-        for value in values {
-            self.put(value.to_le_bytes());
+        let end = self.len + 8 * values.len();
+        let places = self.buffer[self.len..end].as_chunks_mut::<8>().0;
+        for (place, value) in places.iter_mut().zip(values) {
+            *place = value.to_le_bytes();
         }
+        self.len = end;
     }
 
     #[inline]

@@ -27,7 +27,7 @@ use crate::powertrain::{Powertrain, RotorTruth};
 use crate::rigid_body::{Quaternion, RigidBody, RigidBodyState};
 use crate::scenario::Scenario;
 use crate::sensors::{Accelerometer, Readings, SensorSuite};
-use crate::trajectory::ReferenceGenerator;
+use crate::trajectory::{ReferenceGenerator, ReferencePoint};
 use crate::vector::Vector3;
 use crate::{STEP_NS, STEP_S};
 
@@ -516,15 +516,20 @@ impl Simulation {
     }
 
     /// For [`crate::batch`]: moves everything but the state to the next step; true if a rotor has changed.
+    ///
+    /// * `reference`: that of the next step, if it is known from a flight with the same trajectory
     #[inline]
-    pub(crate) fn advance_around(&mut self) -> bool {
+    pub(crate) fn advance_around(&mut self, reference: Option<&ReferencePoint>) -> bool {
         let step = self.truth.step + 1;
         self.environment.advance();
         let changed = self.faults.apply(step, &mut self.powertrain);
         if changed {
             self.record_faults();
         }
-        self.reference.advance(step);
+        match reference {
+            Some(point) => self.reference.set_point(point),
+            None => self.reference.advance(step),
+        }
         self.truth.step = step;
         self.truth.sim_time_ns = step * STEP_NS;
         self.truth.wind_ned_m_s = self.environment.now().wind_ned;

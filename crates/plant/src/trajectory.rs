@@ -181,6 +181,13 @@ fn length(v: Vector3) -> f64 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
+/// The reference of one step and what the next one needs of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ReferencePoint {
+    previous: Vector3,
+    now: Reference,
+}
+
 /// The reference of each step in turn.
 #[derive(Debug, Clone)]
 pub(crate) struct ReferenceGenerator {
@@ -203,6 +210,26 @@ impl ReferenceGenerator {
         generator.advance(0);
         generator.now.velocity_ned = velocity_ned;
         generator
+    }
+
+    pub(crate) fn trajectory(&self) -> &Trajectory {
+        &self.trajectory
+    }
+
+    /// Where it is.
+    #[inline]
+    pub(crate) fn point(&self) -> ReferencePoint {
+        ReferencePoint {
+            previous: self.previous,
+            now: self.now,
+        }
+    }
+
+    /// Moves to where a generator of the same trajectory is.
+    #[inline]
+    pub(crate) fn set_point(&mut self, point: &ReferencePoint) {
+        self.previous = point.previous;
+        self.now = point.now;
     }
 
     /// Moves to `step`, one after the step before.

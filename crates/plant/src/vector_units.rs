@@ -35,7 +35,7 @@ impl VectorUnit {
         Self::available().last().copied().unwrap_or(Self::Baseline)
     }
 
-    /// All that this processor has, the best last.
+    /// All that this processor has, the fastest last.
     pub fn available() -> &'static [Self] {
         #[cfg(target_arch = "x86_64")]
         {
@@ -45,7 +45,8 @@ impl VectorUnit {
                 && std::arch::is_x86_feature_detected!("avx512bw")
                 && std::arch::is_x86_feature_detected!("avx512vl");
             match (avx2, avx512) {
-                (true, true) => &[Self::Baseline, Self::Avx2, Self::Avx512],
+                // Eight lanes fill a register of AVX-512, but AVX2 was a few per cent faster on the processor at hand.
+                (true, true) => &[Self::Baseline, Self::Avx512, Self::Avx2],
                 (true, false) => &[Self::Baseline, Self::Avx2],
                 _ => &[Self::Baseline],
             }

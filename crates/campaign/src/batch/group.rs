@@ -2,7 +2,7 @@
 
 use super::{BatchOutcome, GroupKey, RUN_ID, Waiting};
 use crate::flight::{Failure, FlightEnd, FlightObserver, FlightOutcome, Sample, StopReason};
-use crate::run_hash::RunHasher;
+use crate::run_hash::{HashedStep, RunHasher};
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::control::lanes::{ControlRows, MeasuredRows, ReferenceRows, SineRows};
 use rotortwin_flight_core::fdi::FdiEngine;
@@ -31,6 +31,8 @@ struct Rider<O> {
     index: usize,
     engine: Box<FdiEngine>,
     hasher: RunHasher,
+    /// Verdicts of the last window.
+    report: FdiReport,
     observer: O,
     steps: u64,
     start: Instant,
@@ -161,6 +163,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             index: waiting.index,
             engine: self.inputs.engine.clone(),
             hasher: RunHasher::new(N),
+            report: FdiReport::default(),
             observer: waiting.observer,
             steps: 0,
             start: Instant::now(),
@@ -210,56 +213,93 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
         Ok(())
     }
 
-    /// The engine's part at block and window ends, and the sample of this step; false if the lane cannot go on.
+    /// The engine's part at block and window ends, the hash of this step, and its sample if anyone looks; false if the lane cannot go
+    /// on.
     #[inline]
     fn complete(&mut self, lane: usize) -> bool {
         let (Some(rider), Some(simulation)) = (&mut self.riders[lane], self.plant.simulation(lane)) else {
             return true;
         };
         let out = &mut *self.outputs;
+        let truth = simulation.truth();
         let stamp = Stamp {
             run_id: RUN_ID,
-            step: simulation.truth().step,
-            sim_time_ns: simulation.truth().sim_time_ns,
+            step: truth.step,
+            sim_time_ns: truth.sim_time_ns,
         };
-        let sample = &mut self.samples[lane];
-        sample.sensors = sensor_frame(&self.inputs.sensed, lane, stamp);
-        let mut duty = [0.0; rotortwin_flight_core::MAX_ROTORS];
-        for k in 0..N {
-            duty[k] = out.control.duty[k][lane];
-        }
-        let setpoint = &out.control.attitude_setpoint;
-        sample.command = CommandFrame {
-            stamp,
-            duty,
-            attitude_setpoint_rad: [setpoint[0][lane], setpoint[1][lane], setpoint[2][lane]],
-            saturated_rotors: out.control.saturated_rotors[lane],
-        }
-        .canonical();
-        let output = if rider.steps == 0 {
+        let duty = column(&out.control.duty, lane);
+        let setpoint = canonical(column(&out.control.attitude_setpoint, lane));
+        let saturated_rotors = out.control.saturated_rotors[lane];
+        let window_end = if rider.steps == 0 {
             // An engine starts its observers from the first sample.
-            let output = rider
-                .engine
-                .step(&sample.command.measurement(&sample.sensors.canonical()));
+            let sensors = sensor_frame(&self.inputs.sensed, lane, stamp).canonical();
+            let command = command_frame(stamp, &duty, setpoint, saturated_rotors);
+            let output = rider.engine.step(&command.measurement(&sensors));
             if output.rejected_samples > 0 || !out.fdi.seat(lane, &rider.engine) {
                 return false;
             }
-            output
+            rider.report = report(stamp, &output).canonical();
+            out.fdi.set_output(lane, &output);
+            output.window_end
         } else {
             if out.fdi.outside[lane] != 0 {
                 return false;
             }
-            out.fdi.close(lane, &mut rider.engine);
-            out.fdi.output(lane, &rider.engine)
+            let window_end = out.fdi.close(lane, &mut rider.engine);
+            if window_end {
+                rider.report = report(stamp, &out.fdi.output(lane, &rider.engine)).canonical();
+                // The link's own check where verdicts are new: it would refuse the report, and with it the flight.
+                if check_report(&rider.report, N).is_err() {
+                    return false;
+                }
+            }
+            window_end
         };
-        sample.report = report(stamp, &output).canonical();
-        let finite = output.wrench_residual.iter().all(|r| r.abs() < LARGEST_RESIDUAL);
-        // The link's own check where verdicts are new: it would refuse the report, and with it the flight.
-        if !finite || (output.window_end && check_report(&sample.report, N).is_err()) {
+        let (residuals, wrench_residual) = out.fdi.residuals_of(lane);
+        if !wrench_residual.iter().all(|r| r.abs() < LARGEST_RESIDUAL) {
             return false;
         }
-        if let Some(truth) = self.plant.truth(lane) {
-            sample.truth = truth;
+        let (residuals, wrench_residual) = (residuals.map(canonical), canonical(wrench_residual));
+        let motion = self.plant.motion(lane);
+        let sensed = &self.inputs.sensed;
+        let mut heard = [0.0; 20];
+        for k in 0..12 {
+            heard[k] = sensed.values[k][lane];
+        }
+        for k in 0..7 {
+            heard[12 + k] = sensed.reference[k][lane];
+        }
+        heard[19] = sensed.values[12][lane];
+        rider.hasher.update_step(&HashedStep {
+            step: stamp.step,
+            sim_time_ns: stamp.sim_time_ns,
+            sensed: &heard,
+            duty: &duty,
+            attitude_setpoint_rad: &setpoint,
+            saturated_rotors,
+            residuals: residuals.as_flattened(),
+            wrench_residual: &wrench_residual,
+            verdicts: &rider.report,
+            window_end: u32::from(window_end),
+            motion: &motion.motion,
+            rotor_thrust_n: &motion.rotor_thrust_n,
+            battery: &motion.battery,
+            faulty_rotors: truth.faulty_rotors,
+        });
+        if O::SEES_SAMPLES {
+            let sample = &mut self.samples[lane];
+            sample.sensors = sensor_frame(sensed, lane, stamp);
+            sample.command = command_frame(stamp, &duty, setpoint, saturated_rotors);
+            sample.report = FdiReport {
+                stamp,
+                wrench_residual,
+                window_end: u32::from(window_end),
+                ..rider.report
+            };
+            sample.report.residuals_nms[..N].copy_from_slice(&residuals);
+            if let Some(truth) = self.plant.truth(lane) {
+                sample.truth = truth;
+            }
         }
         true
     }
@@ -269,10 +309,11 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
         let Some(rider) = &mut self.riders[lane] else {
             return Ok(());
         };
-        let sample = &self.samples[lane];
-        rider.hasher.update(sample);
         rider.steps += 1;
-        match rider.observer.sample(sample) {
+        if !O::SEES_SAMPLES {
+            return Ok(());
+        }
+        match rider.observer.sample(&self.samples[lane]) {
             Ok(()) => Ok(()),
             Err(sentence) => {
                 let failed = StopReason::Failed(Failure::of("plant", sentence));
@@ -327,6 +368,36 @@ fn end_of(reason: StopReason) -> FlightEnd {
         StopReason::Canceled => FlightEnd::Canceled,
         StopReason::Failed(failure) => FlightEnd::Failed(failure),
     }
+}
+
+/// One lane of several rows.
+#[inline]
+fn column<const K: usize>(rows: &[[f32; LANES]; K], lane: usize) -> [f32; K] {
+    let mut values = [0.0; K];
+    for i in 0..K {
+        values[i] = rows[i][lane];
+    }
+    values
+}
+
+/// −0 becomes +0.
+#[inline]
+fn canonical<const K: usize>(mut values: [f32; K]) -> [f32; K] {
+    for value in &mut values {
+        *value += 0.0;
+    }
+    values
+}
+
+fn command_frame(stamp: Stamp, duty: &[f32], attitude_setpoint_rad: [f32; 3], saturated_rotors: u32) -> CommandFrame {
+    let mut command = CommandFrame {
+        stamp,
+        attitude_setpoint_rad,
+        saturated_rotors,
+        ..CommandFrame::default()
+    };
+    command.duty[..duty.len()].copy_from_slice(duty);
+    command
 }
 
 fn sensor_frame(sensed: &SensedRows, lane: usize, stamp: Stamp) -> SensorFrame {

@@ -260,13 +260,15 @@ fn fly_alone<O: FlightObserver>(flight: &BatchFlight<'_>, observer: O, seen: u64
 /// Keeps the samples from an observer that it has seen already.
 struct LateObserver<O> {
     observer: O,
+    /// First step that it has not seen.
     unseen: u64,
 }
 
 impl<O: FlightObserver> FlightObserver for LateObserver<O> {
+    const SEES_SAMPLES: bool = O::SEES_SAMPLES;
+
     fn sample(&mut self, sample: &Sample) -> Result<(), String> {
-        if self.unseen > 0 {
-            self.unseen -= 1;
+        if sample.truth.step < self.unseen {
             return Ok(());
         }
         self.observer.sample(sample)

@@ -142,15 +142,25 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
     }
 
     /// What [`FdiEngine::step`] does at the end of a block or a window, if the last sample of this lane was one; to be called once
-    /// for each lane after each [`FdiRows::step`].
+    /// for each lane after each [`FdiRows::step`]. True at the end of a window.
     #[inline]
-    pub fn close(&mut self, lane: usize, engine: &mut FdiEngine) {
+    pub fn close(&mut self, lane: usize, engine: &mut FdiEngine) -> bool {
         let count = self.window_count[lane] as u16;
         let window_end = count >= engine.config.window_len;
         self.window_end[lane] = u32::from(window_end);
         if window_end || engine.block_end.contains(&count) {
             self.close_block(lane, engine);
         }
+        window_end
+    }
+
+    /// Takes over the residuals of a sample that an engine has seen itself.
+    pub fn set_output(&mut self, lane: usize, output: &FdiOutput) {
+        set(&mut self.wrench_residual, lane, &output.wrench_residual);
+        for i in 0..N {
+            set(&mut self.residuals[i], lane, &output.residuals.component[i]);
+        }
+        self.window_end[lane] = u32::from(output.window_end);
     }
 
     #[inline(never)]
@@ -315,6 +325,16 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
             self.baseline_count[lane] = count;
             self.baseline_seen[lane] = seen.saturating_add(u32::from(seen < end));
         }
+    }
+
+    /// Residuals of a lane's last sample: r_i of every rotor, and the 4-axis residual behind them.
+    #[inline]
+    pub fn residuals_of(&self, lane: usize) -> ([[f32; 3]; N], [f32; 4]) {
+        let mut residuals = [[0.0; 3]; N];
+        for i in 0..N {
+            residuals[i] = get(&self.residuals[i], lane);
+        }
+        (residuals, get(&self.wrench_residual, lane))
     }
 
     /// What the engine of a lane says of its last sample, as [`FdiEngine::step`] would.

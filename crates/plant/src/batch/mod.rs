@@ -56,6 +56,17 @@ pub struct SensedRows {
     pub reference: [[f32; LANES]; 7],
 }
 
+/// What changes with every step of one lane.
+#[derive(Debug, Clone, Copy)]
+pub struct LaneMotion<const N: usize> {
+    /// Position (m, NED), velocity (m/s, NED), attitude (rad), body rates (rad/s).
+    pub motion: [f64; 12],
+    /// f_i, N.
+    pub rotor_thrust_n: [f64; N],
+    /// State of charge (fraction), terminal voltage (V), current (A).
+    pub battery: [f64; 3],
+}
+
 /// See the module.
 #[derive(Debug, Clone)]
 pub struct BatchSimulation<const N: usize> {
@@ -66,6 +77,8 @@ pub struct BatchSimulation<const N: usize> {
     integrated: Box<Integrated<N>>,
     sensed: SensedRows,
     wind_moves: [bool; LANES],
+    /// An earlier lane that follows the same trajectory: its reference is this lane's, too, while their steps are the same.
+    same_trajectory: [Option<usize>; LANES],
 }
 
 impl<const N: usize> BatchSimulation<N> {
@@ -92,6 +105,7 @@ impl<const N: usize> BatchSimulation<N> {
                 reference: [[0.0; LANES]; 7],
             },
             wind_moves: [false; LANES],
+            same_trajectory: [None; LANES],
         }
     }
 
@@ -139,6 +153,14 @@ impl<const N: usize> BatchSimulation<N> {
         // The truth of step 0 is there already.
         self.read_truth(lane, &simulation);
         self.seats[lane] = Some(Box::new(Seat { simulation }));
+        for lane in 0..LANES {
+            let trajectory = |lane: usize| {
+                let seat = self.seats[lane].as_ref();
+                seat.map(|seat| seat.simulation.reference.trajectory())
+            };
+            self.same_trajectory[lane] =
+                trajectory(lane).and_then(|own| (0..lane).find(|other| trajectory(*other) == Some(own)));
+        }
         self.read_rotors(lane);
         self.read_surroundings(lane);
         self.read_reference(lane);
@@ -178,6 +200,7 @@ impl<const N: usize> BatchSimulation<N> {
             }
         }
         self.inputs.duty = *duty;
+        let mut references = [const { None }; LANES];
         let left = self.integrate(lost);
         for lane in 0..LANES {
             if left[lane] != 0 {
@@ -185,7 +208,13 @@ impl<const N: usize> BatchSimulation<N> {
             }
             let Some(seat) = &mut self.seats[lane] else { continue };
             let simulation = &mut seat.simulation;
-            let changed = simulation.advance_around();
+            let known = self.same_trajectory[lane].and_then(|other| {
+                references[other]
+                    .as_ref()
+                    .filter(|(step, _)| *step == simulation.step() + 1)
+            });
+            let changed = simulation.advance_around(known.map(|(_, reference)| reference));
+            references[lane] = Some((simulation.step(), simulation.reference.point()));
             if changed {
                 self.read_rotors(lane);
             }
@@ -235,6 +264,28 @@ impl<const N: usize> BatchSimulation<N> {
         }
         std::mem::swap(&mut self.inputs.state, &mut self.integrated.state);
         left
+    }
+
+    /// The truth of one lane that changes with every step.
+    #[inline]
+    pub fn motion(&self, lane: usize) -> LaneMotion<N> {
+        let state = &self.inputs.state;
+        let mut motion = [0.0; 12];
+        let sources = [
+            &state.position,
+            &state.velocity,
+            &self.inputs.truth.attitude,
+            &state.body_rates,
+        ];
+        for (part, rows) in motion.as_chunks_mut::<3>().0.iter_mut().zip(sources) {
+            *part = column(rows, lane);
+        }
+        let [_, voltage, current] = column(&self.inputs.truth.battery, lane);
+        LaneMotion {
+            motion,
+            rotor_thrust_n: column(&state.thrust, lane),
+            battery: [state.state_of_charge[lane], voltage, current],
+        }
     }
 
     /// The truth of one lane at the start of its current step.
