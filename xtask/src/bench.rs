@@ -23,6 +23,7 @@ pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
     println!("{}", machine());
     println!("medians of {repetitions} (lowest – highest)\n");
     bench.closed_loop(if quick { 1.0 } else { 3.0 })?;
+    bench.side_by_side_flights()?;
     bench.lockstep("iceoryx2", "all processes on CPU 0", Some(0))?;
     bench.lockstep("iceoryx2", "not pinned", None)?;
     bench.lockstep("zenoh", "all processes on CPU 0", Some(0))?;
@@ -30,13 +31,26 @@ pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
     bench.side_by_side()
 }
 
-fn build(root: &Path) -> Result<()> {
+/// Flights side by side only.
+pub(crate) fn side_by_side_only(root: &Path) -> Result<()> {
+    build(root)?;
+    println!("{}", machine());
+    let bench = Bench {
+        root: root.to_path_buf(),
+        repetitions: 5,
+    };
+    println!("medians of {} (lowest – highest)\n", bench.repetitions);
+    bench.side_by_side_flights()
+}
+
+pub(crate) fn build(root: &Path) -> Result<()> {
     crate::run(
         "build",
         cargo(root).args(["build", "--release", "--locked", "--quiet", "-p", "rotortwin"]),
     )?;
     for (package, example) in [
         ("rotortwin-campaign", "closed_loop_rate"),
+        ("rotortwin-campaign", "batch_rate"),
         ("rotortwin-wire", "link_rate"),
     ] {
         let args = [
@@ -55,7 +69,7 @@ fn build(root: &Path) -> Result<()> {
 }
 
 /// CPU, cores, kernel, load: without them a rate says nothing.
-fn machine() -> String {
+pub(crate) fn machine() -> String {
     let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
     let model = read("/proc/cpuinfo")
         .lines()
@@ -72,6 +86,29 @@ fn machine() -> String {
         "{model}, {cpus} CPUs, Linux {}, load {}",
         kernel.trim(),
         load.split(' ').next().unwrap_or("unknown")
+    )
+}
+
+/// Scenarios that fly side by side: every trajectory, faults, wind, mismatch.
+pub(crate) const SIDE_BY_SIDE: [&str; 6] = [
+    SCENARIO,
+    "config/scenarios/realistic-reference-flight.toml",
+    "config/scenarios/waypoints.toml",
+    "config/scenarios/helix-2.toml",
+    "config/scenarios/hover.toml",
+    "config/scenarios/windy-hover.toml",
+];
+
+/// One run of the example `batch_rate`, pinned to one core. It fails if any run hash differs from that of the flight alone.
+pub(crate) fn side_by_side(root: &Path, flights: &str, scenarios: &[&str]) -> Result<serde_json::Value> {
+    let bench = Bench {
+        root: root.to_path_buf(),
+        repetitions: 1,
+    };
+    bench.json(
+        Command::new("taskset")
+            .args(["-c", "0", "target/release/examples/batch_rate", flights])
+            .args(scenarios),
     )
 }
 
@@ -105,6 +142,30 @@ impl Bench {
             println!("  ns a step: {name:<27} {}", Spread::of(values));
         }
         println!();
+        Ok(())
+    }
+
+    /// Eight flights at a time against one after another, same flights, same hashes, in turns.
+    fn side_by_side_flights(&self) -> Result<()> {
+        for (title, flights, scenarios) in [
+            ("the reference flight with seeds 1 to 24", "24", &SIDE_BY_SIDE[..1]),
+            ("six scenarios with seeds 1 to 8", "8", &SIDE_BY_SIDE[..]),
+        ] {
+            let (mut single, mut batch, mut ratio) = (Vec::new(), Vec::new(), Vec::new());
+            let mut alone = 0.0;
+            for _ in 0..self.repetitions {
+                let json = side_by_side(&self.root, flights, scenarios)?;
+                single.push(number(&json, "single_steps_per_cpu_s")?);
+                batch.push(number(&json, "batch_steps_per_cpu_s")?);
+                ratio.push(100.0 * number(&json, "ratio")?);
+                alone = number(&json, "flown_alone")?;
+            }
+            println!("flights side by side, one core: {title}");
+            println!("  one after another, steps per CPU-second {}", Spread::of(single));
+            println!("  side by side, steps per CPU-second      {}", Spread::of(batch));
+            println!("  ratio, per cent                         {}", Spread::of(ratio));
+            println!("  flights without a lane                  {alone:>9}\n");
+        }
         Ok(())
     }
 
@@ -202,7 +263,7 @@ fn pinned(program: &str, cpu: Option<usize>) -> Command {
     }
 }
 
-fn number(json: &serde_json::Value, key: &str) -> Result<f64> {
+pub(crate) fn number(json: &serde_json::Value, key: &str) -> Result<f64> {
     json.get(key)
         .and_then(serde_json::Value::as_f64)
         .with_context(|| format!("no number '{key}' in a result"))

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 mod bench;
 mod check;
 mod codegen;
+mod peers;
 mod thumb;
 
 const USAGE: &str = "usage: cargo xtask TASK
@@ -16,7 +17,12 @@ const USAGE: &str = "usage: cargo xtask TASK
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
   detector WHAT [SCENARIO] [key=value …]
                     the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)
-  bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link";
+  bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link
+  bench --side-by-side
+                    flights side by side against one after another
+  bench --peers [ENVIRONMENTS]
+                    crazyflow, RotorPy and gym-pybullet-drones beside ours, each in a throw-away Python environment (or in
+                    ENVIRONMENTS/PACKAGE, made before)";
 
 fn main() -> std::process::ExitCode {
     match run_task() {
@@ -42,6 +48,9 @@ fn run_task() -> Result<()> {
         ["detector", what, settings @ ..] => example(&root, "detector_study", [&[*what], settings].concat().as_slice()),
         ["bench"] => bench::run(&root, false),
         ["bench", "--quick"] => bench::run(&root, true),
+        ["bench", "--side-by-side"] => bench::side_by_side_only(&root),
+        ["bench", "--peers"] => peers::run(&root, None, 5.0),
+        ["bench", "--peers", environments] => peers::run(&root, Some(Path::new(environments)), 5.0),
         _ => bail!("{USAGE}"),
     }
 }
