@@ -5,8 +5,8 @@ use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use rotortwin_blind::bench::answer::{Answer, Estimate, Finding, Verdict};
 use rotortwin_blind::bench::cases::Preset;
-use rotortwin_blind::bench::product::read_diagnosis;
-use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Request, read_plain};
+use rotortwin_blind::bench::product::{read_diagnosis, read_either};
+use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Request};
 use rotortwin_blind::bench::{report, sheet};
 use rotortwin_blind::command;
 use rotortwin_blind::error::BlindError;
@@ -109,7 +109,7 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
     let diagnosis = match &args.diagnosis {
         Some(line) => DiagnosisCommand {
             command: line.split_whitespace().map(str::to_owned).collect(),
-            read: read_plain,
+            read: read_either,
         },
         None => DiagnosisCommand {
             command: [&program, "diagnose", "{log}", "--model", "{vehicle}", "--json"]

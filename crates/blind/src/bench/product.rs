@@ -65,6 +65,16 @@ fn finding(value: &Value) -> Result<Finding, String> {
     })
 }
 
+/// Reads the output of a diagnosis in the product's form or, where it has no `goodness`, in this crate's own.
+pub fn read_either(json: &str) -> Result<Answer, String> {
+    let value: Value = serde_json::from_str(json).map_err(|error| format!("the answer is no JSON: {error}"))?;
+    if value.get("goodness").is_some() {
+        read_diagnosis(json)
+    } else {
+        super::run::read_plain(json)
+    }
+}
+
 /// Reads the JSON of a diagnosis.
 pub fn read_diagnosis(json: &str) -> Result<Answer, String> {
     let value: Value = serde_json::from_str(json).map_err(|error| format!("the diagnosis is no JSON: {error}"))?;
@@ -155,6 +165,9 @@ mod tests {
         assert_eq!(answer.smallest["mass/share"], 0.018);
         assert!(answer.smallest["vortex-ring/loss"].is_infinite());
         assert_eq!(answer.chi2, Some([3.0, 1.0]));
+        assert_eq!(read_either(DIAGNOSIS).unwrap(), answer);
+        let plain = serde_json::json!({ "verdict": "agrees", "findings": [] }).to_string();
+        assert_eq!(read_either(&plain).unwrap().verdict, Verdict::Agrees);
     }
 
     #[test]
