@@ -2,7 +2,8 @@
 
 use crate::output::{bad_input, failed};
 use comfy_table::{CellAlignment, Table};
-use rotortwin_twin::log::{FlightLog, LogError, ReadOptions};
+use rotortwin_plant::VehicleDocuments;
+use rotortwin_twin::log::{FlightLog, ReadOptions};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -29,6 +30,9 @@ struct Reading {
     /// Of a simulated run, take the truth instead of what was sensed
     #[arg(long)]
     truth: bool,
+    /// Vehicle file to hold the log against: number and order of the rotors
+    #[arg(long, value_name = "FILE")]
+    vehicle: Option<PathBuf>,
     /// Take what can be read of a file whose checksum is wrong
     #[arg(long)]
     damaged: bool,
@@ -77,13 +81,22 @@ fn rate(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "1 to 10000 Hz were expected".to_owned())
 }
 
-fn read(file: &Path, reading: &Reading) -> Result<FlightLog, LogError> {
+fn read(file: &Path, reading: &Reading) -> Result<FlightLog, String> {
+    let vehicle = reading
+        .vehicle
+        .as_ref()
+        .map(|path| VehicleDocuments::load(path).map_err(|error| error.to_string()));
     let options = ReadOptions {
         mapping: reading.mapping.clone(),
         truth: reading.truth,
         accept_damaged: reading.damaged,
     };
-    FlightLog::read_with(file, &options)
+    let mut log = FlightLog::read_with(file, &options).map_err(|refusal| refusal.to_string())?;
+    if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle.as_ref()) {
+        log.report.findings.extend(log.check_against_vehicle(&vehicle.vehicle));
+        log.vehicle = Some(path.display().to_string());
+    }
+    Ok(log)
 }
 
 /// Prints; a reader that has closed the pipe has seen enough.
@@ -106,7 +119,8 @@ fn import(args: &ImportArgs) -> ExitCode {
         let stored = read(file, &args.reading).and_then(|log| {
             let log = if args.align { log.aligned() } else { log };
             let log = args.rate.map_or_else(|| log.clone(), |rate_hz| log.resampled(rate_hz));
-            log.store(&args.out, &name).map(|path| (log, path))
+            let path = log.store(&args.out, &name).map_err(|refusal| refusal.to_string())?;
+            Ok((log, path))
         });
         match stored {
             Ok((log, path)) => {

@@ -229,6 +229,29 @@ proptest! {
     }
 
     #[test]
+    fn prop_damaged_parquet_never_panics(
+        rows in 2..200_usize,
+        damage in proptest::collection::vec((0.0..1.0_f64, any::<u8>()), 1..12),
+        at_the_end in any::<bool>(),
+    ) {
+        let time_s = (0..rows).map(|row| row as f64).collect();
+        let column = |factor: f64| (0..rows).map(|row| (factor * row as f64).sin()).collect();
+        let columns = [("roll_rad".to_owned(), column(0.1)), ("position_down_m".to_owned(), column(0.3))];
+        let log = FlightLog::from_columns("whole", time_s, columns).expect("nothing to refuse");
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("whole.parquet");
+        log.write_parquet(&path).expect("written");
+        let mut content = std::fs::read(&path).expect("read");
+        // The footer, which says how much of everything there is, is at the end.
+        let first = if at_the_end { content.len().saturating_sub(400) } else { 4 };
+        for (place, byte) in damage {
+            let place = first + (place * (content.len() - first) as f64) as usize;
+            content[place] = byte;
+        }
+        survive("damaged.parquet", &content);
+    }
+
+    #[test]
     fn prop_any_bytes_after_a_magic_never_panic(
         file in 0..5_usize,
         tail in proptest::collection::vec(any::<u8>(), 0..4000),
