@@ -3,7 +3,6 @@
 use crate::output;
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use rotortwin_blind::bench::answer::{Answer, Estimate, Finding, Verdict};
 use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::product::{read_diagnosis, read_either};
 use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Request};
@@ -139,60 +138,4 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
         println!("Report: {}", bench.folder.join("report.html").display());
     }
     Ok(())
-}
-
-/// Turns the JSON of `rotortwin diagnose` into the few words that the score needs.
-fn read_diagnosis(text: &str) -> Result<Answer, String> {
-    let json: serde_json::Value = serde_json::from_str(text).map_err(|error| format!("no JSON: {error}"))?;
-    let list = |key: &str| json[key].as_array().cloned().unwrap_or_default();
-    let findings: Vec<Finding> = list("effects")
-        .iter()
-        .chain(&list("sensor_or_timing"))
-        .map(|found| {
-            let parameters = found["parameters"].as_array().into_iter().flatten().filter_map(|p| {
-                let (value, half) = (p["value"].as_f64()?, p["interval_95"].as_f64()?);
-                let estimate = Estimate {
-                    value,
-                    low: value - half,
-                    high: value + half,
-                };
-                Some((p["name"].as_str()?.to_owned(), estimate))
-            });
-            let also = found["also_compatible"].as_array().into_iter().flatten();
-            Finding {
-                id: found["instance"]["effect"].as_str().unwrap_or_default().to_owned(),
-                rotor: found["instance"]["rotor"].as_u64().map(|rotor| rotor as usize),
-                parameters: parameters.collect(),
-                evidence: found["ln_bayes_factor"].as_f64(),
-                onset_s: found["onset_s"].as_f64(),
-                also: also.filter_map(|r| Some(r["effect"].as_str()?.to_owned())).collect(),
-            }
-        })
-        .collect();
-    let ambiguous = findings.iter().any(|found| !found.also.is_empty());
-    let verdict = match json["verdict"]["kind"].as_str() {
-        Some("agrees" | "nothing-testable") => Verdict::Agrees,
-        Some("outside-catalogue") => Verdict::Outside,
-        Some("cannot-tell") => Verdict::Ambiguous,
-        Some("missing" | "log-fault") if ambiguous => Verdict::Ambiguous,
-        Some("missing" | "log-fault") => Verdict::Named,
-        other => return Err(format!("expected a verdict, got {other:?}")),
-    };
-    let mut smallest = std::collections::BTreeMap::new();
-    for row in list("detectable") {
-        let id = row["effect"].as_str().unwrap_or_default();
-        let key = row["rotor"]
-            .as_u64()
-            .map_or_else(|| id.to_owned(), |rotor| format!("{id}:{rotor}"));
-        // The first size of an effect stands for it.
-        smallest
-            .entry(key)
-            .or_insert(row["minimum_size"].as_f64().unwrap_or(f64::INFINITY));
-    }
-    Ok(Answer {
-        verdict,
-        findings,
-        smallest,
-        held_out: None,
-    })
 }

@@ -5,10 +5,10 @@
 mod blind;
 mod campaign;
 mod compare;
+mod diagnose;
 mod effects;
 mod fdi_models;
 mod fit;
-mod diagnose;
 mod fly;
 mod log;
 mod model;
