@@ -36,10 +36,6 @@ pub(crate) struct Args {
 }
 
 /// Runs the command.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "the time that a diagnosis takes is told to people"
-)]
 pub(crate) fn run(args: &Args) -> ExitCode {
     let start = Instant::now();
     let found = match ModelStore::new(&args.models).find(&args.model) {

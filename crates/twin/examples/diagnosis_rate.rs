@@ -1,5 +1,4 @@
 //! Times the diagnosis of logs: `cargo run --release -p rotortwin-twin --example diagnosis_rate -- LOG…`.
-#![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
 use std::path::Path;
 use std::time::Instant;

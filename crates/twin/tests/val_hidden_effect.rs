@@ -20,10 +20,10 @@ fn answer(number: usize) -> Option<Diagnosis> {
         rotortwin_skip(&format!("{} is not there", path.display()));
         return None;
     }
-    let log = FlightLog::read(&path).unwrap();
-    let documents = VehicleDocuments::load(root().join("config/vehicles/f550.toml")).unwrap();
+    let log = FlightLog::read(&path).expect("a canonical log");
+    let documents = VehicleDocuments::load(root().join("config/vehicles/f550.toml")).expect("the F550");
     let model = ModelVersion::first("f550", documents);
-    Some(diagnose(&[log], &model, &Options::default()).unwrap())
+    Some(diagnose(&[log], &model, &Options::default()).expect("a diagnosis"))
 }
 
 /// As in the system tests: `./test` counts these lines.
@@ -32,7 +32,8 @@ fn rotortwin_skip(reason: &str) {
     eprintln!("skipped: {reason}");
     if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
         let file = std::fs::OpenOptions::new().create(true).append(true).open(log);
-        writeln!(file.unwrap(), "{reason}").unwrap();
+        let written = file.and_then(|mut file| writeln!(file, "{reason}"));
+        written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
     }
 }
 
@@ -43,7 +44,11 @@ fn named(diagnosis: &Diagnosis) -> Vec<(String, Option<usize>)> {
 
 fn value(diagnosis: &Diagnosis, effect: &str, parameter: &str) -> f64 {
     let mut found = diagnosis.effects.iter().chain(&diagnosis.sensor_or_timing);
-    found.find(|f| f.instance.effect == effect).unwrap().instance.parameters[parameter]
+    found
+        .find(|f| f.instance.effect == effect)
+        .expect("the effect is found")
+        .instance
+        .parameters[parameter]
 }
 
 #[test]

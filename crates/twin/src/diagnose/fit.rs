@@ -36,6 +36,13 @@ pub(crate) struct Fitted {
     pub(crate) deviations: Vec<f64>,
 }
 
+/// The best point of an iteration, and the step that leads away from it.
+struct Point {
+    logs: Vec<LogState>,
+    fitted: Fitted,
+    step: Vec<f64>,
+}
+
 impl Problem {
     /// Nuisances of all logs come first.
     pub(crate) fn nuisances(&self) -> usize {
@@ -117,7 +124,7 @@ impl Problem {
             .filter(|&j| open.iter().any(|a| a.candidate == self.library.columns[j].candidate))
             .collect();
         let nuisances = self.nuisances();
-        let mut best: Option<(f64, Vec<LogState>, Vec<Active>, Fitted, Vec<f64>)> = None;
+        let mut best: Option<Point> = None;
         let mut shorter = 0;
         for _ in 0..STEPS {
             let (normal, position) = (
@@ -136,7 +143,9 @@ impl Problem {
                 .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
             let evidence = posterior.log_evidence - 0.5 * (shifted.square_sum + penalty);
             // Half the quadratic objective that is left once the linear parameters have followed.
-            let better = best.as_ref().is_none_or(|(before, ..)| evidence > *before - 1e-9);
+            let better = best
+                .as_ref()
+                .is_none_or(|best| evidence > best.fitted.log_evidence - 1e-9);
             let (base_logs, base_active, step) = if better {
                 shorter = 0;
                 let fitted = Fitted {
@@ -152,7 +161,11 @@ impl Problem {
                     .chain(free.iter().map(|j| nuisances + j))
                     .map(moved)
                     .fold(0.0, f64::max);
-                best = Some((evidence, logs.clone(), active.clone(), fitted, posterior.mean.clone()));
+                best = Some(Point {
+                    logs: logs.clone(),
+                    fitted,
+                    step: posterior.mean.clone(),
+                });
                 if longest < SETTLED {
                     break;
                 }
@@ -162,9 +175,10 @@ impl Problem {
                 if shorter > 3 {
                     break;
                 }
-                let Some((_, logs, active, _, mean)) = &best else { break };
+                let Some(best) = &best else { break };
                 let factor = 0.5_f64.powi(shorter);
-                (logs.clone(), active.clone(), mean.iter().map(|m| m * factor).collect())
+                let step = best.step.iter().map(|m| m * factor).collect();
+                (best.logs.clone(), best.fitted.active.clone(), step)
             };
             (logs, active) = (base_logs, base_active);
             let mut at = 0;
@@ -183,7 +197,7 @@ impl Problem {
                 }
             }
         }
-        best.map(|(.., fitted, _)| fitted)
+        best.map(|best| best.fitted)
             .ok_or_else(|| PredictError("the fit made no step".into()))
     }
 
