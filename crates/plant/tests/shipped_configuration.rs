@@ -96,7 +96,7 @@ fn scenario_every_shipped_flight_stays_on_course() {
 fn scenario_every_shipped_vehicle_hovers() {
     for path in documents("vehicles") {
         let text = format!(
-            "name = 'hover'\ndescription = ''\nvehicle = '{}.toml'\nduration_s = 5.0\n\
+            "name = 'hover'\ndescription = ''\nvehicle = '{}.toml'\nduration_s = 5.0\nmismatch = {{ preset = 'none' }}\n\
              trajectory = {{ kind = 'hover', position_ned_m = [0, 0, -5] }}",
             stem(&path)
         );

@@ -3,8 +3,11 @@
 
 use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Predictor};
 
-/// Prior deviation of a rotor's lift error, N: uniform in ±10.756 mN (§6).
-const BIAS_DEVIATION_N: f64 = 0.0062;
+/// Prior deviation of a rotor's lift error over its hover thrust: uniform in ±10.756 mN (§6) on 2.534 N.
+const BIAS_DEVIATION: f64 = 0.00245;
+/// No lift error goes beyond this, over hover thrust (§6: 0.00424). Long flights overrule any prior; without a bound the biases of all
+/// rotors together would hide a wrong mass.
+const LARGEST_BIAS: f64 = 0.006;
 /// Prior deviation of the charge, fraction.
 const CHARGE_DEVIATION: f64 = 0.25;
 /// Rounds: the voltage is not linear in the charge.
@@ -17,7 +20,14 @@ const ROUNDS: usize = 3;
 pub fn fit(predictor: &Predictor) -> Result<Nuisances, PredictError> {
     let rotors = predictor.series().rotors;
     let count = rotors + 1;
-    let deviation = |i: usize| if i < rotors { BIAS_DEVIATION_N } else { CHARGE_DEVIATION };
+    let hover = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2 / rotors as f64;
+    let deviation = |i: usize| {
+        if i < rotors {
+            BIAS_DEVIATION * hover
+        } else {
+            CHARGE_DEVIATION
+        }
+    };
     let whitened = |nuisances: &Nuisances| predictor.residuals(nuisances, &[]).map(|residuals| residuals.whitened);
     let mut best = Nuisances::default();
     for _ in 0..ROUNDS {
@@ -48,12 +58,58 @@ pub fn fit(predictor: &Predictor) -> Result<Nuisances, PredictError> {
             normal[a][a] += prior;
             normal[a][count] = inner(&columns[a], &base) - prior * value(&best, a, rotors);
         }
-        let step = solve(normal);
-        for (i, step) in step.into_iter().enumerate() {
+        let reach = |i: usize| {
+            if i < rotors {
+                LARGEST_BIAS * hover
+            } else {
+                f64::INFINITY
+            }
+        };
+        for (i, step) in bounded(&normal, |i, step| {
+            let before = value(&best, i, rotors);
+            (before + step).clamp(-reach(i), reach(i)) - before
+        })
+        .into_iter()
+        .enumerate()
+        {
             shift(&mut best, i, rotors, step);
         }
     }
     Ok(best)
+}
+
+/// Solves with steps that `limit` shortens: an unknown that would go too far is held at its limit, and the others follow.
+fn bounded(normal: &[Vec<f64>], limit: impl Fn(usize, f64) -> f64) -> Vec<f64> {
+    let n = normal.len();
+    let mut held: Vec<Option<f64>> = vec![None; n];
+    loop {
+        let mut rows = normal.to_vec();
+        for i in 0..n {
+            for j in 0..n {
+                if let Some(step) = held[j].filter(|_| held[i].is_none()) {
+                    rows[i][n] -= rows[i][j] * step;
+                    rows[i][j] = 0.0;
+                }
+            }
+            if let Some(step) = held[i] {
+                rows[i].fill(0.0);
+                rows[i][i] = 1.0;
+                rows[i][n] = step;
+            }
+        }
+        let steps = solve(rows);
+        let mut within = true;
+        for (i, &step) in steps.iter().enumerate() {
+            let short = limit(i, step);
+            if held[i].is_none() && (short - step).abs() > 1e-12 {
+                held[i] = Some(short);
+                within = false;
+            }
+        }
+        if within {
+            return steps;
+        }
+    }
 }
 
 fn value(nuisances: &Nuisances, i: usize, rotors: usize) -> f64 {

@@ -21,7 +21,18 @@ use std::sync::Arc;
 const BATCH: usize = 16_384;
 
 /// Reads the table of a Parquet file.
+///
+/// The decoder panics on some damaged pages (an index past the end in `byte_stream_split`, parquet 60.1); that is a refusal here.
 pub(crate) fn read(path: &Path, bytes: Vec<u8>) -> Result<Table, LogError> {
+    std::panic::catch_unwind(|| decode(path, bytes)).unwrap_or_else(|_| {
+        Err(LogError::format(
+            path,
+            "the file is damaged: its pages cannot be decoded",
+        ))
+    })
+}
+
+fn decode(path: &Path, bytes: Vec<u8>) -> Result<Table, LogError> {
     let wrap = |source: ParquetError| LogError::format(path, format!("not a Parquet file that can be read: {source}"));
     let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(wrap)?;
     let metadata = reader.metadata();
