@@ -722,6 +722,16 @@ mod tests {
         assert!(free_space().is_ok_and(|free| free > 0));
     }
 
+    /// Tidies until `file` is gone: a process that another test starts at this moment holds our locks until it runs its own program.
+    fn until_gone(options: &Iox2Options, file: &std::path::Path) {
+        let gone = (0..500).any(|_| {
+            options.tidy().expect("a place that can be entered");
+            std::thread::sleep(std::time::Duration::from_millis(10));
+            !file.exists()
+        });
+        assert!(gone, "{} was not removed", file.display());
+    }
+
     /// Only what has our prefix and is a segment, and only if nobody lives there.
     #[test]
     fn scenario_leftovers_are_removed_by_the_first_who_comes() {
@@ -735,15 +745,6 @@ mod tests {
         let hash = "0123456789abcdef0123456789abcdef01234567";
         let stale = segment(&format!("{hash}_456.event_mgmt"));
         let others = [segment("notes.txt"), segment(&format!("more_{hash}_456.event_mgmt"))];
-        // A process that another test starts at this moment holds our locks until it runs its own program.
-        let until_gone = |options: &Iox2Options, file: &Path| {
-            let gone = (0..500).any(|_| {
-                options.tidy().expect("a place that can be entered");
-                std::thread::sleep(Duration::from_millis(10));
-                !file.exists()
-            });
-            assert!(gone, "{} was not removed", file.display());
-        };
         let place = || {
             std::fs::write(&stale, "x").expect("a new file");
             others
