@@ -31,6 +31,6 @@ pub fn skip(reason: &str) {
         .create(true)
         .append(true)
         .open(&log)
-        .and_then(|mut file| writeln!(file, "{reason}"));
+        .and_then(|mut file| file.write_all(format!("{reason}\n").as_bytes()));
     written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
 }

@@ -18,7 +18,7 @@ fn shared(inside: &str) -> Option<PathBuf> {
     eprintln!("skipped: {reason}");
     if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
         let file = std::fs::OpenOptions::new().create(true).append(true).open(log);
-        let written = file.and_then(|mut file| writeln!(file, "{reason}"));
+        let written = file.and_then(|mut file| file.write_all(format!("{reason}\n").as_bytes()));
         written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
     }
     None
