@@ -40,6 +40,11 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(logs) => logs,
         Err(code) => return code,
     };
+    for model in &models {
+        if let Err(code) = refused(&logs, &model.version.vehicle) {
+            return code;
+        }
+    }
     let (comparison, series) = match compare::compare(&logs, &models) {
         Ok(done) => done,
         Err(error) => return output::bad_input(error),
@@ -73,6 +78,14 @@ pub(crate) fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<N
             })
         })
         .collect()
+}
+
+/// Refuses the first log that no model of this vehicle may be held against.
+pub(crate) fn refused(logs: &[FlightLog], vehicle: &rotortwin_plant::vehicle::VehicleModel) -> Result<(), ExitCode> {
+    match logs.iter().find_map(|log| log.refusal_against(vehicle)) {
+        Some(sentence) => Err(output::bad_input(sentence)),
+        None => Ok(()),
+    }
 }
 
 /// The logs at these paths.

@@ -1,6 +1,6 @@
 //! `rotortwin diagnose`: which physical effect the model lacks.
 
-use crate::compare::read_logs;
+use crate::compare::{read_logs, refused};
 use crate::model::store_failed;
 use crate::output::{self, TABLE_STYLE};
 use clap::Parser;
@@ -46,6 +46,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(logs) => logs,
         Err(code) => return code,
     };
+    if let Err(code) = refused(&logs, &found.version.vehicle) {
+        return code;
+    }
     let shown = !args.json && std::io::stderr().is_terminal();
     let progress = |text: &str, share: f64| {
         if shown {

@@ -10,6 +10,7 @@ mod effects;
 mod fdi_models;
 mod fit;
 mod fly;
+mod improve;
 mod log;
 mod model;
 mod output;
@@ -47,6 +48,8 @@ enum Command {
     Compare(compare::Args),
     /// Name the physical effect that a model lacks on flight logs, with evidence
     Diagnose(diagnose::Args),
+    /// Compare, diagnose, add what is missing, compare again: until the model agrees, or the reason why it does not is known
+    Improve(improve::Args),
     /// The effects that a model may lack: list, equation, parameters; your own with --effects
     Effects(effects::Args),
     /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
@@ -82,6 +85,7 @@ pub fn run() -> ExitCode {
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Improve(args) => improve::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),

@@ -9,12 +9,14 @@
 //! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
 //! * [`predict`]: what a model predicts of a log, one step ahead, in sixteen channels.
 //! * [`diagnose`]: which effect the model lacks, with evidence.
+//! * [`improve`]: the loop over these, version by version.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
 
 pub mod bench_fit;
 pub mod compare;
 pub mod diagnose;
+pub mod improve;
 pub mod log;
 pub mod model;
 pub mod predict;

@@ -19,6 +19,7 @@ mod csv;
 mod describe;
 mod error;
 mod findings;
+mod gate;
 mod mapping;
 pub mod names;
 mod parquet;

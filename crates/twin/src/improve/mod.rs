@@ -1,0 +1,388 @@
+//! Improvement: the whole loop from a model that fails to one that agrees, version by version, on the logs that it is fitted to and
+//! on logs that it never sees.
+//!
+//! ```text
+//! version 0 ─▶ compare ─▶ diagnose ─▶ the best effect as a proposal ─ accepted ─▶ version 1 ─▶ compare ─▶ …
+//!                            └─ agrees · log at fault · cannot tell · outside of the catalogue · declined ─▶ end, with the reason
+//! ```
+//! * A diagnosis that names several effects adds them one after the other, so that each has a row of its own.
+//! * The values of a row are those of the joint fit ([`refit`]): all effects and the nuisances of every fitted log together,
+//!   without clutter. The deviations are those of the diagnosis, which has the clutter in them.
+//! * The oracle is a model with the truth; its row is what no fit can beat but by chance.
+//!
+//! Limits: what a diagnosis calls a fault of the log is never put into a model, and neither is an effect named while a part of
+//! the error stays unexplained.
+
+pub mod refit;
+pub mod report;
+pub mod truth;
+
+use serde::Serialize;
+
+use crate::compare::{self, GroupError, NamedModel, OpenLoopError};
+use crate::diagnose::{self, Diagnosis, Finding, Verdict, diagnose};
+use crate::log::FlightLog;
+use crate::model::{LogReference, ModelEffect, ModelVersion, Provenance, Source, TOOL};
+use crate::predict::PredictError;
+
+/// Diagnoses at most: a vehicle that still lacks something then needs a human.
+const MOST_ROUNDS: usize = 4;
+/// Growth of an error of a held-out log, in noise, from which a row says so.
+const WORSE: f64 = 0.1;
+
+/// A parameter as a row shows it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Value {
+    /// Key in documents.
+    pub name: String,
+    /// Letter.
+    pub symbol: String,
+    /// Unit.
+    pub unit: String,
+    /// Value.
+    pub value: f64,
+    /// Half width of the 95 % interval.
+    pub interval_95: f64,
+}
+
+/// One version on one log.
+#[derive(Debug, Clone, Serialize)]
+pub struct OnLog {
+    /// Log.
+    pub log: String,
+    /// True if no fit has seen it.
+    pub held_out: bool,
+    /// As the comparison says.
+    pub agrees: bool,
+    /// Mean chi² of the tested channels.
+    pub chi2: f64,
+    /// Errors of quantities, with what noise alone gives.
+    pub errors: Vec<GroupError>,
+    /// Open-loop prediction.
+    pub open_loop: Vec<OpenLoopError>,
+}
+
+/// One step of the waterfall.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// `f550@v1`, or `oracle`.
+    pub version: String,
+    /// Content hash.
+    pub hash: String,
+    /// What this version has that the one before had not.
+    pub added: Option<String>,
+    /// Its parameters.
+    pub parameters: Vec<Value>,
+    /// ln of its Bayes factor.
+    pub ln_bayes_factor: Option<f64>,
+    /// True for the row of the truth.
+    pub oracle: bool,
+    /// On each log, fitted ones first.
+    pub logs: Vec<OnLog>,
+    /// What is odd about this step.
+    pub remarks: Vec<String>,
+}
+
+/// Why the loop ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum End {
+    /// Nothing is missing that would show.
+    Agrees,
+    /// Sensors or clocks of a log are at fault.
+    LogFault,
+    /// The error is real and not in the catalogue.
+    OutsideCatalogue,
+    /// These flights cannot tell.
+    CannotTell,
+    /// The logs hold nothing to test.
+    NothingTestable,
+    /// A step was declined.
+    Declined,
+    /// Something is still missing after the last round.
+    MostRounds,
+}
+
+/// What the loop came to.
+#[derive(Debug, Clone, Serialize)]
+pub struct Improvement {
+    /// Program and version.
+    pub tool: &'static str,
+    /// Why it ended.
+    pub end: End,
+    /// In a sentence.
+    pub reason: String,
+    /// Versions, in order; the oracle last.
+    pub rows: Vec<Row>,
+    /// Fitted logs.
+    pub fitted: Vec<LogReference>,
+    /// Logs that no fit has seen.
+    pub held_out: Vec<LogReference>,
+    /// The last diagnosis.
+    pub diagnosis: Option<Diagnosis>,
+}
+
+/// Who is asked before each step. An error ends the loop.
+pub trait Guide {
+    /// A version was compared: look for what it lacks?
+    ///
+    /// # Errors
+    /// The guide cannot go on.
+    fn compared(&mut self, row: &Row) -> Result<bool, String>;
+    /// An effect is proposed: `next` is the version with it. The label of the kept version, or `None` if it is declined.
+    ///
+    /// # Errors
+    /// The version cannot be kept.
+    fn proposed(
+        &mut self,
+        before: &ModelVersion,
+        next: &ModelVersion,
+        finding: &Finding,
+        diagnosis: &Diagnosis,
+    ) -> Result<Option<String>, String>;
+}
+
+/// What the loop needs.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'a> {
+    /// Version to begin with.
+    pub model: &'a NamedModel,
+    /// Logs to fit.
+    pub fitted: &'a [FlightLog],
+    /// Logs that no fit sees.
+    pub held_out: &'a [FlightLog],
+    /// The truth, if it is known.
+    pub oracle: Option<&'a ModelVersion>,
+}
+
+/// Why the loop broke.
+#[derive(Debug, thiserror::Error)]
+pub enum ImproveError {
+    /// A log or a model cannot be used.
+    #[error(transparent)]
+    Input(#[from] PredictError),
+    /// The guide could not go on.
+    #[error("{0}")]
+    Guide(String),
+}
+
+/// Walks the loop.
+///
+/// # Errors
+/// A log that cannot be held against the model, or a guide that cannot go on.
+pub fn improve(
+    request: &Request<'_>,
+    options: &diagnose::Options<'_>,
+    guide: &mut dyn Guide,
+) -> Result<Improvement, ImproveError> {
+    let mut now = request.model.clone();
+    let mut rows = vec![row(request, &now, None)?];
+    let mut last = None;
+    let mut end = None;
+    let mut asked = guide.compared(&rows[0]).map_err(ImproveError::Guide)?;
+    'rounds: for _ in 0..MOST_ROUNDS {
+        if !asked {
+            end = Some(End::Declined);
+            break;
+        }
+        let diagnosis = last.insert(diagnose(request.fitted, &now.version, options)?);
+        end = match &diagnosis.verdict {
+            Verdict::Agrees => Some(End::Agrees),
+            Verdict::LogFault { .. } => Some(End::LogFault),
+            Verdict::OutsideCatalogue => Some(End::OutsideCatalogue),
+            Verdict::CannotTell { .. } => Some(End::CannotTell),
+            Verdict::NothingTestable => Some(End::NothingTestable),
+            Verdict::Missing { .. } => None,
+        };
+        if end.is_some() {
+            break;
+        }
+        let proposals: Vec<Finding> = diagnosis.effects.clone();
+        // All findings are fitted together: one alone would stand in for the others.
+        let full = proposals.iter().fold(now.version.clone(), |version, f| {
+            with_finding(&version, f, request.fitted)
+        });
+        let full = refit::refit(&full, request.fitted)?;
+        for finding in &proposals {
+            let mut next = with_finding(&now.version, finding, request.fitted);
+            for effect in &mut next.effect {
+                if let Some(fitted) = full.effect.iter().find(|other| other.is_same_term(effect)) {
+                    effect.parameters.clone_from(&fitted.parameters);
+                }
+            }
+            let kept = guide
+                .proposed(&now.version, &next, finding, diagnosis)
+                .map_err(ImproveError::Guide)?;
+            let Some(label) = kept else {
+                end = Some(End::Declined);
+                break 'rounds;
+            };
+            now = NamedModel { label, version: next };
+            let mut next_row = row(request, &now, Some(finding))?;
+            if let Some(before) = rows.last() {
+                next_row.remarks = remarks(before, &next_row);
+            }
+            asked = guide.compared(&next_row).map_err(ImproveError::Guide)?;
+            rows.push(next_row);
+            if !asked {
+                end = Some(End::Declined);
+                break 'rounds;
+            }
+        }
+    }
+    if let Some(oracle) = request.oracle {
+        let named = NamedModel {
+            label: "oracle".to_owned(),
+            version: oracle.clone(),
+        };
+        let mut oracle = row(request, &named, None)?;
+        oracle.oracle = true;
+        oracle.added = Some(
+            named
+                .version
+                .effect
+                .iter()
+                .map(ModelEffect::label)
+                .collect::<Vec<_>>()
+                .join(", "),
+        );
+        rows.push(oracle);
+    }
+    let end = end.unwrap_or(End::MostRounds);
+    Ok(Improvement {
+        tool: TOOL,
+        end,
+        reason: reason(end, &now.label, last.as_ref()),
+        rows,
+        fitted: references(request.fitted),
+        held_out: references(request.held_out),
+        diagnosis: last,
+    })
+}
+
+fn references(logs: &[FlightLog]) -> Vec<LogReference> {
+    logs.iter()
+        .map(|log| LogReference {
+            name: log.name.clone(),
+            hash: log.source.content_hash.clone(),
+        })
+        .collect()
+}
+
+/// The version with the values of a finding.
+fn with_finding(version: &ModelVersion, finding: &Finding, logs: &[FlightLog]) -> ModelVersion {
+    let effect = ModelEffect {
+        effect: finding.instance.effect.clone(),
+        rotor: finding.instance.rotor,
+        onset_s: finding.onset_s,
+        parameters: finding.parameters.iter().map(|p| (p.name.clone(), p.value)).collect(),
+        deviations: finding
+            .parameters
+            .iter()
+            .map(|p| (p.name.clone(), p.deviation))
+            .collect(),
+        provenance: Provenance {
+            source: Source::Diagnosis,
+            tool: TOOL.to_owned(),
+            ln_bayes_factor: Some(finding.ln_bayes_factor),
+            posterior: Some(finding.posterior),
+            log: references(logs),
+            held_out: Vec::new(),
+        },
+    };
+    version.with_effects([effect], format!("improve: {}", finding.label.to_lowercase()))
+}
+
+fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> Result<Row, PredictError> {
+    let mut logs = Vec::new();
+    for (held_out, group) in [(false, request.fitted), (true, request.held_out)] {
+        let (comparison, _) = compare::compare(group, std::slice::from_ref(model))?;
+        for log in comparison.logs {
+            for result in log.models {
+                logs.push(OnLog {
+                    log: log.log.name.clone(),
+                    held_out,
+                    agrees: result.agrees,
+                    chi2: result.chi2,
+                    errors: result.errors,
+                    open_loop: result.open_loop,
+                });
+            }
+        }
+    }
+    let added = finding.and_then(|f| {
+        let same = |e: &&ModelEffect| e.effect == f.instance.effect && e.rotor == f.instance.rotor;
+        model.version.effect.iter().find(same)
+    });
+    let value = |p: &diagnose::FittedParameter| {
+        let fitted = added.and_then(|effect| effect.parameters.get(&p.name));
+        Value {
+            name: p.name.clone(),
+            symbol: p.symbol.clone(),
+            unit: p.unit.clone(),
+            value: fitted.copied().unwrap_or(p.value),
+            interval_95: p.interval_95,
+        }
+    };
+    Ok(Row {
+        version: model.label.clone(),
+        hash: model.version.hash(),
+        added: finding.map(|f| f.label.clone()),
+        parameters: finding.map_or_else(Vec::new, |f| f.parameters.iter().map(value).collect()),
+        ln_bayes_factor: finding.map(|f| f.ln_bayes_factor),
+        oracle: false,
+        logs,
+        remarks: Vec::new(),
+    })
+}
+
+/// Errors of held-out logs that grew.
+fn remarks(before: &Row, after: &Row) -> Vec<String> {
+    let mut found = Vec::new();
+    for (old, new) in before.logs.iter().zip(&after.logs).filter(|(_, new)| new.held_out) {
+        for (a, b) in old.errors.iter().zip(&new.errors) {
+            if b.error > a.error + WORSE * b.noise {
+                found.push(format!(
+                    "{}: the {} error grew from {:.3} to {:.3} {}: this effect may belong to the fitted flight alone",
+                    new.log, b.quantity, a.error, b.error, b.unit
+                ));
+            }
+        }
+    }
+    found
+}
+
+fn reason(end: End, label: &str, diagnosis: Option<&Diagnosis>) -> String {
+    let sentence = diagnosis.map_or("", |d| d.sentence.as_str());
+    match end {
+        End::Agrees => format!("{label} agrees: no effect of the catalogue is missing at a size that would show."),
+        End::LogFault => format!("Ended, mend the log and not the model. {sentence}"),
+        End::OutsideCatalogue => format!("Ended, nothing was added. {sentence}"),
+        End::CannotTell => format!("Ended, nothing was added. {sentence}"),
+        End::NothingTestable => format!("Ended. {sentence}"),
+        End::Declined => format!("Ended at {label}: the next step was declined."),
+        End::MostRounds => {
+            format!("Ended at {label} after {MOST_ROUNDS} rounds with something still missing. {sentence}")
+        }
+    }
+}
+
+impl Improvement {
+    /// The row of the last version.
+    pub fn last(&self) -> &Row {
+        let own = self.rows.iter().rev().find(|row| !row.oracle);
+        own.expect("the loop begins with a row")
+    }
+
+    /// The row of the truth.
+    pub fn oracle(&self) -> Option<&Row> {
+        self.rows.iter().find(|row| row.oracle)
+    }
+}
+
+impl OnLog {
+    /// Error of a quantity.
+    pub fn error_of(&self, quantity: &str) -> Option<&GroupError> {
+        self.errors.iter().find(|error| error.quantity == quantity)
+    }
+}

@@ -1,0 +1,36 @@
+//! What must be mended in a log before a model may be held against it.
+//!
+//! An error of axes, units, order or clock looks like missing physics, and a diagnosis would name some. The findings that block are
+//! those of the import and those against the vehicle; all of them in one sentence.
+
+use rotortwin_plant::vehicle::VehicleModel;
+
+use super::FlightLog;
+use super::findings::Finding;
+
+impl FlightLog {
+    /// Findings of this log, also against the vehicle, that must be resolved first.
+    pub fn blocking_findings(&self, vehicle: &VehicleModel) -> Vec<Finding> {
+        let mut found: Vec<Finding> = self.report.findings.iter().filter(|f| f.blocks()).cloned().collect();
+        for finding in self.check_against_vehicle(vehicle) {
+            if finding.blocks() && !found.iter().any(|f| f.kind == finding.kind) {
+                found.push(finding);
+            }
+        }
+        found
+    }
+
+    /// Why no model of this vehicle may be held against the log: one sentence, or `None`.
+    pub fn refusal_against(&self, vehicle: &VehicleModel) -> Option<String> {
+        let found = self.blocking_findings(vehicle);
+        if found.is_empty() {
+            return None;
+        }
+        let list: Vec<String> = found.iter().map(ToString::to_string).collect();
+        Some(format!(
+            "{}: the log is at fault, not the physics: {}; mend it (a mapping of 'rotortwin log import' turns axes and units) and try again",
+            self.name,
+            list.join("; and ")
+        ))
+    }
+}
