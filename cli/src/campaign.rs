@@ -5,7 +5,7 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_campaign::pace::Pace;
 use rotortwin_campaign::parallel::available_threads;
-use rotortwin_campaign::study::engine::OneByOne;
+use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
 use rotortwin_campaign::study::folder::{CampaignFolder, write_whole};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
@@ -65,6 +65,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(campaign) => campaign,
         Err(error) => return output::bad_input(error),
     };
+    for warning in campaign.warnings() {
+        eprintln!("{}: {warning}", args.campaign.display());
+    }
     if args.check {
         print!("{}", described(&campaign));
         return ExitCode::SUCCESS;
@@ -143,7 +146,7 @@ fn fly_missing(args: &Args, campaign: &Campaign, folder: &CampaignFolder) -> Res
             format!("{failed} failed, {alarms} false alarms")
         });
     };
-    let end = runner::run(campaign, &OneByOne, folder, &options, &stop, &progress);
+    let end = runner::run(campaign, &SideBySide::default(), folder, &options, &stop, &progress);
     bar.finish_and_clear();
     Ok(Flown {
         end: end?,

@@ -257,6 +257,22 @@ fn scenario_lost_vehicle_is_a_row_with_its_reason() {
     assert_eq!(summary["detectors"]["sequential"]["isolated"]["flights"], 2);
 }
 
+/// A fault before the detectors are calibrated is not refused, but it is not silent either.
+#[test]
+fn scenario_faults_inside_the_calibration_are_warned_of() {
+    let scratch = Scratch::new();
+    let file = campaign(&scratch, 32, 6.0);
+    let ended = call(&scratch, &file, "out", &["--check"]).run().expect_code(0);
+    assert!(ended.stderr.is_empty(), "{:?}", ended.stderr);
+    scratch.write("short.toml", short_flight().replace("time_s = 5.0", "time_s = 2.0"));
+    let ended = call(&scratch, &file, "out", &["--check"]).run().expect_code(0);
+    let printed = ended.stderr.join("\n");
+    assert!(
+        printed.contains("32 of the 32 flights tried") && printed.contains("before the calibration of the detectors ends"),
+        "{printed}"
+    );
+}
+
 /// Growth of the peak from 32 to 1024 flights, kB: a few shards of records and the buffers of one row group of the table.
 const GROWTH_KB: u64 = 40_000;
 

@@ -47,6 +47,20 @@ pub trait FlightObserver {
     fn stop_requested(&mut self) -> Option<StopReason>;
 }
 
+impl<O: FlightObserver> FlightObserver for &mut O {
+    const SEES_SAMPLES: bool = O::SEES_SAMPLES;
+
+    #[inline]
+    fn sample(&mut self, sample: &Sample) -> Result<(), String> {
+        (**self).sample(sample)
+    }
+
+    #[inline]
+    fn stop_requested(&mut self) -> Option<StopReason> {
+        (**self).stop_requested()
+    }
+}
+
 /// Why an observer stops a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StopReason {

@@ -57,7 +57,7 @@ fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
     ];
     let flights: Vec<BatchFlight<'_>> = scenarios
         .iter()
-        .flat_map(|scenario| (1..=2).map(move |seed| BatchFlight { scenario, seed }))
+        .flat_map(|scenario| (1..=3).map(move |seed| BatchFlight { scenario, seed }))
         .collect();
     let wanted: Vec<_> = flights
         .iter()
@@ -74,9 +74,9 @@ fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
         }
         let alone: u64 = report.alone.values().sum();
         assert_eq!(report.in_lanes + alone, flights.len() as u64);
-        assert_eq!(report.alone.get(&Alone::Left), Some(&2), "the two with a small battery");
+        assert_eq!(report.alone.get(&Alone::Left), Some(&3), "the three with a small battery");
         assert_eq!(report.alone.len(), 2, "{report:?}");
-        assert!(report.alone.get(&Alone::SensorFaults) == Some(&2), "{report:?}");
+        assert!(report.alone.get(&Alone::SensorFaults) == Some(&3), "{report:?}");
     }
 }
 
@@ -138,11 +138,15 @@ fn val_what_has_no_lane_is_counted() {
         documents.scenario.duration_s = 3.0;
         documents.scenario.controller.thrust_to_duty = rotortwin_plant::scenario::ThrustToDutyMap::InverseMap;
     });
-    let flights = [BatchFlight {
+    let flights = [1, 2, 3].map(|seed| BatchFlight {
         scenario: &inverse,
-        seed: 1,
-    }];
+        seed,
+    });
     let (outcomes, report) = fly_batch(&flights, Dispatch::default(), |_| NoObserver).expect("good flights");
     assert_eq!(outcomes[0].outcome.run_hash, single(&inverse, 1).0);
-    assert_eq!(report.alone.get(&Alone::InverseMap), Some(&1));
+    assert_eq!(report.alone.get(&Alone::InverseMap), Some(&3));
+    // Two flights would leave six lanes empty.
+    let (outcomes, report) = fly_batch(&flights[1..], Dispatch::default(), |_| NoObserver).expect("good flights");
+    assert_eq!(outcomes[0].outcome.run_hash, single(&inverse, 2).0);
+    assert_eq!(report.alone.get(&Alone::Few), Some(&2));
 }

@@ -107,8 +107,7 @@ impl Document {
         if path.is_file() {
             return Self::read(path);
         }
-        let reason = format!("expected the path of a TOML file, there is none at {}", plain(path));
-        Err(self.refuse(Refusal::new(key, reason)))
+        Err(self.refuse(Refusal::new(key, no_file("TOML", path))))
     }
 
     /// Reads the classifier at `path`, which the value of `key` names; if there is none, that is told where the key stands.
@@ -116,11 +115,7 @@ impl Document {
         if path.is_file() {
             return Classifier::read(path);
         }
-        let reason = format!(
-            "expected the path of a classifier file, there is none at {}",
-            plain(path)
-        );
-        Err(self.refuse(Refusal::new(key, reason)))
+        Err(self.refuse(Refusal::new(key, no_file("classifier", path))))
     }
 
     /// The document as `T`; unknown keys, missing keys and wrong types are errors.
@@ -298,6 +293,18 @@ pub(crate) fn plain(path: &Path) -> String {
         }
     }
     parts.iter().collect::<PathBuf>().display().to_string()
+}
+
+/// Why `path` is no file of a kind: nothing there, or a folder.
+fn no_file(kind: &str, path: &Path) -> String {
+    let found = if path.is_dir() {
+        format!("{} is a folder", plain(path))
+    } else if path.exists() {
+        format!("{} is not a regular file", plain(path))
+    } else {
+        format!("there is none at {}", plain(path))
+    };
+    format!("expected the path of a {kind} file, {found}")
 }
 
 fn too_large(name: &str, bytes: u64) -> ConfigError {

@@ -2,6 +2,7 @@
 
 use crate::effects::{Catalogue, Constants, EffectInstance, EffectSet};
 use crate::error::Refusal;
+use crate::mismatch::Size;
 use crate::scenario::ScenarioDocument;
 use crate::vehicle::VehicleModel;
 use crate::{STEP_RATE_HZ, nearest_step};
@@ -33,7 +34,7 @@ pub(crate) fn check(document: &ScenarioDocument, vehicle: &VehicleModel, catalog
     }
     let nominal = Constants::nominal(vehicle);
     for (i, instance) in document.effect.iter().enumerate() {
-        check_one(instance, document, &nominal, catalogue).map_err(|r| r.under(&format!("effect[{i}]")))?;
+        check_one(instance, document, &nominal, Size::of(vehicle), catalogue).map_err(|r| r.under(&format!("effect[{i}]")))?;
     }
     EffectSet::new(catalogue, &document.effect, &nominal, document.seed).map_err(|r| r.under("effect"))?;
     Ok(())
@@ -43,6 +44,7 @@ fn check_one(
     instance: &EffectInstance,
     document: &ScenarioDocument,
     nominal: &Constants,
+    size: Size,
     catalogue: &Catalogue,
 ) -> Result<(), Refusal> {
     let declaration = instance.check(catalogue, nominal.rotor_count)?;
@@ -57,7 +59,7 @@ fn check_one(
         );
     }
     if !declaration.needs.is_empty() {
-        let drag = nominal.linear_drag_kg_s + document.mismatch.magnitudes().linear_drag_kg_s;
+        let drag = nominal.linear_drag_kg_s + document.mismatch.magnitudes(size).linear_drag_kg_s;
         let there = document
             .effect
             .iter()

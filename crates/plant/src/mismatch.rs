@@ -3,6 +3,11 @@
 //! The preset `paper` draws the lift bias of each rotor and nothing else (§6). `realistic` adds what a workshop vehicle has
 //! outdoors; it is this project's own draw, not the paper's. Every magnitude can be overridden by a key of `[mismatch]`.
 //! Each parameter is uniform in ± its magnitude and comes from a random stream of its own.
+//!
+//! The presets are those of a vehicle of some kilograms. Their forces, torques, lengths and drag are bounded by shares of the
+//! vehicle's own weight and size ([`Size`]), so that a vehicle of some grams does not tumble on errors of another's size. The
+//! bounds are three and more times what the paper's hexarotor has (twice, for the lift bias), so no bit of its flights depends on
+//! them. What the scenario says itself is taken as it is.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use serde::{Deserialize, Serialize};
@@ -11,6 +16,7 @@ use crate::environment::Disturbance;
 use crate::error::{Refusal, in_range};
 use crate::random::RandomStream;
 use crate::vector::Vector3;
+use crate::vehicle::{RotorPlacement, VehicleModel};
 
 /// Starting point of the magnitudes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -128,14 +134,71 @@ impl MismatchMagnitudes {
     };
 }
 
+/// What the bounds of the presets are taken from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Size {
+    /// Weight m g, N.
+    pub weight_n: f64,
+    /// Rotors that carry it.
+    pub rotor_count: usize,
+    /// Distance of the farthest rotor from the body's z axis, m.
+    pub arm_m: f64,
+    /// Mass, kg.
+    pub mass_kg: f64,
+}
+
+impl Size {
+    /// Largest lift bias of a rotor that a preset gives, share of the rotor's hover thrust. The paper's hexarotor has 0.44 %.
+    const ROTOR_BIAS_SHARE: f64 = 0.01;
+    /// Largest disturbance force, share of the weight. The paper's hexarotor has 3.4 %.
+    const FORCE_SHARE: f64 = 0.10;
+    /// Largest disturbance torque, share of weight times arm. The paper's hexarotor has 0.05 %.
+    const TORQUE_SHARE: f64 = 0.0015;
+    /// Largest offset of the centre of mass, share of the arm. The paper's hexarotor has 1.1 %.
+    const CENTRE_SHARE: f64 = 0.035;
+    /// Largest added drag over the mass, 1/s. The paper's hexarotor has 0.033.
+    const DRAG_OVER_MASS_1_S: f64 = 0.10;
+
+    /// Of a vehicle.
+    pub fn of(vehicle: &VehicleModel) -> Self {
+        let arms = vehicle.rotors.layout.placements();
+        let arm = |placement: &RotorPlacement| libm::hypot(placement.position_body[0], placement.position_body[1]);
+        Self {
+            weight_n: vehicle.body.mass_kg * vehicle.body.gravity_m_s2,
+            rotor_count: vehicle.rotor_count(),
+            arm_m: arms.iter().map(arm).fold(0.0, f64::max),
+            mass_kg: vehicle.body.mass_kg,
+        }
+    }
+}
+
+impl MismatchMagnitudes {
+    /// A preset's magnitudes for a vehicle of this size.
+    fn bounded(mut self, size: Size) -> Self {
+        let hover_n = size.weight_n / size.rotor_count as f64;
+        let torque_nm = Size::TORQUE_SHARE * size.weight_n * size.arm_m;
+        for (magnitude, bound) in [
+            (&mut self.rotor_bias_n, Size::ROTOR_BIAS_SHARE * hover_n),
+            (&mut self.disturbance_force_rms_n, Size::FORCE_SHARE * size.weight_n),
+            (&mut self.disturbance_torque_rms_nm, torque_nm),
+            (&mut self.centre_of_mass_m, Size::CENTRE_SHARE * size.arm_m),
+            (&mut self.linear_drag_kg_s, Size::DRAG_OVER_MASS_1_S * size.mass_kg),
+        ] {
+            *magnitude = magnitude.min(bound);
+        }
+        self
+    }
+}
+
 impl MismatchModel {
-    /// Preset and overrides joined.
-    pub fn magnitudes(&self) -> MismatchMagnitudes {
+    /// Preset and overrides joined, for a vehicle of this size.
+    pub fn magnitudes(&self, size: Size) -> MismatchMagnitudes {
         let preset = match self.preset {
             MismatchPreset::None => MismatchMagnitudes::NONE,
             MismatchPreset::Paper => MismatchMagnitudes::PAPER,
             MismatchPreset::Realistic => MismatchMagnitudes::REALISTIC,
-        };
+        }
+        .bounded(size);
         MismatchMagnitudes {
             rotor_bias_n: self.rotor_bias_n.unwrap_or(preset.rotor_bias_n),
             rotor_gain: self.rotor_gain.unwrap_or(preset.rotor_gain),
@@ -157,8 +220,8 @@ impl MismatchModel {
         }
     }
 
-    pub(crate) fn check(&self) -> Result<(), Refusal> {
-        let m = self.magnitudes();
+    pub(crate) fn check(&self, size: Size) -> Result<(), Refusal> {
+        let m = self.magnitudes(size);
         in_range("rotor_bias_n", m.rotor_bias_n, 0.0, 10.0, "N")?;
         in_range("rotor_gain", m.rotor_gain, 0.0, 0.5, "")?;
         in_range("thrust_lag", m.thrust_lag, 0.0, 0.9, "")?;
@@ -239,5 +302,63 @@ impl MismatchMagnitudes {
             torque_rms: self.disturbance_torque_rms_nm,
             correlation_s: self.disturbance_correlation_s,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Scenario;
+
+    fn size(vehicle: &str) -> Size {
+        let text = format!(
+            "name = 'size'\ndescription = ''\nvehicle = '../vehicles/{vehicle}.toml'\nduration_s = 1.0\n\
+             [trajectory]\nkind = 'hover'\nposition_ned_m = [0.0, 0.0, -5.0]\n"
+        );
+        let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/scenarios");
+        Size::of(Scenario::parse(&text, directory).expect("a good scenario").vehicle())
+    }
+
+    fn preset(preset: MismatchPreset) -> MismatchModel {
+        MismatchModel {
+            preset,
+            ..MismatchModel::default()
+        }
+    }
+
+    /// Bounds leave the vehicles of the paper's weight alone, to the bit: their recorded flights stay what they are.
+    #[test]
+    fn regress_presets_of_the_paper_s_weight_are_not_bounded() {
+        for vehicle in ["f550", "quad-x", "octo-x", "hexa-h"] {
+            let size = size(vehicle);
+            assert_eq!(
+                preset(MismatchPreset::Paper).magnitudes(size),
+                MismatchMagnitudes::PAPER,
+                "{vehicle}"
+            );
+            assert_eq!(
+                preset(MismatchPreset::Realistic).magnitudes(size),
+                MismatchMagnitudes::REALISTIC,
+                "{vehicle}"
+            );
+        }
+    }
+
+    #[test]
+    fn val_presets_of_a_tiny_vehicle_are_shares_of_its_own() {
+        let size = size("crazyflie-2");
+        let drawn = preset(MismatchPreset::Realistic).magnitudes(size);
+        // 1 % of 0.027 kg · 9.81 m/s² / 4, by hand.
+        assert!((drawn.rotor_bias_n - 6.6218e-4).abs() < 1e-8, "{drawn:?}");
+        assert!((drawn.disturbance_force_rms_n - 0.026487).abs() < 1e-6, "{drawn:?}");
+        assert!((drawn.linear_drag_kg_s - 0.0027).abs() < 1e-12, "{drawn:?}");
+        // What has no unit of a size stays.
+        assert_eq!(drawn.thrust_lag, MismatchMagnitudes::REALISTIC.thrust_lag);
+        // The scenario's word counts.
+        let own = MismatchModel {
+            rotor_bias_n: Some(0.010756),
+            ..preset(MismatchPreset::Paper)
+        };
+        assert_eq!(own.magnitudes(size).rotor_bias_n, 0.010756);
     }
 }

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use rotortwin_flight_core::control::Controller;
+use rotortwin_flight_core::control::{Controller, ControllerConfigError};
 use rotortwin_flight_core::fdi::{FdiConfigError, FdiEngine, SequentialConfigError};
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ use crate::effects::{Catalogue, EffectDocument, EffectInstance};
 use crate::environment::WindModel;
 use crate::error::{ConfigError, Refusal, in_range};
 use crate::faults::{FaultEntry, FaultPlan};
-use crate::mismatch::MismatchModel;
+use crate::mismatch::{MismatchModel, Size};
 use crate::sensor_faults::{SensorFaultEntry, SensorFaultPlan};
 use crate::sensors::SensorModel;
 use crate::trajectory::Trajectory;
@@ -238,19 +238,63 @@ impl Default for FdiSettings {
     }
 }
 
-/// Names the key of the scenario document that a configuration is refused for.
-fn fdi_refusal(error: &FdiConfigError) -> Refusal {
-    if let FdiConfigError::Sequential(SequentialConfigError { field, expected }) = error {
-        let key = match *field {
-            "calibration_start" => "fdi.calibration_start_s",
-            "calibration_end" => "fdi.calibration_end_s",
-            "updates_per_window" => "fdi.window_samples",
-            // All other values are constants or come from the vehicle.
-            _ => return Refusal::new("fdi", error.to_string()),
-        };
-        return Refusal::new(key, format!("the sequential detector needs it to be {expected}"));
+/// The document that holds a refused value.
+enum Holder {
+    Scenario,
+    Vehicle,
+}
+
+/// Names the document and the key that a controller is refused for.
+fn controller_refusal(error: &ControllerConfigError, scenario: &Scenario) -> (Holder, Refusal) {
+    let linear = scenario.document().controller.thrust_to_duty == ThrustToDutyMap::Linear;
+    match error {
+        ControllerConfigError::HoverOutOfReach { .. } if linear => {
+            let vehicle = scenario.vehicle();
+            let mean = vehicle.body.mass_kg * vehicle.body.gravity_m_s2 / vehicle.rotor_count() as f64;
+            let reason = format!(
+                "expected more than any rotor gives in hover ({mean:.3} N in the mean), got {} N: {error}",
+                vehicle.rotors.full_thrust_n
+            );
+            (Holder::Vehicle, Refusal::new("rotors.full_thrust_n", reason))
+        }
+        _ => (Holder::Scenario, Refusal::new("controller", error.to_string())),
     }
-    Refusal::new("fdi", error.to_string())
+}
+
+/// Names the document and the key that detectors are refused for.
+fn fdi_refusal(error: &FdiConfigError) -> (Holder, Refusal) {
+    let (holder, key, reason) = match error {
+        FdiConfigError::Sequential(SequentialConfigError { field, expected }) => {
+            let reason = format!("the sequential detector needs it to be {expected}");
+            match *field {
+                "calibration_start" => (Holder::Scenario, "fdi.calibration_start_s", reason),
+                "calibration_end" => (Holder::Scenario, "fdi.calibration_end_s", reason),
+                "updates_per_window" => (Holder::Scenario, "fdi.window_samples", reason),
+                "rotor_time_constant" => (Holder::Vehicle, "rotors.thrust_lag_s", reason),
+                // All other values are constants.
+                _ => (Holder::Scenario, "fdi", error.to_string()),
+            }
+        }
+        FdiConfigError::OutOfRange { field, expected } => {
+            let reason = format!("the detectors need it to be {expected}");
+            match *field {
+                "mass" => (Holder::Vehicle, "body.mass_kg", reason),
+                "inertia_body" => (Holder::Vehicle, "body.inertia_body_kg_m2", reason),
+                "gravity" => (Holder::Vehicle, "body.gravity_m_s2", reason),
+                "linear_drag" => (Holder::Vehicle, "body.linear_drag_kg_s", reason),
+                "angular_drag" => (Holder::Vehicle, "body.angular_drag_nms", reason),
+                "nominal_thrust.time_constant" => (Holder::Vehicle, "rotors.thrust_lag_s", reason),
+                "nominal_thrust.full_thrust" => (Holder::Vehicle, "rotors.full_thrust_n", reason),
+                "observer_gain" => (Holder::Scenario, "fdi.observer_gain_1_s", reason),
+                "window_len" => (Holder::Scenario, "fdi.window_samples", reason),
+                "t_test.baseline_start and baseline_end" => (Holder::Scenario, "fdi.calibration_end_s", reason),
+                "t_test.alpha_detect and alpha_isolate" => (Holder::Scenario, "fdi.alpha_detect", reason),
+                _ => (Holder::Scenario, "fdi", error.to_string()),
+            }
+        }
+        FdiConfigError::NetworkRotorCount { .. } => (Holder::Scenario, "fdi.network", error.to_string()),
+    };
+    (holder, Refusal::new(key, reason))
 }
 
 /// Rotor model of the residual generators.
@@ -337,10 +381,10 @@ impl ScenarioDocument {
         self.trajectory.check().map_err(|r| r.under("trajectory"))?;
         self.controller.check().map_err(|r| r.under("controller"))?;
         self.fdi.check().map_err(|r| r.under("fdi"))?;
-        self.mismatch.check().map_err(|r| r.under("mismatch"))?;
+        self.mismatch.check(Size::of(vehicle)).map_err(|r| r.under("mismatch"))?;
         self.sensors.check().map_err(|r| r.under("sensors"))?;
         if let Some(wind) = &self.wind {
-            let drag = vehicle.body.linear_drag_kg_s + self.mismatch.magnitudes().linear_drag_kg_s;
+            let drag = vehicle.body.linear_drag_kg_s + self.mismatch.magnitudes(Size::of(vehicle)).linear_drag_kg_s;
             let drag = if self.has_drag_effect() { f64::INFINITY } else { drag };
             wind.check(drag).map_err(|r| r.under("wind"))?;
         }
@@ -563,9 +607,14 @@ impl Scenario {
             catalogue,
         };
         simulation::trim(&checked).map_err(refuse)?;
-        Controller::new(checked.controller_config())
-            .map_err(|error| refuse(Refusal::new("controller", error.to_string())))?;
-        FdiEngine::new(checked.fdi_config()).map_err(|error| refuse(fdi_refusal(&error)))?;
+        Controller::new(checked.controller_config()).map_err(|error| match controller_refusal(&error, &checked) {
+            (Holder::Vehicle, refusal) => vehicle.refuse(refusal),
+            (Holder::Scenario, refusal) => scenario.refuse(refusal),
+        })?;
+        FdiEngine::new(checked.fdi_config()).map_err(|error| match fdi_refusal(&error) {
+            (Holder::Vehicle, refusal) => vehicle.refuse(refusal),
+            (Holder::Scenario, refusal) => scenario.refuse(refusal),
+        })?;
         Ok(checked)
     }
 

@@ -22,7 +22,7 @@ use crate::effects::{Constants, EffectSet};
 use crate::environment::Environment;
 use crate::error::{ConfigError, Refusal, SimulationError};
 use crate::faults::FaultSchedule;
-use crate::mismatch::MismatchDraw;
+use crate::mismatch::{MismatchDraw, Size};
 use crate::powertrain::{Powertrain, RotorTruth};
 use crate::rigid_body::{Quaternion, RigidBody, RigidBodyState};
 use crate::scenario::Scenario;
@@ -208,7 +208,7 @@ impl Simulation {
     /// The flight of `scenario` with the random numbers of `seed`, at step 0.
     pub fn new(scenario: &Scenario, seed: u64) -> Result<Self, ConfigError> {
         let (document, vehicle) = (scenario.document(), scenario.vehicle());
-        let magnitudes = document.mismatch.magnitudes();
+        let magnitudes = document.mismatch.magnitudes(Size::of(vehicle));
         let mismatch = MismatchDraw::new(&magnitudes, seed);
         let trim = trim(scenario).map_err(|r| ConfigError::new(scenario.name(), None, Some(r.key), r.reason))?;
         let placements = vehicle.rotors.layout.placements();

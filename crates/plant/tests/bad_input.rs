@@ -156,6 +156,16 @@ fn val_ranges_and_not_a_number() {
         "scenario, line 9, key `controller.pitch.derivative`: expected a number from 0 to 100000 1/s, got NaN"
     );
     assert_eq!(
+        with("[fdi]\ncalibration_end_s = 3"),
+        "scenario, line 9, key `fdi.calibration_end_s`: the sequential detector needs it to be two correlation times of the gusts \
+         after the start or later, 3600 s at most"
+    );
+    assert_eq!(
+        with("[fdi]\ncalibration_start_s = 0.1"),
+        "scenario, line 9, key `fdi.calibration_start_s`: the sequential detector needs it to be late enough for 200 samples in its \
+         last three quarters, 600 s at most"
+    );
+    assert_eq!(
         with("[fdi]\ncalibration_end_s = 1"),
         "scenario, line 9, key `fdi.calibration_end_s`: expected an end of the calibration after its start at 2 s, got 1 s"
     );
@@ -300,6 +310,16 @@ fn val_vehicle_and_blades() {
     assert_eq!(
         spoilt("f550.toml", "rotors = 6 ", "rotors = 5 "),
         "vehicles/f550.toml, line #, key `rotors.layout.rotors`: expected an even number of rotors from 4 to 16, got 5"
+    );
+    assert_eq!(
+        spoilt("f550.toml", "\"../blades/t9545.toml\"", "\"../blades\""),
+        "vehicles/f550.toml, line #, key `rotors.blades`: expected the path of a TOML file, blades is a folder"
+    );
+    // The map that the controller believes in stands in the vehicle's file.
+    assert_eq!(
+        spoilt("f550.toml", "full_thrust_n = 12.0059", "full_thrust_n = 2.0"),
+        "vehicles/f550.toml, line #, key `rotors.full_thrust_n`: expected more than any rotor gives in hover (2.534 N in the \
+         mean), got 2 N: rotor 1 cannot give the thrust that hover asks of it"
     );
     assert_eq!(
         spoilt("f550.toml", "t9545.toml", "none.toml"),

@@ -20,7 +20,7 @@ use crate::setup::run_setup;
 use group::LaneGroup;
 use rotortwin_flight_core::control::lanes::ControlRows;
 use rotortwin_flight_core::control::{Controller, ControllerConfig};
-use rotortwin_flight_core::fdi::FdiConfig;
+use rotortwin_flight_core::fdi::{FdiConfig, FdiEngine};
 use rotortwin_plant::batch::{LANES, NoLane};
 use rotortwin_plant::vector_units::Dispatch;
 use rotortwin_plant::{Scenario, Simulation};
@@ -28,6 +28,9 @@ use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 use rotortwin_wire::setup::{self, Trim};
 use std::collections::BTreeMap;
+
+/// Groups of fewer flights are flown alone: a step of all lanes takes as long as about three steps alone.
+const FEWEST_IN_LANES: usize = 3;
 
 /// Run id of flights that nothing but this process sees.
 const RUN_ID: u64 = 1;
@@ -52,6 +55,8 @@ pub enum Alone {
     SensorFaults,
     /// Its scenario has effects.
     Effects,
+    /// Too few flights share its configurations: empty lanes cost as much as full ones.
+    Few,
     /// Something happened that lanes do not follow: an empty battery, a state or an input that is not a number or not plausible.
     Left,
 }
@@ -64,6 +69,7 @@ impl Alone {
             Self::InverseMap => "inverse thrust map in the controller",
             Self::SensorFaults => "sensor faults",
             Self::Effects => "effects",
+            Self::Few => "few flights of its configuration",
             Self::Left => "left what lanes can do",
         }
     }
@@ -113,25 +119,24 @@ pub fn fly_batch<O: FlightObserver>(
 ) -> Result<(Vec<BatchOutcome<O>>, BatchReport), String> {
     let mut report = BatchReport::default();
     let mut results: Vec<Option<BatchOutcome<O>>> = flights.iter().map(|_| None).collect();
-    let mut done = vec![false; flights.len()];
-    for first in 0..flights.len() {
-        if done[first] {
-            continue;
-        }
-        let (key, _) = prepare(&flights[first])?;
-        // Of the same scenario document most often; a comparison of configurations otherwise.
-        let mut members = Vec::new();
-        for index in first..flights.len() {
-            if done[index] {
-                continue;
+    // Flights of the same scenario document have the same configurations; of others they are compared.
+    let mut groups: Vec<(GroupKey, Vec<usize>)> = Vec::new();
+    let mut last: Option<(&Scenario, usize)> = None;
+    for (index, flight) in flights.iter().enumerate() {
+        let group = match last {
+            Some((scenario, group)) if std::ptr::eq(scenario, flight.scenario) => group,
+            _ => {
+                let key = prepare(flight)?;
+                groups.iter().position(|(other, _)| *other == key).unwrap_or_else(|| {
+                    groups.push((key, Vec::new()));
+                    groups.len() - 1
+                })
             }
-            let same = std::ptr::eq(flights[index].scenario, flights[first].scenario)
-                || prepare(&flights[index]).is_ok_and(|(other, _)| other == key);
-            if same {
-                done[index] = true;
-                members.push(index);
-            }
-        }
+        };
+        groups[group].1.push(index);
+        last = Some((flight.scenario, group));
+    }
+    for (key, members) in &groups {
         let mut finish = |index: usize, outcome: BatchOutcome<O>, alone: Option<Alone>| {
             results[index] = Some(outcome);
             match alone {
@@ -139,7 +144,7 @@ pub fn fly_batch<O: FlightObserver>(
                 Some(reason) => *report.alone.entry(reason).or_default() += 1,
             }
         };
-        fly_group(flights, &members, &key, dispatch, &mut observer, &mut finish)?;
+        fly_group(flights, members, key, dispatch, &mut observer, &mut finish)?;
     }
     let outcomes = results
         .into_iter()
@@ -149,17 +154,21 @@ pub fn fly_batch<O: FlightObserver>(
 }
 
 /// The configurations that a flight's peers get, through the same hand-shake as over any link.
-fn prepare(flight: &BatchFlight<'_>) -> Result<(GroupKey, Simulation), String> {
+fn prepare(flight: &BatchFlight<'_>) -> Result<GroupKey, String> {
     let simulation = Simulation::new(flight.scenario, flight.seed).map_err(|error| error.to_string())?;
     let sent = run_setup(flight.scenario, &simulation, RUN_ID);
     let (controller, _) = setup::controller_config(&sent.controller)?;
     let fdi = setup::fdi_config(&sent.fdi)?;
-    let key = GroupKey {
+    Ok(GroupKey {
         controller,
         fdi,
         substeps: flight.scenario.document().integrator_substeps,
-    };
-    Ok((key, simulation))
+    })
+}
+
+/// Whether [`fly_batch`] takes a flight: what it refuses is refused by the one-flight loop as well, in the loop's own words.
+pub fn takes(flight: &BatchFlight<'_>) -> bool {
+    prepare(flight).is_ok_and(|key| Controller::new(key.controller).is_ok() && FdiEngine::new(key.fdi).is_ok())
 }
 
 fn fly_group<O: FlightObserver>(
@@ -170,6 +179,13 @@ fn fly_group<O: FlightObserver>(
     observer: &mut impl FnMut(usize) -> O,
     finish: &mut impl FnMut(usize, BatchOutcome<O>, Option<Alone>),
 ) -> Result<(), String> {
+    if members.len() < FEWEST_IN_LANES {
+        for &index in members {
+            let outcome = fly_alone(&flights[index], observer(index), 0)?;
+            finish(index, outcome, Some(Alone::Few));
+        }
+        return Ok(());
+    }
     match key.fdi.geometry.rotor_count() {
         4 => fly_lanes::<4, O>(flights, members, key, dispatch, observer, finish),
         6 => fly_lanes::<6, O>(flights, members, key, dispatch, observer, finish),

@@ -24,7 +24,7 @@ use crate::scores::Confusion;
 use crate::windows::Collect;
 use rotortwin_flight_core::fdi::FaultVerdict;
 use rotortwin_plant::Scenario;
-use rotortwin_plant::mismatch::{MismatchModel, MismatchPreset};
+use rotortwin_plant::mismatch::{MismatchModel, MismatchPreset, Size};
 use rotortwin_plant::scenario::{NominalThrustModel, Start, ThrustToDutyMap};
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
@@ -387,12 +387,13 @@ fn world(base: &Scenario) -> String {
         MismatchPreset::Paper => "the paper's mismatch",
         MismatchPreset::Realistic => "the realistic mismatch",
     };
-    if mismatch.magnitudes()
+    let size = Size::of(base.vehicle());
+    if mismatch.magnitudes(size)
         == (MismatchModel {
             preset: mismatch.preset,
             ..MismatchModel::default()
         })
-        .magnitudes()
+        .magnitudes(size)
     {
         preset.to_owned()
     } else {

@@ -4,17 +4,20 @@
 //!  PlannedFlight ─▶ scenario ─▶ FlightEngine (plant ⇄ controller, FDI) ── every sample ─▶ FlightScorer ─▶ FlightRecord
 //! ```
 //!
-//! [`FlightEngine`] is the seam behind which flights are stepped: one by one here ([`OneByOne`]), or many side by side.
+//! [`FlightEngine`] is the seam behind which flights are stepped: one by one ([`OneByOne`]), or many side by side ([`SideBySide`]).
 
 use super::document::Criteria;
 use super::plan::{Campaign, PlannedFlight};
 use super::record::{DETECTORS, FlightRecord, FlightStatus};
 use super::score::{DetectorScorer, NOT_READY, Verdict, WindowTruth};
-use crate::flight::{self, FlightEnd, FlightObserver, Sample, StopReason};
+use crate::batch::{self, BatchFlight};
+use crate::flight::{self, FlightEnd, FlightObserver, FlightOutcome, Sample, StopReason};
 use crate::pace::Pace;
 use crate::setup::run_setup;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_plant::batch::LANES;
+use rotortwin_plant::vector_units::Dispatch;
 use rotortwin_plant::{Scenario, Simulation, nearest_step};
 use rotortwin_wire::frames::LossEstimate;
 use rotortwin_wire::link::in_process::InProcessLink;
@@ -62,18 +65,73 @@ impl FlightEngine for OneByOne {
             };
             let setup = run_setup(scenario, &simulation, 1);
             let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
-            let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, scorer);
-            Flown {
-                failure: match outcome.end {
-                    FlightEnd::Done => None,
-                    FlightEnd::Canceled => Some("canceled".to_owned()),
-                    FlightEnd::Failed(failure) => Some(failure.sentence),
-                },
-                steps: outcome.steps,
-                run_hash: outcome.run_hash,
-            }
+            flown_of(flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, scorer))
         };
         flights.iter().zip(scorers).map(fly).collect()
+    }
+}
+
+/// Flights in the lanes of vector registers ([`crate::batch`]).
+#[derive(Default)]
+pub struct SideBySide {
+    dispatch: Dispatch,
+}
+
+impl FlightEngine for SideBySide {
+    fn lanes(&self) -> usize {
+        // Twice: a lane whose flight ends early takes another.
+        2 * LANES
+    }
+
+    fn fly(&self, flights: &[(Scenario, u64)], scorers: &mut [FlightScorer]) -> Vec<Flown> {
+        let mut flown: Vec<Option<Flown>> = flights.iter().map(|_| None).collect();
+        let (mut taken, mut batch, mut watching) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, (flight, scorer)) in flights.iter().zip(scorers).enumerate() {
+            let (scenario, seed) = (&flight.0, flight.1);
+            let candidate = BatchFlight { scenario, seed };
+            if batch::takes(&candidate) {
+                taken.push(index);
+                batch.push(candidate);
+                watching.push(Some(scorer));
+            } else {
+                flown[index] = OneByOne
+                    .fly(std::slice::from_ref(flight), std::slice::from_mut(scorer))
+                    .pop();
+            }
+        }
+        let observer = |place: usize| watching[place].take().expect("a flight has one observer");
+        match batch::fly_batch(&batch, self.dispatch, observer) {
+            Ok((outcomes, _)) => {
+                for (index, outcome) in taken.into_iter().zip(outcomes) {
+                    flown[index] = Some(flown_of(outcome.outcome));
+                }
+            }
+            Err(sentence) => {
+                for index in taken {
+                    flown[index] = Some(Flown {
+                        failure: Some(sentence.clone()),
+                        steps: 0,
+                        run_hash: String::new(),
+                    });
+                }
+            }
+        }
+        flown
+            .into_iter()
+            .map(|flown| flown.expect("every flight was taken or flown alone"))
+            .collect()
+    }
+}
+
+fn flown_of(outcome: FlightOutcome) -> Flown {
+    Flown {
+        failure: match outcome.end {
+            FlightEnd::Done => None,
+            FlightEnd::Canceled => Some("canceled".to_owned()),
+            FlightEnd::Failed(failure) => Some(failure.sentence),
+        },
+        steps: outcome.steps,
+        run_hash: outcome.run_hash,
     }
 }
 

@@ -146,6 +146,7 @@ pub struct Campaign {
     axes: Vec<Axis>,
     flights: u64,
     rotor_count: usize,
+    warnings: Vec<String>,
 }
 
 impl Campaign {
@@ -156,10 +157,11 @@ impl Campaign {
         let document = CampaignDocument::read(&file)?;
         let scenario_path = path.parent().unwrap_or(Path::new("")).join(&document.scenario);
         if !scenario_path.is_file() {
-            let reason = format!(
-                "expected the path of a scenario, there is none at {}",
-                scenario_path.display()
-            );
+            let reason = if scenario_path.is_dir() {
+                format!("expected the path of a scenario, {} is a folder", scenario_path.display())
+            } else {
+                format!("expected the path of a scenario, there is none at {}", scenario_path.display())
+            };
             return Err(file.refuse("scenario", reason));
         }
         Scenario::load(&scenario_path)?;
@@ -171,6 +173,7 @@ impl Campaign {
             rotor_count: 0,
             axes: Vec::new(),
             flights: 0,
+            warnings: Vec::new(),
             file,
             document,
             template,
@@ -182,8 +185,13 @@ impl Campaign {
             .map_err(|error| campaign.blame("set", &error))?;
         campaign.axes = campaign.make_axes()?;
         campaign.flights = campaign.count_flights()?;
-        campaign.try_flights()?;
+        campaign.warnings = campaign.try_flights()?;
         Ok(campaign)
+    }
+
+    /// What is allowed but most likely not meant, one sentence each; of the flights that were tried.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// The document.
@@ -398,7 +406,8 @@ impl Campaign {
         self.file.refuse(key, error.to_string())
     }
 
-    fn try_flights(&self) -> Result<(), ConfigError> {
+    /// Warnings of the flights that were tried.
+    fn try_flights(&self) -> Result<Vec<String>, ConfigError> {
         // `[set]` alone need not be flyable (an axis may bring the vehicle), but then the first flight tells.
         for (place, axis) in self.axes.iter().enumerate() {
             let choices: Vec<Choice> = match &axis.source {
@@ -424,6 +433,7 @@ impl Campaign {
             }
         }
         let count = self.flights.min(CHECKED_FLIGHTS);
+        let mut warned: Vec<(u64, String)> = Vec::new();
         for i in 0..count {
             let index = if self.flights == count {
                 i
@@ -431,7 +441,13 @@ impl Campaign {
                 i * (self.flights / count)
             };
             let flight = self.flight(index)?;
-            if let Err(error) = self.scenario(&flight)
+            let scenario = self.scenario(&flight);
+            if let Ok(scenario) = &scenario
+                && let Some(warning) = scenario.warnings().into_iter().next()
+            {
+                warned.push((index, warning));
+            }
+            if let Err(error) = scenario
                 && !is_of_the_combination(&error)
             {
                 let parameters: Vec<String> = flight
@@ -449,7 +465,12 @@ impl Campaign {
                 return Err(self.file.refuse(key, reason));
             }
         }
-        Ok(())
+        let flights = warned.len();
+        let first = warned.into_iter().next();
+        Ok(first
+            .map(|(index, warning)| format!("{flights} of the {count} flights tried, first flight {index}: {warning}"))
+            .into_iter()
+            .collect())
     }
 
     /// Flight number `index`, from 0.

@@ -216,7 +216,7 @@ fn fly_guarded(campaign: &Campaign, engine: &dyn FlightEngine, range: std::ops::
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::engine::OneByOne;
+    use crate::study::engine::{OneByOne, SideBySide};
     use std::path::Path;
 
     fn campaign() -> Campaign {
@@ -234,6 +234,24 @@ mod tests {
             assert_eq!(fly(&campaign, &OneByOne, index..index + 1).first(), Some(record));
             let read: FlightRecord = serde_json::from_str(&record.to_json()).expect("it was written so");
             assert_eq!(read, *record);
+        }
+    }
+
+    /// The scores of flights side by side are those of flights one after another: also of those that no lane takes, or that are lost.
+    #[test]
+    fn prop_side_by_side_gives_the_records_of_one_by_one() {
+        for file in ["wide-draw", "quad-lag", "octo-lag", "detector-gain-errors"] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/campaigns/{file}.toml"));
+            let campaign = Campaign::load(&path).expect("a good campaign");
+            let flights = if file == "wide-draw" { 0..19 } else { 40..44 };
+            let (one, many) = (
+                fly(&campaign, &OneByOne, flights.clone()),
+                fly(&campaign, &SideBySide::default(), flights),
+            );
+            for (one, many) in one.iter().zip(&many) {
+                assert_eq!(one.reason, "", "{file}");
+                assert_eq!(one, many, "{file}");
+            }
         }
     }
 
