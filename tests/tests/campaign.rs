@@ -268,7 +268,8 @@ fn scenario_faults_inside_the_calibration_are_warned_of() {
     let ended = call(&scratch, &file, "out", &["--check"]).run().expect_code(0);
     let printed = ended.stderr.join("\n");
     assert!(
-        printed.contains("32 of the 32 flights tried") && printed.contains("before the calibration of the detectors ends"),
+        printed.contains("32 of the 32 flights tried")
+            && printed.contains("before the calibration of the detectors ends"),
         "{printed}"
     );
 }

@@ -74,7 +74,11 @@ fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
         }
         let alone: u64 = report.alone.values().sum();
         assert_eq!(report.in_lanes + alone, flights.len() as u64);
-        assert_eq!(report.alone.get(&Alone::Left), Some(&3), "the three with a small battery");
+        assert_eq!(
+            report.alone.get(&Alone::Left),
+            Some(&3),
+            "the three with a small battery"
+        );
         assert_eq!(report.alone.len(), 2, "{report:?}");
         assert!(report.alone.get(&Alone::SensorFaults) == Some(&3), "{report:?}");
     }

@@ -34,7 +34,8 @@ pub(crate) fn check(document: &ScenarioDocument, vehicle: &VehicleModel, catalog
     }
     let nominal = Constants::nominal(vehicle);
     for (i, instance) in document.effect.iter().enumerate() {
-        check_one(instance, document, &nominal, Size::of(vehicle), catalogue).map_err(|r| r.under(&format!("effect[{i}]")))?;
+        check_one(instance, document, &nominal, Size::of(vehicle), catalogue)
+            .map_err(|r| r.under(&format!("effect[{i}]")))?;
     }
     EffectSet::new(catalogue, &document.effect, &nominal, document.seed).map_err(|r| r.under("effect"))?;
     Ok(())

@@ -381,7 +381,9 @@ impl ScenarioDocument {
         self.trajectory.check().map_err(|r| r.under("trajectory"))?;
         self.controller.check().map_err(|r| r.under("controller"))?;
         self.fdi.check().map_err(|r| r.under("fdi"))?;
-        self.mismatch.check(Size::of(vehicle)).map_err(|r| r.under("mismatch"))?;
+        self.mismatch
+            .check(Size::of(vehicle))
+            .map_err(|r| r.under("mismatch"))?;
         self.sensors.check().map_err(|r| r.under("sensors"))?;
         if let Some(wind) = &self.wind {
             let drag = vehicle.body.linear_drag_kg_s + self.mismatch.magnitudes(Size::of(vehicle)).linear_drag_kg_s;

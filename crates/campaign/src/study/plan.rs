@@ -158,9 +158,15 @@ impl Campaign {
         let scenario_path = path.parent().unwrap_or(Path::new("")).join(&document.scenario);
         if !scenario_path.is_file() {
             let reason = if scenario_path.is_dir() {
-                format!("expected the path of a scenario, {} is a folder", scenario_path.display())
+                format!(
+                    "expected the path of a scenario, {} is a folder",
+                    scenario_path.display()
+                )
             } else {
-                format!("expected the path of a scenario, there is none at {}", scenario_path.display())
+                format!(
+                    "expected the path of a scenario, there is none at {}",
+                    scenario_path.display()
+                )
             };
             return Err(file.refuse("scenario", reason));
         }
