@@ -205,8 +205,8 @@ impl World {
 
     fn inertia(&self, active: &Active) -> Matrix3<f64> {
         let j: [f64; 3] = std::array::from_fn(|k| self.vehicle.inertia[k] * (1.0 + active.inertia[k]));
-        // Products enter with the negative sign of the inertia tensor.
-        let [xy, xz, yz] = [-active.products.x, -active.products.y, -active.products.z];
+        // Entries of the tensor, as in the catalogue; not the integrals ∫xy dm with the opposite sign.
+        let [xy, xz, yz] = [active.products.x, active.products.y, active.products.z];
         Matrix3::new(j[0], xy, xz, xy, j[1], yz, xz, yz, j[2])
     }
 
@@ -284,7 +284,6 @@ impl World {
     /// Advances the rotor thrusts by one sub-step and returns the thrusts at its middle.
     fn advance_rotors(&mut self, sub: usize, active: &Active, h: f64) -> Vec<f64> {
         let mut middle = Vec::with_capacity(self.rotors.len());
-        let motor_share = self.current / self.rotors.len() as f64;
         for i in 0..self.rotors.len() {
             let mut duty = self.delayed_duty(i, sub, active.delay);
             if active.backlash > 0.0 {
@@ -302,7 +301,10 @@ impl World {
             if active.saturation > 0.0 {
                 duty = duty.min(active.saturation);
             }
-            let voltage = self.voltage - active.esc_resistance * motor_share;
+            // Each rotor's own current, as in the catalogue: the drop grows with its own thrust.
+            let own = self.rotors[i].thrust.max(0.0);
+            let own_current = self.vehicle.power_coefficient * own * own.sqrt() / self.voltage;
+            let voltage = self.voltage - active.esc_resistance * own_current;
             let mut gain = (1.0 + active.thrust_scale[i]) * (1.0 + active.thrust_scale_all);
             if active.fade_time > 0.0 {
                 gain *= 1.0 - active.fade * (self.time / active.fade_time) * (self.time / active.fade_time);

@@ -189,7 +189,13 @@ fn would_not_show(hidden: &[Hidden], answer: &Answer) -> bool {
         let Some(kind) = catalogue::kind(&h.id) else {
             return false;
         };
-        let mut sizes = kind.parameters.iter().filter(|p| p.scales).peekable();
+        // A kind without a size to scale (the lag in the speed domain) has its share instead.
+        let scaled = kind.parameters.iter().any(|p| p.scales);
+        let mut sizes = kind
+            .parameters
+            .iter()
+            .filter(|p| if scaled { p.scales } else { p.name == "share" })
+            .peekable();
         sizes.peek().is_some()
             && sizes.all(|p| {
                 let size = h.parameters.get(p.name).map_or(0.0, |size| size.abs());

@@ -210,6 +210,7 @@ impl Plant {
             return motion;
         }
         let nothing = [0.0; MAX_ROTORS];
+        let n = self.series.rotors;
         for k in 0..self.series.len {
             set.begin(self.series.time(k));
             let c = *set.constants();
@@ -226,8 +227,10 @@ impl Plant {
                 let mut again = truth;
                 c.corrupt(&mut again, motion.angular_acceleration[k]);
                 if hooked {
-                    let n = self.series.rotors;
-                    let at = self.moment(k, &motion, &c, &nothing[..n], &nothing[..n], &nothing[..n]);
+                    // The rotors' thrust comes later in the chain; the specific force tells their sum.
+                    let each = (-c.mass_kg * truth.specific_force[2] / n as f64).max(0.0);
+                    let thrust = [each; MAX_ROTORS];
+                    let at = self.moment(k, &motion, &c, &thrust[..n], &nothing[..n], &nothing[..n]);
                     set.readings(&at, &mut again);
                 }
                 for i in 0..3 {
@@ -525,7 +528,8 @@ impl Plant {
         }
         if c.imu_latency_s != 0.0 {
             force = shifted(&force, -c.imu_latency_s, s.step_s);
-            moments = shifted(&moments, -c.imu_latency_s, s.step_s);
+            // Means over steps: what was measured after t_k must not come in (the duty of row k + 1 answers to its noise).
+            moments = late_means(&moments, c.imu_latency_s, s.step_s);
         }
         (force, moments, specific)
     }
@@ -621,6 +625,22 @@ impl Plant {
         }
         out
     }
+}
+
+/// Means over steps of a signal that is `delay_s` late: the mean of two neighbouring steps by their share of the time. Exact for
+/// values that are constant over a step, and for a delay ≥ 0 no later step than its own comes in.
+fn late_means(x: &[Vector3], delay_s: f64, step_s: f64) -> Vec<Vector3> {
+    let steps = delay_s / step_s;
+    let whole = steps.floor();
+    let part = steps - whole;
+    let last = x.len() as i64 - 1;
+    (0..=last)
+        .map(|k| {
+            let newer = x[(k - whole as i64).clamp(0, last) as usize];
+            let older = x[(k - whole as i64 - 1).clamp(0, last) as usize];
+            [0, 1, 2].map(|i| (1.0 - part) * newer[i] + part * older[i])
+        })
+        .collect()
 }
 
 fn sensors_are_exact(c: &Constants) -> bool {
