@@ -66,12 +66,17 @@ impl Problem {
 
     /// Normal matrix of the blocks taken.
     pub(crate) fn normal(&self, take: impl Fn(usize) -> bool) -> Normal {
+        self.normal_with(&self.weights, take)
+    }
+
+    /// The same with other weights.
+    pub(crate) fn normal_with(&self, weights: &[[f64; CHANNELS]], take: impl Fn(usize) -> bool) -> Normal {
         let mut normal = empty(self.size());
         for (log, linear) in self.linear.iter().enumerate() {
             accumulate(
                 &mut normal,
                 linear,
-                &self.weights[log],
+                &weights[log],
                 |column| self.global(log, column),
                 &take,
             );
@@ -116,9 +121,17 @@ impl Problem {
 
     /// Fits nuisances and `open` effects; starts at the values of `open`.
     pub(crate) fn fit(&self, open: &[Active]) -> Result<Fitted, PredictError> {
+        self.fit_from(open, None)
+    }
+
+    /// The same, from another charge of the first log.
+    pub(crate) fn fit_from(&self, open: &[Active], charge: Option<f64>) -> Result<Fitted, PredictError> {
         let prior = self.deviations(open);
         let start = self.normal(|_| true);
         let mut logs = self.logs.clone();
+        if let (Some(charge), Some(log)) = (charge, logs.first_mut()) {
+            log.nuisances.charge = charge;
+        }
         let mut active = open.to_vec();
         let free: Vec<usize> = (0..self.library.columns.len())
             .filter(|&j| open.iter().any(|a| a.candidate == self.library.columns[j].candidate))

@@ -2,7 +2,7 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterKind};
 
-/// Row of the catalogue with swapped and reversed rotors: no small deviation, so no column.
+/// Row of the catalogue with swapped and reversed rotors: no small deviation, so candidates without columns.
 const WIRING: u8 = 35;
 /// Spike of a shape over its plausible range: fixed as long as its effect is not open.
 const SHAPE_SPIKE: f64 = 1e-4;
@@ -14,7 +14,7 @@ pub struct Candidate {
     pub declaration: &'static EffectDeclaration,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
-    /// Column of each parameter, counted within the library; `None` for one whose plausible range is a point.
+    /// Column of each parameter, counted within the library; `None` for one whose plausible range is a point, and for gross errors.
     pub columns: Vec<Option<usize>>,
 }
 
@@ -99,12 +99,11 @@ impl Library {
             columns: Vec::new(),
         };
         for &declaration in catalogue.entries() {
-            // Noise has no column; a nuisance is no finding; wiring is a gross error that other checks name.
-            if matches!(declaration.class, EffectClass::Nuisance | EffectClass::Noise)
-                || declaration.catalogue_number == Some(WIRING)
-            {
+            // Noise has no column; a nuisance is no finding.
+            if matches!(declaration.class, EffectClass::Nuisance | EffectClass::Noise) {
                 continue;
             }
+            let gross = declaration.catalogue_number == Some(WIRING);
             let places: Vec<Option<usize>> = if declaration.per_rotor {
                 (1..=rotors).map(Some).collect()
             } else {
@@ -117,7 +116,7 @@ impl Library {
                     .iter()
                     .enumerate()
                     .map(|(parameter, p)| {
-                        (p.size > 0.0).then(|| {
+                        (p.size > 0.0 && !gross).then(|| {
                             library.columns.push(LibraryColumn {
                                 candidate,
                                 parameter,

@@ -235,6 +235,23 @@ impl LogState {
         Ok(column)
     }
 
+    /// Column by a secant: from `base` to the point with `active`, whose last effect differs, times `per`.
+    pub(crate) fn secant(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        per: f64,
+    ) -> Result<Column, PredictError> {
+        let instances = instances(library, active);
+        let hooks = match instances.last() {
+            Some(last) => hooks_of(&self.predictor, last)?,
+            None => Hooks::NONE,
+        };
+        let set = self.predictor.effect_set(&self.nuisances, &instances)?;
+        Ok(self.column(base, &set, hooks, per))
+    }
+
     /// Linearises about the nuisances and active effects: every column anew.
     pub(crate) fn linearise(
         &self,

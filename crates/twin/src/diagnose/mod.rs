@@ -16,6 +16,7 @@
 //! Limits: effects that only show together (wind without drag) are found one after the other; the catalogue's noise effects
 //! (gusts) are never named.
 
+mod charge;
 mod dense;
 mod evidence;
 mod fit;
@@ -27,6 +28,8 @@ mod onset;
 mod ranking;
 mod result;
 mod search;
+mod trials;
+mod wiring;
 mod words;
 
 pub use library::{Candidate, Library};

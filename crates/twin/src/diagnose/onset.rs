@@ -10,6 +10,64 @@ use crate::predict::CHANNELS;
 /// Fine grid of the search, s.
 const GRID_S: f64 = 0.25;
 
+/// Candidates that explain more from a block boundary on than over the whole flight, with their evidence there, best first.
+pub(crate) fn late_candidates(problem: &Problem, posterior: &Posterior) -> Vec<(usize, f64)> {
+    if problem.logs.len() != 1 {
+        return Vec::new();
+    }
+    let blocks = problem.logs[0].block_count();
+    let mut tail = problem.normal(|_| false);
+    let mut best = vec![f64::NEG_INFINITY; problem.library.candidates.len()];
+    // The time is one of all cells.
+    let price = (blocks as f64 * BLOCK_S / GRID_S).ln();
+    for b in (1..blocks).rev() {
+        let block = problem.normal(|i| i == b);
+        for (sum, own) in tail.matrix.entries.iter_mut().zip(&block.matrix.entries) {
+            *sum += own;
+        }
+        for (sum, own) in tail.gradient.iter_mut().zip(&block.gradient) {
+            *sum += own;
+        }
+        for (candidate, best) in best.iter_mut().enumerate() {
+            let entry = &problem.library.candidates[candidate];
+            let columns = problem.library.columns_of(candidate);
+            if entry.is_log_fault() || columns.is_empty() || problem.active.iter().any(|a| a.candidate == candidate) {
+                continue;
+            }
+            let places: Vec<usize> = columns.iter().map(|j| problem.nuisances() + j).collect();
+            if let Some(evidence) = late_evidence(&tail, posterior, &places) {
+                *best = best.max(evidence - price);
+            }
+        }
+    }
+    let mut order: Vec<(usize, f64)> = best.into_iter().enumerate().filter(|(_, e)| e.is_finite()).collect();
+    order.sort_by(|a, b| b.1.total_cmp(&a.1));
+    order
+}
+
+/// ln Bayes factor of the columns `places`, cut off before the blocks of `tail`, with slabs of 1.
+fn late_evidence(tail: &Normal, posterior: &Posterior, places: &[usize]) -> Option<f64> {
+    let (k, size) = (places.len(), tail.matrix.size);
+    let mut h = super::dense::Matrix::zero(k);
+    let mut g = vec![0.0; k];
+    for (a, &i) in places.iter().enumerate() {
+        let row = &tail.matrix.entries[i * size..(i + 1) * size];
+        let spread = posterior.covariance.times(row);
+        g[a] = tail.gradient[i] - super::dense::dot(row, &posterior.mean);
+        for (b, &j) in places.iter().enumerate() {
+            let other = &tail.matrix.entries[j * size..(j + 1) * size];
+            *h.at_mut(a, b) = tail.matrix.at(i, j) - super::dense::dot(other, &spread);
+        }
+    }
+    for a in 0..k {
+        let diagonal = h.at_mut(a, a);
+        *diagonal = diagonal.max(0.0);
+    }
+    let factor = h.plus_diagonal(&vec![1.0; k]).cholesky()?;
+    let fit: f64 = factor.solve(&g).iter().zip(&g).map(|(m, g)| m * g).sum();
+    Some(0.5 * fit - 0.5 * factor.log_determinant())
+}
+
 /// Best onset of a candidate and its gain of ln evidence over an effect from the start; `None` if the start is best.
 pub(crate) fn scan(problem: &Problem, candidate: usize) -> Option<(f64, f64)> {
     // Times of several logs have nothing in common.

@@ -30,6 +30,7 @@ pub(crate) fn priors(problem: &Problem, candidate: usize) -> (Vec<usize>, Vec<f6
 pub(crate) fn score(problem: &Problem, posterior: &Posterior) -> Vec<Scored> {
     let mut scored: Vec<Scored> = (0..problem.library.candidates.len())
         .filter(|&c| problem.active.iter().all(|a| a.candidate != c))
+        .filter(|&c| !problem.library.columns_of(c).is_empty())
         .filter_map(|candidate| {
             let (places, spikes, slabs) = priors(problem, candidate);
             let offset = vec![0.0; places.len()];
@@ -137,7 +138,13 @@ pub(crate) fn opened_mean(posterior: &Posterior, places: &[usize], opened: &Open
 }
 
 /// Smallest detectable size of each size parameter: the untestable ones, and all.
-pub(crate) fn detectable(problem: &Problem, scored: &[Scored], threshold: f64) -> (Vec<NotTestable>, Vec<NotTestable>) {
+/// Where the shape of an effect is unknown, `worst` has the size that shows whatever the shape is.
+pub(crate) fn detectable(
+    problem: &Problem,
+    scored: &[Scored],
+    worst: &[(usize, f64)],
+    threshold: f64,
+) -> (Vec<NotTestable>, Vec<NotTestable>) {
     let (mut not_testable, mut all) = (Vec::new(), Vec::new());
     for one in scored {
         let candidate = &problem.library.candidates[one.candidate];
@@ -148,7 +155,9 @@ pub(crate) fn detectable(problem: &Problem, scored: &[Scored], threshold: f64) -
                 continue;
             }
             let p = &candidate.declaration.parameters[column.parameter];
-            let size = minimum_size(one.opened.information.at(a, a), column.spike, threshold) * column.size;
+            let least = minimum_size(one.opened.information.at(a, a), column.spike, threshold);
+            let any_shape = worst.iter().find(|(c, _)| *c == one.candidate).map_or(0.0, |(_, w)| *w);
+            let size = least.max(any_shape) * column.size;
             let row = NotTestable {
                 effect: candidate.declaration.id.to_owned(),
                 rotor: candidate.rotor,

@@ -9,7 +9,8 @@ use super::library::Library;
 use super::linear::{Active, Linear, LogState};
 use super::ranking::{Scored, detectable, parameters, priors, score, table};
 use super::result::{Diagnosis, Finding, Goodness, Rival, Timing, Verdict};
-use super::{Options, THRESHOLD, THRESHOLD_AT_REST, held_out, onset, words};
+use super::trials::{Trial, Trials};
+use super::{Options, THRESHOLD, THRESHOLD_AT_REST, charge, held_out, onset, trials, wiring, words};
 use crate::predict::{CHANNELS, NAMES, Nuisances, PredictError, Predictor};
 
 /// Most candidates that are refined in one round.
@@ -103,6 +104,18 @@ pub(crate) fn search(
     let plain: Vec<Nuisances> = problem.logs.iter().map(LogState::plain_nuisances).collect();
 
     let mut named: Vec<Named> = Vec::new();
+    if let Some((active, gain)) = wiring::find(&problem) {
+        named.push(Named {
+            candidate: active.candidate,
+            log_bayes_factor: gain,
+            posterior: 1.0,
+            minimum: f64::INFINITY,
+            compatible: Vec::new(),
+            lost: Vec::new(),
+        });
+        problem.active.push(active);
+        problem.fit_nuisances()?;
+    }
     let mut before = None;
     // Evidence that is left when nothing more is named.
     let mut left = 0.0;
@@ -131,21 +144,27 @@ pub(crate) fn search(
             );
         }
         let scored = score(&problem, &posterior);
+        let special = if round < options.most_effects {
+            trials::trials(&problem, &posterior, threshold)
+        } else {
+            Trials::default()
+        };
         left = scored.first().map_or(0.0, |s| s.opened.log_bayes_factor);
         if round == 0 {
             diagnosis.ranking = table(&problem, &scored)?;
-            (diagnosis.not_testable, diagnosis.detectable) = detectable(&problem, &scored, threshold);
+            (diagnosis.not_testable, diagnosis.detectable) =
+                detectable(&problem, &scored, &special.worst_minimum, threshold);
             diagnosis.timing.ranked_s = (options.clock)() - start;
         }
         if round == options.most_effects {
             break;
         }
         (options.progress)("refining the leading candidates", 0.05 + 0.9 * done + per);
-        let Some((fitted, found)) = best_of(&problem, &scored, threshold)? else {
+        let Some((fitted, found)) = best_of(&problem, &posterior, &scored, &special, threshold)? else {
             break;
         };
         problem.accept(&fitted);
-        named.push(found);
+        named.extend(found);
     }
     (options.progress)("goodness of fit", 0.95);
     let (posterior, deviations) = posterior(&problem)?;
@@ -255,77 +274,138 @@ fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
         })
 }
 
-/// The best candidate of a round with its fit, if it passes.
-fn best_of(problem: &Problem, scored: &[Scored], threshold: f64) -> Result<Option<(Fitted, Named)>, PredictError> {
-    let Some(first) = scored.first().filter(|s| s.opened.log_bayes_factor > threshold) else {
-        return Ok(None);
+/// What is worth a fit in this round: the leading candidates of the linear ranking, special starts, effects that set in late, and
+/// effects of the battery each at its own charge.
+fn possible(
+    problem: &Problem,
+    posterior: &Posterior,
+    scored: &[Scored],
+    special: &Trials,
+    threshold: f64,
+) -> Vec<Trial> {
+    let plausible: Vec<&Scored> = scored.iter().filter(|s| linearly_plausible(problem, s)).collect();
+    let first = plausible.first().map_or(0.0, |s| s.opened.log_bayes_factor);
+    let best_special = special.starts.first().map_or(0.0, |t| t.log_bayes_factor);
+    let least = threshold.max(REFINED_SHARE * first.max(best_special));
+    let mut chosen: Vec<Trial> = Vec::new();
+    for one in plausible.iter().take(REFINED) {
+        // Without a share of its own the first of the ranking is tried in any case.
+        if one.opened.log_bayes_factor >= least {
+            chosen.push(trials::plain(problem, one));
+        }
+    }
+    for start in special
+        .starts
+        .iter()
+        .take_while(|t| t.log_bayes_factor >= least)
+        .take(REFINED)
+    {
+        let own =
+            |t: &Trial| t.open.len() == 1 && start.open.len() == 1 && t.open[0].candidate == start.open[0].candidate;
+        match chosen.iter_mut().find(|t| own(t)) {
+            Some(plain) if plain.log_bayes_factor < start.log_bayes_factor => *plain = start.clone(),
+            Some(_) => (),
+            None => chosen.push(start.clone()),
+        }
+    }
+    let evidence = |c: usize| {
+        scored
+            .iter()
+            .find(|s| s.candidate == c)
+            .map(|s| s.opened.log_bayes_factor)
     };
-    let first = scored.iter().find(|s| linearly_plausible(problem, s)).unwrap_or(first);
-    if first.opened.log_bayes_factor <= threshold {
+    let late = onset::late_candidates(problem, posterior);
+    for &(candidate, gain) in late.iter().take(2) {
+        let known = chosen.iter().any(|t| t.open.iter().any(|a| a.candidate == candidate));
+        let over = evidence(candidate).unwrap_or(0.0);
+        if !known && gain > least.max(over + ONSET_GAIN) {
+            chosen.extend(
+                scored
+                    .iter()
+                    .find(|s| s.candidate == candidate)
+                    .map(|s| trials::plain(problem, s)),
+            );
+        }
+    }
+    if charge::wanted(problem, posterior, scored, threshold) {
+        chosen.extend(charge::starts(problem).into_iter().take(REFINED));
+    }
+    chosen
+}
+
+/// The best candidate of a round (with the companion that it needs) and its fit, if it passes.
+fn best_of(
+    problem: &Problem,
+    posterior: &Posterior,
+    scored: &[Scored],
+    special: &Trials,
+    threshold: f64,
+) -> Result<Option<(Fitted, Vec<Named>)>, PredictError> {
+    let possible = possible(problem, posterior, scored, special, threshold);
+    if possible.is_empty() {
         return Ok(None);
     }
-    let least = threshold.max(REFINED_SHARE * first.opened.log_bayes_factor);
     let null = problem.fit(&problem.active)?;
-    let possible = scored
-        .iter()
-        .take_while(|s| s.opened.log_bayes_factor >= least)
-        .filter(|s| linearly_plausible(problem, s));
-    let mut tried: Vec<(usize, Fitted, f64)> = Vec::new();
-    for one in possible.take(REFINED) {
-        let candidate = &problem.library.candidates[one.candidate];
-        let mut values = candidate.neutral();
-        for (a, &j) in problem.library.columns_of(one.candidate).iter().enumerate() {
-            let column = &problem.library.columns[j];
-            let value = values[column.parameter] + one.opened.estimate[a] * column.size;
-            values[column.parameter] = candidate.clamped(column.parameter, value);
+    // Candidates that were opened, the one in question last; fit; gain of ln evidence.
+    let mut tried: Vec<(Vec<usize>, Fitted, f64)> = Vec::new();
+    for trial in &possible {
+        let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
+        let mut open = problem.active.clone();
+        open.extend(trial.open.iter().cloned());
+        // A candidate whose fit leaves what is a vehicle at all is out.
+        if let Ok(fitted) = problem.fit_from(&open, trial.charge) {
+            let gain = fitted.log_evidence - null.log_evidence;
+            tried.push((opened, fitted, gain));
         }
-        let onset = if candidate.is_log_fault() {
-            None
-        } else {
-            onset::scan(problem, one.candidate).filter(|(_, gain)| *gain > ONSET_GAIN)
-        };
-        for onset_s in [None, onset.map(|(t, _)| t)] {
-            if onset_s.is_none() && onset.is_some() && tried.len() > REFINED {
-                continue;
-            }
-            if onset_s.is_none() && tried.iter().any(|(c, ..)| *c == one.candidate) {
-                continue;
-            }
+        let [only] = trial.open.as_slice() else { continue };
+        if trial.charge.is_some() || problem.library.candidates[only.candidate].is_log_fault() {
+            continue;
+        }
+        if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > ONSET_GAIN) {
             let mut open = problem.active.clone();
             open.push(Active {
-                candidate: one.candidate,
-                values: values.clone(),
-                onset_s,
+                onset_s: Some(onset_s),
+                ..only.clone()
             });
-            // A candidate whose fit leaves what is a vehicle at all is out.
             if let Ok(fitted) = problem.fit(&open) {
-                let gain = fitted.log_evidence - null.log_evidence;
-                tried.push((one.candidate, fitted, gain));
+                // The scan chose the time among all; the gain must pay for that.
+                let gain = fitted.log_evidence - null.log_evidence - ONSET_GAIN;
+                tried.push((vec![only.candidate], fitted, gain));
             }
         }
     }
     tried.sort_by(|a, b| b.2.total_cmp(&a.2));
     let excuses: Vec<Option<String>> = tried
         .iter()
-        .map(|(c, fitted, _)| implausible(problem, *c, fitted))
+        .map(|(opened, fitted, _)| opened.iter().find_map(|&c| implausible(problem, c, fitted)))
         .collect();
     let Some(winner) = (0..tried.len()).find(|&i| excuses[i].is_none()) else {
         return Ok(None);
     };
-    let (candidate, fitted, gain) = &tried[winner];
-    let best = &scored[scored.iter().position(|s| s.candidate == *candidate).unwrap_or(0)];
-    let (seen, minimum) = large_enough(problem, best, fitted, threshold);
-    if *gain <= threshold || !seen {
+    let (opened, fitted, gain) = &tried[winner];
+    let Some(&candidate) = opened.last() else {
+        return Ok(None);
+    };
+    let sizes: Vec<(bool, f64)> = opened
+        .iter()
+        .map(|&c| large_enough(problem, c, fitted, threshold))
+        .collect();
+    if *gain <= threshold || !sizes.iter().all(|(seen, _)| *seen) {
         return Ok(None);
     }
     let (mut compatible, mut lost) = (Vec::new(), Vec::new());
-    for (i, (other, _, other_gain)) in tried.iter().enumerate() {
-        if other == candidate || compatible.iter().chain(&lost).any(|r: &(usize, Rival)| r.0 == *other) {
+    for (i, (others, _, other_gain)) in tried.iter().enumerate() {
+        // The same with a companion, or from another start, is no rival.
+        if others.iter().any(|c| opened.contains(c)) {
+            continue;
+        }
+        let Some(&other) = others.last() else { continue };
+        if compatible.iter().chain(&lost).any(|r: &(usize, Rival)| r.0 == other) {
             continue;
         }
         let (a, b) = (
-            &problem.library.candidates[*candidate],
-            &problem.library.candidates[*other],
+            &problem.library.candidates[candidate],
+            &problem.library.candidates[other],
         );
         let gap = gain - other_gain;
         let close = gap < COMPATIBLE_GAP && excuses[i].is_none();
@@ -341,9 +421,9 @@ fn best_of(problem: &Problem, scored: &[Scored], threshold: f64) -> Result<Optio
             },
         };
         if close {
-            compatible.push((*other, rival));
+            compatible.push((other, rival));
         } else {
-            lost.push((*other, rival));
+            lost.push((other, rival));
         }
     }
     // Equal prior odds over all candidates; those that were not refined by their linear evidence.
@@ -352,7 +432,7 @@ fn best_of(problem: &Problem, scored: &[Scored], threshold: f64) -> Result<Optio
     for one in scored {
         let refined = tried
             .iter()
-            .filter(|t| t.0 == one.candidate)
+            .filter(|t| t.0.last() == Some(&one.candidate))
             .map(|t| t.2)
             .fold(f64::NEG_INFINITY, f64::max);
         let own = if refined.is_finite() {
@@ -362,40 +442,46 @@ fn best_of(problem: &Problem, scored: &[Scored], threshold: f64) -> Result<Optio
         };
         odds += (own - largest).exp();
     }
-    Ok(Some((
-        fitted.clone(),
-        Named {
-            candidate: *candidate,
+    let mut compatible: Vec<Rival> = compatible.into_iter().map(|(_, r)| r).collect();
+    let mut lost: Vec<Rival> = lost.into_iter().map(|(_, r)| r).collect();
+    let mut found: Vec<Named> = Vec::new();
+    // The rivals are those of the effect in question, the last.
+    for (&candidate, &(_, minimum)) in opened.iter().zip(&sizes).rev() {
+        found.push(Named {
+            candidate,
             log_bayes_factor: *gain,
             posterior: 1.0 / odds.max(1.0),
             minimum,
-            compatible: compatible.into_iter().map(|(_, r)| r).collect(),
-            lost: lost.into_iter().map(|(_, r)| r).collect(),
-        },
-    )))
+            compatible: std::mem::take(&mut compatible),
+            lost: std::mem::take(&mut lost),
+        });
+    }
+    found.reverse();
+    Ok(Some((fitted.clone(), found)))
 }
 
-/// Whether one of the sizes reaches what the flight can show, and the smallest such size of the first parameter.
-fn large_enough(problem: &Problem, one: &Scored, fitted: &Fitted, threshold: f64) -> (bool, f64) {
-    let Some(active) = fitted.active.iter().find(|a| a.candidate == one.candidate) else {
+/// Whether one of the sizes reaches what the flight can show by the fit, and the smallest such size of the first parameter.
+fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold: f64) -> (bool, f64) {
+    let Some(active) = fitted.active.iter().find(|a| a.candidate == candidate) else {
         return (false, f64::INFINITY);
     };
-    let entry = &problem.library.candidates[one.candidate];
+    let entry = &problem.library.candidates[candidate];
     let (mut seen, mut first) = (false, f64::INFINITY);
-    for (a, &j) in problem.library.columns_of(one.candidate).iter().enumerate() {
+    for j in problem.library.columns_of(candidate) {
         let column = &problem.library.columns[j];
         let p = &entry.declaration.parameters[column.parameter];
         if p.kind != ParameterKind::Size {
             continue;
         }
-        let least = minimum_size(one.opened.information.at(a, a), column.spike, threshold) * column.size;
+        // What is left of the precision without the prior.
+        let information = (1.0 / (fitted.deviations[j] * fitted.deviations[j]) - 1.0).max(0.0);
+        let least = minimum_size(information, column.spike, threshold) * column.size;
         if first.is_infinite() {
             first = least;
         }
         seen |= active.values[column.parameter].abs() >= least;
     }
-    // An effect with an onset has less information than the scan over the whole flight says.
-    (seen || active.onset_s.is_some(), first)
+    (seen, first)
 }
 
 /// Findings with the final values and the evidence of each against the final model without it.
@@ -416,7 +502,9 @@ fn findings(
             let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
             let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
             // The posterior is about the point with the prior about 0: what the data alone say is asked for again.
-            let opened = open(posterior, &places, &spikes, &now, &slabs, &at);
+            let opened = (!places.is_empty())
+                .then(|| open(posterior, &places, &spikes, &now, &slabs, &at))
+                .flatten();
             let still = opened.as_ref().is_none_or(|o| o.log_bayes_factor > 0.5 * threshold);
             // A later finding may have taken over the whole of an earlier one.
             if !still && problem.active.len() > 1 && one.log_bayes_factor < 4.0 * threshold {

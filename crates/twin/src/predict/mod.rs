@@ -70,6 +70,18 @@ pub struct ChannelResiduals {
     pub mask: [Vec<bool>; CHANNELS],
 }
 
+/// Means of the voltage.
+#[derive(Debug, Clone)]
+pub(crate) struct CoarseVoltage {
+    powers: Vec<f64>,
+    stride: usize,
+    places: Vec<usize>,
+    /// V.
+    pub(crate) measured: Vec<f64>,
+    /// 1/variance of a mean, 1/V².
+    pub(crate) weight: f64,
+}
+
 /// A model, a log, and everything that one needs to hold the first against the second.
 #[derive(Debug, Clone)]
 pub struct Predictor {
@@ -246,6 +258,42 @@ impl Predictor {
 
     pub(crate) fn whitener(&self, channel: usize) -> Option<&Whitener> {
         self.whiteners[channel].as_ref()
+    }
+
+    /// Charge at the start that the first second of flight tells, fraction.
+    pub(crate) fn initial_charge(&self) -> f64 {
+        self.plant.charge
+    }
+
+    /// Means of the voltage over `mean_s` and what their prediction needs.
+    pub(crate) fn coarse_voltage(&self, base: &Prediction, mean_s: f64) -> CoarseVoltage {
+        let series = &self.plant.series;
+        let stride = ((mean_s / series.step_s).round() as usize).max(1);
+        let counted = |k: usize| self.whiteners[channels::V].as_ref().is_some_and(|w| w.counts(k));
+        let measured: Vec<Option<f64>> = (0..series.len)
+            .step_by(stride)
+            .map(|start| {
+                let end = (start + stride).min(series.len);
+                let whole = end - start == stride && (start..end).all(counted);
+                whole.then(|| series.voltage[start..end].iter().sum::<f64>() / stride as f64)
+            })
+            .collect();
+        let places = (0..measured.len()).filter(|&j| measured[j].is_some()).collect();
+        CoarseVoltage {
+            powers: self.plant.powers(&base.thrust, stride),
+            stride,
+            places,
+            measured: measured.into_iter().flatten().collect(),
+            weight: stride as f64 / self.covariances[channels::V].variance,
+        }
+    }
+
+    /// Prediction of the means of the voltage, thrust and motion as in `base`.
+    pub(crate) fn coarse_prediction(&self, set: &EffectSet, base: &Prediction, coarse: &CoarseVoltage) -> Vec<f64> {
+        let all = self
+            .plant
+            .battery_of(set.clone(), &base.motion, &base.thrust, &coarse.powers, coarse.stride);
+        coarse.places.iter().map(|&j| all[j]).collect()
     }
 
     /// Residuals of the model with nuisances and further effects.

@@ -511,7 +511,10 @@ impl Plant {
                     position_ned: motion.position[k],
                     battery_voltage: 0.0,
                 };
-                c.corrupt(&mut read, motion.angular_acceleration[k]);
+                // The model's own angular acceleration at t_k: the measured one is all noise, or smoothed away.
+                let before = if k > 0 { spin_up[k - 1] } else { spin_up[k] };
+                let turning = [0, 1, 2].map(|i| 0.5 * (before[i] + spin_up[k][i]));
+                c.corrupt(&mut read, turning);
                 if hooked {
                     for i in 0..n {
                         ratio[i] = (thrust[k * n + i].max(0.0) / c.hover_thrust_n).sqrt();
@@ -588,31 +591,58 @@ impl Plant {
     }
 
     /// Battery voltage as the sensor reads it, V.
-    fn battery(&self, mut set: EffectSet, motion: &Kinematics, thrust: &[f64]) -> Vec<f64> {
+    fn battery(&self, set: EffectSet, motion: &Kinematics, thrust: &[f64]) -> Vec<f64> {
+        self.battery_of(set, motion, thrust, &self.powers(thrust, 1), 1)
+    }
+
+    /// Σ f^1.5 of the rotors, means over `stride` steps.
+    pub(crate) fn powers(&self, thrust: &[f64], stride: usize) -> Vec<f64> {
+        let n = self.series.rotors;
+        thrust
+            .chunks(n * stride)
+            .map(|chunk| {
+                let sum: f64 = chunk
+                    .iter()
+                    .map(|f| {
+                        let f = f.max(0.0);
+                        f * f.sqrt()
+                    })
+                    .sum();
+                sum * n as f64 / chunk.len() as f64
+            })
+            .collect()
+    }
+
+    /// The same with Σ f^1.5 given, in strides of several steps.
+    pub(crate) fn battery_of(
+        &self,
+        mut set: EffectSet,
+        motion: &Kinematics,
+        thrust: &[f64],
+        powers: &[f64],
+        stride: usize,
+    ) -> Vec<f64> {
         let s = &self.series;
         let n = s.rotors;
+        let step_s = s.step_s * stride as f64;
         let battery = Battery::new(&self.battery_model);
         let mut charge = self.charge + set.constants().charge_offset;
         let mut relaxation = 0.0;
-        let mut out = Vec::with_capacity(s.len);
+        let mut out = Vec::with_capacity(powers.len());
         let nothing = [0.0; MAX_ROTORS];
         let advancing = set.hooks().uses(Hooks::ADVANCE) && set.hooks().uses(Hooks::VARYING_CONSTANTS);
-        for k in 0..s.len {
+        for (j, &sum) in powers.iter().enumerate() {
+            let k = j * stride;
             set.begin(s.time(k));
             let c = set.constants();
-            let mut power = 0.0;
-            for &f in &thrust[k * n..(k + 1) * n] {
-                let f = f.max(0.0);
-                power += f * f.sqrt();
-            }
-            power *= c.power_coefficient_w_per_n15;
+            let power = sum * c.power_coefficient_w_per_n15;
             let open = battery.open_circuit_voltage(charge) - relaxation;
             let root = (open * open - 4.0 * c.internal_resistance_ohm * power).max(0.0).sqrt();
             let voltage = 0.5 * (open + root);
             let current = power / voltage.max(1e-3);
-            charge -= current * s.step_s / (3600.0 * c.capacity_ah);
+            charge -= current * step_s / (3600.0 * c.capacity_ah);
             if c.rc_resistance_ohm != 0.0 {
-                let share = 1.0 - libm::exp(-s.step_s / c.rc_time_s);
+                let share = 1.0 - libm::exp(-step_s / c.rc_time_s);
                 relaxation += share * (c.rc_resistance_ohm * current - relaxation);
             }
             out.push((1.0 + c.voltage_gain) * voltage + c.voltage_offset_v);
@@ -620,7 +650,7 @@ impl Plant {
                 let c = *c;
                 let mut at = self.moment(k, motion, &c, &thrust[k * n..(k + 1) * n], &nothing[..n], &nothing[..n]);
                 at.battery_current = current;
-                set.advance(&at, s.step_s);
+                set.advance(&at, step_s);
             }
         }
         out

@@ -1,0 +1,87 @@
+//! Gross errors of the build: two motors swapped, a rotor that turns the other way.
+//!
+//! They are no small deviations: a linear ranking patches them with tilts and scales. There are few of them, so that each is simply
+//! tried; one is taken where it removes nearly all of a large error of forces and torques.
+
+use super::fit::Problem;
+use super::linear::{Active, instances};
+use crate::predict::channels::{F, KA, KV, M};
+use crate::predict::{Nuisances, Source};
+
+/// Mean chi² of the torque channels from which a gross error is looked for.
+const LARGE_CHI2: f64 = 1.5;
+/// Share of the excess chi² that the right wiring leaves at most.
+const LEFT_SHARE: f64 = 0.25;
+
+/// The gross error that explains the flights, and half of the chi² that it removes.
+pub(crate) fn find(problem: &Problem) -> Option<(Active, f64)> {
+    let (before, samples, torque) = excess(problem, &[])?;
+    if torque < LARGE_CHI2 {
+        return None;
+    }
+    let mut best: Option<(Active, f64)> = None;
+    for (candidate, entry) in problem.library.candidates.iter().enumerate() {
+        if !entry.columns.iter().all(Option::is_none) {
+            continue;
+        }
+        for active in variants(problem, candidate) {
+            let Some((after, ..)) = excess(problem, std::slice::from_ref(&active)) else {
+                continue;
+            };
+            if best.as_ref().is_none_or(|(_, least)| after < *least) {
+                best = Some((active, after));
+            }
+        }
+    }
+    let (active, after) = best?;
+    // Noise alone scatters by √(2 n).
+    let scatter = 6.0 * (2.0 * samples).sqrt();
+    (after < (LEFT_SHARE * before).max(scatter) && before > 4.0 * scatter).then(|| (active, 0.5 * (before - after)))
+}
+
+/// Every way to have this error.
+fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
+    let entry = &problem.library.candidates[candidate];
+    let rotors = problem.logs[0].predictor.series().rotors;
+    let one = |values: Vec<f64>| Active {
+        candidate,
+        values,
+        onset_s: None,
+    };
+    match entry.declaration.parameter_index("partner") {
+        None => vec![one(vec![1.0; entry.declaration.parameters.len()])],
+        Some(place) => (entry.rotor.unwrap_or(rotors) + 1..=rotors)
+            .map(|partner| {
+                let mut values = vec![1.0; entry.declaration.parameters.len()];
+                values[place] = partner as f64;
+                one(values)
+            })
+            .collect(),
+    }
+}
+
+/// Excess of chi² in forces and torques, its samples, and chi² per sample of the torques.
+fn excess(problem: &Problem, active: &[Active]) -> Option<(f64, f64, f64)> {
+    let (mut sum, mut samples, mut torque, mut torque_samples) = (0.0, 0.0, 0.0, 0.0);
+    for log in &problem.logs {
+        let predictor = &log.predictor;
+        let set = predictor
+            .effect_set(&Nuisances::default(), &instances(&problem.library, active))
+            .ok()?;
+        let whitened = predictor.whitened(&predictor.predict(&set, Source::Raw, None));
+        for channel in (F..KV).chain(M..KA) {
+            let Some(whitener) = predictor.whitener(channel) else {
+                continue;
+            };
+            let count = (0..whitener.len()).filter(|&k| whitener.counts(k)).count() as f64;
+            let squares: f64 = whitened[channel].iter().map(|x| x * x).sum();
+            sum += squares - count;
+            samples += count;
+            if channel >= M {
+                torque += squares;
+                torque_samples += count;
+            }
+        }
+    }
+    (torque_samples > 0.0).then(|| (sum, samples, torque / torque_samples))
+}
