@@ -20,7 +20,7 @@ pub(super) static DELAY: EffectDeclaration = EffectDeclaration {
         0.01,
         0.01,
     )
-    .with_clutter(0.0015)],
+    .with_clutter(0.001)],
     per_rotor: false,
     needs: &[],
     excited_by: "fast commands",

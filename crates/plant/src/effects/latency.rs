@@ -13,7 +13,7 @@ pub(super) static OF_IMU: EffectDeclaration = EffectDeclaration {
     channels: &[FORCE, MOMENT, VELOCITY, ATTITUDE],
     parameters: &[
         ParameterDeclaration::size("delay_s", "d", "s", "age of the reading", (0.0, 0.03), 0.006, 0.006)
-            .with_clutter(0.0015),
+            .with_clutter(0.001),
     ],
     per_rotor: false,
     needs: &[],
@@ -34,7 +34,7 @@ pub(super) static OF_ATTITUDE: EffectDeclaration = EffectDeclaration {
     channels: &[VELOCITY, ATTITUDE],
     parameters: &[
         ParameterDeclaration::size("delay_s", "d", "s", "age of the reading", (0.0, 0.06), 0.012, 0.012)
-            .with_clutter(0.0015),
+            .with_clutter(0.001),
     ],
     per_rotor: false,
     needs: &[],
@@ -55,7 +55,7 @@ pub(super) static OF_VELOCITY: EffectDeclaration = EffectDeclaration {
     channels: &[VELOCITY, POSITION],
     parameters: &[
         ParameterDeclaration::size("delay_s", "d", "s", "age of the reading", (0.0, 0.4), 0.08, 0.08)
-            .with_clutter(0.0015),
+            .with_clutter(0.001),
     ],
     per_rotor: false,
     needs: &[],
@@ -76,7 +76,7 @@ pub(super) static OF_POSITION: EffectDeclaration = EffectDeclaration {
     channels: &[POSITION],
     parameters: &[
         ParameterDeclaration::size("delay_s", "d", "s", "age of the reading", (0.0, 0.4), 0.08, 0.08)
-            .with_clutter(0.0015),
+            .with_clutter(0.001),
     ],
     per_rotor: false,
     needs: &[],

@@ -2,7 +2,7 @@
 //!
 //! The open-circuit voltage is a chart with kinks, so a fit that starts at the wrong charge stays there and others than the true
 //! effect patch what is left. The voltage depends on nothing else that is unknown (the thrust is that of the measured voltage), and it
-//! is slow: on means of 50 ms, every charge is tried with the effect fitted to it.
+//! is slow: on means of 0.1 s, every charge is tried with the effect fitted to it.
 
 use rotortwin_plant::effects::ParameterKind;
 
@@ -15,11 +15,11 @@ use super::trials::Trial;
 use crate::predict::{Source, channels::V};
 
 /// Length of a mean, s.
-const MEAN_S: f64 = 0.05;
+const MEAN_S: f64 = 0.1;
 /// Charges tried.
-const CHARGES: usize = 40;
+const CHARGES: usize = 25;
 /// Loss of ln likelihood against the best effect up to which an effect is still fitted.
-const WORTH: f64 = 400.0;
+const WORTH: f64 = 200.0;
 /// Effects of the battery and of its sensor.
 const EFFECTS: [&str; 6] = [
     "voltage-gain",
@@ -132,7 +132,7 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Trial> 
         }
         let mut at = charge;
         let mut objective = f64::INFINITY;
-        for _ in 0..5 {
+        for _ in 0..4 {
             let now = predict(at, &theta)?;
             let residual: Vec<f64> = coarse.measured.iter().zip(&now).map(|(m, p)| m - p).collect();
             // Unknowns: charge within its cell, then the effect's.

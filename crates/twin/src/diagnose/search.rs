@@ -130,7 +130,7 @@ pub(crate) fn search(
         let per = 0.6 / (options.most_effects + 1) as f64;
         problem.linearise(&|share| (options.progress)(text, 0.05 + 0.9 * done + per * share))?;
         trust(&mut problem);
-        let (posterior, _) = posterior(&problem)?;
+        let (posterior, _) = posterior_of(&problem)?;
         if before.is_none() {
             before = Some(
                 (0..problem.logs.len())
@@ -167,7 +167,14 @@ pub(crate) fn search(
         named.extend(found);
     }
     (options.progress)("goodness of fit", 0.95);
-    let (posterior, deviations) = posterior(&problem)?;
+    let (mut posterior, mut deviations) = posterior_of(&problem)?;
+    while let Some(fitted) = superfluous(&problem, &posterior, &deviations, threshold)? {
+        named.retain(|one| fitted.active.iter().any(|a| a.candidate == one.candidate));
+        problem.accept(&fitted);
+        problem.linearise(&|_| ())?;
+        trust(&mut problem);
+        (posterior, deviations) = posterior_of(&problem)?;
+    }
     let (mut goodness, _) = judge(&problem, &before.unwrap_or_default(), &posterior.mean);
     if left > LEFT_FACTOR * threshold && goodness.unexplained.is_empty() {
         // The clutter had to stretch far beyond its prior: white residuals then say nothing.
@@ -177,7 +184,7 @@ pub(crate) fn search(
     }
     diagnosis.goodness = goodness;
     diagnosis.held_out = held_out::errors(&problem, &plain)?;
-    let findings = findings(&problem, named, &posterior, &deviations, threshold);
+    let findings = findings(&problem, named, &posterior);
     for finding in findings {
         if matches!(finding.class, rotortwin_plant::effects::EffectClass::Physics) {
             diagnosis.effects.push(finding);
@@ -185,7 +192,15 @@ pub(crate) fn search(
             diagnosis.sensor_or_timing.push(finding);
         }
     }
-    diagnosis.verdict = verdict(&diagnosis);
+    if look_alikes(&problem) {
+        diagnosis
+            .goodness
+            .unexplained
+            .push("what three effects of one kind patch together".to_owned());
+        diagnosis.verdict = Verdict::OutsideCatalogue;
+    } else {
+        diagnosis.verdict = verdict(&diagnosis);
+    }
     diagnosis.sentence = words::sentence(&diagnosis);
     (options.progress)("done", 1.0);
     Ok(diagnosis)
@@ -226,7 +241,7 @@ fn trust(problem: &mut Problem) {
 }
 
 /// Posterior about the present point, as a step from it, with the prior's pull.
-fn posterior(problem: &Problem) -> Result<(Posterior, Vec<f64>), PredictError> {
+fn posterior_of(problem: &Problem) -> Result<(Posterior, Vec<f64>), PredictError> {
     let mut normal = problem.normal(|_| true);
     let prior = problem.deviations(&problem.active);
     let position = position_of(&problem.library, &problem.logs, &problem.active);
@@ -328,7 +343,7 @@ fn possible(
         }
     }
     if charge::wanted(problem, posterior, scored, threshold) {
-        chosen.extend(charge::starts(problem).into_iter().take(REFINED));
+        chosen.extend(charge::starts(problem).into_iter().take(3));
     }
     chosen
 }
@@ -484,32 +499,60 @@ fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold:
     (seen, first)
 }
 
-/// Findings with the final values and the evidence of each against the final model without it.
-fn findings(
+/// The fit without an effect that a later finding has made superfluous, if there is one.
+fn superfluous(
     problem: &Problem,
-    named: Vec<Named>,
     posterior: &Posterior,
     prior: &[f64],
     threshold: f64,
-) -> Vec<Finding> {
+) -> Result<Option<Fitted>, PredictError> {
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    let mut weakest: Option<(usize, f64)> = None;
+    for active in &problem.active {
+        let (places, spikes, slabs) = priors(problem, active.candidate);
+        // A gross error has no columns; an effect that acts through another one keeps it.
+        let id = problem.library.candidates[active.candidate].declaration.id;
+        let needed = problem.active.iter().any(|other| {
+            let needs = problem.library.candidates[other.candidate].declaration.needs;
+            other.candidate != active.candidate && needs.contains(&id)
+        });
+        if places.is_empty() || needed || problem.active.len() < 2 {
+            continue;
+        }
+        let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
+        let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
+        // The posterior is about the point with the prior about 0: what the data alone say is asked for again.
+        let Some(opened) = open(posterior, &places, &spikes, &now, &slabs, &at) else {
+            continue;
+        };
+        if weakest.is_none_or(|(_, least)| opened.log_bayes_factor < least) {
+            weakest = Some((active.candidate, opened.log_bayes_factor));
+        }
+    }
+    let Some((candidate, evidence)) = weakest else {
+        return Ok(None);
+    };
+    if evidence > threshold {
+        return Ok(None);
+    }
+    let others: Vec<Active> = problem
+        .active
+        .iter()
+        .filter(|a| a.candidate != candidate)
+        .cloned()
+        .collect();
+    let (with, without) = (problem.fit(&problem.active)?, problem.fit(&others)?);
+    Ok((with.log_evidence - without.log_evidence < threshold).then_some(without))
+}
+
+/// Findings with the final values.
+fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posterior) -> Vec<Finding> {
     let position = position_of(&problem.library, &problem.logs, &problem.active);
     let offset = problem.nuisances();
     named
         .into_iter()
         .filter_map(|one| {
             let active = problem.active.iter().find(|a| a.candidate == one.candidate)?;
-            let (places, spikes, slabs) = priors(problem, one.candidate);
-            let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
-            let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
-            // The posterior is about the point with the prior about 0: what the data alone say is asked for again.
-            let opened = (!places.is_empty())
-                .then(|| open(posterior, &places, &spikes, &now, &slabs, &at))
-                .flatten();
-            let still = opened.as_ref().is_none_or(|o| o.log_bayes_factor > 0.5 * threshold);
-            // A later finding may have taken over the whole of an earlier one.
-            if !still && problem.active.len() > 1 && one.log_bayes_factor < 4.0 * threshold {
-                return None;
-            }
             let entry = &problem.library.candidates[one.candidate];
             let mut values = active.values.clone();
             let mut deviations = vec![0.0; values.len()];
@@ -538,6 +581,19 @@ fn findings(
             Some(finding)
         })
         .collect()
+}
+
+/// True if three effects at work are each easily confused with one of the others: together they draw a curve through an error that
+/// is none of theirs.
+fn look_alikes(problem: &Problem) -> bool {
+    let named = |a: &Active| problem.library.candidates[a.candidate].declaration;
+    let alike = problem.active.iter().filter(|a| {
+        problem.active.iter().any(|b| {
+            a.candidate != b.candidate
+                && (named(a).confused_with.contains(&named(b).id) || named(b).confused_with.contains(&named(a).id))
+        })
+    });
+    alike.count() >= 3
 }
 
 /// Channels by the energy that the effect has in them; those with at least 5 % of it.

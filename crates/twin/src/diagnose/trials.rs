@@ -14,9 +14,11 @@ use rotortwin_plant::effects::ParameterKind;
 
 use super::dense::Matrix;
 use super::evidence::{Posterior, minimum_size};
-use super::fit::Problem;
+use super::fit::{Problem, fitted_residual};
+use super::goodness::channel_fits;
 use super::linear::{Active, Base, Column, column_product, residual_product};
 use super::ranking::Scored;
+use crate::predict::channels::{F, KA, KV, M};
 
 /// A start of a fit.
 #[derive(Debug, Clone)]
@@ -36,36 +38,76 @@ pub(crate) struct Trials {
     pub(crate) worst_minimum: Vec<(usize, f64)>,
 }
 
-/// Points of a shape's grid.
-fn grid(name: &str, low: f64, high: f64, typical: f64) -> Vec<f64> {
-    match name {
-        // A direction has no smallest value.
-        "azimuth_rad" => (0..8).map(|i| -3.0 + 0.785 * f64::from(i)).collect(),
-        "damping_1_s" | "damping" => vec![typical],
-        _ if low > 0.0 => {
-            let ratio = high / low;
-            (0..5).map(|i| low * ratio.powf((f64::from(i) + 0.5) / 5.0)).collect()
+/// Gaps between the flight and a wall or ceiling that are tried, m; the last alone says what would show.
+const GAPS_M: [f64; 4] = [0.05, 0.3, 0.8, 2.5];
+/// Normal score of a channel from which the shapes of its effects are searched.
+const SEARCHED_SCORE: f64 = 3.0;
+
+/// Shapes of a candidate that are tried. With `all` false only those that say what would show.
+fn shapes(problem: &Problem, candidate: usize, all: bool) -> Vec<Vec<f64>> {
+    let entry = &problem.library.candidates[candidate];
+    let base = entry.neutral();
+    let place = |name: &str| entry.declaration.parameter_index(name);
+    let gaps = if all { &GAPS_M[..] } else { &GAPS_M[3..] };
+    let positions = problem
+        .logs
+        .iter()
+        .flat_map(|log| log.predictor.series().smooth.position.iter());
+    let farthest = |along: &dyn Fn(&[f64; 3]) -> f64| positions.clone().map(along).fold(0.0, f64::max);
+    let mut found = Vec::new();
+    match entry.declaration.id {
+        "ceiling-effect" => {
+            let Some(height) = place("height_m") else { return found };
+            let top = farthest(&|p| -p[2]);
+            for gap in gaps {
+                let mut values = base.clone();
+                values[height] = entry.clamped(height, top + gap);
+                found.push(values);
+            }
         }
-        _ => vec![typical],
+        "wall-effect" => {
+            let (Some(distance), Some(azimuth)) = (place("distance_m"), place("azimuth_rad")) else {
+                return found;
+            };
+            let directions = if all { 8 } else { 4 };
+            for i in 0..directions {
+                let angle = -3.0 + std::f64::consts::TAU * f64::from(i) / f64::from(directions);
+                let (sin, cos) = libm::sincos(angle);
+                let reach = farthest(&|p| cos * p[0] + sin * p[1]);
+                for gap in gaps {
+                    let mut values = base.clone();
+                    values[azimuth] = angle;
+                    values[distance] = entry.clamped(distance, reach + gap);
+                    found.push(values);
+                }
+            }
+        }
+        _ => {
+            let shape = |name: &str| place(name).map(|i| (i, entry.declaration.parameters[i]));
+            for (i, p) in ["length_m", "frequency_hz"].iter().filter_map(|name| shape(name)) {
+                if !all {
+                    continue;
+                }
+                let ratio = p.plausible_high / p.plausible_low;
+                for step in 0..5 {
+                    let mut values = base.clone();
+                    values[i] = p.plausible_low * libm::pow(ratio, (f64::from(step) + 0.5) / 5.0);
+                    found.push(values);
+                }
+            }
+        }
     }
+    found
 }
 
-/// Every combination of the grids.
-fn combinations(grids: &[(usize, Vec<f64>)], base: &[f64]) -> Vec<Vec<f64>> {
-    let mut all = vec![base.to_vec()];
-    for (place, values) in grids {
-        all = all
-            .iter()
-            .flat_map(|one| {
-                values.iter().map(move |&value| {
-                    let mut next = one.clone();
-                    next[*place] = value;
-                    next
-                })
-            })
-            .collect();
-    }
-    all
+/// Largest normal score of the force and torque channels with the mean of the clutter.
+fn searched(problem: &Problem, posterior: &Posterior) -> bool {
+    problem.logs.iter().enumerate().any(|(l, log)| {
+        let fits = channel_fits(&log.predictor, &fitted_residual(problem, l, &posterior.mean));
+        (F..KV)
+            .chain(M..KA)
+            .any(|c| fits[c].is_some_and(|fit| fit.score() > SEARCHED_SCORE))
+    })
 }
 
 /// Trial columns with their evidence.
@@ -189,6 +231,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
     let Some(present) = bases(problem, &[]) else {
         return trials;
     };
+    let all = searched(problem, posterior);
     let free = |c: usize| problem.active.iter().all(|a| a.candidate != c);
     for candidate in (0..problem.library.candidates.len()).filter(|&c| free(c)) {
         let entry = &problem.library.candidates[candidate];
@@ -196,22 +239,10 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
         if size_places(problem, candidate).is_empty() {
             continue;
         }
-        let grids: Vec<(usize, Vec<f64>)> = declaration
-            .parameters
-            .iter()
-            .enumerate()
-            .filter(|(i, p)| p.kind == ParameterKind::Shape && entry.columns[*i].is_some())
-            .map(|(i, p)| (i, grid(p.name, p.plausible_low, p.plausible_high, p.typical)))
-            .collect();
         let variants: Vec<(Vec<f64>, f64)> = if declaration.id == "command-delay" {
             [0.5, 1.0, 1.5].iter().map(|&step| (entry.neutral(), step)).collect()
-        } else if grids.iter().any(|(_, values)| values.len() > 1) {
-            combinations(&grids, &entry.neutral())
-                .into_iter()
-                .map(|v| (v, 0.1))
-                .collect()
         } else {
-            Vec::new()
+            shapes(problem, candidate, all).into_iter().map(|v| (v, 0.1)).collect()
         };
         let mut best: Option<Trial> = None;
         let mut worst: f64 = 0.0;
@@ -239,7 +270,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
                 });
             }
         }
-        if declaration.id != "command-delay" && worst > 0.0 {
+        if matches!(declaration.id, "ceiling-effect" | "wall-effect") && worst > 0.0 {
             trials.worst_minimum.push((candidate, worst));
         }
         trials.starts.extend(best);
