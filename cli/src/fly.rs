@@ -4,6 +4,8 @@ use crate::output;
 use crate::supervise::{self, Part};
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rotortwin_bridge::address::{AnyLine, BoardAddress};
+use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
 use rotortwin_campaign::pace::Pace;
 use rotortwin_plant::Scenario;
 use rotortwin_process::{AnyEndpoint, LinkAddress, Supervisor};
@@ -75,9 +77,28 @@ pub(crate) struct Args {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub(crate) models: PathBuf,
+    /// A flight board stands where controller and FDI engine stand: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
+    /// virtual[:KEY=NUMBER,...]
+    #[arg(long, value_name = "BOARD", conflicts_with_all = ["link", "listen", "connect", "domain", "external", "fdi_window"])]
+    pub(crate) controller: Option<BoardAddress>,
+    /// With --controller: where the FDI engine runs
+    #[arg(long, value_enum, default_value_t = FdiPlace::Board, requires = "controller")]
+    pub(crate) fdi: FdiPlace,
+    /// With --controller: compare every bit of the board with the host, and say where they part first
+    #[arg(long, requires = "controller")]
+    pub(crate) compare: bool,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Where the FDI engine of a run with a board is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FdiPlace {
+    /// On the board
+    Board,
+    /// In this process
+    Host,
 }
 
 /// Takes a whole number of a range, and says which one it expected otherwise.
@@ -154,6 +175,16 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     if let Err(error) = rotortwin_plant::Simulation::new(&scenario, seed) {
         return output::bad_input(error);
     }
+    // Before anything is written.
+    let board_line = match args
+        .controller
+        .as_ref()
+        .map(|address| address.open().map(|line| (address, line)))
+    {
+        Some(Err(sentence)) => return output::bad_input(sentence),
+        Some(Ok(opened)) => Some(opened),
+        None => None,
+    };
     let (address, folder) =
         match settle(args).and_then(|address| Ok((address, run_folder(args, scenario.name(), seed)?))) {
             Ok(settled) => settled,
@@ -166,13 +197,21 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
         seed,
-        link_name: link_name(args.link).to_owned(),
+        link_name: match &args.controller {
+            Some(board) => format!("board {board}"),
+            None => link_name(args.link).to_owned(),
+        },
         pace: args.pace.into(),
         run_id: new_run_id(),
     };
-    let result = match address {
-        None => fly_here(&scenario, &config, &folder, &screen),
-        Some(address) => fly_in_processes(args, &scenario, &config, &address, &folder, &screen),
+    let mut board = None;
+    let result = match (address, board_line) {
+        (_, Some(opened)) => fly_board(args, opened, &scenario, &config, &folder, &screen).map(|(summary, report)| {
+            board = Some(report);
+            summary
+        }),
+        (None, None) => fly_here(&scenario, &config, &folder, &screen),
+        (Some(address), None) => fly_in_processes(args, &scenario, &config, &address, &folder, &screen),
     };
     screen.close();
     match result {
@@ -181,6 +220,12 @@ pub(crate) fn run(args: &Args) -> ExitCode {
                 print!("{}", summary.to_json());
             } else {
                 print!("{}", output::summary_text(&summary, Some(folder.path())));
+            }
+            if let Some(report) = board {
+                eprint!("{}", crate::board::session_text(&report, args.controller.as_ref()));
+                if let Some(difference) = &report.difference {
+                    return output::failed(difference);
+                }
             }
             output::exit_code(&summary)
         }
@@ -258,6 +303,9 @@ fn link_name(link: LinkKind) -> &'static str {
 
 /// Where the processes meet; `None`: there is only this one.
 fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
+    if args.controller.is_some() {
+        return Ok(None);
+    }
     let endpoint_given = args.listen.is_some() || args.connect.is_some();
     if args.link != LinkKind::Zenoh && endpoint_given {
         return Err(format!(
@@ -348,6 +396,39 @@ fn fly_here(
         &mut stop,
     )
     .map_err(|error| error.to_string())
+}
+
+/// The flight in this process, with a board in the place of controller and FDI engine.
+fn fly_board(
+    args: &Args,
+    (address, line): (&BoardAddress, AnyLine),
+    scenario: &Scenario,
+    config: &SessionConfig,
+    folder: &RunFolder,
+    screen: &Screen,
+) -> Result<(Summary, SessionReport), String> {
+    let supervisor = Supervisor::watch(false).map_err(|error| format!("Ctrl-C cannot be handled: {error}"))?;
+    let mut options = SessionOptions {
+        join: Duration::from_millis(args.join_timeout.unwrap_or(10_000)),
+        step: Duration::from_millis(args.step_timeout),
+        compare: args.compare,
+        ..SessionOptions::default()
+    };
+    options.board.fdi = args.fdi == FdiPlace::Board;
+    // A slow line carries the four numbers behind the residuals; the bits are the same.
+    options.board.residuals = address.baud().is_none();
+    let mut link = BoardLink::new(line, &address.to_string(), options);
+    let mut stop = || session::stop_reason(&supervisor);
+    let summary = session::fly(
+        scenario,
+        config,
+        &mut link,
+        folder,
+        &mut |event| screen.show(&event),
+        &mut stop,
+    )
+    .map_err(|error| error.to_string())?;
+    Ok((summary, link.report()))
 }
 
 /// The flight in three processes; this one watches.

@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 the run failed, 2 bad input (nothing was written).
 
 mod blind;
+mod board;
 mod campaign;
 mod compare;
 mod diagnose;
@@ -60,6 +61,8 @@ enum Command {
     Fit(fit::Args),
     /// Blind bench of the diagnosis: logs with hidden effects from a foreign simulator, and the score sheet
     Blind(Box<blind::Args>),
+    /// Flight boards: list, info, doctor, measure (Table 11)
+    Board(board::Args),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -91,6 +94,7 @@ pub fn run() -> ExitCode {
         Command::Campaign(args) => campaign::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Blind(args) => blind::run(&args),
+        Command::Board(args) => board::run(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 mod bench;
 mod check;
 mod codegen;
+mod elf;
+mod firmware;
 mod peers;
 mod thumb;
 
@@ -13,7 +15,8 @@ const USAGE: &str = "usage: cargo xtask TASK
 
   check             what the gate asks of the tree: format, lints, generated code, house rules, no_std build
   codegen [--check] Rust code from proto/ (--check: only say whether it is up to date)
-  thumb             build flight-core for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
+  thumb             build flight-core and board for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
+  firmware          build the programs of the boards, print their sizes, search their steps for panics
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
   detector WHAT [SCENARIO] [key=value …]
                     the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)
@@ -42,6 +45,7 @@ fn run_task() -> Result<()> {
         ["check"] => check::run(&root),
         ["codegen"] => codegen::write(&root),
         ["codegen", "--check"] => codegen::check(&root),
+        ["firmware"] => firmware::run(&root),
         ["thumb"] => thumb::run(&root),
         ["seeds"] => seeds(&root, "config/scenarios/reference-flight.toml"),
         ["seeds", scenario] => seeds(&root, scenario),

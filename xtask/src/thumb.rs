@@ -7,8 +7,8 @@ use std::process::Command;
 /// Target of the STM32H743 (Cortex-M7 with FPU).
 const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// Finds or installs a toolchain for the target, then builds.
-pub(crate) fn run(root: &Path) -> Result<()> {
+/// Finds or installs a toolchain for the target: the argument that cargo needs, or nothing.
+pub(crate) fn toolchain(root: &Path) -> Result<String> {
     let output = Command::new("tools/thumb-toolchain.sh")
         .current_dir(root)
         .stderr(std::process::Stdio::inherit())
@@ -17,30 +17,33 @@ pub(crate) fn run(root: &Path) -> Result<()> {
     if !output.status.success() {
         bail!("no toolchain for {TARGET}; the sentence above says why");
     }
-    let toolchain = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+/// Cargo of that toolchain.
+pub(crate) fn cargo(toolchain: &str) -> Command {
     let mut command = Command::new("cargo");
     if !toolchain.is_empty() {
-        command.arg(toolchain);
-    }
-    crate::run(
-        "no_std build of flight-core for the Cortex-M7",
+        // Debian's compiler brings no linker of its own.
         command
+            .arg(toolchain)
+            .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld-22");
+    }
+    // The variables of the cargo that runs this task would override the chosen toolchain.
+    command.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env_remove("RUSTC");
+    command
+}
+
+/// Builds `flight-core` and `board` for the target.
+pub(crate) fn run(root: &Path) -> Result<()> {
+    let toolchain = toolchain(root)?;
+    crate::run(
+        "no_std build of flight-core and board for the Cortex-M7",
+        cargo(&toolchain)
             .current_dir(root)
-            // The variables of the cargo that runs this task would override the chosen toolchain.
-            .env_remove("RUSTUP_TOOLCHAIN")
-            .env_remove("CARGO")
-            .env_remove("RUSTC")
             .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS", "-Ctarget-cpu=cortex-m7")
-            .args([
-                "build",
-                "--quiet",
-                "--release",
-                "--locked",
-                "--package",
-                "rotortwin-flight-core",
-                "--target",
-                TARGET,
-            ])
-            .args(["--target-dir", "target/thumb"]),
+            .args(["build", "--quiet", "--release", "--locked"])
+            .args(["--package", "rotortwin-flight-core", "--package", "rotortwin-board"])
+            .args(["--target", TARGET, "--target-dir", "target/thumb"]),
     )
 }

@@ -196,10 +196,37 @@ pub struct FdiOutput {
     pub rejected_samples: u32,
 }
 
+/// Which detectors run; what one says does not depend on the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Detectors {
+    /// T-test (§5.3).
+    pub t_test: bool,
+    /// Network (§5.2), if there are weights.
+    pub network: bool,
+    /// Sequential detector.
+    pub sequential: bool,
+}
+
+impl Detectors {
+    /// All three.
+    pub const ALL: Self = Self {
+        t_test: true,
+        network: true,
+        sequential: true,
+    };
+    /// Residual generators only.
+    pub const NONE: Self = Self {
+        t_test: false,
+        network: false,
+        sequential: false,
+    };
+}
+
 /// Residual generators and the three detectors.
 #[derive(Clone, Copy, Debug)]
 pub struct FdiEngine {
     config: FdiConfig,
+    detectors: Detectors,
     body: RigidBody,
     nominal: NominalWrench,
     observer: WrenchObserver,
@@ -309,6 +336,7 @@ impl FdiEngine {
                 config.window_len,
             ),
             block_end,
+            detectors: Detectors::ALL,
             output: FdiOutput {
                 residuals: Residuals::default(),
                 wrench_residual: [0.0; 4],
@@ -323,6 +351,14 @@ impl FdiEngine {
             },
             config,
         })
+    }
+
+    /// The same engine, in which only these detectors run; the verdict of another stays [`FaultVerdict::NotReady`]. For boards, where
+    /// time is short; flights side by side ([`lanes`]) ask for all.
+    #[must_use]
+    pub const fn with_detectors(mut self, detectors: Detectors) -> Self {
+        self.detectors = detectors;
+        self
     }
 
     /// The configuration in use.
@@ -354,7 +390,9 @@ impl FdiEngine {
         let calibrated = self.baseline.mean().is_some();
         self.baseline.push(&residual);
         self.window.push(&residual);
-        self.sequential.step(&body, &static_wrench, &thrust);
+        if self.detectors.sequential {
+            self.sequential.step(&body, &static_wrench, &thrust);
+        }
         self.close(calibrated);
         self.output
     }
@@ -366,16 +404,16 @@ impl FdiEngine {
     fn close(&mut self, calibrated: bool) {
         let geometry = &self.config.geometry;
         let count = self.window.count() as u16;
-        if self.block_end.contains(&count) {
+        if self.detectors.sequential && self.block_end.contains(&count) {
             self.sequential.close_block();
         }
         if count >= self.config.window_len {
             self.output.window_end = true;
             let calibrated = self.baseline.mean().filter(|_| calibrated);
-            if let Some(mean) = calibrated {
+            if let Some(mean) = calibrated.filter(|_| self.detectors.t_test) {
                 self.output.t_test = self.t_test.evaluate(geometry, &self.window, &mean);
             }
-            if let Some(network) = &self.config.network {
+            if let Some(network) = self.config.network.as_ref().filter(|_| self.detectors.network) {
                 let mut mean = self.window.mean();
                 let offset = if network.self_calibrated() {
                     calibrated
@@ -389,12 +427,14 @@ impl FdiEngine {
                     self.output.network = network.evaluate(&Residuals::from_wrench(geometry, &mean));
                 }
             }
-            self.sequential.decide();
-            let decision = self.sequential.decision();
-            self.output.sequential = decision.verdict;
-            self.output.sequential_probability = decision.probability;
-            self.output.thrust_loss = decision.thrust_loss;
-            self.output.suspects = decision.suspects;
+            if self.detectors.sequential {
+                self.sequential.decide();
+                let decision = self.sequential.decision();
+                self.output.sequential = decision.verdict;
+                self.output.sequential_probability = decision.probability;
+                self.output.thrust_loss = decision.thrust_loss;
+                self.output.suspects = decision.suspects;
+            }
             self.window.clear();
         }
     }

@@ -1,0 +1,308 @@
+//! Frames on a serial line.
+//!
+//! ```text
+//!  COBS( version, kind, sequence (2, little-endian), payload (0 to 512), CRC-32 (4, little-endian) ) 0x00
+//! ```
+//! COBS (consistent overhead byte stuffing) leaves no zero in a frame, so that a zero always ends one: whatever was lost, added or
+//! changed on the way, the receiver is in step again at the next zero. CRC-32 is the usual one (IEEE 802.3): all errors of up to 32
+//! bits in a row are seen, others but for one in 4·10⁹.
+//!
+//! A frame costs [`overhead`] bytes beyond its payload.
+
+use crate::PROTOCOL_VERSION;
+
+/// Longest payload.
+pub const MAX_PAYLOAD: usize = 512;
+const HEADER: usize = 4;
+const CRC: usize = 4;
+const MAX_FRAME: usize = HEADER + MAX_PAYLOAD + CRC;
+/// Longest frame on the line, the zero included.
+pub const MAX_ENCODED: usize = MAX_FRAME + MAX_FRAME / 254 + 2;
+
+/// Bytes on the line beyond a payload of this length.
+pub const fn overhead(payload: usize) -> usize {
+    let frame = HEADER + payload + CRC;
+    HEADER + CRC + frame / 254 + 2
+}
+
+/// CRC-32 of IEEE 802.3 for all values of a byte.
+const CRC_TABLE: [u32; 256] = {
+    let mut table = [0; 256];
+    let mut i = 0;
+    while i < 256 {
+        let mut crc = i as u32;
+        let mut bit = 0;
+        while bit < 8 {
+            crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
+            bit += 1;
+        }
+        table[i] = crc;
+        i += 1;
+    }
+    table
+};
+
+/// CRC-32 of IEEE 802.3.
+pub fn crc32(bytes: &[u8]) -> u32 {
+    !bytes
+        .iter()
+        .fold(!0, |crc, byte| CRC_TABLE[usize::from(crc as u8 ^ byte)] ^ crc >> 8)
+}
+
+/// What a frame says of itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// Protocol version of the sender.
+    pub version: u8,
+    /// See [`crate::message::kind`].
+    pub kind: u8,
+    /// Number of the request; its answer bears the same.
+    pub sequence: u16,
+}
+
+/// Writes a frame of this program's version; the part of `out` that holds it.
+///
+/// A payload longer than [`MAX_PAYLOAD`] is cut: no message is so long.
+pub fn encode(kind: u8, sequence: u16, payload: &[u8], out: &mut [u8; MAX_ENCODED]) -> usize {
+    encode_header(
+        Header {
+            version: PROTOCOL_VERSION,
+            kind,
+            sequence,
+        },
+        payload,
+        out,
+    )
+}
+
+/// [`encode`] with any version.
+pub fn encode_header(header: Header, payload: &[u8], out: &mut [u8; MAX_ENCODED]) -> usize {
+    let mut frame = [0; MAX_FRAME];
+    let payload = &payload[..payload.len().min(MAX_PAYLOAD)];
+    let end = HEADER + payload.len();
+    let sequence = header.sequence.to_le_bytes();
+    frame[..HEADER].copy_from_slice(&[header.version, header.kind, sequence[0], sequence[1]]);
+    frame[HEADER..end].copy_from_slice(payload);
+    let crc = crc32(&frame[..end]).to_le_bytes();
+    frame[end..end + CRC].copy_from_slice(&crc);
+
+    let mut mark = 0;
+    let mut at = 1;
+    let mut distance = 1u8;
+    for byte in &frame[..end + CRC] {
+        if *byte != 0 {
+            out[at] = *byte;
+            at += 1;
+            distance += 1;
+        }
+        if *byte == 0 || distance == 0xFF {
+            out[mark] = distance;
+            mark = at;
+            at += 1;
+            distance = 1;
+        }
+    }
+    out[mark] = distance;
+    out[at] = 0;
+    at + 1
+}
+
+/// What a receiver has seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LineStatistics {
+    /// Good frames.
+    pub frames: u32,
+    /// Frames whose CRC-32 did not fit.
+    pub crc_errors: u32,
+    /// Pieces between two zeros that are no frame: too short, too long, or not COBS.
+    pub garbage: u32,
+}
+
+/// Finds frames in a stream of bytes.
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    buffer: [u8; MAX_ENCODED],
+    length: usize,
+    too_long: bool,
+    statistics: LineStatistics,
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self {
+            buffer: [0; MAX_ENCODED],
+            length: 0,
+            too_long: false,
+            statistics: LineStatistics::default(),
+        }
+    }
+}
+
+impl Decoder {
+    /// Frames and errors so far.
+    pub fn statistics(&self) -> LineStatistics {
+        self.statistics
+    }
+
+    /// Forgets the beginning of a frame, as after the line was lost.
+    pub fn reset(&mut self) {
+        self.length = 0;
+        self.too_long = false;
+    }
+
+    /// Takes in one byte; a frame when it is complete and good, of whatever version.
+    pub fn push(&mut self, byte: u8) -> Option<(Header, &[u8])> {
+        if byte != 0 {
+            match self.buffer.get_mut(self.length) {
+                Some(place) => {
+                    *place = byte;
+                    self.length += 1;
+                }
+                None => self.too_long = true,
+            }
+            return None;
+        }
+        let length = core::mem::take(&mut self.length);
+        if core::mem::take(&mut self.too_long) {
+            self.statistics.garbage += 1;
+            return None;
+        }
+        if length == 0 {
+            // Two zeros in a row say nothing.
+            return None;
+        }
+        let Some(length) = unstuff(&mut self.buffer[..length]).filter(|length| *length >= HEADER + CRC) else {
+            self.statistics.garbage = self.statistics.garbage.wrapping_add(1);
+            return None;
+        };
+        let (content, crc) = self.buffer[..length].split_at(length - CRC);
+        if crc != crc32(content).to_le_bytes() {
+            self.statistics.crc_errors = self.statistics.crc_errors.wrapping_add(1);
+            return None;
+        }
+        self.statistics.frames = self.statistics.frames.wrapping_add(1);
+        let [version, kind, low, high, payload @ ..] = content else {
+            return None;
+        };
+        let header = Header {
+            version: *version,
+            kind: *kind,
+            sequence: u16::from_le_bytes([*low, *high]),
+        };
+        Some((header, payload))
+    }
+}
+
+/// Takes the stuffing out in place; the length that remains, or `None` if it is not COBS.
+fn unstuff(bytes: &mut [u8]) -> Option<usize> {
+    let mut read = 0;
+    let mut write = 0;
+    while read < bytes.len() {
+        let distance = usize::from(bytes[read]);
+        let end = read + distance;
+        if distance == 0 || end > bytes.len() {
+            return None;
+        }
+        bytes.copy_within(read + 1..end, write);
+        write += distance - 1;
+        read = end;
+        if distance < 0xFF && read < bytes.len() {
+            bytes[write] = 0;
+            write += 1;
+        }
+    }
+    Some(write)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    fn encoded(kind: u8, sequence: u16, payload: &[u8]) -> Vec<u8> {
+        let mut out = [0; MAX_ENCODED];
+        let length = encode(kind, sequence, payload, &mut out);
+        out[..length].to_vec()
+    }
+
+    fn decoded(bytes: &[u8]) -> Vec<(Header, Vec<u8>)> {
+        let mut decoder = Decoder::default();
+        bytes
+            .iter()
+            .filter_map(|byte| decoder.push(*byte).map(|(header, payload)| (header, payload.to_vec())))
+            .collect()
+    }
+
+    #[test]
+    fn val_crc32_of_the_check_string() {
+        // The check value of the catalogue of CRCs (CRC-32/ISO-HDLC).
+        assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
+    }
+
+    #[test]
+    fn val_cobs_by_hand() {
+        // The CRC follows; up to it this is the example of Cheshire and Baker: 11 22 00 33.
+        let mut out = [0; MAX_ENCODED];
+        let header = Header {
+            version: 0x11,
+            kind: 0x22,
+            sequence: 0x3300,
+        };
+        encode_header(header, &[], &mut out);
+        assert_eq!(out[..4], [0x03, 0x11, 0x22, 0x06]);
+        assert_eq!(out[4], 0x33);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn prop_round_trip(kind: u8, sequence: u16, payload in proptest::collection::vec(any::<u8>(), 0..=MAX_PAYLOAD)) {
+            let bytes = encoded(kind, sequence, &payload);
+            prop_assert!(bytes.len() <= payload.len() + overhead(payload.len()));
+            prop_assert_eq!(bytes.iter().filter(|b| **b == 0).count(), 1);
+            let header = Header { version: PROTOCOL_VERSION, kind, sequence };
+            prop_assert_eq!(decoded(&bytes), [(header, payload)]);
+        }
+
+        #[test]
+        fn prop_payload_without_zeros_round_trips(length in 200usize..=MAX_PAYLOAD, byte in 1u8..) {
+            let payload = std::vec![byte; length];
+            let found = decoded(&encoded(5, 0x0101, &payload));
+            prop_assert_eq!(&found[0].1, &payload);
+        }
+
+        #[test]
+        fn prop_any_bytes_leave_the_decoder_able_to_find_the_next_frame(
+            garbage in proptest::collection::vec(any::<u8>(), 0..2000),
+            payload in proptest::collection::vec(any::<u8>(), 0..100),
+        ) {
+            let mut bytes = garbage;
+            bytes.push(0);
+            bytes.extend(encoded(3, 7, &payload));
+            let found = decoded(&bytes);
+            prop_assert_eq!(&found[found.len() - 1].1, &payload);
+        }
+
+        #[test]
+        fn prop_a_changed_or_missing_byte_never_gives_a_wrong_frame(
+            payload in proptest::collection::vec(any::<u8>(), 0..100), place: prop::sample::Index, change in 1u8.., remove: bool,
+        ) {
+            let mut bytes = encoded(3, 7, &payload);
+            let place = place.index(bytes.len());
+            if remove { bytes.remove(place); } else { bytes[place] ^= change; }
+            bytes.push(0);
+            for (header, found) in decoded(&bytes) {
+                // The same frame again is what a lost closing zero leaves: the next zero closes it.
+                prop_assert_eq!((header.kind, header.sequence, &found), (3, 7, &payload));
+            }
+        }
+    }
+
+    #[test]
+    fn val_longest_payload_fits() {
+        let bytes = encoded(1, 1, &[1; MAX_PAYLOAD]);
+        assert!(bytes.len() <= MAX_ENCODED);
+    }
+}

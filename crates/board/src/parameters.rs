@@ -1,0 +1,726 @@
+//! Parameters of a run, as they are downloaded: the messages `ControllerSetup` and `FdiSetup` of `proto/rotortwin/v1/setup.proto`,
+//! read where there is no allocation.
+//!
+//! ```text
+//!  length of the first (4, little-endian) │ ControllerSetup (protobuf) │ FdiSetup (protobuf)
+//! ```
+//! Only what these two messages need of protobuf is here. Unknown fields are skipped, as protobuf asks; whatever is missing or wrong
+//! is refused with its name. Whether the numbers make a vehicle that flies is for `flight-core` to say.
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::control::{ControllerConfig, ControllerConfigError, PidGains, ThrustToDuty};
+use rotortwin_flight_core::fdi::{
+    FdiConfig, FdiConfigError, Network, NetworkError, NetworkWeights, NominalThrust, SequentialConfig, TTestConfig,
+};
+use rotortwin_flight_core::frames::Vec3;
+use rotortwin_flight_core::geometry::{Geometry, GeometryError, Rotor, Spin};
+use rotortwin_flight_core::thrust_map::{ThrustMap, ThrustMapError};
+
+/// Longest download: 16 rotors with a network take about 15 kB.
+pub const MAX_LENGTH: usize = 16 * 1024;
+
+/// Features of a network of 16 rotors.
+const MAX_FEATURES: usize = 3 * MAX_ROTORS;
+const MAX_CLASSES: usize = MAX_ROTORS + 1;
+
+/// What is wrong with parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ParameterError {
+    /// The bytes end within a message, or are no protobuf.
+    Damaged,
+    /// Not there.
+    Missing(&'static str),
+    /// Another number of entries than expected.
+    Length {
+        /// Which.
+        field: &'static str,
+        /// As many as this, or at most as many.
+        expected: usize,
+    },
+    /// Outside of what is allowed.
+    Value(&'static str),
+    /// A parameter of the sequential detector that this program does not know.
+    Unknown,
+    /// Of the rotors.
+    Geometry(GeometryError),
+    /// Of Eq. 19.
+    ThrustMap(ThrustMapError),
+    /// Of the classifier.
+    Network(NetworkError),
+    /// Of the controller.
+    Controller(ControllerConfigError),
+    /// Of the FDI engine.
+    Fdi(FdiConfigError),
+}
+
+impl core::fmt::Display for ParameterError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Damaged => out.write_str("the parameters are no protobuf message"),
+            Self::Missing(field) => write!(out, "{field} is missing"),
+            Self::Length { field, expected } => write!(out, "{field} must have {expected} entries"),
+            Self::Value(field) => write!(out, "{field} is outside of its range"),
+            Self::Unknown => out.write_str("FdiSetup.sequential has a parameter that this board does not know"),
+            Self::Geometry(error) => error.fmt(out),
+            Self::ThrustMap(error) => error.fmt(out),
+            Self::Network(error) => error.fmt(out),
+            Self::Controller(error) => error.fmt(out),
+            Self::Fdi(error) => error.fmt(out),
+        }
+    }
+}
+
+type Parsed<T> = Result<T, ParameterError>;
+
+/// One field of a protobuf message.
+#[derive(Clone, Copy)]
+enum Value<'a> {
+    Varint(u64),
+    Fixed64([u8; 8]),
+    Fixed32([u8; 4]),
+    Bytes(&'a [u8]),
+}
+
+impl<'a> Value<'a> {
+    fn f32(self) -> Parsed<f32> {
+        match self {
+            Self::Fixed32(bytes) => Ok(f32::from_le_bytes(bytes)),
+            _ => Err(ParameterError::Damaged),
+        }
+    }
+    fn f64(self) -> Parsed<f64> {
+        match self {
+            Self::Fixed64(bytes) => Ok(f64::from_le_bytes(bytes)),
+            _ => Err(ParameterError::Damaged),
+        }
+    }
+    fn varint(self) -> Parsed<u64> {
+        match self {
+            Self::Varint(value) => Ok(value),
+            _ => Err(ParameterError::Damaged),
+        }
+    }
+    fn message(self) -> Parsed<Fields<'a>> {
+        match self {
+            Self::Bytes(bytes) => Ok(Fields(bytes)),
+            _ => Err(ParameterError::Damaged),
+        }
+    }
+}
+
+/// The fields of a message, in the order in which they came.
+#[derive(Clone, Copy)]
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn take(&mut self, length: usize) -> Parsed<&'a [u8]> {
+        let (head, rest) = self.0.split_at_checked(length).ok_or(ParameterError::Damaged)?;
+        self.0 = rest;
+        Ok(head)
+    }
+
+    fn array<const N: usize>(&mut self) -> Parsed<[u8; N]> {
+        self.take(N)?.try_into().map_err(|_length| ParameterError::Damaged)
+    }
+
+    fn varint(&mut self) -> Parsed<u64> {
+        let mut value = 0;
+        for shift in (0..64).step_by(7) {
+            let [byte] = self.array()?;
+            value |= u64::from(byte & 0x7F) << shift;
+            if byte < 0x80 {
+                return Ok(value);
+            }
+        }
+        Err(ParameterError::Damaged)
+    }
+
+    fn next(&mut self) -> Parsed<Option<(u64, Value<'a>)>> {
+        if self.0.is_empty() {
+            return Ok(None);
+        }
+        let key = self.varint()?;
+        let value = match key & 7 {
+            0 => Value::Varint(self.varint()?),
+            1 => Value::Fixed64(self.array()?),
+            2 => {
+                let length = usize::try_from(self.varint()?).map_err(|_too_long| ParameterError::Damaged)?;
+                Value::Bytes(self.take(length)?)
+            }
+            5 => Value::Fixed32(self.array()?),
+            _ => return Err(ParameterError::Damaged),
+        };
+        Ok(Some((key >> 3, value)))
+    }
+}
+
+/// A repeated field of numbers, packed or not.
+struct Floats<const N: usize> {
+    values: [f32; N],
+    count: usize,
+    field: &'static str,
+}
+
+impl<const N: usize> Floats<N> {
+    const fn new(field: &'static str) -> Self {
+        Self {
+            values: [0.0; N],
+            count: 0,
+            field,
+        }
+    }
+
+    fn push(&mut self, value: f32) -> Parsed<()> {
+        let place = self.values.get_mut(self.count).ok_or(ParameterError::Length {
+            field: self.field,
+            expected: N,
+        })?;
+        *place = value;
+        self.count += 1;
+        Ok(())
+    }
+
+    fn extend(&mut self, value: Value<'_>) -> Parsed<()> {
+        match value {
+            Value::Bytes(bytes) => {
+                let (numbers, rest) = bytes.as_chunks::<4>();
+                if !rest.is_empty() {
+                    return Err(ParameterError::Damaged);
+                }
+                numbers
+                    .iter()
+                    .try_for_each(|number| self.push(f32::from_le_bytes(*number)))
+            }
+            other => self.push(other.f32()?),
+        }
+    }
+
+    fn all(&self) -> Parsed<[f32; N]> {
+        if self.count == N {
+            Ok(self.values)
+        } else {
+            Err(ParameterError::Length {
+                field: self.field,
+                expected: N,
+            })
+        }
+    }
+
+    fn some(&self) -> &[f32] {
+        &self.values[..self.count.min(N)]
+    }
+}
+
+fn rotor(mut fields: Fields<'_>) -> Parsed<Rotor> {
+    let mut position = [0.0; 3];
+    let mut spin = None;
+    let mut moment_ratio = 0.0;
+    while let Some((number, value)) = fields.next()? {
+        match number {
+            1 => {
+                let mut vector = value.message()?;
+                while let Some((number, value)) = vector.next()? {
+                    if let 1..=3 = number {
+                        position[number as usize - 1] = value.f32()?;
+                    }
+                }
+            }
+            2 => {
+                spin = match value.varint()? {
+                    // Zig-zag: 2 is +1, 1 is −1.
+                    2 => Some(Spin::Ccw),
+                    1 => Some(Spin::Cw),
+                    _ => None,
+                };
+            }
+            3 => moment_ratio = value.f32()?,
+            _ => {}
+        }
+    }
+    Ok(Rotor {
+        position_body: Vec3::from_array(position),
+        spin: spin.ok_or(ParameterError::Value("rotors.spin"))?,
+        moment_ratio,
+    })
+}
+
+/// Rotors as they come.
+#[derive(Default)]
+struct Rotors {
+    list: [Option<Rotor>; MAX_ROTORS],
+    count: usize,
+}
+
+impl Rotors {
+    fn push(&mut self, fields: Fields<'_>) -> Parsed<()> {
+        let place = self.list.get_mut(self.count).ok_or(ParameterError::Length {
+            field: "rotors",
+            expected: MAX_ROTORS,
+        })?;
+        *place = Some(rotor(fields)?);
+        self.count += 1;
+        Ok(())
+    }
+
+    fn geometry(&self) -> Parsed<Geometry> {
+        let filler = self.list[0].ok_or(ParameterError::Missing("rotors"))?;
+        let rotors = self.list.map(|rotor| rotor.unwrap_or(filler));
+        Geometry::new(&rotors[..self.count]).map_err(ParameterError::Geometry)
+    }
+}
+
+struct Body {
+    mass: f32,
+    inertia: [f32; 3],
+    gravity: f32,
+    linear_drag: f32,
+    angular_drag: f32,
+}
+
+fn body(mut fields: Fields<'_>) -> Parsed<Body> {
+    let mut inertia = Floats::<3>::new("body.inertia_body_kg_m2");
+    let (mut mass, mut gravity, mut linear_drag, mut angular_drag) = (0.0, 0.0, 0.0, 0.0);
+    while let Some((number, value)) = fields.next()? {
+        match number {
+            1 => mass = value.f32()?,
+            2 => inertia.extend(value)?,
+            3 => gravity = value.f32()?,
+            4 => linear_drag = value.f32()?,
+            5 => angular_drag = value.f32()?,
+            _ => {}
+        }
+    }
+    Ok(Body {
+        mass,
+        inertia: inertia.all()?,
+        gravity,
+        linear_drag,
+        angular_drag,
+    })
+}
+
+fn thrust_map(mut fields: Fields<'_>) -> Parsed<ThrustMap> {
+    let mut coef = Floats::<4>::new("thrust_map.coef");
+    let mut offset = 0.0;
+    while let Some((number, value)) = fields.next()? {
+        match number {
+            1 => coef.extend(value)?,
+            2 => offset = value.f32()?,
+            _ => {}
+        }
+    }
+    ThrustMap::new(coef.all()?, offset).map_err(ParameterError::ThrustMap)
+}
+
+/// Three sets of gains, one a field.
+struct Gains {
+    list: [PidGains; 3],
+    count: usize,
+}
+
+impl Gains {
+    const NONE: Self = Self {
+        list: [PidGains {
+            proportional: 0.0,
+            integral: 0.0,
+            derivative: 0.0,
+        }; 3],
+        count: 0,
+    };
+
+    fn push(&mut self, mut fields: Fields<'_>, field: &'static str) -> Parsed<()> {
+        let gains = self
+            .list
+            .get_mut(self.count)
+            .ok_or(ParameterError::Length { field, expected: 3 })?;
+        self.count += 1;
+        while let Some((number, value)) = fields.next()? {
+            match number {
+                1 => gains.proportional = value.f32()?,
+                2 => gains.integral = value.f32()?,
+                3 => gains.derivative = value.f32()?,
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn all(self, field: &'static str) -> Parsed<[PidGains; 3]> {
+        if self.count == 3 {
+            Ok(self.list)
+        } else {
+            Err(ParameterError::Length { field, expected: 3 })
+        }
+    }
+}
+
+/// Where the vertical integrator starts: duty (fraction) and battery voltage (V).
+pub type Trim = Option<(f32, f32)>;
+
+/// Reads a `ControllerSetup`.
+pub fn controller(message: &[u8]) -> Parsed<(ControllerConfig, Trim)> {
+    let mut fields = Fields(message);
+    let mut rotors = Rotors::default();
+    let mut rigid_body = None;
+    let (mut position_gains, mut attitude_gains) = (Gains::NONE, Gains::NONE);
+    let mut thrust_to_duty = None;
+    let (mut period, mut tilt_limit, mut trim_duty, mut trim_voltage) = (0.0, 0.0, 0.0, 0.0);
+    while let Some((number, value)) = fields.next()? {
+        match number {
+            1 => rotors.push(value.message()?)?,
+            2 => rigid_body = Some(body(value.message()?)?),
+            3 => period = value.f32()?,
+            4 => position_gains.push(value.message()?, "position_gains")?,
+            5 => attitude_gains.push(value.message()?, "attitude_gains")?,
+            6 => tilt_limit = value.f32()?,
+            7 => {
+                thrust_to_duty = Some(ThrustToDuty::Linear {
+                    full_thrust: value.f32()?,
+                });
+            }
+            8 => thrust_to_duty = Some(ThrustToDuty::InverseMap(thrust_map(value.message()?)?)),
+            9 => trim_duty = value.f32()?,
+            10 => trim_voltage = value.f32()?,
+            _ => {}
+        }
+    }
+    let rigid_body = rigid_body.ok_or(ParameterError::Missing("ControllerSetup.body"))?;
+    if !(0.0..=1.0).contains(&trim_duty) {
+        return Err(ParameterError::Value("ControllerSetup.trim_duty"));
+    }
+    let config = ControllerConfig {
+        geometry: rotors.geometry()?,
+        mass: rigid_body.mass,
+        inertia_body: rigid_body.inertia,
+        gravity: rigid_body.gravity,
+        period,
+        position_gains: position_gains.all("position_gains")?,
+        attitude_gains: attitude_gains.all("attitude_gains")?,
+        tilt_limit,
+        thrust_to_duty: thrust_to_duty.ok_or(ParameterError::Missing("ControllerSetup.thrust_to_duty"))?,
+    };
+    Ok((config, (trim_duty > 0.0).then_some((trim_duty, trim_voltage))))
+}
+
+/// Reads an `FdiSetup`.
+pub fn fdi(message: &[u8]) -> Parsed<FdiConfig> {
+    let mut fields = Fields(message);
+    let mut rotors = Rotors::default();
+    let (mut rigid_body, mut map, mut nominal, mut t_test) = (None, None, None, None);
+    let (mut classifier, mut sequential) = (None, None);
+    let (mut period, mut observer_gain, mut window_len) = (0.0, 0.0, 0);
+    while let Some((number, value)) = fields.next()? {
+        match number {
+            1 => rotors.push(value.message()?)?,
+            2 => rigid_body = Some(body(value.message()?)?),
+            3 => period = value.f32()?,
+            4 => map = Some(thrust_map(value.message()?)?),
+            5 if value.varint()? == 1 => nominal = Some(NominalThrust::Static),
+            6 => {
+                nominal = Some(NominalThrust::Lagged {
+                    time_constant: value.f32()?,
+                });
+            }
+            7 => {
+                nominal = Some(NominalThrust::Linear {
+                    full_thrust: value.f32()?,
+                });
+            }
+            8 => observer_gain = value.f32()?,
+            9 => window_len = value.varint()?,
+            10 => t_test = Some(t_test_config(value.message()?)?),
+            11 => classifier = Some(value.message()?),
+            12 => sequential = Some(sequential_config(value.message()?)?),
+            _ => {}
+        }
+    }
+    let geometry = rotors.geometry()?;
+    let rigid_body = rigid_body.ok_or(ParameterError::Missing("FdiSetup.body"))?;
+    let window_len = u16::try_from(window_len)
+        .ok()
+        .filter(|length| (2..=1000).contains(length))
+        .ok_or(ParameterError::Value("FdiSetup.window_len"))?;
+    Ok(FdiConfig {
+        geometry,
+        mass: rigid_body.mass,
+        inertia_body: rigid_body.inertia,
+        gravity: rigid_body.gravity,
+        linear_drag: rigid_body.linear_drag,
+        angular_drag: rigid_body.angular_drag,
+        period,
+        thrust_map: map.ok_or(ParameterError::Missing("FdiSetup.thrust_map"))?,
+        nominal_thrust: nominal.ok_or(ParameterError::Missing("FdiSetup.nominal_thrust"))?,
+        observer_gain,
+        window_len,
+        t_test: t_test.ok_or(ParameterError::Missing("FdiSetup.t_test"))?,
+        network: match classifier {
+            Some(fields) => Some(network(fields, geometry.rotor_count())?),
+            None => None,
+        },
+        sequential: sequential.ok_or(ParameterError::Missing("FdiSetup.sequential"))?,
+    })
+}
+
+fn t_test_config(mut fields: Fields<'_>) -> Parsed<TTestConfig> {
+    let mut config = TTestConfig {
+        alpha_detect: 0.0,
+        alpha_isolate: 0.0,
+        baseline_start: 0.0,
+        baseline_end: 0.0,
+    };
+    while let Some((number, value)) = fields.next()? {
+        match number {
+            1 => config.alpha_detect = value.f64()?,
+            2 => config.alpha_isolate = value.f64()?,
+            3 => config.baseline_start = value.f32()?,
+            4 => config.baseline_end = value.f32()?,
+            _ => {}
+        }
+    }
+    Ok(config)
+}
+
+/// The tables of a network take 14 kB of stack while they are sorted into place.
+#[inline(never)]
+fn network(mut fields: Fields<'_>, rotor_count: usize) -> Parsed<Network> {
+    let mut hidden_weight = Floats::<{ MAX_FEATURES * MAX_FEATURES }>::new("network.hidden_weights");
+    let mut hidden_bias = Floats::<MAX_FEATURES>::new("network.hidden_biases");
+    let mut output_weight = Floats::<{ MAX_FEATURES * MAX_CLASSES }>::new("network.output_weights");
+    let mut output_bias = Floats::<MAX_CLASSES>::new("network.output_biases");
+    let mut mean = Floats::<MAX_FEATURES>::new("network.feature_means");
+    let mut deviation = Floats::<MAX_FEATURES>::new("network.feature_deviations");
+    let mut self_calibrated = false;
+    let features = 3 * rotor_count as u64;
+    let mut sizes = [0; 3];
+    while let Some((number, value)) = fields.next()? {
+        match number {
+            1..=3 => sizes[number as usize - 1] = value.varint()?,
+            4 => hidden_weight.extend(value)?,
+            5 => hidden_bias.extend(value)?,
+            6 => output_weight.extend(value)?,
+            7 => output_bias.extend(value)?,
+            8 => mean.extend(value)?,
+            9 => deviation.extend(value)?,
+            10 => self_calibrated = value.varint()? == 1,
+            _ => {}
+        }
+    }
+    if sizes != [features, features, rotor_count as u64 + 1] {
+        return Err(ParameterError::Value("network.inputs, hidden and outputs"));
+    }
+    let weights = NetworkWeights {
+        mean: mean.some(),
+        deviation: deviation.some(),
+        hidden_weight: hidden_weight.some(),
+        hidden_bias: hidden_bias.some(),
+        output_weight: output_weight.some(),
+        output_bias: output_bias.some(),
+    };
+    Network::new(rotor_count, &weights)
+        .map(|network| network.with_self_calibration(self_calibrated))
+        .map_err(ParameterError::Network)
+}
+
+/// A parameter of the sequential detector; travels as `f64`.
+trait Parameter {
+    /// False if the number is not exactly one of this type.
+    fn set(&mut self, number: f64) -> bool;
+}
+
+impl Parameter for f32 {
+    fn set(&mut self, number: f64) -> bool {
+        *self = number as f32;
+        f64::from(*self).to_bits() == number.to_bits()
+    }
+}
+
+impl Parameter for u8 {
+    fn set(&mut self, number: f64) -> bool {
+        *self = number as u8;
+        f64::from(*self).to_bits() == number.to_bits()
+    }
+}
+
+/// Sets a field by its name; the compiler refuses a list that is not complete.
+macro_rules! sequential_fields {
+    ($($field:ident),+ $(,)?) => {
+        const SEQUENTIAL_FIELDS: usize = [$(stringify!($field)),+].len();
+
+        fn set_sequential(config: &mut SequentialConfig, name: &[u8], number: f64) -> Parsed<usize> {
+            let SequentialConfig { $($field),+ } = config;
+            let mut index = 0;
+            $(
+                if name == stringify!($field).as_bytes() {
+                    let value = concat!("FdiSetup.sequential.", stringify!($field));
+                    return if Parameter::set($field, number) { Ok(index) } else { Err(ParameterError::Value(value)) };
+                }
+                index += 1;
+            )+
+            Err(if index == 0 { ParameterError::Damaged } else { ParameterError::Unknown })
+        }
+    };
+}
+
+sequential_fields!(
+    calibration_start,
+    calibration_end,
+    updates_per_window,
+    rotor_time_constant,
+    rotor_time_constant_spread,
+    gain_spread,
+    centre_of_mass_spread,
+    drag_spread,
+    bias_spread,
+    disturbance_correlation_time,
+    disturbance_floor,
+    disturbance_ceiling,
+    evidence_to_isolate,
+    margin_to_isolate,
+    evidence_for_second,
+    handicap_of_pairs,
+    prior_log_odds,
+    smallest_loss,
+    settling_time,
+    rotor_gain_spread,
+    excursion_in_calibration,
+    bias_factor,
+    level_margin,
+    repeat_bonus,
+    evidence_to_absorb,
+    momentum_noise_share,
+    drift_share,
+    level_gain,
+    level_clip,
+    level_ratio,
+    surprise_weight,
+    ambiguity_time,
+    unexplained_share,
+    spike_sigma,
+);
+
+fn sequential_config(mut fields: Fields<'_>) -> Parsed<SequentialConfig> {
+    let mut config = SequentialConfig::standard();
+    let mut seen = 0u64;
+    while let Some((number, value)) = fields.next()? {
+        if number != 1 {
+            continue;
+        }
+        let mut entry = value.message()?;
+        let (mut name, mut parameter) = (&[][..], 0.0);
+        while let Some((number, value)) = entry.next()? {
+            match number {
+                1 => name = value.message()?.0,
+                2 => parameter = value.f64()?,
+                _ => {}
+            }
+        }
+        seen |= 1 << set_sequential(&mut config, name, parameter)?;
+    }
+    if seen.count_ones() as usize != SEQUENTIAL_FIELDS {
+        return Err(ParameterError::Missing("a parameter of FdiSetup.sequential"));
+    }
+    Ok(config)
+}
+
+/// The two messages of a download.
+pub fn split(download: &[u8]) -> Parsed<(&[u8], &[u8])> {
+    let (length, rest) = download.split_first_chunk::<4>().ok_or(ParameterError::Damaged)?;
+    rest.split_at_checked(u32::from_le_bytes(*length) as usize)
+        .ok_or(ParameterError::Damaged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use prost::Message as _;
+    use rotortwin_plant::{Scenario, Simulation};
+    use rotortwin_wire::link::RunSetup;
+    use rotortwin_wire::setup;
+    use std::path::PathBuf;
+    use std::vec::Vec;
+
+    fn setups() -> Vec<RunSetup> {
+        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
+        let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
+            .expect("readable")
+            .map(|entry| entry.expect("readable").path())
+            .filter(|path| path.extension().is_some_and(|end| end == "toml"))
+            .collect();
+        files.sort();
+        files
+            .iter()
+            .filter_map(|path| Scenario::load(path).ok())
+            .map(|scenario| {
+                let simulation = Simulation::new(&scenario, 1).expect("flyable");
+                rotortwin_campaign::setup::run_setup(&scenario, &simulation, 1)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn val_every_scenario_reads_as_the_host_reads_it() {
+        let setups = setups();
+        assert!(setups.len() >= 3, "{}", setups.len());
+        assert!(setups.iter().any(|setup| setup.fdi.network.is_some()));
+        for run in setups {
+            let (config, trim) = controller(&run.controller.encode_to_vec()).expect("valid");
+            let (host_config, host_trim) = setup::controller_config(&run.controller).expect("valid");
+            assert_eq!(config, host_config, "{}", run.scenario);
+            assert_eq!(trim, host_trim.map(|trim| (trim.duty, trim.battery_voltage)));
+            let config = fdi(&run.fdi.encode_to_vec()).expect("valid");
+            assert_eq!(config, setup::fdi_config(&run.fdi).expect("valid"), "{}", run.scenario);
+        }
+    }
+
+    #[test]
+    fn val_what_is_missing_is_named() {
+        let run = &setups()[0];
+        let mut setup = run.fdi.clone();
+        setup
+            .sequential
+            .as_mut()
+            .expect("there")
+            .parameters
+            .remove("drift_share");
+        let error = fdi(&setup.encode_to_vec()).expect_err("incomplete");
+        assert_eq!(error, ParameterError::Missing("a parameter of FdiSetup.sequential"));
+        let mut setup = run.controller.clone();
+        setup.body = None;
+        let error = controller(&setup.encode_to_vec()).expect_err("incomplete");
+        assert_eq!(error, ParameterError::Missing("ControllerSetup.body"));
+        setup.rotors = std::vec![setup.rotors[0]; 17];
+        let error = controller(&setup.encode_to_vec()).expect_err("too many");
+        assert_eq!(
+            error,
+            ParameterError::Length {
+                field: "rotors",
+                expected: 16
+            }
+        );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn prop_damaged_parameters_are_refused_or_read_and_never_panic(
+            place: prop::sample::Index, value: u8, cut: prop::sample::Index, scenario: prop::sample::Index,
+        ) {
+            static SETUPS: std::sync::LazyLock<Vec<RunSetup>> = std::sync::LazyLock::new(setups);
+            let run = &SETUPS[scenario.index(SETUPS.len())];
+            let mut bytes = run.fdi.encode_to_vec();
+            let place = place.index(bytes.len());
+            bytes[place] = value;
+            let cut = cut.index(bytes.len());
+            // Whoever reads protobuf properly is not less strict.
+            let host = rotortwin_wire::proto::FdiSetup::decode(&bytes[..]).map(|setup| setup::fdi_config(&setup));
+            if let (Ok(board), Ok(Ok(host))) = (fdi(&bytes), host) {
+                // NaN is not equal to itself.
+                if !std::format!("{host:?}").contains("NaN") {
+                    prop_assert_eq!(board, host);
+                }
+            }
+            prop_assert!(fdi(&bytes[..cut]).is_err() || cut > 100);
+        }
+    }
+}

@@ -1,0 +1,21 @@
+//! A flight board in the place of the controller and, by choice, of the FDI engine.
+//!
+//! ```text
+//!  plant ── SensorFrame ──▶ BoardLink ── frames ──▶ Line ──▶ board (crates/board)
+//!        ◀── CommandFrame, FdiReport ──┘      ◀──
+//! ```
+//! * [`session`]: the plant's link to a board: hand-shake, download, one request a step, time-outs that name the board.
+//! * [`line`]: what carries bytes: a serial port, a pseudo-terminal with a virtual board behind it, the emulator.
+//! * [`virtual_line`]: a virtual board behind a virtual serial line with baud, latency, jitter, loss, corruption and pulled plugs, in
+//!   virtual time and seeded.
+//! * [`address`]: `serial:/dev/ttyACM0`, `pty`, `qemu`, `virtual`.
+//! * [`budget`]: bytes of a 400 Hz cycle against what a line carries.
+//!
+//! Lockstep: the plant waits for the board, so that a slow line slows a run and does not change it.
+
+pub mod address;
+pub mod budget;
+pub mod line;
+pub mod session;
+mod shadow;
+pub mod virtual_line;

@@ -1,0 +1,457 @@
+//! The plant's link to a board.
+//!
+//! ```text
+//!  open:      Hello ─▶ Identity;  Begin, Chunk …, Commit ─▶ Ready{hash}
+//!  exchange:  Sensors k ─▶ Reply k (again after `Line::retry` without an answer, until the time-out)
+//!  finish:    Status ─▶ Report;  Finish
+//! ```
+//! One request is outstanding at a time. A reply that does not come makes the same request go out again, with the same sequence
+//! number, and the board answers it as it did before: a lost frame costs time and changes nothing. A board that has lost its parameters
+//! (it restarted) refuses the step, and the run ends with its sentence.
+
+use crate::line::Line;
+pub use crate::shadow::Difference;
+use crate::shadow::Shadow;
+use prost::Message as _;
+use rotortwin_board::PROTOCOL_VERSION;
+use rotortwin_board::frame::{Decoder, LineStatistics, MAX_ENCODED, MAX_PAYLOAD, encode};
+use rotortwin_board::message::{Begin, Options, Reply, Report, Sensors, Verdicts, Writer, hash, kind};
+use rotortwin_board::parameters;
+use rotortwin_flight_core::fdi::Residuals;
+use rotortwin_flight_core::geometry::Geometry;
+use rotortwin_wire::convert;
+use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame};
+use rotortwin_wire::link::{FdiPeer, LinkError, PlantLink, RunSetup};
+use rotortwin_wire::peers::FdiEnginePeer;
+use rotortwin_wire::proto::Role;
+use rotortwin_wire::setup;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Bytes of a download in one frame.
+const CHUNK: usize = 384;
+
+/// What a session wants.
+#[derive(Clone, Copy, Debug)]
+pub struct SessionOptions {
+    /// What the board is asked for.
+    pub board: Options,
+    /// For the board to answer the first request.
+    pub join: Duration,
+    /// For the answer to any later request.
+    pub step: Duration,
+    /// The same peers run here as well, and every bit of theirs is compared with the board's.
+    pub compare: bool,
+}
+
+impl Default for SessionOptions {
+    fn default() -> Self {
+        Self {
+            board: Options::default(),
+            join: Duration::from_secs(10),
+            step: Duration::from_secs(5),
+            compare: false,
+        }
+    }
+}
+
+/// What the host saw of a board and of the line to it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SessionReport {
+    /// What the board calls itself.
+    pub board: String,
+    /// Bytes of parameters, and their hash.
+    pub download: (usize, u64),
+    /// Round trip of every step, s.
+    pub round_trip_s: Vec<f32>,
+    /// Requests that were sent again.
+    pub retries: u64,
+    /// What came from the board: good frames, CRC errors, garbage.
+    pub line: LineStatistics,
+    /// Bytes of the longest step, up and down.
+    pub longest: [usize; 2],
+    /// What the board said at the end.
+    pub report: Option<Report>,
+    /// First bit in which the board and the host differ, if they were compared.
+    pub difference: Option<Difference>,
+    /// Steps that were compared.
+    pub compared: u64,
+}
+
+/// Why a request has no answer.
+enum Trouble {
+    Silent(Duration),
+    Refused(String),
+    Broken(String),
+}
+
+/// See the module.
+pub struct BoardLink<L> {
+    line: L,
+    address: String,
+    options: SessionOptions,
+    decoder: Decoder,
+    sequence: u16,
+    run_id: u64,
+    last_step: Option<u64>,
+    geometry: Option<Geometry>,
+    rotor_count: usize,
+    verdicts: Verdicts,
+    host_fdi: FdiEnginePeer,
+    reports: VecDeque<FdiReport>,
+    shadow: Option<Shadow>,
+    report: SessionReport,
+    /// An answer came since the last trouble, so that a status may be asked for.
+    healthy: bool,
+}
+
+impl<L: Line> BoardLink<L> {
+    /// A link to the board behind `line`; `address` is for messages to people.
+    pub fn new(line: L, address: &str, options: SessionOptions) -> Self {
+        Self {
+            line,
+            address: address.to_owned(),
+            options,
+            decoder: Decoder::default(),
+            sequence: 0,
+            run_id: 0,
+            last_step: None,
+            geometry: None,
+            rotor_count: 0,
+            verdicts: Verdicts::default(),
+            host_fdi: FdiEnginePeer::default(),
+            reports: VecDeque::with_capacity(4),
+            shadow: options.compare.then(Shadow::default),
+            report: SessionReport::default(),
+            healthy: false,
+        }
+    }
+
+    /// What happened so far.
+    pub fn report(&self) -> SessionReport {
+        SessionReport {
+            line: self.decoder.statistics(),
+            difference: self.shadow.as_ref().and_then(Shadow::first_difference),
+            compared: self.shadow.as_ref().map_or(0, Shadow::compared),
+            ..self.report.clone()
+        }
+    }
+
+    /// The line, for instance to look at its state.
+    pub fn line(&self) -> &L {
+        &self.line
+    }
+
+    /// Asks for what the board calls itself, and how it is. For `rotortwin board info`.
+    pub fn inquire(&mut self) -> Result<(String, Report), LinkError> {
+        self.hello()?;
+        let payload = self
+            .request(kind::STATUS, &[], kind::REPORT, self.options.step)
+            .map_err(|trouble| self.error(trouble))?;
+        let report = Report::read(&payload).ok_or_else(|| self.nonsense("its report is not of the protocol"))?;
+        Ok((self.report.board.clone(), report))
+    }
+
+    /// Asks the board to restart into its boot loader.
+    pub fn enter_boot_loader(&mut self) -> Result<(), LinkError> {
+        self.hello()?;
+        self.request(kind::BOOT_LOADER, &[], kind::ACKNOWLEDGE, self.options.step)
+            .map(|_| ())
+            .map_err(|trouble| self.error(trouble))
+    }
+
+    fn hello(&mut self) -> Result<(), LinkError> {
+        let join = self.options.join;
+        let identity = self
+            .request(kind::HELLO, &[], kind::IDENTITY, join)
+            .map_err(|trouble| match trouble {
+                Trouble::Silent(_) => LinkError::PeerMissing {
+                    role: Role::Controller,
+                    run_id: self.run_id,
+                    address: self.address.clone(),
+                    limit: join,
+                },
+                other => self.error(other),
+            })?;
+        self.report.board = String::from_utf8_lossy(identity.get(1..).unwrap_or_default()).into_owned();
+        self.healthy = true;
+        Ok(())
+    }
+
+    /// Sends a request until its answer is there; the answer's payload if it is of the kind `expected`.
+    fn request(&mut self, request: u8, payload: &[u8], expected: u8, limit: Duration) -> Result<Vec<u8>, Trouble> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut frame = [0; MAX_ENCODED + 1];
+        let body: &mut [u8; MAX_ENCODED] = (&mut frame[1..]).try_into().expect("one byte longer");
+        let length = encode(request, self.sequence, payload, body);
+        let start = self.line.now();
+        let mut first = true;
+        let mut buffer = [0; 1024];
+        loop {
+            // A leading zero closes whatever is left of a frame that broke off.
+            let from = usize::from(first && request != kind::HELLO);
+            self.line.send(&frame[from..=length]).map_err(Trouble::Broken)?;
+            if !std::mem::replace(&mut first, false) {
+                self.report.retries += 1;
+            }
+            let again = self.line.now() + self.line.retry();
+            loop {
+                let now = self.line.now();
+                if now >= start + limit {
+                    return Err(Trouble::Silent(now - start));
+                }
+                if now >= again {
+                    break;
+                }
+                let wait = again.min(start + limit) - now;
+                let count = self.line.receive(&mut buffer, wait).map_err(Trouble::Broken)?;
+                for byte in &buffer[..count] {
+                    let Some((header, answer)) = self.decoder.push(*byte) else {
+                        continue;
+                    };
+                    if header.sequence != self.sequence {
+                        continue;
+                    }
+                    if header.version != PROTOCOL_VERSION {
+                        return Err(Trouble::Refused(format!(
+                            "the board speaks version {} of the link's protocol, this program speaks version {PROTOCOL_VERSION}",
+                            header.version
+                        )));
+                    }
+                    if header.kind == expected {
+                        return Ok(answer.to_vec());
+                    }
+                    if header.kind == kind::REFUSAL {
+                        let sentence = answer.get(1..).unwrap_or_default();
+                        return Err(Trouble::Refused(String::from_utf8_lossy(sentence).into_owned()));
+                    }
+                    return Err(Trouble::Refused(format!(
+                        "it answered with a message of kind {:#04x}, expected {expected:#04x}",
+                        header.kind
+                    )));
+                }
+            }
+        }
+    }
+
+    fn program(&self) -> String {
+        if self.report.board.is_empty() {
+            format!("board at {}", self.address)
+        } else {
+            format!("board {} at {}", self.report.board, self.address)
+        }
+    }
+
+    fn error(&mut self, trouble: Trouble) -> LinkError {
+        self.healthy = false;
+        match trouble {
+            Trouble::Silent(silence) => LinkError::PeerSilent {
+                role: Role::Controller,
+                program: self.program(),
+                last_step: self.last_step,
+                silence,
+                limit: self.options.step,
+            },
+            Trouble::Refused(reason) => LinkError::Refused {
+                role: Role::Controller,
+                reason: format!("{}: {reason}", self.program()),
+            },
+            Trouble::Broken(reason) => LinkError::Transport {
+                transport: "board",
+                action: self.address.clone(),
+                reason,
+            },
+        }
+    }
+
+    fn nonsense(&self, reason: &str) -> LinkError {
+        LinkError::Nonsense {
+            role: Role::Controller,
+            step: self.last_step.map_or(0, |step| step + 1),
+            reason: format!("{}: {reason}", self.program()),
+        }
+    }
+
+    fn download(&mut self, setup: &RunSetup) -> Result<(), LinkError> {
+        let controller = setup.controller.encode_to_vec();
+        let length = u32::try_from(controller.len()).expect("16 rotors take some hundred bytes");
+        let mut bytes = length.to_le_bytes().to_vec();
+        bytes.extend(controller);
+        bytes.extend(setup.fdi.encode_to_vec());
+        if bytes.len() > parameters::MAX_LENGTH {
+            return Err(self.nonsense(&format!("{} bytes of parameters do not fit", bytes.len())));
+        }
+        let hash = hash(&bytes);
+        self.report.download = (bytes.len(), hash);
+        let mut payload = [0; MAX_PAYLOAD];
+        let mut writer = Writer::new(&mut payload);
+        Begin {
+            length: u32::try_from(bytes.len()).expect("checked above"),
+            hash,
+            options: self.options.board,
+        }
+        .write(&mut writer);
+        let written = writer.len();
+        let limit = self.options.step;
+        self.request(kind::BEGIN, &payload[..written], kind::ACKNOWLEDGE, limit)
+            .map_err(|trouble| self.error(trouble))?;
+        for (index, chunk) in bytes.chunks(CHUNK).enumerate() {
+            let offset = u32::try_from(index * CHUNK).expect("checked above");
+            let mut piece = offset.to_le_bytes().to_vec();
+            piece.extend(chunk);
+            self.request(kind::CHUNK, &piece, kind::ACKNOWLEDGE, limit)
+                .map_err(|trouble| self.error(trouble))?;
+        }
+        let ready = self
+            .request(kind::COMMIT, &[], kind::READY, limit)
+            .map_err(|trouble| self.error(trouble))?;
+        if ready != hash.to_le_bytes() {
+            return Err(self.nonsense("it acknowledged parameters with another hash than those sent"));
+        }
+        Ok(())
+    }
+
+    fn fdi_report(&mut self, reply: &Reply) -> Option<FdiReport> {
+        let fdi = reply.fdi.as_ref()?;
+        if let Some(verdicts) = fdi.verdicts {
+            self.verdicts = verdicts;
+        }
+        let v = &self.verdicts;
+        let residuals_nms = match (fdi.residuals, &self.geometry) {
+            (Some(residuals), _) => residuals,
+            // The engine's own projection, of the same numbers.
+            (None, Some(geometry)) => Residuals::from_wrench(geometry, &fdi.wrench_residual).component,
+            (None, None) => return None,
+        };
+        let report = FdiReport {
+            stamp: Default::default(),
+            residuals_nms,
+            wrench_residual: fdi.wrench_residual,
+            t_test: v.codes[0].into(),
+            network: v.codes[1].into(),
+            sequential: v.codes[2].into(),
+            sequential_probability: v.probability,
+            thrust_loss: LossEstimate::from_values(v.loss[0]),
+            second_thrust_loss: LossEstimate::from_values(v.loss[1]),
+            suspect_rotors: v.suspect_rotors.into(),
+            hypothesis_count: v.hypothesis_count.into(),
+            hypothesis_rotors: v.hypotheses.map(u32::from),
+            window_end: fdi.window_end.into(),
+        };
+        Some(report.canonical())
+    }
+}
+
+impl<L: Line> PlantLink for BoardLink<L> {
+    fn open(&mut self, setup: &RunSetup) -> Result<(), LinkError> {
+        self.run_id = setup.run_id;
+        self.rotor_count = setup.controller.rotors.len();
+        let refused = |role| move |reason| LinkError::Refused { role, reason };
+        if u32::try_from(setup.step_count).is_err() {
+            return Err(self.nonsense("a board counts up to 2^32 steps"));
+        }
+        self.geometry = Some(setup::fdi_config(&setup.fdi).map_err(refused(Role::Fdi))?.geometry);
+        if !self.options.board.fdi {
+            self.host_fdi.setup(&setup.fdi).map_err(refused(Role::Fdi))?;
+        }
+        if let Some(shadow) = &mut self.shadow {
+            shadow.setup(setup)?;
+        }
+        self.hello()?;
+        self.download(setup)
+    }
+
+    fn exchange(&mut self, sensors: &SensorFrame) -> Result<CommandFrame, LinkError> {
+        let step = sensors.stamp.step;
+        let sensors = sensors.canonical();
+        convert::check_sensors(&sensors).map_err(|error| LinkError::Nonsense {
+            role: Role::Plant,
+            step,
+            reason: error.to_string(),
+        })?;
+        let mut payload = [0; Sensors::LENGTH];
+        let mut writer = Writer::new(&mut payload);
+        message(&sensors).write(&mut writer);
+        let start = self.line.now();
+        let answer = self
+            .request(kind::SENSORS, &payload, kind::REPLY, self.options.step)
+            .map_err(|trouble| match trouble {
+                Trouble::Refused(reason) => {
+                    self.healthy = false;
+                    self.nonsense(&reason)
+                }
+                other => self.error(other),
+            })?;
+        self.report.round_trip_s.push((self.line.now() - start).as_secs_f32());
+        self.report.longest[0] = Sensors::LENGTH;
+        self.report.longest[1] = self.report.longest[1].max(answer.len());
+        let reply = Reply::read(&answer)
+            .filter(|reply| u64::from(reply.step) == step && usize::from(reply.rotor_count) == self.rotor_count)
+            .ok_or_else(|| self.nonsense("its reply is not of the protocol"))?;
+        let command = CommandFrame {
+            stamp: sensors.stamp,
+            duty: reply.duty,
+            attitude_setpoint_rad: reply.attitude_setpoint,
+            saturated_rotors: reply.saturated_rotors.into(),
+        }
+        .canonical();
+        convert::check_command(&command, self.rotor_count).map_err(|error| self.nonsense(&error.to_string()))?;
+        let mut report = if self.options.board.fdi {
+            self.fdi_report(&reply)
+                .ok_or_else(|| self.nonsense("its reply has no residuals, but it was asked for them"))?
+        } else {
+            self.host_fdi.step(&sensors, &command).canonical()
+        };
+        report.stamp = sensors.stamp;
+        convert::check_report(&report, self.rotor_count).map_err(|error| LinkError::Nonsense {
+            role: Role::Fdi,
+            step,
+            reason: error.to_string(),
+        })?;
+        if let Some(shadow) = &mut self.shadow {
+            shadow.compare(&sensors, &command, &report);
+        }
+        self.reports.push_back(report);
+        self.last_step = Some(step);
+        Ok(command)
+    }
+
+    fn next_report(&mut self, _wait: bool) -> Result<Option<FdiReport>, LinkError> {
+        Ok(self.reports.pop_front())
+    }
+
+    fn finish(&mut self, _steps: u64, _failure: Option<&str>) {
+        if !self.healthy {
+            return;
+        }
+        let limit = Duration::from_millis(500).max(self.line.retry() * 2);
+        match self.request(kind::STATUS, &[], kind::REPORT, limit) {
+            Ok(payload) => self.report.report = Report::read(&payload),
+            Err(_) => tracing::warn!(board = self.program(), "no report at the end of the run"),
+        }
+        if self.request(kind::FINISH, &[], kind::ACKNOWLEDGE, limit).is_err() {
+            tracing::warn!(board = self.program(), "the end of the run was not acknowledged");
+        }
+    }
+}
+
+/// Run and time stay here: the board counts steps.
+fn message(sensors: &SensorFrame) -> Sensors {
+    let groups = [
+        sensors.position_ned_m,
+        sensors.velocity_ned_m_s,
+        sensors.attitude_rad,
+        sensors.body_rates_rad_s,
+        sensors.reference_position_ned_m,
+        sensors.reference_velocity_ned_m_s,
+    ];
+    let mut values = [0.0; 20];
+    values[..18].copy_from_slice(groups.as_flattened());
+    values[18] = sensors.reference_yaw_rad;
+    values[19] = sensors.battery_voltage_v;
+    Sensors {
+        // Checked when the run was opened.
+        step: sensors.stamp.step as u32,
+        values,
+    }
+}
