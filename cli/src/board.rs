@@ -163,10 +163,16 @@ fn boot_loader(address: &BoardAddress) -> Result<ExitCode, Trouble> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// The scenario; cut to a duration it may end before its faults, which are then left out.
 fn load(path: &Path, duration: Option<f64>) -> Result<Scenario, Trouble> {
-    let overrides: Vec<String> = duration.iter().map(|s| format!("duration_s={s:?}")).collect();
-    let overrides: Vec<&str> = overrides.iter().map(String::as_str).collect();
-    Scenario::load_with(path, &overrides).map_err(|error| Trouble::Input(error.to_string()))
+    let input = |error: rotortwin_plant::error::ConfigError| Trouble::Input(error.to_string());
+    let Some(duration) = duration else {
+        return Scenario::load(path).map_err(input);
+    };
+    let duration = format!("duration_s={duration:?}");
+    Scenario::load_with(path, &[&duration])
+        .or_else(|_| Scenario::load_with(path, &[&duration, "fault=[]"]))
+        .map_err(input)
 }
 
 /// Flies without a run folder.
@@ -194,7 +200,9 @@ fn doctor(address: &BoardAddress, scenario: &Path, duration: f64) -> Result<Exit
         ..SessionOptions::default()
     };
     options.board.residuals = address.baud().is_none();
-    let rotors = scenario.vehicle().geometry.rotor_count();
+    let rotors = Simulation::new(&scenario, scenario.seed())
+        .map_err(|error| Trouble::Input(error.to_string()))?
+        .rotor_count();
     let report = fly(address, &scenario, options)?;
     print!("{}", session_text(&report, Some(address)));
     print!("{}", histogram(&report.round_trip_s));
@@ -292,8 +300,8 @@ fn report_text(report: &Report) -> String {
     ));
     if report.stack_size > 0 {
         line(format!(
-            "  stack       {} of {} bytes ever used",
-            report.stack_used, report.stack_size
+            "  stack       {} bytes in flight, {} while parameters were taken in, of {}",
+            report.stack_used, report.stack_before, report.stack_size
         ));
     }
     if report.steps > 0 && report.unit != CostUnit::Nothing {
@@ -487,7 +495,10 @@ fn measure(
         println!(
             "The paper: STM32H743 at 480 MHz; 0.1098 ms are 52,700 cycles. Instructions are not cycles: no cache, no wait states."
         );
-        println!("stack: {} of {} bytes ever used", report.stack_used, report.stack_size);
+        println!(
+            "stack: {} bytes in flight, {} while parameters were taken in, of {}",
+            report.stack_used, report.stack_before, report.stack_size
+        );
     }
     match limit {
         Some(limit) if network_max > limit => Err(failed(format!(

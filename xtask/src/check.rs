@@ -13,6 +13,10 @@ pub(crate) fn run(root: &Path) -> Result<()> {
 
 fn run_steps(root: &Path) -> Result<()> {
     crate::run("format", cargo(root).args(["fmt", "--all", "--check"]))?;
+    crate::run(
+        "format of the firmware",
+        cargo(root).args(["fmt", "--all", "--check", "--manifest-path", "firmware/Cargo.toml"]),
+    )?;
     println!("-- generated code");
     codegen::check(root)?;
     println!("-- house rules");

@@ -110,6 +110,30 @@ impl<'a> Image<'a> {
         )
     }
 
+    /// What is written to flash, from the lowest address on: the segments that are loaded, where they are loaded (not where they run).
+    pub(crate) fn flash(&self) -> Vec<u8> {
+        let field = |at: usize| u32_at(self.bytes, at).unwrap_or(0) as usize;
+        let (table, entry) = (field(0x1C), 32);
+        let count = usize::from(u16_at(self.bytes, 0x2C).unwrap_or(0));
+        let mut segments: Vec<(usize, &[u8])> = (0..count)
+            .map(|index| table + index * entry)
+            .filter(|at| field(*at) == 1 && field(at + 16) > 0)
+            .filter_map(|at| {
+                let (offset, size) = (field(at + 4), field(at + 16));
+                Some((field(at + 12), self.bytes.get(offset..offset + size)?))
+            })
+            .collect();
+        segments.sort_by_key(|(address, _)| *address);
+        let start = segments.first().map_or(0, |(address, _)| *address);
+        let mut image = Vec::new();
+        for (address, bytes) in segments {
+            image.resize((address - start).max(image.len()), 0xFF);
+            image.truncate(address - start);
+            image.extend_from_slice(bytes);
+        }
+        image
+    }
+
     /// The bytes of a function.
     pub(crate) fn code(&self, symbol: &Symbol<'_>) -> Option<&'a [u8]> {
         let section = self.sections.iter().find(|section| {

@@ -9,6 +9,7 @@ mod codegen;
 mod elf;
 mod firmware;
 mod peers;
+mod px4;
 mod thumb;
 
 const USAGE: &str = "usage: cargo xtask TASK

@@ -30,7 +30,10 @@ pub(crate) fn cargo(toolchain: &str) -> Command {
             .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld-22");
     }
     // The variables of the cargo that runs this task would override the chosen toolchain.
-    command.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env_remove("RUSTC");
+    command
+        .env_remove("RUSTUP_TOOLCHAIN")
+        .env_remove("CARGO")
+        .env_remove("RUSTC");
     command
 }
 

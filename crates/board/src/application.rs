@@ -34,8 +34,8 @@ pub trait Board {
     fn cost(&self, start: u32, end: u32) -> u32;
     /// Clock of the processor, Hz; 0 if it means nothing.
     fn clock_hz(&self) -> u32;
-    /// Most stack ever used, and stack there is, bytes.
-    fn stack(&self) -> (u32, u32);
+    /// Most stack used in flight, most used before, and stack there is, bytes.
+    fn stack(&self) -> [u32; 3];
     /// Why it started; see [`Report::reset_cause`].
     fn reset_cause(&self) -> u8;
     /// Lamps.
@@ -229,7 +229,7 @@ impl Application {
                 let line = self.decoder.statistics();
                 self.report.line = [line.frames, line.crc_errors, line.garbage];
                 self.report.unit = B::UNIT;
-                (self.report.stack_used, self.report.stack_size) = board.stack();
+                [self.report.stack_used, self.report.stack_before, self.report.stack_size] = board.stack();
                 self.report.clock_hz = board.clock_hz();
                 self.report.reset_cause = board.reset_cause();
                 self.report.write(&mut answer.payload);

@@ -524,8 +524,10 @@ pub struct Report {
     pub unit: CostUnit,
     /// Of the control law, of the FDI engine, and of both.
     pub cost: [Cost; 3],
-    /// Most stack ever used, bytes; 0 if unknown.
+    /// Most stack used since the parameters were taken in, bytes; 0 if unknown.
     pub stack_used: u32,
+    /// Most stack used before, which is while they were: they are copied about.
+    pub stack_before: u32,
     /// Stack there is, bytes.
     pub stack_size: u32,
     /// Processor's clock, Hz; 0 if it means nothing.
@@ -553,6 +555,7 @@ impl Report {
             out.u64(cost.sum);
         }
         out.u32(self.stack_used);
+        out.u32(self.stack_before);
         out.u32(self.stack_size);
         out.u32(self.clock_hz);
         out.put(&[self.reset_cause]);
@@ -583,6 +586,7 @@ impl Report {
             };
         }
         report.stack_used = reader.u32()?;
+        report.stack_before = reader.u32()?;
         report.stack_size = reader.u32()?;
         report.clock_hz = reader.u32()?;
         report.reset_cause = reader.u8()?;
@@ -668,7 +672,7 @@ mod tests {
                 Reply::read(&bytes).is_some(),
                 Sensors::read(&bytes).is_some_and(|_| bytes.len() != Sensors::LENGTH),
                 Begin::read(&bytes).is_some_and(|_| bytes.len() != 13),
-                Report::read(&bytes).is_some_and(|_| bytes.len() != 82),
+                Report::read(&bytes).is_some_and(|_| bytes.len() != 86),
             ];
             prop_assert_eq!(&read[1..], [false; 3]);
         }

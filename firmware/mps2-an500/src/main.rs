@@ -34,7 +34,9 @@ unsafe extern "C" {
     static mut __ebss: u32;
 }
 
-struct Mps2;
+struct Mps2 {
+    stack_before: u32,
+}
 
 impl Mps2 {
     /// Starts the timer and paints the stack below this function's frame.
@@ -46,14 +48,24 @@ impl Mps2 {
             write_volatile(TIMER.add(2), u32::MAX);
             write_volatile(TIMER.add(1), u32::MAX);
             write_volatile(TIMER, 1);
-            let mut place = addr_of_mut!(__ebss);
-            let here = cortex_m::register::msp::read() as *mut u32;
-            while place < here.sub(64) {
-                write_volatile(place, PAINT);
-                place = place.add(1);
-            }
         }
-        Self
+        paint_stack();
+        Self { stack_before: 0 }
+    }
+}
+
+/// Paints the stack below this function's frame.
+#[inline(never)]
+fn paint_stack() {
+    #[expect(unsafe_code, reason = "memory that nobody uses yet")]
+    // SAFETY: the stack grows down from here and nothing lives below it.
+    unsafe {
+        let mut place = addr_of_mut!(__ebss);
+        let here = cortex_m::register::msp::read() as *mut u32;
+        while place < here.sub(64) {
+            write_volatile(place, PAINT);
+            place = place.add(1);
+        }
     }
 }
 
@@ -82,7 +94,7 @@ impl Board for Mps2 {
         0
     }
 
-    fn stack(&self) -> (u32, u32) {
+    fn stack(&self) -> [u32; 3] {
         let mut place = addr_of!(__ebss);
         let top = addr_of!(_stack_start);
         let size = top as u32 - place as u32;
@@ -93,14 +105,19 @@ impl Board for Mps2 {
                 place = place.add(1);
             }
         }
-        (top as u32 - place as u32, size)
+        [top as u32 - place as u32, self.stack_before, size]
     }
 
     fn reset_cause(&self) -> u8 {
         0
     }
 
-    fn show(&mut self, _: State) {}
+    fn show(&mut self, state: State) {
+        if state == State::Flight {
+            self.stack_before = self.stack()[0];
+            paint_stack();
+        }
+    }
 
     fn boot_loader(&mut self) -> bool {
         false

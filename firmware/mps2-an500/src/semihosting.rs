@@ -55,7 +55,9 @@ impl Pipe {
 
     fn open(path: &[u8], mode: u32) -> Option<Self> {
         let mut name = [0; 256];
-        name.get_mut(..path.len()).filter(|_| path.len() < 255)?.copy_from_slice(path);
+        name.get_mut(..path.len())
+            .filter(|_| path.len() < 255)?
+            .copy_from_slice(path);
         let block = [name.as_ptr() as u32, mode, path.len() as u32];
         let handle = call(SYS_OPEN, block.as_ptr() as u32);
         (handle != u32::MAX).then_some(Self(handle))

@@ -324,8 +324,8 @@ impl Board for VirtualBoard {
     fn clock_hz(&self) -> u32 {
         0
     }
-    fn stack(&self) -> (u32, u32) {
-        (0, 0)
+    fn stack(&self) -> [u32; 3] {
+        [0; 3]
     }
     fn reset_cause(&self) -> u8 {
         0
