@@ -9,9 +9,9 @@
 
 use crate::elf::{Image, Symbol};
 use anyhow::{Context, Result, bail};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::btree_map::{BTreeMap, Entry};
+use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
-use std::process::Command;
 
 /// Name, most bytes of flash and of static RAM.
 const BOARDS: &[(&str, u64, u64)] = &[
@@ -114,8 +114,8 @@ fn search_panics(image: &Image<'_>) -> Result<Search> {
             }
             if functions[&callee].name.contains("9panicking") {
                 found.insert(chain(&functions, &came_from, function));
-            } else if !came_from.contains_key(&callee) {
-                came_from.insert(callee, function);
+            } else if let Entry::Vacant(place) = came_from.entry(callee) {
+                place.insert(function);
                 queue.push_back(callee);
             }
         }
