@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_bridge::address::{AnyLine, BoardAddress};
 use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
 use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::Scenario;
+use rotortwin_plant::{ConfigError, Documents, Scenario};
 use rotortwin_process::{AnyEndpoint, LinkAddress, Supervisor};
 use rotortwin_sim::events::{Change, Progress, RunEvent};
 use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
@@ -90,6 +90,19 @@ pub(crate) struct Args {
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub(crate) json: bool,
+    /// SCENARIO holds all documents of a run, as its summary does
+    #[arg(long, conflicts_with_all = ["model", "fdi_model"])]
+    pub(crate) documents: bool,
+    /// Print each event of the run as a JSON line, nothing else; end when the standard input does
+    #[arg(long, conflicts_with = "json")]
+    pub(crate) events: bool,
+}
+
+impl Args {
+    /// The plant's process cannot read the scenario's file: it says less than what is flown.
+    fn whole_documents(&self) -> bool {
+        self.documents || self.model.is_some() || self.fdi_model.is_some()
+    }
 }
 
 /// Where the FDI engine of a run with a board is.
@@ -163,7 +176,7 @@ impl External {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
-    let scenario = match Scenario::load(&args.scenario) {
+    let scenario = match load(args) {
         Ok(scenario) => scenario,
         Err(error) => return output::bad_input(error),
     };
@@ -193,7 +206,10 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     for warning in scenario.warnings() {
         eprintln!("{}: {warning}", args.scenario.display());
     }
-    let screen = Screen::new(args.json);
+    if args.events {
+        end_with_standard_input();
+    }
+    let screen = Screen::new(args.json, args.events);
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
         seed,
@@ -218,7 +234,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(summary) => {
             if args.json {
                 print!("{}", summary.to_json());
-            } else {
+            } else if !args.events {
                 print!("{}", output::summary_text(&summary, Some(folder.path())));
             }
             if let Some(report) = board {
@@ -231,6 +247,27 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         }
         Err(sentence) => output::failed(sentence),
     }
+}
+
+fn load(args: &Args) -> Result<Scenario, ConfigError> {
+    if !args.documents {
+        return Scenario::load(&args.scenario);
+    }
+    let name = args.scenario.display().to_string();
+    let text = std::fs::read_to_string(&args.scenario)
+        .map_err(|error| ConfigError::new(&name, None, None, format!("cannot be read: {error}")))?;
+    Scenario::from_documents(&Documents::from_toml(&name, &text)?)
+}
+
+/// Who started this holds our standard input open as long as it lives: its end is a wish to stop.
+fn end_with_standard_input() {
+    std::thread::spawn(|| {
+        let ended = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        tracing::debug!(?ended, "the standard input has ended");
+        if let Err(error) = signal_hook::low_level::raise(signal_hook::consts::SIGTERM) {
+            tracing::error!(%error, "the run cannot be told to end");
+        }
+    });
 }
 
 /// The scenario with the models that were asked for: their vehicle and effects in the plant, their constants in the detectors.
@@ -440,7 +477,7 @@ fn fly_in_processes(
     folder: &RunFolder,
     screen: &Screen,
 ) -> Result<Summary, String> {
-    if args.model.is_some() || args.fdi_model.is_some() {
+    if args.whole_documents() {
         // The plant's process reads the scenario by itself, and the file knows nothing of the models.
         let path = folder.path().join(DOCUMENTS_FILE);
         std::fs::write(&path, scenario.documents().to_toml())
@@ -520,7 +557,7 @@ fn parts(
             "real-time"
         },
     );
-    if args.model.is_some() || args.fdi_model.is_some() {
+    if args.whole_documents() {
         sim.option("--documents", folder.path().join(DOCUMENTS_FILE));
     }
     sim.option("--out", folder.path()).option("--", &args.scenario);
@@ -556,13 +593,15 @@ impl ArgList {
 struct Screen {
     bar: ProgressBar,
     quiet: bool,
+    /// Events as JSON lines instead.
+    events: bool,
 }
 
 impl Screen {
-    fn new(quiet: bool) -> Self {
+    fn new(quiet: bool, events: bool) -> Self {
         let bar = ProgressBar::with_draw_target(
             None,
-            if quiet {
+            if quiet || events {
                 ProgressDrawTarget::hidden()
             } else {
                 ProgressDrawTarget::stderr()
@@ -571,10 +610,17 @@ impl Screen {
         let style = ProgressStyle::with_template("{bar:28.cyan/blue} {percent:>3} %  {msg}")
             .expect("the template is well formed");
         bar.set_style(style.progress_chars("━╸─"));
-        Self { bar, quiet }
+        Self { bar, quiet, events }
     }
 
     fn show(&self, event: &RunEvent) {
+        if self.events {
+            match serde_json::to_string(event) {
+                Ok(line) => output::line(&line),
+                Err(error) => tracing::error!(%error, "an event cannot be written"),
+            }
+            return;
+        }
         match event {
             RunEvent::Waiting => self.bar.set_message("waiting for controller and FDI engine"),
             RunEvent::Progress(progress) => {

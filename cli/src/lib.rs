@@ -17,6 +17,7 @@ mod model;
 mod output;
 mod replay;
 mod reproduce;
+mod serve;
 mod show;
 mod supervise;
 
@@ -63,6 +64,8 @@ enum Command {
     Blind(Box<blind::Args>),
     /// Flight boards: list, info, doctor, measure (Table 11)
     Board(board::Args),
+    /// Serve jobs, runs and results over HTTP
+    Serve(serve::Args),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -95,6 +98,7 @@ pub fn run() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Blind(args) => blind::run(&args),
         Command::Board(args) => board::run(&args),
+        Command::Serve(args) => serve::run(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),

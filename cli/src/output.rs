@@ -18,6 +18,15 @@ pub(crate) fn failed(sentence: impl std::fmt::Display) -> ExitCode {
     ExitCode::from(rotortwin_process::EXIT_FAILED)
 }
 
+/// Prints a line that a program reads as soon as it is there; a reader that has closed the pipe has seen enough.
+pub(crate) fn line(text: &str) {
+    use std::io::Write as _;
+    let mut out = std::io::stdout().lock();
+    if let Err(error) = writeln!(out, "{text}").and_then(|()| out.flush()) {
+        tracing::debug!(%error, "nobody reads the standard output");
+    }
+}
+
 /// Exit code of a run that ended like this.
 pub(crate) fn exit_code(summary: &Summary) -> ExitCode {
     match summary.status {

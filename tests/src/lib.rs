@@ -8,6 +8,7 @@
 //! * [`program`]: the program under test, runs of it, what they print and leave;
 //! * [`process`]: the processes of a run, found and disturbed through the kernel;
 //! * [`random`]: seeded choices of moments and victims.
+//! * [`server`]: a server under test, and requests to it.
 //!
 //! Every wait has a deadline; a test that misses one fails with what the run has printed so far. A run that a failing test leaves
 //! behind is killed.
@@ -18,6 +19,7 @@ pub mod process;
 pub mod program;
 pub mod random;
 pub mod scratch;
+pub mod server;
 
 use std::io::Write as _;
 

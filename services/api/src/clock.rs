@@ -1,0 +1,10 @@
+//! Wall time, for people and for leases; no flight depends on it.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// ms since 1970, UTC.
+pub(crate) fn now_ms() -> i64 {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
+}

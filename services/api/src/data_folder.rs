@@ -1,0 +1,55 @@
+//! The folder that holds everything: `rotortwin.sqlite`, `runs/ID/N` (one folder an attempt), `lock`.
+//!
+//! One server at a time: the lock is held as long as the process lives, and goes with it however it dies.
+
+use rustix::fs::{FlockOperation, flock};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+/// The data folder, locked.
+#[derive(Debug)]
+pub(crate) struct DataFolder {
+    path: PathBuf,
+    _lock: File,
+}
+
+impl DataFolder {
+    /// Makes the folder if it is not there, and locks it.
+    ///
+    /// # Errors
+    /// It cannot be written, or another server has it; one sentence.
+    pub(crate) fn open(path: &Path) -> Result<Self, String> {
+        let told = |error: std::io::Error| format!("{}: cannot be used as data folder: {error}", path.display());
+        std::fs::create_dir_all(path.join("runs")).map_err(told)?;
+        let path = path.canonicalize().map_err(told)?;
+        let lock = File::options()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(path.join("lock"))
+            .map_err(told)?;
+        flock(&lock, FlockOperation::NonBlockingLockExclusive).map_err(|error| {
+            if error == rustix::io::Errno::WOULDBLOCK {
+                format!("{}: another rotortwin server uses this data folder", path.display())
+            } else {
+                told(error.into())
+            }
+        })?;
+        Ok(Self { path, _lock: lock })
+    }
+
+    /// Where it is.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The database's URL.
+    pub(crate) fn database_url(&self) -> String {
+        format!("sqlite://{}?mode=rwc", self.path.join("rotortwin.sqlite").display())
+    }
+
+    /// Folder of an attempt, relative to the data folder.
+    pub(crate) fn attempt(id: &str, attempt: i64) -> String {
+        format!("runs/{id}/{attempt}")
+    }
+}

@@ -1,0 +1,142 @@
+//! Events of a run as they happen (server-sent events).
+
+use crate::App;
+use crate::problem::Problem;
+use crate::store::EventRow;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio_stream::Stream;
+
+/// Events asked of the database at a time.
+const BATCH: i64 = 500;
+
+/// All events of a run, from the first or after `Last-Event-ID`, without gaps; ends after `ended`.
+///
+/// Kinds: `queued`, `started`, `waiting`, `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
+#[utoipa::path(get, path = "/api/v1/runs/{id}/events", tag = "runs",
+    params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "number of the last event that was seen")),
+    responses(
+        (status = 200, description = "a stream", body = String, content_type = "text/event-stream"),
+        (status = 400, description = "Last-Event-ID is no number", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn events(
+    State(app): State<Arc<App>>,
+    id: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
+    let run = super::runs::find(&app, id).await?;
+    let last = match headers.get("last-event-id") {
+        None => 0,
+        Some(value) => value
+            .to_str()
+            .ok()
+            .and_then(|text| text.parse::<i64>().ok())
+            .filter(|seq| *seq >= 0)
+            .ok_or_else(|| Problem::bad_request("Last-Event-ID: expected the number of an event"))?,
+    };
+    let watcher = Watcher {
+        // Subscribed before the first look: what comes between is seen by one or the other.
+        news: app.hub.watch(&run.id),
+        ending: app.ending.subscribe(),
+        app,
+        id: run.id,
+        last,
+        ready: VecDeque::new(),
+        ended: false,
+    };
+    let keep_alive = KeepAlive::new().interval(Duration::from_secs(15));
+    Ok(Sse::new(futures_of(watcher)).keep_alive(keep_alive))
+}
+
+struct Watcher {
+    app: Arc<App>,
+    id: String,
+    last: i64,
+    ready: VecDeque<EventRow>,
+    ended: bool,
+    news: watch::Receiver<u64>,
+    ending: watch::Receiver<bool>,
+}
+
+impl Watcher {
+    /// The next event; `None`: there will be no more.
+    async fn next(&mut self) -> Option<EventRow> {
+        loop {
+            if let Some(event) = self.ready.pop_front() {
+                self.last = event.seq;
+                self.ended = event.kind == "ended";
+                return Some(event);
+            }
+            if self.ended || *self.ending.borrow() {
+                return None;
+            }
+            self.news.mark_unchanged();
+            match self.app.store.events_after(&self.id, self.last, BATCH).await {
+                Ok(events) if events.is_empty() => {}
+                Ok(events) => {
+                    self.ready = events.into();
+                    continue;
+                }
+                Err(error) => {
+                    tracing::error!(%error, "events cannot be read; a watcher is let go, and may come again");
+                    return None;
+                }
+            }
+            // A watcher that comes back after the end: nothing will ever be new.
+            match self.app.store.get(&self.id).await {
+                Ok(Some(run)) if !run.status.is_final() => {}
+                _ => {
+                    let late = self
+                        .app
+                        .store
+                        .events_after(&self.id, self.last, BATCH)
+                        .await
+                        .unwrap_or_default();
+                    if late.is_empty() {
+                        return None;
+                    }
+                    self.ready = late.into();
+                    continue;
+                }
+            }
+            tokio::select! {
+                changed = self.news.changed() => if changed.is_err() {
+                    self.news = self.app.hub.watch(&self.id);
+                },
+                _ = self.ending.changed() => {}
+                // Another process may have written.
+                () = tokio::time::sleep(Duration::from_secs(2)) => {}
+            }
+        }
+    }
+}
+
+fn futures_of(watcher: Watcher) -> impl Stream<Item = Result<Event, Infallible>> {
+    let (sender, receiver) = tokio::sync::mpsc::channel(64);
+    tokio::spawn(async move {
+        let mut watcher = watcher;
+        loop {
+            let next = tokio::select! {
+                next = watcher.next() => next,
+                () = sender.closed() => None,
+            };
+            let Some(event) = next else { return };
+            let event = Event::default()
+                .id(event.seq.to_string())
+                .event(event.kind)
+                .data(event.data.replace(['\n', '\r'], " "));
+            if sender.send(Ok(event)).await.is_err() {
+                return;
+            }
+        }
+    });
+    tokio_stream::wrappers::ReceiverStream::new(receiver)
+}

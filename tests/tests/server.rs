@@ -1,0 +1,244 @@
+//! The HTTP server with real processes: what it accepts ends, whatever dies; nothing is doubled; refusals are one sentence.
+
+use rotortwin_tests::process::{Process, wait_until};
+use rotortwin_tests::program::{Call, Link};
+use rotortwin_tests::scratch::{Scratch, shipped_scenario};
+use rotortwin_tests::server::Server;
+use serde_json::{Value, json};
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::time::Duration;
+
+/// A hover that takes so long in wall time that something can be done to it.
+fn slow(seconds: f64) -> Value {
+    json!({ "scenario": "short-hover", "pace": "real-time", "set": [format!("duration_s={seconds}")] })
+}
+
+/// Events of a run until the stream ends: (number, kind).
+fn events(server: &Server, id: &str, last: u64) -> Vec<(u64, String)> {
+    let last = last.to_string();
+    let path = format!("/api/v1/runs/{id}/events");
+    let stream = server.send("GET", &path, &[("last-event-id", &last)], "");
+    let mut events: Vec<(u64, String)> = Vec::new();
+    let mut number = 0;
+    for line in BufReader::new(stream).lines().map_while(Result::ok) {
+        if let Some(text) = line.strip_prefix("id: ") {
+            number = text.parse().expect("a number");
+        } else if let Some(kind) = line.strip_prefix("event: ") {
+            events.push((number, kind.to_owned()));
+        }
+    }
+    // The order of `id` and `event` within an event is the server's choice.
+    events
+}
+
+#[test]
+fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let id = server.submit(&json!({ "scenario": "short-hover", "seed": 7 }));
+    let run = server.ended(&id);
+    assert_eq!(run["status"], "done", "{run}");
+    let here = Call::fly(&scratch, Link::InProcess, &shipped_scenario("short-hover"), "here").with(["--seed", "7"]);
+    assert_eq!(run["run_hash"], here.run().expect_code(0).run_hash());
+    let verified = server.ask("POST", &format!("/api/v1/runs/{id}/verify"), &[], "").json();
+    assert_eq!(
+        (&verified["same"], &verified["recorded"]),
+        (&json!(true), &run["run_hash"])
+    );
+
+    let numbers: Vec<u64> = events(&server, &id, 0).iter().map(|(number, _)| *number).collect();
+    assert!(numbers.iter().copied().eq(1..=numbers.len() as u64), "{numbers:?}");
+    let rest = events(&server, &id, numbers.len() as u64 - 2);
+    assert_eq!(rest.len(), 2, "{rest:?}");
+    assert_eq!(rest[1].1, "ended");
+
+    let report = server.ask("GET", &format!("/api/v1/runs/{id}/artifacts/report.html"), &[], "");
+    assert!(report.status == 200 && report.body.to_ascii_lowercase().starts_with(b"<!doctype html>"));
+    let some = server.ask(
+        "GET",
+        &format!("/api/v1/runs/{id}/artifacts/run.mcap"),
+        &[("range", "bytes=1-4")],
+        "",
+    );
+    assert_eq!((some.status, some.body.as_slice()), (206, b"MCAP".as_slice()));
+    let front = server.ask("GET", "/", &[], "");
+    assert!(String::from_utf8_lossy(&front.body).contains(&id));
+}
+
+#[test]
+fn scenario_the_same_submission_makes_one_run_and_another_is_refused() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let submit = |body: &str| server.ask("POST", "/api/v1/runs", &[("idempotency-key", "one")], body);
+    let (first, second) = (
+        submit(r#"{"scenario":"short-hover"}"#),
+        submit(r#"{"scenario":"short-hover"}"#),
+    );
+    assert_eq!((first.status, second.status), (202, 200));
+    assert_eq!(first.json()["id"], second.json()["id"]);
+    let other = submit(r#"{"scenario":"short-hover","seed":2}"#);
+    assert_eq!(other.status, 409);
+    assert!(other.headers.contains("application/problem+json"));
+    assert_eq!(server.get("/api/v1/runs")["items"].as_array().map(Vec::len), Some(1));
+}
+
+#[test]
+fn scenario_what_cannot_be_flown_is_refused_with_the_reason() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    for (body, status, words) in [
+        (r#"{"scenario":"nowhere"}"#, 404, "short-hover"),
+        (r"{}", 422, "scenario"),
+        (r#"{"scenario":"hover","set":["duration_s=-3"]}"#, 422, "duration_s"),
+        (
+            r#"{"scenario":"hover","set":["vehicle=../../../../etc/passwd"]}"#,
+            422,
+            "leads out of the library",
+        ),
+        (r#"{"text":"vehicle = '/etc/passwd'"}"#, 422, "leads out of the library"),
+        (r#"{"scenario":"hover","colour":"red"}"#, 422, "colour"),
+        ("{", 400, "JSON"),
+    ] {
+        let answer = server.ask("POST", "/api/v1/runs", &[], body);
+        let problem = answer.json();
+        assert_eq!(answer.status, status, "{body}: {problem}");
+        assert!(
+            problem["detail"].as_str().is_some_and(|detail| detail.contains(words)),
+            "{body}: {problem}"
+        );
+    }
+    let large = format!("{{\"text\":\"{}\"}}", "x".repeat(3 << 20));
+    assert_eq!(server.ask("POST", "/api/v1/runs", &[], &large).status, 413);
+    assert_eq!(server.get("/api/v1/runs")["items"], json!([]));
+    let id = server.submit(&json!({ "scenario": "short-hover" }));
+    server.ended(&id);
+    let outside = format!("/api/v1/runs/{id}/artifacts/..%2f..%2f..%2frotortwin.sqlite");
+    assert_eq!(server.ask("GET", &outside, &[], "").status, 404);
+}
+
+#[test]
+fn scenario_a_canceled_run_ends_and_keeps_what_it_has() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let id = server.submit(&slow(60.0));
+    let path = format!("/api/v1/runs/{id}");
+    let flying = || events_so_far(&server, &path);
+    wait_until(Duration::from_secs(30), || flying() > 0).expect("it begins");
+    assert_eq!(server.ask("DELETE", &path, &[], "").status, 409);
+    assert_eq!(server.ask("POST", &format!("{path}/cancel"), &[], "").status, 202);
+    let run = server.ended(&id);
+    assert_eq!(run["status"], "canceled", "{run}");
+    assert!(run["summary"]["steps"].as_u64().is_some(), "{run}");
+    assert_eq!(server.ask("POST", &format!("{path}/cancel"), &[], "").status, 409);
+    assert_eq!(server.ask("DELETE", &path, &[], "").status, 204);
+    assert_eq!(server.ask("GET", &path, &[], "").status, 404);
+    assert!(!scratch.path("data").join("runs").join(&id).exists());
+}
+
+/// Attempts of a run that has begun to fly.
+fn events_so_far(server: &Server, path: &str) -> u64 {
+    let run = server.get(path);
+    if run["status"] == "running" {
+        run["attempts"].as_u64().unwrap_or(0)
+    } else {
+        0
+    }
+}
+
+/// No process of a flight in this folder lives.
+fn nobody_flies(data: &Path) -> bool {
+    Process::with_word(&data.display().to_string()).is_empty()
+}
+
+#[test]
+fn scenario_a_killed_server_loses_nothing_and_doubles_nothing() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = Server::start(&data);
+    let mut ids: Vec<String> = (1..=6)
+        .map(|seed| server.submit(&json!({ "scenario": "short-hover", "seed": seed })))
+        .collect();
+    ids.push(server.submit(&slow(3.0)));
+    for round in 0..3 {
+        std::thread::sleep(Duration::from_millis(150 + 200 * round));
+        server.kill();
+        // The flights notice that nobody holds their standard input any more.
+        wait_until(Duration::from_secs(20), || nobody_flies(&data)).expect("no flight outlives its server");
+        server = Server::start(&data);
+        ids.push(server.submit(&json!({ "scenario": "short-hover", "seed": 1 })));
+    }
+    let runs: Vec<Value> = ids.iter().map(|id| server.ended(id)).collect();
+    assert!(runs.iter().all(|run| run["status"] == "done"), "{runs:?}");
+    // The same flight gives the same bits, however often it was begun.
+    for again in &runs[7..] {
+        assert_eq!(again["run_hash"], runs[0]["run_hash"]);
+    }
+    assert_eq!(
+        server.get("/api/v1/runs?limit=100")["items"].as_array().map(Vec::len),
+        Some(ids.len())
+    );
+    for id in &ids {
+        let ends = events(&server, id, 0)
+            .iter()
+            .filter(|(_, kind)| kind == "ended")
+            .count();
+        assert_eq!(ends, 1, "{id}");
+    }
+}
+
+#[test]
+fn scenario_a_stopped_server_puts_its_flights_back() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = Server::start(&data);
+    let id = server.submit(&slow(4.0));
+    let path = format!("/api/v1/runs/{id}");
+    wait_until(Duration::from_secs(30), || events_so_far(&server, &path) > 0).expect("it begins");
+    assert_eq!(server.stop(), Some(0));
+    assert!(nobody_flies(&data));
+    let server = Server::start(&data);
+    let run = server.ended(&id);
+    assert_eq!((&run["status"], &run["attempts"]), (&json!("done"), &json!(2)), "{run}");
+}
+
+#[test]
+fn scenario_one_server_a_folder_and_no_strangers() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let _server = Server::start(&data);
+    let library = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config");
+    let serve = |listen: &str| {
+        let args = [
+            "serve".into(),
+            "--listen".into(),
+            listen.into(),
+            "--data".into(),
+            data.clone().into_os_string(),
+        ];
+        let library = ["--library".into(), library.clone().into_os_string()];
+        Call::new(&scratch, args)
+            .with(library)
+            .run()
+            .expect_code(2)
+            .stderr
+            .join(" ")
+    };
+    assert!(serve("127.0.0.1:0").contains("another rotortwin server uses this data folder"));
+    assert!(serve("0.0.0.0:0").contains("without a token"));
+}
+
+#[test]
+fn regress_openapi_document() {
+    let scratch = Scratch::new();
+    let now = Call::new(&scratch, ["serve", "--openapi"]).run().expect_code(0).stdout;
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/openapi.json");
+    if std::env::var_os("ROTORTWIN_UPDATE_GOLDEN").is_some() {
+        std::fs::write(&golden, &now).expect("written");
+    }
+    let before = std::fs::read_to_string(&golden).unwrap_or_default();
+    assert!(
+        before == now,
+        "the API has changed; if that was meant: ROTORTWIN_UPDATE_GOLDEN=1 cargo test --release -p rotortwin-tests --test server regress_"
+    );
+}
