@@ -36,7 +36,7 @@ pub(crate) fn find(problem: &Problem) -> Option<(Active, f64)> {
     let (active, after) = best?;
     // Noise alone scatters by √(2 n).
     let scatter = 6.0 * (2.0 * samples).sqrt();
-    (after < (LEFT_SHARE * before).max(scatter) && before > 4.0 * scatter).then(|| (active, 0.5 * (before - after)))
+    (after < (LEFT_SHARE * before).max(scatter) && before > 4.0 * scatter).then_some((active, 0.5 * (before - after)))
 }
 
 /// Every way to have this error.

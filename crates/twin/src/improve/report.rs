@@ -68,7 +68,7 @@ pub fn short(value: f64) -> String {
 pub fn open_loop_m(log: &OnLog) -> Option<f64> {
     log.open_loop
         .iter()
-        .find(|open| open.horizon_s == HORIZON_S)
+        .find(|open| (open.horizon_s - HORIZON_S).abs() < 1e-9)
         .map(|open| open.position_m)
         .filter(|error| error.is_finite())
 }

@@ -93,7 +93,7 @@ pub(crate) async fn get(
         return Err(missing());
     }
     let root = app.folder.path().join(run.folder.as_ref().ok_or_else(missing)?);
-    let file = root.join(&relative).canonicalize().map_err(|_| missing())?;
+    let file = root.join(&relative).canonicalize().ok().ok_or_else(missing)?;
     if !file.starts_with(&root) || !file.is_file() {
         return Err(missing());
     }

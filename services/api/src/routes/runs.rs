@@ -504,8 +504,10 @@ pub(crate) async fn verify(
         .output()
         .await
         .map_err(|error| Problem::internal(&error))?;
-    let answer: serde_json::Value = serde_json::from_slice(&output.stdout)
-        .map_err(|_| Problem::internal(&String::from_utf8_lossy(&output.stderr)))?;
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).map_err(|error| {
+        let words = String::from_utf8_lossy(&output.stderr);
+        Problem::internal(&format!("replay gave no JSON ({error}): {words}"))
+    })?;
     let again = answer["replayed"].as_str().unwrap_or_default().to_owned();
     if again != recorded_hash {
         tracing::error!(
