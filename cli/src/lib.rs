@@ -14,6 +14,7 @@ mod fly;
 mod improve;
 mod log;
 mod model;
+mod next_flight;
 mod output;
 mod replay;
 mod reproduce;
@@ -52,6 +53,8 @@ enum Command {
     Diagnose(diagnose::Args),
     /// Compare, diagnose, add what is missing, compare again: until the model agrees, or the reason why it does not is known
     Improve(improve::Args),
+    /// The manoeuvre that would tell two effects apart, as a scenario, with the evidence that is expected of it
+    NextFlight(next_flight::Args),
     /// The effects that a model may lack: list, equation, parameters; your own with --effects
     Effects(effects::Args),
     /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
@@ -92,6 +95,7 @@ pub fn run() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Improve(args) => improve::run(&args),
+        Command::NextFlight(args) => next_flight::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),

@@ -10,6 +10,7 @@
 //! * [`predict`]: what a model predicts of a log, one step ahead, in sixteen channels.
 //! * [`diagnose`]: which effect the model lacks, with evidence.
 //! * [`improve`]: the loop over these, version by version.
+//! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
 
@@ -19,4 +20,5 @@ pub mod diagnose;
 pub mod improve;
 pub mod log;
 pub mod model;
+pub mod next_flight;
 pub mod predict;

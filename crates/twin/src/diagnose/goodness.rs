@@ -13,6 +13,8 @@ use crate::predict::{CHANNELS, NAMES, PerChannel, Predictor};
 const MEAN_S: f64 = 0.25;
 /// Normal score above which a channel is not explained.
 pub(crate) const UNEXPLAINED_SCORE: f64 = 6.0;
+/// Least noise level, over what is assumed: a simulated battery without noise is not known better than its floor.
+const LEAST_LEVEL: f64 = 0.5;
 /// Slow excess of all channels, as a normal score, below which there is nothing to explain.
 const NO_EXCESS_SCORE: f64 = 6.0;
 
@@ -46,7 +48,7 @@ pub(crate) fn channel_fits(predictor: &Predictor, residual: &PerChannel) -> [Opt
             .map(|k| r[k].abs())
             .collect();
         let samples = sizes.len() as f64;
-        let level = (DEVIATION_PER_MEDIAN * median(&mut sizes)).max(1e-6);
+        let level = (DEVIATION_PER_MEDIAN * median(&mut sizes)).max(LEAST_LEVEL);
         let mut fit = ChannelFit {
             chi2: r.iter().map(|x| x * x).sum::<f64>() / samples.max(1.0),
             level,

@@ -208,9 +208,12 @@ fn plot(html: &mut String, title: &str, bars: &[(&Row, f64)], noise: Option<f64>
     let y = |value: f64| HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * value / most;
     let slot = WIDTH / bars.len() as f64;
     let wide = (0.62 * slot).min(70.0);
+    let floor = noise.map_or_else(String::new, |noise| {
+        format!(" <span class=\"muted\">– – noise {}</span>", short(noise))
+    });
     put!(
         html,
-        "<div><h3>{}</h3><svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\
+        "<div><h3>{}{floor}</h3><svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\
          <line class=\"base\" x1=\"0\" x2=\"{WIDTH}\" y1=\"{2}\" y2=\"{2}\"/>",
         escape(title),
         escape(title),
@@ -264,10 +267,8 @@ fn plot(html: &mut String, title: &str, bars: &[(&Row, f64)], noise: Option<f64>
     if let Some(noise) = noise {
         put!(
             html,
-            "<line class=\"noise\" x1=\"0\" x2=\"{WIDTH}\" y1=\"{0:.1}\" y2=\"{0:.1}\"/><text x=\"{WIDTH}\" y=\"{1:.1}\" text-anchor=\"end\">noise {2}</text>",
-            y(noise),
-            y(noise) - 15.0,
-            short(noise)
+            "<line class=\"noise\" x1=\"0\" x2=\"{WIDTH}\" y1=\"{0:.1}\" y2=\"{0:.1}\"/>",
+            y(noise)
         );
     }
     html.push_str("</svg></div>");

@@ -1,0 +1,206 @@
+//! Next flight: which manoeuvre would tell two effects apart that the flights so far cannot.
+//!
+//! ```text
+//! manoeuvres (≤ 30 s) ─▶ flown with the model as it stands ─▶ Sensitivity of the whole library ─▶ expected evidence of the pair
+//!                                 (by the caller)                                                └▶ the best, as a scenario
+//! ```
+//! * Expected: with one effect of the pair in the data at its ordinary size, ln of the Bayes factor of that effect against the
+//!   other, and against every other candidate of the library, with the clutter that the diagnosis assumes.
+//! * A manoeuvre is worth its worse side: whichever of the two is the truth, it must be named.
+//!
+//! Limits: linear in the effects about the model; the controller is the one of the simulator, so a real vehicle flies the
+//! manoeuvre differently, and its evidence differs.
+
+pub mod evidence;
+pub mod manoeuvres;
+
+use rotortwin_plant::effects::{Catalogue, EffectInstance, ParameterKind};
+use serde::Serialize;
+
+use crate::model::ModelVersion;
+
+pub use evidence::{Evidence, Sensitivity};
+pub use manoeuvres::{MANOEUVRES, Manoeuvre, scenario_text};
+
+/// An effect of a pair: id, and rotor for effects of one rotor.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Rival {
+    /// Id in the catalogue.
+    pub effect: String,
+    /// Rotor, from 1.
+    pub rotor: Option<usize>,
+}
+
+impl Rival {
+    /// Reads `rotor-drag` or `rotor-thrust-scale#3`; an effect of one rotor without a number means rotor 1.
+    ///
+    /// # Errors
+    /// One sentence: an id that the catalogue does not have, a rotor that makes no sense.
+    pub fn parse(text: &str, catalogue: &Catalogue) -> Result<Self, String> {
+        let (id, rotor) = match text.split_once('#') {
+            None => (text, None),
+            Some((id, number)) => {
+                let number = number.parse::<usize>().ok().filter(|n| *n >= 1);
+                (
+                    id,
+                    Some(number.ok_or_else(|| format!("expected a rotor from 1 after #, got `{text}`"))?),
+                )
+            }
+        };
+        let declaration = catalogue.find(id).ok_or_else(|| {
+            format!(
+                "expected the id of an effect (`rotortwin effects` lists them), got `{id}`; nearest: {}",
+                catalogue.nearest(id)
+            )
+        })?;
+        let rotor = match (declaration.per_rotor, rotor) {
+            (true, rotor) => Some(rotor.unwrap_or(1)),
+            (false, None) => None,
+            (false, Some(_)) => return Err(format!("{id} belongs to the whole vehicle, got `{text}`")),
+        };
+        Ok(Self {
+            effect: id.to_owned(),
+            rotor,
+        })
+    }
+
+    /// `rotor-drag`, `rotor-thrust-scale#3`.
+    pub fn label(&self) -> String {
+        match self.rotor {
+            Some(rotor) => format!("{}#{rotor}", self.effect),
+            None => self.effect.clone(),
+        }
+    }
+
+    /// The effect at its ordinary size.
+    ///
+    /// # Errors
+    /// The catalogue does not have it.
+    pub fn typical(&self, catalogue: &Catalogue) -> Result<EffectInstance, String> {
+        let declaration = catalogue
+            .find(&self.effect)
+            .ok_or_else(|| format!("no effect `{}`", self.effect))?;
+        Ok(EffectInstance {
+            effect: self.effect.clone(),
+            rotor: self.rotor,
+            onset_s: None,
+            parameters: declaration
+                .parameters
+                .iter()
+                .filter(|p| p.kind == ParameterKind::Shape || p.typical != 0.0)
+                .map(|p| (p.name.to_owned(), p.typical))
+                .collect(),
+        })
+    }
+}
+
+/// A manoeuvre with what it is expected to show.
+#[derive(Debug, Clone, Serialize)]
+pub struct Proposal {
+    /// Name of the manoeuvre.
+    pub manoeuvre: String,
+    /// In words.
+    pub description: String,
+    /// s.
+    pub duration_s: f64,
+    /// The first effect in the data.
+    pub first: Evidence,
+    /// The second effect in the data.
+    pub second: Evidence,
+}
+
+impl Proposal {
+    /// ln Bayes factor on the worse side, against the pair's other effect and all other candidates.
+    pub fn worth(&self) -> f64 {
+        self.first.worth().min(self.second.worth())
+    }
+
+    /// ln Bayes factor within the pair on the worse side.
+    pub fn between(&self) -> f64 {
+        self.first.against_other.min(self.second.against_other)
+    }
+}
+
+/// All manoeuvres for a pair, best first. `sensitivities` are in the order of [`MANOEUVRES`]; `None` where the flight failed.
+///
+/// # Errors
+/// The pair is not in the library.
+pub fn propose(sensitivities: &[Option<Sensitivity>], first: &Rival, second: &Rival) -> Result<Vec<Proposal>, String> {
+    let mut proposals = Vec::new();
+    for (manoeuvre, sensitivity) in MANOEUVRES.iter().zip(sensitivities) {
+        let Some(sensitivity) = sensitivity else { continue };
+        proposals.push(Proposal {
+            manoeuvre: manoeuvre.name.to_owned(),
+            description: manoeuvre.description.to_owned(),
+            duration_s: manoeuvre.duration_s,
+            first: sensitivity.expected(first, second)?,
+            second: sensitivity.expected(second, first)?,
+        });
+    }
+    proposals.sort_by(|a, b| b.worth().total_cmp(&a.worth()));
+    Ok(proposals)
+}
+
+/// What must be in the model for one of the pair to act at all: wind needs a drag.
+pub fn companions(pair: [&Rival; 2], model: &ModelVersion, catalogue: &Catalogue) -> Vec<EffectInstance> {
+    let mut found: Vec<EffectInstance> = Vec::new();
+    for rival in pair {
+        let Some(needs) = catalogue
+            .find(&rival.effect)
+            .map(|d| d.needs)
+            .filter(|needs| !needs.is_empty())
+        else {
+            continue;
+        };
+        let there = |id: &str| {
+            model.effect.iter().any(|e| e.effect == id)
+                || found.iter().any(|e| e.effect == id)
+                || pair.iter().any(|r| r.effect == id)
+        };
+        if needs.iter().any(|id| there(id)) {
+            continue;
+        }
+        let companion = needs.first().map(|id| Rival {
+            effect: (*id).to_owned(),
+            rotor: None,
+        });
+        found.extend(companion.and_then(|c| c.typical(catalogue).ok()));
+    }
+    found
+}
+
+/// Pairs that flights mix up: the groups of the catalogue's column "confused with".
+pub const CONFUSABLE: &[(&str, &str)] = &[
+    ("rotor-drag", "quadratic-drag"),
+    ("rotor-drag", "linear-friction"),
+    ("quadratic-drag", "linear-friction"),
+    ("axial-inflow", "rotational-damping"),
+    ("axial-inflow", "linear-friction"),
+    ("translational-lift", "axial-inflow"),
+    ("flapping-moment", "rotor-interference"),
+    ("centre-of-mass", "rotor-interference"),
+    ("rotational-damping", "command-delay"),
+    ("motor-time-constant", "command-delay"),
+    ("motor-time-constant", "lag-asymmetry"),
+    ("command-delay", "imu-latency"),
+    ("imu-latency", "attitude-latency"),
+    ("velocity-latency", "position-latency"),
+    ("inertia-yaw", "moment-ratio"),
+    ("inertia-yaw", "rotor-reaction"),
+    ("inertia-roll", "gyro-scale"),
+    ("gyroscopic-torque", "inertia-product-xy"),
+    ("mass", "air-density"),
+    ("mass", "accelerometer-scale"),
+    ("mass", "dead-zone"),
+    ("ground-effect", "mass"),
+    ("air-density", "dead-zone"),
+    ("accelerometer-bias", "level-offset"),
+    ("accelerometer-bias", "vibration-rectification"),
+    ("internal-resistance", "battery-rc"),
+    ("internal-resistance", "battery-capacity"),
+    ("imu-misalignment", "level-offset"),
+    ("imu-lever-arm", "centre-of-mass"),
+    ("rotor-thrust-scale#1", "centre-of-mass"),
+    ("rotor-tilt-tangential#1", "moment-ratio"),
+    ("slung-load", "mass"),
+];
