@@ -79,6 +79,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         println!("{json}");
     } else {
         print!("{}", text(&diagnosis));
+        if let Some(advice) = crate::next_flight::after(&diagnosis, &found.version) {
+            println!("Next flight  {advice}");
+        }
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.join("diagnosis.json").display());
         }

@@ -103,13 +103,16 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         quiet: args.json,
         shown,
     };
-    let improvement = match improve(&request, &options, &mut guide) {
+    let mut improvement = match improve(&request, &options, &mut guide) {
         Ok(improvement) => improvement,
         Err(ImproveError::Input(error)) => return output::bad_input(error),
         Err(ImproveError::Guide(sentence)) => return output::failed(sentence),
     };
     if shown {
         eprint!("\r\x1b[K");
+    }
+    if let Some(diagnosis) = &improvement.diagnosis {
+        improvement.next_flight = crate::next_flight::after(diagnosis, &improvement.model);
     }
     if let Some(folder) = &args.out
         && let Err(sentence) = report::write(folder, &improvement)
@@ -238,6 +241,9 @@ fn text(improvement: &Improvement) -> String {
     }
     text += "Errors are means over 0.1 s; ± is 95 %; open loop: position error after 1 s\n\n";
     text += &format!("{}\n", improvement.reason);
+    if let Some(advice) = &improvement.next_flight {
+        text += &format!("Next flight  {advice}\n");
+    }
     text
 }
 

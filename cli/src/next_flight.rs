@@ -9,7 +9,7 @@ use rotortwin_campaign::pace::Pace;
 use rotortwin_campaign::setup::run_setup;
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
 use rotortwin_plant::{STEP_NS, Scenario, Simulation};
-use rotortwin_twin::diagnose::{Options, Verdict, diagnose};
+use rotortwin_twin::diagnose::{Diagnosis, Options, Verdict, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::store::Found;
 use rotortwin_twin::model::{ModelEffect, ModelStore, ModelVersion, Provenance};
@@ -164,6 +164,32 @@ pub(crate) fn advice(proposals: &[Proposal], a: &Rival, b: &Rival) -> String {
             best.manoeuvre, best.description, best.duration_s, best.first.against_other, best.second.against_other
         ),
     }
+}
+
+/// What to fly next where a diagnosis cannot tell; nothing where it can.
+pub(crate) fn after(diagnosis: &Diagnosis, model: &ModelVersion) -> Option<String> {
+    if !matches!(diagnosis.verdict, Verdict::CannotTell { .. }) {
+        return None;
+    }
+    let best = diagnosis.effects.first()?;
+    let other = best.also_compatible.first()?;
+    let a = Rival {
+        effect: best.instance.effect.clone(),
+        rotor: best.instance.rotor,
+    };
+    let b = Rival {
+        effect: other.effect.clone(),
+        rotor: other.rotor,
+    };
+    let advice = match proposals(model, &a, &b, &Catalogue::built_in()) {
+        Ok(proposals) => advice(&proposals, &a, &b),
+        Err(sentence) => sentence,
+    };
+    Some(format!(
+        "{advice} 'rotortwin next-flight --between {},{} --out FILE' writes it as a scenario.",
+        a.label(),
+        b.label()
+    ))
 }
 
 fn table(proposals: &[Proposal], a: &Rival, b: &Rival) -> Table {

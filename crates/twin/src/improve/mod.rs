@@ -120,6 +120,11 @@ pub struct Improvement {
     pub held_out: Vec<LogReference>,
     /// The last diagnosis.
     pub diagnosis: Option<Diagnosis>,
+    /// The last version.
+    #[serde(skip)]
+    pub model: ModelVersion,
+    /// What to fly next, where the caller knows.
+    pub next_flight: Option<String>,
 }
 
 /// Who is asked before each step. An error ends the loop.
@@ -257,6 +262,8 @@ pub fn improve(
         fitted: references(request.fitted),
         held_out: references(request.held_out),
         diagnosis: last,
+        model: now.version,
+        next_flight: None,
     })
 }
 

@@ -99,6 +99,9 @@ fn body(improvement: &Improvement) -> String {
         "<p class=\"verdictline {class}\">{}</p>",
         escape(&improvement.reason)
     );
+    if let Some(advice) = &improvement.next_flight {
+        put!(html, "<p class=\"verdictline bad\">{}</p>", escape(advice));
+    }
     versions(&mut html, improvement);
     let logs = improvement.rows.first().map_or(0, |row| row.logs.len());
     for place in 0..logs {

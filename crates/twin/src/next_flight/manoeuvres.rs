@@ -2,7 +2,7 @@
 
 use rotortwin_plant::Scenario;
 use rotortwin_plant::effects::EffectInstance;
-use rotortwin_plant::scenario::{Documents, ScenarioDocument};
+use rotortwin_plant::scenario::{Documents, Ground, ScenarioDocument};
 use serde::Serialize;
 
 use crate::model::ModelVersion;
@@ -103,7 +103,7 @@ pub const MANOEUVRES: &[Manoeuvre] = &[
     },
 ];
 
-/// The scenario of a manoeuvre. `vehicle` is the path of a vehicle file as the scenario will see it; readings have the noise of
+/// The scenario of a manoeuvre, without a ground, which only a scenario with a ground effect may have. `vehicle` is the path of a vehicle file as the scenario will see it; readings have the noise of
 /// Table 4, the voltage 10 mV, and the rotors their ordinary biases.
 pub fn scenario_text(manoeuvre: &Manoeuvre, vehicle: &str, seed: u64) -> String {
     format!(
@@ -113,7 +113,10 @@ pub fn scenario_text(manoeuvre: &Manoeuvre, vehicle: &str, seed: u64) -> String 
         manoeuvre.description,
         toml::Value::String(vehicle.to_owned()),
         manoeuvre.duration_s,
-        manoeuvre.document
+        manoeuvre.document.replace(
+            "[ground]\ndown_m = 0.0\n",
+            "# With a ground effect: [ground] down_m = 0.0\n"
+        )
     )
 }
 
@@ -126,8 +129,13 @@ impl Manoeuvre {
         let text = scenario_text(self, "vehicle.toml", seed);
         let mut scenario: ScenarioDocument =
             toml::from_str(&text).map_err(|error| format!("{}: {}", self.name, error.message()))?;
+        scenario.ground = self.ground_down_m().map(|down_m| Ground { down_m });
         scenario.effect.extend(model.instances());
         scenario.effect.extend(hidden.iter().cloned());
+        // A ground that nothing feels is refused.
+        if !scenario.effect.iter().any(|e| e.effect == "ground-effect") {
+            scenario.ground = None;
+        }
         let documents = Documents {
             scenario,
             vehicle: model.vehicle.clone(),
