@@ -41,8 +41,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Err(code) => return code,
     };
     for model in &models {
-        if let Err(code) = refused(&logs, &model.version.vehicle) {
-            return code;
+        if let Some(sentence) = logs.iter().find_map(|log| log.refusal_against(&model.version.vehicle)) {
+            return output::bad_input(sentence);
         }
     }
     let (comparison, series) = match compare::compare(&logs, &models) {
@@ -80,9 +80,9 @@ pub(crate) fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<N
         .collect()
 }
 
-/// Refuses the first log that no model of this vehicle may be held against.
+/// Refuses the first log that must be mended before a diagnosis against this vehicle.
 pub(crate) fn refused(logs: &[FlightLog], vehicle: &rotortwin_plant::vehicle::VehicleModel) -> Result<(), ExitCode> {
-    match logs.iter().find_map(|log| log.refusal_against(vehicle)) {
+    match logs.iter().find_map(|log| log.refusal_before_diagnosis(vehicle)) {
         Some(sentence) => Err(output::bad_input(sentence)),
         None => Ok(()),
     }

@@ -6,7 +6,7 @@
 use rotortwin_plant::vehicle::VehicleModel;
 
 use super::FlightLog;
-use super::findings::Finding;
+use super::findings::{Finding, FindingKind};
 
 impl FlightLog {
     /// Findings of this log, also against the vehicle, that must be resolved first.
@@ -22,7 +22,17 @@ impl FlightLog {
 
     /// Why no model of this vehicle may be held against the log: one sentence, or `None`.
     pub fn refusal_against(&self, vehicle: &VehicleModel) -> Option<String> {
-        let found = self.blocking_findings(vehicle);
+        self.refusal(&self.blocking_findings(vehicle))
+    }
+
+    /// The same before a diagnosis, which names swapped motors by itself.
+    pub fn refusal_before_diagnosis(&self, vehicle: &VehicleModel) -> Option<String> {
+        let mut found = self.blocking_findings(vehicle);
+        found.retain(|finding| finding.kind != FindingKind::SwappedMotors);
+        self.refusal(&found)
+    }
+
+    fn refusal(&self, found: &[Finding]) -> Option<String> {
         if found.is_empty() {
             return None;
         }
