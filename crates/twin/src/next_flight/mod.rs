@@ -129,6 +129,11 @@ pub fn propose(sensitivities: &[Option<Sensitivity>], first: &Rival, second: &Ri
     let mut proposals = Vec::new();
     for (manoeuvre, sensitivity) in MANOEUVRES.iter().zip(sensitivities) {
         let Some(sensitivity) = sensitivity else { continue };
+        // Nobody flies into the ground's reach for less than the ground effect itself.
+        let at_ground = [first, second].iter().any(|rival| rival.effect == "ground-effect");
+        if manoeuvre.ground_down_m().is_some() && !at_ground {
+            continue;
+        }
         proposals.push(Proposal {
             manoeuvre: manoeuvre.name.to_owned(),
             description: manoeuvre.description.to_owned(),
