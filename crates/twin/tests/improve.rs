@@ -1,0 +1,301 @@
+//! The loop from a failing model to one that agrees, on logs of a foreign simulator; and logs that are at fault, which must be named
+//! and never diagnosed.
+
+#![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
+
+use std::path::{Path, PathBuf};
+
+use rotortwin_blind::flight::{FlightPlan, Row, fly};
+use rotortwin_blind::hidden::Hidden;
+use rotortwin_blind::script::Script;
+use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_plant::effects::Catalogue;
+use rotortwin_twin::compare::NamedModel;
+use rotortwin_twin::diagnose::{Diagnosis, Finding, Options, Verdict, diagnose};
+use rotortwin_twin::improve::{End, Guide, OnLog, Request, Row as Step, improve};
+use rotortwin_twin::log::{FindingKind, FlightLog};
+use rotortwin_twin::model::ModelVersion;
+use rotortwin_twin::model::specification::effect_by_hand;
+use rotortwin_twin::next_flight::{CONFUSABLE, Rival};
+
+fn vehicle_path() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml")
+}
+
+fn model() -> ModelVersion {
+    ModelVersion::load(vehicle_path()).unwrap()
+}
+
+/// A flight of the foreign simulator with hidden effects.
+fn flown(flight: &str, effects: &[&str], duration: f64, seed: u64) -> (Vec<f64>, Vec<(String, Vec<f64>)>) {
+    let plan = FlightPlan {
+        vehicle: Vehicle::load(&vehicle_path()).unwrap(),
+        script: Script::built_in(flight, seed).unwrap(),
+        duration,
+        seed,
+        effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
+        clutter: Vec::new(),
+        noise_scale: 1.0,
+        state_of_charge: None,
+    };
+    let (rows, _) = fly(&plan).unwrap();
+    let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
+    let mut columns = Vec::new();
+    for axis in 0..3 {
+        let names = [
+            ["position_north_m", "position_east_m", "position_down_m"],
+            ["velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"],
+            ["roll_rad", "pitch_rad", "yaw_rad"],
+            ["roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"],
+            ["accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2"],
+        ]
+        .map(|names| names[axis].to_owned());
+        let values = [
+            of(&|r| r.position[axis]),
+            of(&|r| r.velocity[axis]),
+            of(&|r| r.euler[axis]),
+            of(&|r| r.rates[axis]),
+            of(&|r| r.accel[axis]),
+        ];
+        columns.extend(names.into_iter().zip(values));
+    }
+    for rotor in 0..6 {
+        columns.push((format!("duty_{}", rotor + 1), of(&|r| r.duties[rotor])));
+    }
+    columns.push(("battery_voltage_v".to_owned(), of(&|r| r.voltage)));
+    (of(&|r| r.time), columns)
+}
+
+fn log(name: &str, flight: &str, effects: &[&str], seed: u64) -> FlightLog {
+    let (time, columns) = flown(flight, effects, 45.0, seed);
+    FlightLog::from_columns(name, time, columns).unwrap()
+}
+
+/// Says yes to everything, or only to so many proposals.
+struct Eager {
+    proposals: usize,
+}
+
+impl Guide for Eager {
+    fn compared(&mut self, _: &Step) -> Result<bool, String> {
+        Ok(true)
+    }
+
+    fn proposed(
+        &mut self,
+        before: &ModelVersion,
+        next: &ModelVersion,
+        _: &Finding,
+        _: &Diagnosis,
+    ) -> Result<Option<String>, String> {
+        assert_eq!(next.parent.as_deref(), Some(before.hash().as_str()));
+        if self.proposals == 0 {
+            return Ok(None);
+        }
+        self.proposals -= 1;
+        Ok(Some(format!("m@v{}", next.effect.len())))
+    }
+}
+
+fn error(step: &OnLog, quantity: &str) -> f64 {
+    step.error_of(quantity).unwrap().error
+}
+
+#[test]
+fn scenario_error_falls_to_that_of_the_oracle_version_by_version_also_on_a_log_that_no_fit_has_seen() {
+    let effects = ["rotor-drag:drag_n_s_m=0.25", "flapping-moment:moment_n_s=0.003"];
+    let fitted = [log("fitted", "excitation", &effects, 11)];
+    let held_out = [log("held out", "waypoint", &effects, 12)];
+    let by_hand = |effect: &str, value: &str| effect_by_hand(effect, None, None, &[value.to_owned()]).unwrap();
+    let oracle = model().with_effects(
+        [
+            by_hand("rotor-drag", "drag_n_s_m=0.25"),
+            by_hand("flapping-moment", "moment_n_s=0.003"),
+        ],
+        "",
+    );
+    let first = NamedModel {
+        label: "m@v0".to_owned(),
+        version: model(),
+    };
+    let request = Request {
+        model: &first,
+        fitted: &fitted,
+        held_out: &held_out,
+        oracle: Some(&oracle),
+    };
+    let done = improve(&request, &Options::default(), &mut Eager { proposals: 9 }).unwrap();
+    assert_eq!(done.end, End::Agrees, "{}", done.reason);
+    // v0, one version for each effect, the oracle.
+    assert_eq!(done.rows.len(), 4);
+    let (last, oracle) = (done.last(), done.oracle().unwrap());
+    for place in 0..2 {
+        for quantity in ["force", "torque"] {
+            let errors: Vec<f64> = done.rows.iter().map(|row| error(&row.logs[place], quantity)).collect();
+            // Falls or stays; what an effect does not touch changes by its nuisances alone.
+            assert!(
+                errors[1] < 1.02 * errors[0] && errors[2] < 1.02 * errors[1],
+                "{quantity}: {errors:?}"
+            );
+            assert!(errors[2] < 0.5 * errors[0], "{quantity}: {errors:?}");
+            // The demand on the held-out log.
+            assert!(errors[2] < 1.01 * errors[3], "{quantity}: {errors:?}");
+        }
+        assert!(last.logs[place].agrees && oracle.logs[place].agrees);
+    }
+    assert!(last.logs[1].held_out);
+    let folder = tempfile::tempdir().unwrap();
+    rotortwin_twin::improve::report::write(folder.path(), &done).unwrap();
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(page.contains("held out: no fit has seen it") && page.contains("<svg"));
+    assert!(!page.contains("{{"));
+}
+
+#[test]
+fn scenario_a_declined_proposal_changes_nothing_and_a_log_fault_is_never_added() {
+    let first = NamedModel {
+        label: "m@v0".to_owned(),
+        version: model(),
+    };
+    let walk = |logs: &[FlightLog], proposals: usize| {
+        let request = Request {
+            model: &first,
+            fitted: logs,
+            held_out: &[],
+            oracle: None,
+        };
+        improve(&request, &Options::default(), &mut Eager { proposals }).unwrap()
+    };
+    let done = walk(&[log("a", "excitation", &["rotor-drag:drag_n_s_m=0.25"], 3)], 0);
+    assert_eq!((done.end, done.rows.len()), (End::Declined, 1));
+    let done = walk(&[log("b", "excitation", &["heading-offset:offset_rad=0.08"], 4)], 9);
+    assert_eq!((done.end, done.rows.len()), (End::LogFault, 1), "{}", done.reason);
+}
+
+#[test]
+fn scenario_logs_of_one_vehicle_share_the_physics_and_not_the_biases() {
+    let effects = ["mass:share=0.1"];
+    let logs = [
+        log("a", "excitation", &effects, 21),
+        log("b", "waypoint", &effects, 22),
+        log("c", "excitation", &effects, 23),
+    ];
+    let one = diagnose(&logs[..1], &model(), &Options::default()).unwrap();
+    let three = diagnose(&logs, &model(), &Options::default()).unwrap();
+    for diagnosis in [&one, &three] {
+        assert_eq!(
+            diagnosis.verdict,
+            Verdict::Missing {
+                effects: vec!["mass".to_owned()]
+            },
+            "{}",
+            diagnosis.sentence
+        );
+    }
+    let value = |d: &Diagnosis| (d.effects[0].parameters[0].value, d.effects[0].ln_bayes_factor);
+    // Clutter limits a single mass to about 2 %.
+    assert!((value(&three).0 - 0.1).abs() < 0.005, "{:?}", value(&three));
+    assert!(value(&three).1 > value(&one).1);
+}
+
+#[test]
+fn scenario_faults_of_a_log_are_named_before_any_diagnosis() {
+    type Columns = Vec<(String, Vec<f64>)>;
+    let (time, columns) = flown("excitation", &[], 30.0, 7);
+    let healthy = FlightLog::from_columns("healthy", time.clone(), columns.clone()).unwrap();
+    let vehicle = model().vehicle;
+    assert_eq!(healthy.refusal_against(&vehicle), None);
+    fn scale(columns: &mut Columns, names: &[&str], factor: f64) {
+        for (name, values) in columns.iter_mut() {
+            if names.contains(&name.as_str()) {
+                values.iter_mut().for_each(|v| *v *= factor);
+            }
+        }
+    }
+    const ACCEL: [&str; 3] = ["accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2"];
+    let rates = ["roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"];
+    let degrees = 180.0 / std::f64::consts::PI;
+    type Fault<'a> = (&'a str, FindingKind, Box<dyn Fn(&mut Vec<f64>, &mut Columns) + 'a>);
+    let faults: Vec<Fault<'_>> = vec![
+        (
+            "upside down",
+            FindingKind::UpsideDownAxes,
+            Box::new(|_, c| scale(c, &ACCEL[2..], -1.0)),
+        ),
+        (
+            "rates in degrees",
+            FindingKind::RatesInDegrees,
+            Box::new(|_, c| scale(c, &rates, degrees)),
+        ),
+        (
+            "FLU",
+            FindingKind::BodyAxesFlu,
+            Box::new(|_, c| {
+                scale(c, &rates[1..], -1.0);
+                scale(c, &ACCEL[1..], -1.0);
+            }),
+        ),
+        (
+            "swapped motors",
+            FindingKind::SwappedMotors,
+            Box::new(|_, c| {
+                let [a, b] = ["duty_1", "duty_4"].map(|name| c.iter().position(|(n, _)| n == name).unwrap());
+                let one = c[a].1.clone();
+                c[a].1 = std::mem::replace(&mut c[b].1, one);
+            }),
+        ),
+        (
+            "half the rate",
+            FindingKind::TimeScale,
+            Box::new(|time, _| time.iter_mut().for_each(|t| *t *= 0.5)),
+        ),
+        (
+            "one column",
+            FindingKind::OneColumn,
+            Box::new(|_, c| c.retain(|(name, _)| name == "roll_rad")),
+        ),
+    ];
+    for (what, kind, spoil) in faults {
+        let (mut time, mut columns) = (time.clone(), columns.clone());
+        spoil(&mut time, &mut columns);
+        let log = FlightLog::from_columns(what, time, columns).unwrap();
+        let found = log.blocking_findings(&vehicle);
+        assert!(found.iter().any(|f| f.kind == kind), "{what}: {found:?}");
+        let sentence = log.refusal_against(&vehicle).unwrap();
+        assert!(sentence.contains(&kind.to_string()), "{what}: {sentence}");
+    }
+    // Refused while it is read.
+    for (what, word, spoil) in [
+        (
+            "angles in degrees",
+            "degrees",
+            (|c: &mut Columns| scale(c, &["roll_rad", "pitch_rad", "yaw_rad"], 180.0 / std::f64::consts::PI))
+                as fn(&mut Columns),
+        ),
+        ("g", "in g", |c| scale(c, &ACCEL, 1.0 / 9.81)),
+        ("NaN", "NaN", |c| c[0].1[100] = f64::INFINITY),
+    ] {
+        let mut columns = columns.clone();
+        spoil(&mut columns);
+        let refusal = FlightLog::from_columns(what, time.clone(), columns)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            refusal.contains(word) || refusal.contains("finite"),
+            "{what}: {refusal}"
+        );
+    }
+}
+
+#[test]
+fn val_every_confusable_pair_is_of_the_catalogue() {
+    let catalogue = Catalogue::built_in();
+    assert!(CONFUSABLE.len() >= 20);
+    for (a, b) in CONFUSABLE {
+        let pair = [a, b].map(|text| Rival::parse(text, &catalogue).unwrap());
+        for rival in &pair {
+            rival.typical(&catalogue).unwrap().check(&catalogue, 6).unwrap();
+        }
+        assert_ne!(pair[0], pair[1]);
+    }
+}
