@@ -20,6 +20,8 @@ const MEAN_S: f64 = 0.1;
 const CHARGES: usize = 25;
 /// Loss of ln likelihood against the best effect up to which an effect is still fitted.
 const WORTH: f64 = 200.0;
+/// Most effects that are fitted.
+const MOST_STARTS: usize = 3;
 /// Effects of the battery and of its sensor.
 const EFFECTS: [&str; 6] = [
     "voltage-gain",
@@ -68,6 +70,17 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
     let best = found.first().map_or(0.0, |t| t.log_bayes_factor);
     found.retain(|t| t.log_bayes_factor > best - WORTH);
+    let of_sensor = |t: &Trial| {
+        let id = problem.library.candidates[t.open[0].candidate].declaration.id;
+        id.starts_with("voltage-")
+    };
+    // Gain and offset of the sensor differ by little; the fit decides between them.
+    let sensor = found[..found.len().min(MOST_STARTS)].iter().any(of_sensor);
+    let mut rank = 0;
+    found.retain(|t| {
+        rank += 1;
+        rank <= MOST_STARTS || (sensor && of_sensor(t))
+    });
     found
 }
 

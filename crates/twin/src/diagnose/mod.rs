@@ -13,8 +13,11 @@
 //!   values are plausible. A flight that hardly moves needs a ln Bayes factor of 20.
 //! * The evidence compares candidates; it does not say that any of them is true. That is what [`Goodness`] is for.
 //!
-//! Limits: effects that only show together (wind without drag) are found one after the other; the catalogue's noise effects
-//! (gusts) are never named.
+//! * What a ranking about zero cannot reach has starts of its own: wind with a drag, shapes that are not known (a wall, a rope), delays
+//!   of several samples, a battery at another charge, effects that set in late, swapped or reversed rotors.
+//! * An effect that a later one has made superfluous leaves; three that are easily confused with one another are not believed.
+//!
+//! Limits: the catalogue's noise effects (gusts) are never named.
 
 mod charge;
 mod dense;

@@ -27,6 +27,9 @@ const LEAST_SHARE: f64 = 0.9;
 const ONSET_GAIN: f64 = 8.0;
 /// Evidence over the threshold that must not be left unnamed.
 const LEFT_FACTOR: f64 = 3.0;
+/// Step in posterior deviations from which a point is fitted anew, and how often.
+const SETTLED_DEVIATIONS: f64 = 1.5;
+const MOST_SETTLINGS: usize = 2;
 /// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
 const REST_SPEED_M_S: f64 = 0.3;
 const REST_RATE_RAD_S: f64 = 0.08;
@@ -130,7 +133,7 @@ pub(crate) fn search(
         let per = 0.6 / (options.most_effects + 1) as f64;
         problem.linearise(&|share| (options.progress)(text, 0.05 + 0.9 * done + per * share))?;
         trust(&mut problem);
-        let (posterior, _) = posterior_of(&problem)?;
+        let posterior = settled(&mut problem)?.0;
         if before.is_none() {
             before = Some(
                 (0..problem.logs.len())
@@ -167,13 +170,13 @@ pub(crate) fn search(
         named.extend(found);
     }
     (options.progress)("goodness of fit", 0.95);
-    let (mut posterior, mut deviations) = posterior_of(&problem)?;
+    let (mut posterior, mut deviations) = settled(&mut problem)?;
     while let Some(fitted) = superfluous(&problem, &posterior, &deviations, threshold)? {
         named.retain(|one| fitted.active.iter().any(|a| a.candidate == one.candidate));
         problem.accept(&fitted);
         problem.linearise(&|_| ())?;
         trust(&mut problem);
-        (posterior, deviations) = posterior_of(&problem)?;
+        (posterior, deviations) = settled(&mut problem)?;
     }
     let (mut goodness, _) = judge(&problem, &before.unwrap_or_default(), &posterior.mean);
     if left > LEFT_FACTOR * threshold && goodness.unexplained.is_empty() {
@@ -251,6 +254,31 @@ fn posterior_of(problem: &Problem) -> Result<(Posterior, Vec<f64>), PredictError
     Posterior::new(&normal, &prior)
         .map(|p| (p, prior))
         .ok_or_else(|| PredictError("the log holds numbers that make no fit".into()))
+}
+
+/// Posterior about a point that has settled: where the linearisation wants to move the effects or the nuisances further than their
+/// deviation, they are fitted and linearised anew.
+fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), PredictError> {
+    for _ in 0..MOST_SETTLINGS {
+        let (posterior, deviations) = posterior_of(problem)?;
+        let offset = problem.nuisances();
+        let active = problem.library.columns.iter().enumerate().filter(|(_, column)| {
+            let of = |a: &Active| a.candidate == column.candidate;
+            problem.active.iter().any(of)
+        });
+        let far = (0..offset).chain(active.map(|(j, _)| offset + j)).any(|i| {
+            let deviation = posterior.covariance.at(i, i).max(0.0).sqrt();
+            posterior.mean[i].abs() > SETTLED_DEVIATIONS * deviation
+        });
+        if !far || problem.active.is_empty() {
+            return Ok((posterior, deviations));
+        }
+        let fitted = problem.fit(&problem.active)?;
+        problem.accept(&fitted);
+        problem.linearise(&|_| ())?;
+        trust(problem);
+    }
+    posterior_of(problem)
 }
 
 /// True if the values lie in the plausible range within two deviations, and the sizes are large enough to be seen.
@@ -343,7 +371,7 @@ fn possible(
         }
     }
     if charge::wanted(problem, posterior, scored, threshold) {
-        chosen.extend(charge::starts(problem).into_iter().take(3));
+        chosen.extend(charge::starts(problem));
     }
     chosen
 }
@@ -405,7 +433,9 @@ fn best_of(
         .iter()
         .map(|&c| large_enough(problem, c, fitted, threshold))
         .collect();
-    if *gain <= threshold || !sizes.iter().all(|(seen, _)| *seen) {
+    // A size that its own shape leaves uncertain may still be beyond doubt as a whole.
+    let beyond_doubt = *gain > LEFT_FACTOR * threshold;
+    if *gain <= threshold || !(beyond_doubt || sizes.iter().all(|(seen, _)| *seen)) {
         return Ok(None);
     }
     let (mut compatible, mut lost) = (Vec::new(), Vec::new());
