@@ -168,16 +168,20 @@ impl Geometry {
         Self::new(&rotors[..rotor_count])
     }
 
-    /// n_a, from 4 to [`MAX_ROTORS`].
-    #[inline]
+    /// n_a, from 4 to [`MAX_ROTORS`]; limited once more, so that the compiler sees the bound and no index check is left in the step.
+    #[inline(always)]
     pub const fn rotor_count(&self) -> usize {
-        self.rotor_count
+        if self.rotor_count < MAX_ROTORS {
+            self.rotor_count
+        } else {
+            MAX_ROTORS
+        }
     }
 
     /// The rotors, in the order of their indices.
     #[inline]
     pub fn rotors(&self) -> &[Rotor] {
-        &self.rotors[..self.rotor_count]
+        &self.rotors[..self.rotor_count()]
     }
 
     /// Rows Fz, Mx, My, Mz of F (Eqs. 6, 36), one column per rotor; columns past the rotor count are 0. N and N·m per
@@ -191,7 +195,7 @@ impl Geometry {
     /// not read.
     #[inline]
     pub fn wrench_from_thrust(&self, thrust: &[f32; MAX_ROTORS]) -> [f32; 4] {
-        self.wrench_of(&thrust[..self.rotor_count.min(MAX_ROTORS)])
+        self.wrench_of(&thrust[..self.rotor_count()])
     }
 
     /// [`Geometry::wrench_from_thrust`] of all rotors and no more.
@@ -214,7 +218,7 @@ impl Geometry {
     #[inline]
     pub fn allocate(&self, wrench: [f32; 4]) -> [f32; MAX_ROTORS] {
         let mut thrust = [0.0; MAX_ROTORS];
-        self.allocate_to(wrench, &mut thrust[..self.rotor_count.min(MAX_ROTORS)]);
+        self.allocate_to(wrench, &mut thrust[..self.rotor_count()]);
         thrust
     }
 

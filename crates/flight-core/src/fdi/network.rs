@@ -179,20 +179,21 @@ impl Network {
     ///
     /// * `residual_mean`: means over one window
     pub fn class_probabilities(&self, residual_mean: &Residuals) -> [f32; MAX_CLASSES] {
-        let features = 3 * self.rotor_count;
-        let classes = self.rotor_count + 1;
+        let rotor_count = self.rotor_count.min(MAX_ROTORS);
+        let (features, classes) = (3 * rotor_count, rotor_count + 1);
         let mut hidden = self.hidden_bias;
-        for feature in 0..features {
-            let x = residual_mean.component[feature / 3][feature % 3];
-            let z = (x - self.mean[feature]) * self.scale[feature];
-            for (h, w) in hidden[..features].iter_mut().zip(&self.hidden_weight[feature]) {
+        let inputs = residual_mean.component.as_flattened().iter().zip(&self.hidden_weight);
+        let scales = self.mean.iter().zip(&self.scale);
+        for ((x, weights), (mean, scale)) in inputs.zip(scales).take(features) {
+            let z = (x - mean) * scale;
+            for (h, w) in hidden[..features].iter_mut().zip(weights) {
                 *h += w * z;
             }
         }
         let mut output = self.output_bias;
-        for neuron in 0..features {
-            let active = hidden[neuron].max(0.0);
-            for (o, w) in output[..classes].iter_mut().zip(&self.output_weight[neuron]) {
+        for (value, weights) in hidden.iter().zip(&self.output_weight).take(features) {
+            let active = value.max(0.0);
+            for (o, w) in output[..classes].iter_mut().zip(weights) {
                 *o += w * active;
             }
         }
@@ -207,10 +208,10 @@ impl Network {
             // Finite but absurd residuals can overflow the sums.
             return FaultVerdict::Unknown;
         }
-        let mut best = 0;
-        for class in 1..=self.rotor_count {
-            if probability[class] > probability[best] {
-                best = class;
+        let (mut best, mut most) = (0, probability[0]);
+        for (class, p) in probability.iter().enumerate().take(self.rotor_count + 1).skip(1) {
+            if *p > most {
+                (best, most) = (class, *p);
             }
         }
         if best == 0 {
@@ -225,7 +226,7 @@ impl Network {
 
 /// Softmax of the first `classes` entries, shifted by the largest so that nothing overflows; the rest becomes 0.
 fn softmax(value: &mut [f32; MAX_CLASSES], classes: usize) {
-    let (used, unused) = value.split_at_mut(classes);
+    let (used, unused) = value.split_at_mut(classes.min(MAX_CLASSES));
     let largest = used.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
     let mut sum = 0.0;
     for v in used.iter_mut() {

@@ -187,6 +187,24 @@ pub struct SequentialDetector {
     decision: SequentialDecision,
 }
 
+/// The index of a rotor, in a form whose bound the compiler sees: no way into a panic is left in the step.
+#[inline(always)]
+const fn within(rotor: usize) -> usize {
+    if rotor < MAX_ROTORS { rotor } else { MAX_ROTORS - 1 }
+}
+
+/// `f32::clamp` without its check that the limits are in order: the configuration's are.
+#[inline(always)]
+fn limited(value: f32, low: f32, high: f32) -> f32 {
+    if value < low {
+        low
+    } else if value > high {
+        high
+    } else {
+        value
+    }
+}
+
 impl SequentialDetector {
     /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`.
     ///
@@ -268,6 +286,12 @@ impl SequentialDetector {
         }
     }
 
+    /// n_a, in a form whose bound the compiler sees.
+    #[inline(always)]
+    fn rotors(&self) -> usize {
+        self.rotor_count.min(MAX_ROTORS)
+    }
+
     /// The last decision.
     #[inline]
     pub const fn decision(&self) -> &SequentialDecision {
@@ -340,7 +364,7 @@ impl SequentialDetector {
         self.recent_thrust = block.thrust;
         if self.quiet {
             let weight = (self.block_period / THRUST_TIME).min(1.0);
-            for i in 0..self.rotor_count {
+            for i in 0..self.rotors() {
                 self.thrust[i] += (block.thrust[i] - self.thrust[i]) * weight;
             }
         }
@@ -367,7 +391,7 @@ impl SequentialDetector {
             self.extra_demand = 0.0;
             return;
         }
-        let rotor = self.leading_rotor;
+        let rotor = within(self.leading_rotor);
         let extra = block.thrust[rotor] / self.thrust[rotor].max(0.1 * self.mean_hover_thrust) - 1.0;
         self.extra_demand += (extra.clamp(-0.5, 1.0) - self.extra_demand) * self.lag_weight;
     }
@@ -533,9 +557,9 @@ impl SequentialDetector {
         if self.pending {
             return;
         }
-        let step = (log_likelihood[0] - log_likelihood[1]).clamp(-c.level_clip, c.level_clip) * c.level_gain;
+        let step = limited(log_likelihood[0] - log_likelihood[1], -c.level_clip, c.level_clip) * c.level_gain;
         let floor = c.disturbance_floor * self.mean_hover_thrust;
         let ceiling = c.disturbance_ceiling * self.mean_hover_thrust;
-        state.variance = (state.variance * (1.0 + step)).clamp(floor * floor, ceiling * ceiling);
+        state.variance = limited(state.variance * (1.0 + step), floor * floor, ceiling * ceiling);
     }
 }

@@ -77,7 +77,7 @@ impl TTest {
                 detections += 1;
             }
         }
-        if detections < rotor_count - 2 {
+        if detections + 2 < rotor_count {
             return FaultVerdict::Healthy;
         }
         let mut blind = None;

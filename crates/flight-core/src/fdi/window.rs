@@ -15,20 +15,6 @@ pub struct WrenchStatistics {
     pub(super) co_moment: [f32; 10],
 }
 
-/// Row and column of the entries of `co_moment`.
-const LOWER_TRIANGLE: [(usize, usize); 10] = [
-    (0, 0),
-    (1, 0),
-    (1, 1),
-    (2, 0),
-    (2, 1),
-    (2, 2),
-    (3, 0),
-    (3, 1),
-    (3, 2),
-    (3, 3),
-];
-
 impl WrenchStatistics {
     /// Takes in one sample.
     #[inline(always)]
@@ -42,8 +28,22 @@ impl WrenchStatistics {
             self.mean[axis] += weight * before[axis];
             after[axis] = sample[axis] - self.mean[axis];
         }
-        for (entry, (row, column)) in LOWER_TRIANGLE.into_iter().enumerate() {
-            self.co_moment[entry] += before[row] * after[column];
+        // Spelled out: no index is left to check.
+        let ([b0, b1, b2, b3], [a0, a1, a2, a3]) = (before, after);
+        let products = [
+            b0 * a0,
+            b1 * a0,
+            b1 * a1,
+            b2 * a0,
+            b2 * a1,
+            b2 * a2,
+            b3 * a0,
+            b3 * a1,
+            b3 * a2,
+            b3 * a3,
+        ];
+        for (entry, product) in self.co_moment.iter_mut().zip(products) {
+            *entry += product;
         }
     }
 

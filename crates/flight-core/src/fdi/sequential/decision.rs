@@ -5,7 +5,7 @@ use super::defect::AXES;
 use super::estimate::{LossEstimate, Suspects};
 use super::onset::{Evidence, FreeEvidence};
 use super::sets::{Demands, Observation, SetFit, Sets};
-use super::{KnownFault, Phase, SequentialDecision, SequentialDetector};
+use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, within};
 use crate::MAX_ROTORS;
 use crate::fdi::FaultVerdict;
 
@@ -52,20 +52,20 @@ struct Finding {
 impl SequentialDetector {
     /// Lost thrust of a fault that is part of the model, at hover, N.
     fn known_loss(&self, rotor: usize) -> f32 {
-        self.known[rotor].fraction * self.hover_thrust[rotor]
+        self.known[within(rotor)].fraction * self.hover_thrust[within(rotor)]
     }
 
     /// Bit i set: rotor i has a loss in the model.
     fn known_rotors(&self) -> u32 {
         let least = 0.5 * self.config.smallest_loss * self.mean_hover_thrust;
-        (0..self.rotor_count)
+        (0..self.rotors())
             .filter(|&rotor| self.known_loss(rotor) > least)
             .fold(0, |mask, rotor| mask | 1 << rotor)
     }
 
     /// A rotor can get back what it lost; what it can lose is left open, as thrusts move.
     fn least_change(&self, rotor: usize) -> f32 {
-        -self.known[rotor].fraction * self.thrust[rotor]
+        -self.known[within(rotor)].fraction * self.thrust[within(rotor)]
     }
 
     /// A propeller that broke once goes on changing. That it heals altogether is no likelier than that an opposite one fails alike,
@@ -75,7 +75,8 @@ impl SequentialDetector {
     }
 
     fn rotor_evidence(&self, rotor: usize) -> Evidence {
-        self.onset.evidence(&self.column[rotor], self.least_change(rotor))
+        self.onset
+            .evidence(&self.column[within(rotor)], self.least_change(rotor))
     }
 
     /// After the last block of a window.
@@ -88,17 +89,18 @@ impl SequentialDetector {
         let mut first = 0;
         let mut log_likelihood = [0.0; MAX_ROTORS];
         let mut leading = self.rotor_evidence(0);
-        for rotor in 0..self.rotor_count {
+        for rotor in 0..self.rotors() {
             let evidence = self.rotor_evidence(rotor);
             log_likelihood[rotor] = evidence.log_likelihood;
             if self.goes_on(rotor, evidence.loss) {
                 log_likelihood[rotor] += c.repeat_bonus;
             }
-            if rotor == 0 || log_likelihood[rotor] > log_likelihood[first] {
+            if rotor == 0 || log_likelihood[rotor] > log_likelihood[within(first)] {
                 first = rotor;
                 leading = evidence;
             }
         }
+        let first = within(first);
         let jump = self.onset.jump_evidence();
         let push = self.onset.push_evidence();
         self.onset.set_leading(&leading, &jump, &push);
@@ -128,7 +130,10 @@ impl SequentialDetector {
                 self.report_open(known, open, finding.probability_of_any);
             }
             (None, _) if known != 0 => self.report(known, None, 1.0),
-            (None, FaultVerdict::Faulty { rotor }) if log_likelihood[usize::from(rotor)] >= unclear => {}
+            (None, FaultVerdict::Faulty { rotor })
+                if log_likelihood
+                    .get(usize::from(rotor))
+                    .is_some_and(|nats| *nats >= unclear) => {}
             (None, FaultVerdict::FaultyPair { .. } | FaultVerdict::Ambiguous) if finding.best >= unclear => {}
             (None, _) if undecided => {
                 // Something, but what?
@@ -181,9 +186,9 @@ impl SequentialDetector {
         fits: bool,
     ) -> Finding {
         let c = &self.config;
-        let best = log_likelihood[first];
+        let best = log_likelihood[within(first)];
         let mut next = 0.0f32;
-        for rotor in 0..self.rotor_count {
+        for rotor in 0..self.rotors() {
             if rotor != first {
                 next = next.max(log_likelihood[rotor]);
             }
@@ -224,10 +229,10 @@ impl SequentialDetector {
         let count = if moments[0] == moments[1] { 1 } else { 2 };
         let observations = moments.map(|index| (index, self.observation(index, jump, push)));
         let least = core::array::from_fn(|rotor| self.least_change(rotor));
-        let sets = Sets::weigh(&observations[..count], self.rotor_count, &self.column, &least, &demands);
+        let sets = Sets::weigh(&observations[..count], self.rotors(), &self.column, &least, &demands);
 
-        let gain_of_second = sets.gain_of_second(first, smallest_loss);
-        let lead = sets.lead_over_other_pairs(first, smallest_loss);
+        let gain_of_second = sets.gain_of_second(first);
+        let lead = sets.lead_over_other_pairs(first);
         finding.gain_of_second = gain_of_second;
         finding.lead = lead;
         if relevant
@@ -236,22 +241,22 @@ impl SequentialDetector {
             && gain_of_second <= c.evidence_for_second
             && lead >= -c.handicap_of_pairs
         {
-            finding.named = Some(*sets.single(first));
+            finding.named = Some(sets.single(first));
             return finding;
         }
         let pair = sets.best_pair();
         let alone = pair
             .members()
-            .fold(0.0, |most: f32, (rotor, _)| most.max(sets.single(rotor).log_likelihood));
+            .fold(0.0, |most: f32, (rotor, _)| most.max(sets.alone(rotor)));
         let pair_relevant = pair.log_likelihood > c.evidence_to_isolate
             && pair.log_likelihood - alone > c.evidence_for_second
             && pair.unexplained <= UNEXPLAINED_BY_PAIR_NATS;
         finding.relevant |= pair_relevant;
-        let open = sets.open(&demands);
+        let open = sets.open();
         let settled = self.onset.age(pair.index) >= self.pair_blocks;
         if pair_relevant && settled && open.hypothesis_count == 1 && open.rotors == pair.mask() {
             finding.probability = 1.0 / (1.0 + odds_of_none);
-            finding.named = Some(*pair);
+            finding.named = Some(pair);
         } else if finding.relevant && open.hypothesis_count > 0 && pair.unexplained <= UNEXPLAINED_BY_PAIR_NATS {
             finding.open = Some(open);
         }
@@ -286,9 +291,10 @@ impl SequentialDetector {
         let mask = known | change.map_or(0, SetFit::mask);
         let mut estimates = [LossEstimate::default(); 2];
         let mut probability = probability;
-        let members = (0..self.rotor_count).filter(|rotor| mask >> rotor & 1 == 1);
+        let members = (0..self.rotors()).filter(|rotor| mask >> rotor & 1 == 1);
         let count = mask.count_ones();
         for (place, rotor) in members.enumerate() {
+            let rotor = within(rotor);
             let fault = &self.known[rotor];
             if known >> rotor & 1 == 1 {
                 probability = probability.min(fault.probability);
@@ -303,8 +309,8 @@ impl SequentialDetector {
                 loss += more * scale;
                 variance += deviation * deviation;
             }
-            if place < 2 && count <= 2 {
-                estimates[place] = LossEstimate::new(loss, variance, self.hover_thrust[rotor]);
+            if let Some(estimate) = estimates.get_mut(place).filter(|_| count <= 2) {
+                *estimate = LossEstimate::new(loss, variance, self.hover_thrust[rotor]);
             }
         }
         let first = mask.trailing_zeros() as u8;
@@ -338,7 +344,7 @@ impl SequentialDetector {
 
     /// Averaged thrust of a rotor, N, not so small that shares of it lose their meaning.
     fn working_thrust(&self, rotor: usize) -> f32 {
-        self.thrust[rotor].max(0.1 * self.mean_hover_thrust)
+        self.thrust[within(rotor)].max(0.1 * self.mean_hover_thrust)
     }
 
     /// Undoes what a jump of the momentum has done to the filters.
@@ -362,7 +368,7 @@ impl SequentialDetector {
         for axis in 0..AXES {
             let explained: f32 = set
                 .members()
-                .map(|(rotor, loss)| -self.column[rotor][axis] * loss)
+                .map(|(rotor, loss)| -self.column[within(rotor)][axis] * loss)
                 .sum();
             let state = &mut self.axis[axis];
             let error = &errors[axis];
@@ -387,6 +393,7 @@ impl SequentialDetector {
         }
 
         for (rotor, loss) in set.members() {
+            let rotor = within(rotor);
             let thrust = self.working_thrust(rotor);
             let deviation = set.deviation(rotor) * self.hover_thrust[rotor] / thrust;
             let known = &mut self.known[rotor];

@@ -364,7 +364,7 @@ impl DefectMeter {
         self.accounted[axis] += self.integrals.value[AXES + axis] * shift * self.arm[axis];
         let lag = &mut self.lag[axis];
         lag.state += lag.sensitivity * shift;
-        let time_constant = (lag.time_constant * libm::expf(shift)).clamp(least, most);
+        let time_constant = super::limited(lag.time_constant * libm::expf(shift), least, most);
         lag.set_time_constant(time_constant, self.period);
     }
 

@@ -44,9 +44,11 @@ impl Signature {
     /// ln of the likelihood ratio of every axis, each at its best size, nats.
     #[inline]
     fn free_fit(&self) -> [f32; AXES] {
-        core::array::from_fn(|axis| {
-            0.5 * self.score[axis] * self.score[axis] / self.information[axis].max(LEAST_INFORMATION)
-        })
+        let mut fit = [0.0; AXES];
+        for axis in 0..AXES {
+            fit[axis] = 0.5 * self.score[axis] * self.score[axis] / self.information[axis].max(LEAST_INFORMATION);
+        }
+        fit
     }
 
     /// Takes in the innovations of one block.
@@ -156,6 +158,12 @@ impl OnsetHypotheses {
         }
     }
 
+    /// A moment by its place, which evidence names.
+    #[inline(always)]
+    fn at(&self, index: usize) -> &Moment {
+        &self.moment[index.min(MOMENTS - 1)]
+    }
+
     /// Starts afresh: the model has changed.
     pub(super) fn clear(&mut self) {
         self.count = 0;
@@ -176,9 +184,9 @@ impl OnsetHypotheses {
         extra: f32,
     ) {
         self.open();
-        for moment in &mut self.moment[..self.count] {
+        for moment in self.moment.iter_mut().take(self.count) {
             let age = self.block.wrapping_sub(moment.block) as usize;
-            let input = if age < SETTLED { self.response[age] } else { elapsed };
+            let input = self.response.get(age).copied().unwrap_or(elapsed);
             moment
                 .loss
                 .update(input + extra * elapsed, phi, innovation, evidence, correlation);
@@ -190,7 +198,7 @@ impl OnsetHypotheses {
 
     /// Makes room, and adds the present block.
     fn open(&mut self) {
-        if self.count == MOMENTS {
+        if self.count >= MOMENTS {
             // The one whose neighbours are closest to each other for their age goes.
             let mut drop = 1;
             let mut least = f32::INFINITY;
@@ -202,13 +210,17 @@ impl OnsetHypotheses {
                     drop = m;
                 }
             }
-            self.moment.copy_within(drop + 1.., drop);
-            self.count -= 1;
+            for m in drop..MOMENTS - 1 {
+                self.moment[m] = self.moment[m + 1];
+            }
+            self.count = MOMENTS - 1;
         }
-        self.moment[self.count] = Moment {
-            block: self.block,
-            ..Moment::default()
-        };
+        if let Some(moment) = self.moment.get_mut(self.count) {
+            *moment = Moment {
+                block: self.block,
+                ..Moment::default()
+            };
+        }
         self.count += 1;
     }
 
@@ -222,7 +234,7 @@ impl OnsetHypotheses {
             loss: 0.0,
             index: 0,
         };
-        for (index, moment) in self.moment[..self.count].iter().enumerate() {
+        for (index, moment) in self.moment.iter().take(self.count).enumerate() {
             let mut numerator = 0.0;
             let mut information = LEAST_INFORMATION;
             for axis in 0..AXES {
@@ -260,7 +272,7 @@ impl OnsetHypotheses {
             axis: [0.0; AXES],
             index: 0,
         };
-        for (index, moment) in self.moment[..self.count].iter().enumerate() {
+        for (index, moment) in self.moment.iter().take(self.count).enumerate() {
             let axis = of(moment).free_fit();
             let log_likelihood = axis.iter().sum();
             if log_likelihood > best.log_likelihood {
@@ -285,7 +297,7 @@ impl OnsetHypotheses {
         push: &FreeEvidence,
         margin: f32,
     ) -> Fit {
-        let supposed = &self.moment[loss.index].loss;
+        let supposed = &self.at(loss.index).loss;
         let of_any = supposed.free_fit();
         let mut fit = Fit {
             explained: 0.0,
@@ -307,40 +319,40 @@ impl OnsetHypotheses {
 
     /// Blocks since the onset of a jump.
     pub(super) fn jump_age(&self, evidence: &FreeEvidence) -> u32 {
-        self.block.wrapping_sub(self.moment[evidence.index].block)
+        self.block.wrapping_sub(self.at(evidence.index).block)
     }
 
     /// Size of a jump on one axis, N·s, and the errors of that axis' filter per unit.
     pub(super) fn jump(&self, evidence: &FreeEvidence, axis: usize) -> (f32, [f32; STATES]) {
-        let jump = &self.moment[evidence.index].jump;
+        let jump = &self.at(evidence.index).jump;
         let size = jump.score[axis] / jump.information[axis].max(LEAST_INFORMATION);
         (size, jump.error[axis])
     }
 
     /// Says which hypotheses lead.
     pub(super) fn set_leading(&mut self, loss: &Evidence, jump: &FreeEvidence, push: &FreeEvidence) {
-        self.leading = [loss.index, jump.index, push.index].map(|index| self.moment[index].block);
+        self.leading = [loss.index, jump.index, push.index].map(|index| self.at(index).block);
     }
 
     /// Blocks since a moment of onset.
     pub(super) fn age(&self, index: usize) -> u32 {
-        self.block.wrapping_sub(self.moment[index].block)
+        self.block.wrapping_sub(self.at(index).block)
     }
 
     /// The lost wrench that the innovations show since a moment of onset.
     pub(super) fn observation(&self, index: usize) -> Observation {
-        let loss = &self.moment[index].loss;
+        let loss = &self.at(index).loss;
         Observation::new(&loss.score, &loss.information)
     }
 
     /// ln of the likelihood ratio of every axis, each at its best size, nats.
     pub(super) fn free_fit(&self, index: usize) -> [f32; AXES] {
-        self.moment[index].loss.free_fit()
+        self.at(index).loss.free_fit()
     }
 
     /// Error of each axis filter per unit of wrench lost since a moment of onset.
     pub(super) fn error(&self, index: usize) -> [[f32; STATES]; AXES] {
-        self.moment[index].loss.error
+        self.at(index).loss.error
     }
 }
 

@@ -14,10 +14,8 @@
 
 use super::defect::AXES;
 use super::estimate::{MAX_HYPOTHESES, Suspects};
+use super::within;
 use crate::MAX_ROTORS;
-
-/// Sets of one and of two rotors.
-const SETS: usize = MAX_ROTORS * (MAX_ROTORS + 1) / 2;
 
 /// Variance of an axis that says nothing, N².
 const NOTHING_KNOWN: f32 = 1e9;
@@ -76,9 +74,8 @@ impl Observation {
 
     /// ln of the likelihood ratio of the best wrench of any direction, nats.
     pub(super) fn free(&self) -> f32 {
-        (0..AXES)
-            .map(|axis| 0.5 * self.wrench[axis] * self.wrench[axis] / self.variance[axis])
-            .sum()
+        let axes = self.wrench.iter().zip(&self.variance);
+        axes.map(|(wrench, variance)| 0.5 * wrench * wrench / variance).sum()
     }
 }
 
@@ -113,7 +110,8 @@ impl SetFit {
     /// Rotor and loss of each member.
     pub(super) fn members(&self) -> impl Iterator<Item = (usize, f32)> {
         let count = if self.is_pair() { 2 } else { 1 };
-        (0..count).map(|member| (usize::from(self.rotors[member]), self.loss[member]))
+        let rotors = self.rotors.map(|rotor| within(usize::from(rotor)));
+        rotors.into_iter().zip(self.loss).take(count)
     }
 
     /// Standard deviation of the loss of a member, N.
@@ -194,116 +192,186 @@ pub(super) struct Demands {
 }
 
 /// Every set of one and two rotors, weighed.
+///
+/// Kept is the likelihood of each, at its better moment of onset; losses are worked out anew when they are asked for, which takes a twelfth of
+/// the memory.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sets {
-    fit: [SetFit; SETS],
-    count: usize,
+pub(super) struct Sets<'a> {
+    observations: &'a [(usize, Observation)],
     rotor_count: usize,
+    column: &'a [[f32; AXES]; MAX_ROTORS],
+    least: &'a [f32; MAX_ROTORS],
+    demands: &'a Demands,
+    /// Nats; the pair (first, second) stands at \[second\]\[first\], a single rotor on the diagonal.
+    log_likelihood: [[f32; MAX_ROTORS]; MAX_ROTORS],
+    /// Bit `first` of \[second\]: likelier at the last observation than at those before it.
+    at_last: [u32; MAX_ROTORS],
+    /// Bit `first` of \[second\]: see [`counts`].
+    counts: [u32; MAX_ROTORS],
 }
 
-impl Sets {
-    /// * `observations`: for each moment of onset its place and what is seen   * `least`: smallest possible loss of each rotor, N
+impl<'a> Sets<'a> {
+    /// * `observations`: one or two; for each moment of onset its place and what is seen   * `least`: smallest possible loss of each
+    ///   rotor, N
     pub(super) fn weigh(
-        observations: &[(usize, Observation)],
+        observations: &'a [(usize, Observation)],
         rotor_count: usize,
-        column: &[[f32; AXES]; MAX_ROTORS],
-        least: &[f32; MAX_ROTORS],
-        demands: &Demands,
+        column: &'a [[f32; AXES]; MAX_ROTORS],
+        least: &'a [f32; MAX_ROTORS],
+        demands: &'a Demands,
     ) -> Self {
+        let rotor_count = rotor_count.min(MAX_ROTORS);
         let mut sets = Self {
-            fit: [SetFit::default(); SETS],
-            count: rotor_count * (rotor_count + 1) / 2,
+            observations,
             rotor_count,
+            column,
+            least,
+            demands,
+            log_likelihood: [[0.0; MAX_ROTORS]; MAX_ROTORS],
+            at_last: [0; MAX_ROTORS],
+            counts: [0; MAX_ROTORS],
         };
-        for (number, (index, observation)) in observations.iter().enumerate() {
-            let free = observation.free();
-            let mut place = 0;
-            let mut keep = |mut fit: SetFit| {
-                fit.index = *index;
-                fit.unexplained = free - fit.log_likelihood;
-                if fit.members().all(|(rotor, loss)| loss > demands.heals_at[rotor]) {
-                    fit.log_likelihood += demands.repeat_bonus;
-                }
-                if number == 0 || fit.log_likelihood > sets.fit[place].log_likelihood {
-                    sets.fit[place] = fit;
-                }
-                place += 1;
-            };
-            for rotor in 0..rotor_count {
-                keep(SetFit::single(observation, rotor, &column[rotor], least[rotor]));
-            }
-            for second in 1..rotor_count {
-                for first in 0..second {
-                    let columns = [&column[first], &column[second]];
-                    keep(SetFit::pair(
-                        observation,
-                        [first, second],
-                        columns,
-                        [least[first], least[second]],
-                    ));
+        for (number, observation) in observations.iter().enumerate() {
+            let free = observation.1.free();
+            for second in 0..rotor_count {
+                for first in 0..second + 1 {
+                    let fit = sets.fit_to(observation, free, [first, second]);
+                    if number == 0 || fit.log_likelihood > sets.log_likelihood[second][first] {
+                        sets.log_likelihood[second][first] = fit.log_likelihood;
+                        let set_bit =
+                            |mask: &mut u32, bit: bool| *mask = *mask & !(1 << first) | u32::from(bit) << first;
+                        set_bit(&mut sets.at_last[second], number > 0);
+                        set_bit(&mut sets.counts[second], counts(&fit, demands.smallest_loss));
+                    }
                 }
             }
         }
         sets
     }
 
-    fn pairs(&self) -> &[SetFit] {
-        &self.fit[self.rotor_count..self.count]
+    /// The best losses of a set, twice the same of a single rotor, at one moment.
+    #[inline(never)]
+    fn fit_to(&self, (index, observation): &(usize, Observation), free: f32, rotors: [usize; 2]) -> SetFit {
+        let (first, second) = (within(rotors[0]), within(rotors[1]));
+        let mut fit = if first == second {
+            SetFit::single(observation, first, &self.column[first], self.least[first])
+        } else {
+            let columns = [&self.column[first], &self.column[second]];
+            SetFit::pair(
+                observation,
+                [first, second],
+                columns,
+                [self.least[first], self.least[second]],
+            )
+        };
+        fit.index = *index;
+        fit.unexplained = free - fit.log_likelihood;
+        if fit
+            .members()
+            .all(|(rotor, loss)| loss > self.demands.heals_at[within(rotor)])
+        {
+            fit.log_likelihood += self.demands.repeat_bonus;
+        }
+        fit
+    }
+
+    /// The best losses of a set at its better moment; nothing at all where nothing was observed.
+    fn fit(&self, first: usize, second: usize) -> SetFit {
+        let (first, second) = (within(first), within(second));
+        let observation = if self.at_last[second] >> first & 1 == 1 {
+            self.observations.last()
+        } else {
+            self.observations.first()
+        };
+        observation.map_or_else(SetFit::default, |observation| {
+            self.fit_to(observation, observation.1.free(), [first, second])
+        })
+    }
+
+    /// Pairs with their likelihoods, nats, and whether they count.
+    fn pairs(&self) -> impl Iterator<Item = (u32, f32, bool)> {
+        let rows = self.log_likelihood.iter().zip(&self.counts).enumerate();
+        rows.take(self.rotor_count).flat_map(|(second, (row, counts))| {
+            row.iter().enumerate().take(second).map(move |(first, log_likelihood)| {
+                (1 << first | 1 << second, *log_likelihood, counts >> first & 1 == 1)
+            })
+        })
+    }
+
+    /// Likelihood of this one rotor, nats.
+    pub(super) fn alone(&self, rotor: usize) -> f32 {
+        self.log_likelihood[within(rotor)][within(rotor)]
     }
 
     /// The set of this one rotor.
-    pub(super) fn single(&self, rotor: usize) -> &SetFit {
-        &self.fit[rotor]
+    pub(super) fn single(&self, rotor: usize) -> SetFit {
+        self.fit(rotor, rotor)
     }
 
-    /// The likeliest pair.
-    pub(super) fn best_pair(&self) -> &SetFit {
-        best(self.pairs())
+    /// The likeliest pair, the first of equals.
+    pub(super) fn best_pair(&self) -> SetFit {
+        let (mut rotors, mut most) = (0b11, self.log_likelihood[1][0]);
+        for (mask, log_likelihood, _) in self.pairs() {
+            if log_likelihood > most {
+                (rotors, most) = (mask, log_likelihood);
+            }
+        }
+        let [first, second] = members(rotors);
+        self.fit(first, second)
     }
 
     /// What the likeliest pair with this rotor explains beyond it alone, nats.
-    pub(super) fn gain_of_second(&self, rotor: usize, smallest_loss: f32) -> f32 {
-        let alone = self.single(rotor).log_likelihood;
+    pub(super) fn gain_of_second(&self, rotor: usize) -> f32 {
+        let alone = self.alone(rotor);
         self.pairs()
-            .iter()
-            .filter(|fit| fit.mask() >> rotor & 1 == 1 && counts(fit, smallest_loss))
-            .fold(0.0, |most: f32, fit| most.max(fit.log_likelihood - alone))
+            .filter(|(mask, _, counts)| mask >> rotor & 1 == 1 && *counts)
+            .fold(0.0, |most: f32, (_, log_likelihood, _)| {
+                most.max(log_likelihood - alone)
+            })
     }
 
     /// Lead of this rotor alone over the likeliest pair without it, nats.
-    pub(super) fn lead_over_other_pairs(&self, rotor: usize, smallest_loss: f32) -> f32 {
-        let alone = self.single(rotor).log_likelihood;
+    pub(super) fn lead_over_other_pairs(&self, rotor: usize) -> f32 {
+        let alone = self.alone(rotor);
         self.pairs()
-            .iter()
-            .filter(|fit| fit.mask() >> rotor & 1 == 0 && counts(fit, smallest_loss))
-            .fold(f32::INFINITY, |least: f32, fit| least.min(alone - fit.log_likelihood))
+            .filter(|(mask, _, counts)| mask >> rotor & 1 == 0 && *counts)
+            .fold(f32::INFINITY, |least: f32, (_, log_likelihood, _)| {
+                least.min(alone - log_likelihood)
+            })
     }
 
     /// The sets that come about as close as the best one, likeliest first.
-    pub(super) fn open(&self, demands: &Demands) -> Suspects {
-        let most = best(&self.fit[..self.count]).log_likelihood;
-        let alone = |rotor: u8| self.fit[usize::from(rotor)].log_likelihood;
+    pub(super) fn open(&self) -> Suspects {
+        let demands = self.demands;
+        let singles = || (0..self.rotor_count).map(|rotor| (1 << rotor, self.alone(rotor)));
+        let mut most = self.alone(0);
+        for log_likelihood in singles().map(|set| set.1).chain(self.pairs().map(|pair| pair.1)) {
+            if log_likelihood > most {
+                most = log_likelihood;
+            }
+        }
         let mut suspects = Suspects::default();
         let mut listed = [(0u32, 0.0f32); MAX_HYPOTHESES];
-        for fit in &self.fit[..self.count] {
-            let within = if fit.is_pair() {
-                let single = alone(fit.rotors[0]).max(alone(fit.rotors[1]));
-                most - fit.log_likelihood <= demands.margin
-                    && fit.log_likelihood - single >= REDUNDANT_NATS
-                    && counts(fit, demands.smallest_loss)
-            } else {
-                most - fit.log_likelihood <= demands.second_rotor
-            };
-            if !within {
-                continue;
-            }
-            suspects.rotors |= fit.mask();
+        let mut list = |mask: u32, log_likelihood: f32| {
+            suspects.rotors |= mask;
             suspects.hypothesis_count += 1;
-            let mut entry = (fit.mask(), fit.log_likelihood);
+            let mut entry = (mask, log_likelihood);
             for slot in &mut listed {
                 if slot.0 == 0 || entry.1 > slot.1 {
                     core::mem::swap(slot, &mut entry);
                 }
+            }
+        };
+        for (mask, log_likelihood) in singles() {
+            if most - log_likelihood <= demands.second_rotor {
+                list(mask, log_likelihood);
+            }
+        }
+        for (mask, log_likelihood, counts) in self.pairs() {
+            let [first, second] = members(mask);
+            let single = self.alone(first).max(self.alone(second));
+            if most - log_likelihood <= demands.margin && log_likelihood - single >= REDUNDANT_NATS && counts {
+                list(mask, log_likelihood);
             }
         }
         suspects.hypotheses = listed.map(|(mask, _)| mask);
@@ -311,19 +379,14 @@ impl Sets {
     }
 }
 
+/// The rotors of a mask of two.
+fn members(mask: u32) -> [usize; 2] {
+    [mask.trailing_zeros() as usize, 31 - mask.leading_zeros() as usize]
+}
+
 /// Both losses of a pair are large enough to speak of, or one comes back.
 fn counts(fit: &SetFit, smallest_loss: f32) -> bool {
     fit.loss.iter().all(|loss| loss.abs() > smallest_loss)
-}
-
-fn best(fits: &[SetFit]) -> &SetFit {
-    let mut best = &fits[0];
-    for fit in fits {
-        if fit.log_likelihood > best.log_likelihood {
-            best = fit;
-        }
-    }
-    best
 }
 
 #[cfg(test)]
@@ -356,16 +419,18 @@ mod tests {
         }
     }
 
-    fn weigh(rotor_count: usize, losses: &[(usize, f32)]) -> Sets {
+    /// Weighs what a vehicle with these losses shows, and says what `of` makes of it.
+    fn weigh<T>(rotor_count: usize, losses: &[(usize, f32)], of: impl Fn(&Sets<'_>) -> T) -> T {
         let column = columns(rotor_count);
         let observation = seen(losses, &column);
-        Sets::weigh(
-            &[(0, observation)],
+        let observations = [(0, observation)];
+        of(&Sets::weigh(
+            &observations,
             rotor_count,
             &column,
             &[0.0; MAX_ROTORS],
             &demands(),
-        )
+        ))
     }
 
     #[test]
@@ -373,15 +438,16 @@ mod tests {
         for rotor_count in [4, 6, 8] {
             for second in 1..rotor_count {
                 // Not equal: equal losses of opposite rotors have twins.
-                let sets = weigh(rotor_count, &[(0, 0.3), (second, 0.1)]);
-                let pair = sets.best_pair();
+                let (pair, gain) = weigh(rotor_count, &[(0, 0.3), (second, 0.1)], |sets| {
+                    (sets.best_pair(), sets.gain_of_second(0))
+                });
                 assert_eq!(pair.mask(), 1 | 1 << second);
                 assert!(
                     (pair.loss[0] - 0.3).abs() < 1e-4 && (pair.loss[1] - 0.1).abs() < 1e-4,
                     "{pair:?}"
                 );
                 assert!(pair.unexplained.abs() < 1e-2);
-                assert!(sets.gain_of_second(0, 3e-3) > 10.0);
+                assert!(gain > 10.0);
             }
         }
     }
@@ -391,7 +457,7 @@ mod tests {
         // Opposite rotors of a hexarotor turn against each other: three pairs with the same wrench. On an octorotor opposite ones turn
         // alike: 1 and 5 have the twin 3 and 7. A quadrotor's effectiveness can be inverted: no twins.
         for (rotor_count, opposite, twins) in [(4, 2, 1), (6, 3, 3), (8, 4, 2)] {
-            let open = weigh(rotor_count, &[(0, 0.3), (opposite, 0.3)]).open(&demands());
+            let open = weigh(rotor_count, &[(0, 0.3), (opposite, 0.3)], Sets::open);
             assert_eq!(open.hypothesis_count, twins, "{rotor_count}: {open:?}");
             assert!(open.hypotheses[..usize::from(twins)].contains(&(1 | 1 << opposite)));
         }
@@ -400,11 +466,12 @@ mod tests {
     #[test]
     fn val_single_loss_needs_no_second_rotor() {
         for rotor_count in [4, 6, 8] {
-            let sets = weigh(rotor_count, &[(1, 0.3)]);
-            assert!((sets.single(1).loss[0] - 0.3).abs() < 1e-4);
-            assert!(sets.gain_of_second(1, 3e-3) < 1e-2);
-            assert!(sets.lead_over_other_pairs(1, 3e-3) > 10.0);
-            assert_eq!(sets.open(&demands()).rotors, 1 << 1);
+            weigh(rotor_count, &[(1, 0.3)], |sets| {
+                assert!((sets.single(1).loss[0] - 0.3).abs() < 1e-4);
+                assert!(sets.gain_of_second(1) < 1e-2);
+                assert!(sets.lead_over_other_pairs(1) > 10.0);
+                assert_eq!(sets.open().rotors, 1 << 1);
+            });
         }
     }
 
@@ -416,7 +483,7 @@ mod tests {
         observation.wrench[1] *= 1.05;
         observation.variance = [1e-6; AXES];
         let gain_of_second = |observation| {
-            Sets::weigh(&[(0, observation)], 6, &column, &[0.0; MAX_ROTORS], &demands()).gain_of_second(0, 3e-3)
+            Sets::weigh(&[(0, observation)], 6, &column, &[0.0; MAX_ROTORS], &demands()).gain_of_second(0)
         };
         assert!(gain_of_second(observation) > 10.0);
         assert!(gain_of_second(observation.tolerant(&[0.0; AXES], &[2.5e-3; AXES], 0.0)) < 2.0);
