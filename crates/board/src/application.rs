@@ -61,36 +61,65 @@ pub enum State {
 pub struct Application {
     decoder: Decoder,
     state: State,
-    begin: Option<Begin>,
+    begin: Slot<Begin>,
     received: usize,
     download: [u8; parameters::MAX_LENGTH],
     options: Options,
-    controller: Option<Controller>,
-    engine: Option<FdiEngine>,
+    /// Flies only if `has_controller`.
+    controller: Controller,
+    has_controller: bool,
+    /// Says something only if `has_engine`. Not an `Option`: it is configured in place, there is no room for a second one.
+    engine: FdiEngine,
+    has_engine: bool,
     next_step: u32,
     /// Sequence number and CRC-32 of the request that `answer` answers.
-    last_request: Option<(Header, u32)>,
+    last_request: Slot<(Header, u32)>,
     answer: [u8; MAX_ENCODED],
     answer_length: usize,
     report: Report,
 }
 
-impl Default for Application {
-    fn default() -> Self {
+impl Application {
+    /// Waits for a host. All bits are 0, so that a board keeps it in static memory without an image of it in flash or a copy on the stack.
+    pub const fn new() -> Self {
         Self {
-            decoder: Decoder::default(),
+            decoder: Decoder::new(),
             state: State::Idle,
-            begin: None,
+            begin: Slot::Empty,
             received: 0,
             download: [0; parameters::MAX_LENGTH],
-            options: Options::default(),
-            controller: None,
-            engine: None,
+            options: Options::NONE,
+            controller: Controller::BLANK,
+            has_controller: false,
+            engine: FdiEngine::BLANK,
+            has_engine: false,
             next_step: 0,
-            last_request: None,
+            last_request: Slot::Empty,
             answer: [0; MAX_ENCODED],
             answer_length: 0,
-            report: Report::default(),
+            report: Report::NONE,
+        }
+    }
+}
+
+impl Default for Application {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// An `Option` whose empty form is 0 (an `Option` may hide its own in unused values of what it holds).
+#[repr(u8)]
+enum Slot<T> {
+    Empty = 0,
+    Full(T) = 1,
+}
+
+impl<T> Slot<T> {
+    fn get(&self) -> Option<&T> {
+        match self {
+            Self::Empty => None,
+            Self::Full(content) => Some(content),
         }
     }
 }
@@ -146,7 +175,7 @@ impl Application {
 
     fn answer<B: Board>(&mut self, header: Header, request: &[u8], board: &mut B) {
         let identity = (header, crc32(request));
-        if self.last_request == Some(identity) && header.kind != kind::HELLO {
+        if self.last_request.get() == Some(&identity) && header.kind != kind::HELLO {
             self.report.repeated = self.report.repeated.wrapping_add(1);
             return;
         }
@@ -178,7 +207,7 @@ impl Application {
             &payload[..length.min(MAX_PAYLOAD)],
             &mut self.answer,
         );
-        self.last_request = Some(identity);
+        self.last_request = Slot::Full(identity);
     }
 
     #[inline]
@@ -197,7 +226,7 @@ impl Application {
             kind::BEGIN => match Begin::read(request) {
                 Some(begin) if begin.length as usize <= parameters::MAX_LENGTH => {
                     self.forget();
-                    self.begin = Some(begin);
+                    self.begin = Slot::Full(begin);
                     State::Download
                 }
                 Some(begin) => {
@@ -254,10 +283,10 @@ impl Application {
     }
 
     fn forget(&mut self) {
-        self.begin = None;
+        self.begin = Slot::Empty;
         self.received = 0;
-        self.controller = None;
-        self.engine = None;
+        self.has_controller = false;
+        self.has_engine = false;
         self.next_step = 0;
     }
 
@@ -268,7 +297,7 @@ impl Application {
         };
         let offset = u32::from_le_bytes(*offset) as usize;
         let end = offset.saturating_add(bytes.len());
-        let length = self.begin.map_or(0, |begin| begin.length as usize);
+        let length = self.begin.get().map_or(0, |begin| begin.length as usize);
         match self.download.get_mut(offset..end) {
             Some(place) if offset == self.received && end <= length => {
                 place.copy_from_slice(bytes);
@@ -292,7 +321,7 @@ impl Application {
     fn commit(&mut self, answer: &mut Answer<'_>) -> Result<(), ()> {
         let download = self.download.get(..self.received).unwrap_or_default();
         let found = hash(download);
-        let Some(begin) = self.begin else {
+        let Some(begin) = self.begin.get().copied() else {
             answer.refuse(refusal::PARAMETERS, format_args!("no parameters were announced"));
             return Err(());
         };
@@ -320,17 +349,20 @@ impl Application {
     fn load(&mut self, options: Options) -> Result<(), parameters::ParameterError> {
         use parameters::ParameterError;
         let (controller, fdi) = parameters::split(self.download.get(..self.received).unwrap_or_default())?;
-        let (config, trim) = parameters::controller(controller)?;
-        let controller = self
-            .controller
-            .insert(Controller::new(config).map_err(ParameterError::Controller)?);
+        let mut trim = None;
+        self.controller.configure(|config| {
+            trim = parameters::controller(controller, config)?;
+            Ok::<(), ParameterError>(())
+        })?;
         if let Some((duty, voltage)) = trim {
-            controller.trim(duty, voltage);
+            self.controller.trim(duty, voltage);
         }
         if options.fdi {
-            let engine = FdiEngine::new(parameters::fdi(fdi)?).map_err(ParameterError::Fdi)?;
-            self.engine = Some(engine.with_detectors(options.detectors));
+            self.engine.configure(|config| parameters::fdi(fdi, config))?;
+            self.engine.set_detectors(options.detectors);
+            self.has_engine = true;
         }
+        self.has_controller = true;
         self.options = options;
         Ok(())
     }
@@ -342,7 +374,7 @@ impl Application {
             answer.malformed("Sensors");
             return self.state;
         };
-        if self.controller.is_none() {
+        if !self.has_controller {
             answer.refuse(
                 refusal::NO_PARAMETERS,
                 format_args!(
@@ -369,9 +401,7 @@ impl Application {
     /// (`cargo xtask firmware`): the name is known there.
     #[inline(never)]
     fn advance<B: Board>(&mut self, sensors: &Sensors, out: &mut [u8], board: &mut B) -> usize {
-        let Some(controller) = self.controller.as_mut() else {
-            return 0;
-        };
+        let controller = &mut self.controller;
         let start = board.counter();
         let (nav, reference, battery_voltage) = signals(&sensors.values);
         let mut output = controller.step(&nav, &reference, battery_voltage);
@@ -380,8 +410,8 @@ impl Application {
             *duty += 0.0;
         }
         let middle = board.counter();
-        let engine_output = self.engine.as_mut().map(|engine| {
-            engine.step(&Measurement {
+        let engine_output = self.has_engine.then(|| {
+            self.engine.step(&Measurement {
                 nav,
                 command: output.command,
                 battery_voltage,

@@ -129,16 +129,25 @@ pub struct Decoder {
 
 impl Default for Decoder {
     fn default() -> Self {
-        Self {
-            buffer: [0; MAX_ENCODED],
-            length: 0,
-            too_long: false,
-            statistics: LineStatistics::default(),
-        }
+        Self::new()
     }
 }
 
 impl Decoder {
+    /// Waits for the first byte.
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; MAX_ENCODED],
+            length: 0,
+            too_long: false,
+            statistics: LineStatistics {
+                frames: 0,
+                crc_errors: 0,
+                garbage: 0,
+            },
+        }
+    }
+
     /// Frames and errors so far.
     pub fn statistics(&self) -> LineStatistics {
         self.statistics

@@ -209,6 +209,13 @@ impl Default for Options {
 }
 
 impl Options {
+    /// Nothing runs but the control law.
+    pub const NONE: Self = Self {
+        fdi: false,
+        residuals: false,
+        detectors: Detectors::NONE,
+    };
+
     fn to_byte(self) -> u8 {
         let bits = [
             self.fdi,
@@ -537,6 +544,24 @@ pub struct Report {
 }
 
 impl Report {
+    /// Nothing has happened.
+    pub const NONE: Self = Self {
+        steps: 0,
+        line: [0; 3],
+        repeated: 0,
+        unit: CostUnit::Nothing,
+        cost: [Cost {
+            max: 0,
+            max_step: 0,
+            sum: 0,
+        }; 3],
+        stack_used: 0,
+        stack_before: 0,
+        stack_size: 0,
+        clock_hz: 0,
+        reset_cause: 0,
+    };
+
     /// As a payload.
     pub fn write(&self, out: &mut Writer<'_>) {
         out.u32(self.steps);

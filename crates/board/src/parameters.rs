@@ -10,7 +10,7 @@
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::control::{ControllerConfig, ControllerConfigError, PidGains, ThrustToDuty};
 use rotortwin_flight_core::fdi::{
-    FdiConfig, FdiConfigError, Network, NetworkError, NetworkWeights, NominalThrust, SequentialConfig, TTestConfig,
+    FdiConfig, FdiConfigError, Network, NetworkError, NominalThrust, SequentialConfig, TTestConfig, WeightTable,
 };
 use rotortwin_flight_core::frames::Vec3;
 use rotortwin_flight_core::geometry::{Geometry, GeometryError, Rotor, Spin};
@@ -18,10 +18,6 @@ use rotortwin_flight_core::thrust_map::{ThrustMap, ThrustMapError};
 
 /// Longest download: 16 rotors with a network take about 15 kB.
 pub const MAX_LENGTH: usize = 16 * 1024;
-
-/// Features of a network of 16 rotors.
-const MAX_FEATURES: usize = 3 * MAX_ROTORS;
-const MAX_CLASSES: usize = MAX_ROTORS + 1;
 
 /// What is wrong with parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,6 +63,18 @@ impl core::fmt::Display for ParameterError {
             Self::Controller(error) => error.fmt(out),
             Self::Fdi(error) => error.fmt(out),
         }
+    }
+}
+
+impl From<FdiConfigError> for ParameterError {
+    fn from(error: FdiConfigError) -> Self {
+        Self::Fdi(error)
+    }
+}
+
+impl From<ControllerConfigError> for ParameterError {
+    fn from(error: ControllerConfigError) -> Self {
+        Self::Controller(error)
     }
 }
 
@@ -154,7 +162,21 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// A repeated field of numbers, packed or not.
+/// Numbers of a repeated field, packed or not.
+fn floats(value: Value<'_>, mut take: impl FnMut(f32) -> Parsed<()>) -> Parsed<()> {
+    match value {
+        Value::Bytes(bytes) => {
+            let (numbers, rest) = bytes.as_chunks::<4>();
+            if !rest.is_empty() {
+                return Err(ParameterError::Damaged);
+            }
+            numbers.iter().try_for_each(|number| take(f32::from_le_bytes(*number)))
+        }
+        other => take(other.f32()?),
+    }
+}
+
+/// A repeated field of known length.
 struct Floats<const N: usize> {
     values: [f32; N],
     count: usize,
@@ -181,18 +203,7 @@ impl<const N: usize> Floats<N> {
     }
 
     fn extend(&mut self, value: Value<'_>) -> Parsed<()> {
-        match value {
-            Value::Bytes(bytes) => {
-                let (numbers, rest) = bytes.as_chunks::<4>();
-                if !rest.is_empty() {
-                    return Err(ParameterError::Damaged);
-                }
-                numbers
-                    .iter()
-                    .try_for_each(|number| self.push(f32::from_le_bytes(*number)))
-            }
-            other => self.push(other.f32()?),
-        }
+        floats(value, |number| self.push(number))
     }
 
     fn all(&self) -> Parsed<[f32; N]> {
@@ -204,10 +215,6 @@ impl<const N: usize> Floats<N> {
                 expected: N,
             })
         }
-    }
-
-    fn some(&self) -> &[f32] {
-        &self.values[..self.count.min(N)]
     }
 }
 
@@ -245,27 +252,32 @@ fn rotor(mut fields: Fields<'_>) -> Parsed<Rotor> {
 }
 
 /// Rotors as they come.
-#[derive(Default)]
 struct Rotors {
-    list: [Option<Rotor>; MAX_ROTORS],
+    list: [Rotor; MAX_ROTORS],
     count: usize,
 }
 
 impl Rotors {
+    const NONE: Self = Self {
+        list: [Rotor::ABSENT; MAX_ROTORS],
+        count: 0,
+    };
+
     fn push(&mut self, fields: Fields<'_>) -> Parsed<()> {
         let place = self.list.get_mut(self.count).ok_or(ParameterError::Length {
             field: "rotors",
             expected: MAX_ROTORS,
         })?;
-        *place = Some(rotor(fields)?);
+        *place = rotor(fields)?;
         self.count += 1;
         Ok(())
     }
 
-    fn geometry(&self) -> Parsed<Geometry> {
-        let filler = self.list[0].ok_or(ParameterError::Missing("rotors"))?;
-        let rotors = self.list.map(|rotor| rotor.unwrap_or(filler));
-        Geometry::new(&rotors[..self.count]).map_err(ParameterError::Geometry)
+    fn into_geometry(self, geometry: &mut Geometry) -> Parsed<()> {
+        match self.list.get(..self.count) {
+            None | Some([]) => Err(ParameterError::Missing("rotors")),
+            Some(rotors) => geometry.set(rotors).map_err(ParameterError::Geometry),
+        }
     }
 }
 
@@ -320,11 +332,7 @@ struct Gains {
 
 impl Gains {
     const NONE: Self = Self {
-        list: [PidGains {
-            proportional: 0.0,
-            integral: 0.0,
-            derivative: 0.0,
-        }; 3],
+        list: [PidGains::NONE; 3],
         count: 0,
     };
 
@@ -357,10 +365,11 @@ impl Gains {
 /// Where the vertical integrator starts: duty (fraction) and battery voltage (V).
 pub type Trim = Option<(f32, f32)>;
 
-/// Reads a `ControllerSetup`.
-pub fn controller(message: &[u8]) -> Parsed<(ControllerConfig, Trim)> {
+/// Reads a `ControllerSetup` into a configuration, in place.
+#[inline(never)]
+pub fn controller(message: &[u8], config: &mut ControllerConfig) -> Parsed<Trim> {
     let mut fields = Fields(message);
-    let mut rotors = Rotors::default();
+    let mut rotors = Rotors::NONE;
     let mut rigid_body = None;
     let (mut position_gains, mut attitude_gains) = (Gains::NONE, Gains::NONE);
     let mut thrust_to_duty = None;
@@ -388,33 +397,32 @@ pub fn controller(message: &[u8]) -> Parsed<(ControllerConfig, Trim)> {
     if !(0.0..=1.0).contains(&trim_duty) {
         return Err(ParameterError::Value("ControllerSetup.trim_duty"));
     }
-    let config = ControllerConfig {
-        geometry: rotors.geometry()?,
-        mass: rigid_body.mass,
-        inertia_body: rigid_body.inertia,
-        gravity: rigid_body.gravity,
-        period,
-        position_gains: position_gains.all("position_gains")?,
-        attitude_gains: attitude_gains.all("attitude_gains")?,
-        tilt_limit,
-        thrust_to_duty: thrust_to_duty.ok_or(ParameterError::Missing("ControllerSetup.thrust_to_duty"))?,
-    };
-    Ok((config, (trim_duty > 0.0).then_some((trim_duty, trim_voltage))))
+    rotors.into_geometry(&mut config.geometry)?;
+    config.mass = rigid_body.mass;
+    config.inertia_body = rigid_body.inertia;
+    config.gravity = rigid_body.gravity;
+    config.period = period;
+    config.position_gains = position_gains.all("position_gains")?;
+    config.attitude_gains = attitude_gains.all("attitude_gains")?;
+    config.tilt_limit = tilt_limit;
+    config.thrust_to_duty = thrust_to_duty.ok_or(ParameterError::Missing("ControllerSetup.thrust_to_duty"))?;
+    Ok((trim_duty > 0.0).then_some((trim_duty, trim_voltage)))
 }
 
-/// Reads an `FdiSetup`.
-pub fn fdi(message: &[u8]) -> Parsed<FdiConfig> {
+/// Reads an `FdiSetup` into a configuration, in place: a board has no room for two.
+#[inline(never)]
+pub fn fdi(message: &[u8], config: &mut FdiConfig) -> Parsed<()> {
     let mut fields = Fields(message);
-    let mut rotors = Rotors::default();
+    let mut rotors = Rotors::NONE;
     let (mut rigid_body, mut map, mut nominal, mut t_test) = (None, None, None, None);
     let (mut classifier, mut sequential) = (None, None);
     let (mut period, mut observer_gain, mut window_len) = (0.0, 0.0, 0);
     while let Some((number, value)) = fields.next()? {
         match number {
             1 => rotors.push(value.message()?)?,
-            2 => rigid_body = Some(body(value.message()?)?),
+            2 => rigid_body = Some(value.message()?),
             3 => period = value.f32()?,
-            4 => map = Some(thrust_map(value.message()?)?),
+            4 => map = Some(value.message()?),
             5 if value.varint()? == 1 => nominal = Some(NominalThrust::Static),
             6 => {
                 nominal = Some(NominalThrust::Lagged {
@@ -428,37 +436,45 @@ pub fn fdi(message: &[u8]) -> Parsed<FdiConfig> {
             }
             8 => observer_gain = value.f32()?,
             9 => window_len = value.varint()?,
-            10 => t_test = Some(t_test_config(value.message()?)?),
+            10 => t_test = Some(value.message()?),
             11 => classifier = Some(value.message()?),
-            12 => sequential = Some(sequential_config(value.message()?)?),
+            12 => sequential = Some(value.message()?),
             _ => {}
         }
     }
-    let geometry = rotors.geometry()?;
-    let rigid_body = rigid_body.ok_or(ParameterError::Missing("FdiSetup.body"))?;
-    let window_len = u16::try_from(window_len)
+    rotors.into_geometry(&mut config.geometry)?;
+    let rigid_body = body(rigid_body.ok_or(ParameterError::Missing("FdiSetup.body"))?)?;
+    config.mass = rigid_body.mass;
+    config.inertia_body = rigid_body.inertia;
+    config.gravity = rigid_body.gravity;
+    config.linear_drag = rigid_body.linear_drag;
+    config.angular_drag = rigid_body.angular_drag;
+    config.period = period;
+    config.thrust_map = thrust_map(map.ok_or(ParameterError::Missing("FdiSetup.thrust_map"))?)?;
+    config.nominal_thrust = nominal.ok_or(ParameterError::Missing("FdiSetup.nominal_thrust"))?;
+    config.observer_gain = observer_gain;
+    config.window_len = u16::try_from(window_len)
         .ok()
         .filter(|length| (2..=1000).contains(length))
         .ok_or(ParameterError::Value("FdiSetup.window_len"))?;
-    Ok(FdiConfig {
-        geometry,
-        mass: rigid_body.mass,
-        inertia_body: rigid_body.inertia,
-        gravity: rigid_body.gravity,
-        linear_drag: rigid_body.linear_drag,
-        angular_drag: rigid_body.angular_drag,
-        period,
-        thrust_map: map.ok_or(ParameterError::Missing("FdiSetup.thrust_map"))?,
-        nominal_thrust: nominal.ok_or(ParameterError::Missing("FdiSetup.nominal_thrust"))?,
-        observer_gain,
-        window_len,
-        t_test: t_test.ok_or(ParameterError::Missing("FdiSetup.t_test"))?,
-        network: match classifier {
-            Some(fields) => Some(network(fields, geometry.rotor_count())?),
-            None => None,
-        },
-        sequential: sequential.ok_or(ParameterError::Missing("FdiSetup.sequential"))?,
-    })
+    config.t_test = t_test_config(t_test.ok_or(ParameterError::Missing("FdiSetup.t_test"))?)?;
+    sequential_config(
+        sequential.ok_or(ParameterError::Missing("FdiSetup.sequential"))?,
+        &mut config.sequential,
+    )?;
+    let rotor_count = config.geometry.rotor_count();
+    match classifier {
+        None => config.network = None,
+        Some(fields) => {
+            if config.network.is_none() {
+                config.network = Some(Network::BLANK);
+            }
+            if let Some(place) = &mut config.network {
+                network(fields, rotor_count, place)?;
+            }
+        }
+    }
+    Ok(())
 }
 
 fn t_test_config(mut fields: Fields<'_>) -> Parsed<TTestConfig> {
@@ -480,45 +496,50 @@ fn t_test_config(mut fields: Fields<'_>) -> Parsed<TTestConfig> {
     Ok(config)
 }
 
-/// The tables of a network take 14 kB of stack while they are sorted into place.
+/// The tables of a network, and the fields that they come in.
+const TABLES: [(u64, WeightTable); 6] = [
+    (4, WeightTable::HiddenWeight),
+    (5, WeightTable::HiddenBias),
+    (6, WeightTable::OutputWeight),
+    (7, WeightTable::OutputBias),
+    (8, WeightTable::Mean),
+    (9, WeightTable::Deviation),
+];
+
 #[inline(never)]
-fn network(mut fields: Fields<'_>, rotor_count: usize) -> Parsed<Network> {
-    let mut hidden_weight = Floats::<{ MAX_FEATURES * MAX_FEATURES }>::new("network.hidden_weights");
-    let mut hidden_bias = Floats::<MAX_FEATURES>::new("network.hidden_biases");
-    let mut output_weight = Floats::<{ MAX_FEATURES * MAX_CLASSES }>::new("network.output_weights");
-    let mut output_bias = Floats::<MAX_CLASSES>::new("network.output_biases");
-    let mut mean = Floats::<MAX_FEATURES>::new("network.feature_means");
-    let mut deviation = Floats::<MAX_FEATURES>::new("network.feature_deviations");
-    let mut self_calibrated = false;
+fn network(mut fields: Fields<'_>, rotor_count: usize, network: &mut Network) -> Parsed<()> {
+    network.prepare(rotor_count).map_err(ParameterError::Network)?;
+    let mut counts = [0; TABLES.len()];
     let features = 3 * rotor_count as u64;
     let mut sizes = [0; 3];
     while let Some((number, value)) = fields.next()? {
         match number {
             1..=3 => sizes[number as usize - 1] = value.varint()?,
-            4 => hidden_weight.extend(value)?,
-            5 => hidden_bias.extend(value)?,
-            6 => output_weight.extend(value)?,
-            7 => output_bias.extend(value)?,
-            8 => mean.extend(value)?,
-            9 => deviation.extend(value)?,
-            10 => self_calibrated = value.varint()? == 1,
-            _ => {}
+            10 => network.set_self_calibration(value.varint()? == 1),
+            _ => {
+                let mut tables = TABLES.iter().zip(&mut counts);
+                let Some(((_, table), count)) = tables.find(|((field, _), _)| *field == number) else {
+                    continue;
+                };
+                floats(value, |number| {
+                    network.set(*table, *count, number).map_err(ParameterError::Network)?;
+                    *count += 1;
+                    Ok(())
+                })?;
+            }
         }
     }
     if sizes != [features, features, rotor_count as u64 + 1] {
         return Err(ParameterError::Value("network.inputs, hidden and outputs"));
     }
-    let weights = NetworkWeights {
-        mean: mean.some(),
-        deviation: deviation.some(),
-        hidden_weight: hidden_weight.some(),
-        hidden_bias: hidden_bias.some(),
-        output_weight: output_weight.some(),
-        output_bias: output_bias.some(),
-    };
-    Network::new(rotor_count, &weights)
-        .map(|network| network.with_self_calibration(self_calibrated))
-        .map_err(ParameterError::Network)
+    for ((_, table), found) in TABLES.iter().zip(counts) {
+        let expected = table.length(rotor_count);
+        if found != expected {
+            let field = table.name();
+            return Err(ParameterError::Network(NetworkError::Length { field, expected, found }));
+        }
+    }
+    Ok(())
 }
 
 /// A parameter of the sequential detector; travels as `f64`.
@@ -598,8 +619,7 @@ sequential_fields!(
     spike_sigma,
 );
 
-fn sequential_config(mut fields: Fields<'_>) -> Parsed<SequentialConfig> {
-    let mut config = SequentialConfig::standard();
+fn sequential_config(mut fields: Fields<'_>, config: &mut SequentialConfig) -> Parsed<()> {
     let mut seen = 0u64;
     while let Some((number, value)) = fields.next()? {
         if number != 1 {
@@ -614,12 +634,12 @@ fn sequential_config(mut fields: Fields<'_>) -> Parsed<SequentialConfig> {
                 _ => {}
             }
         }
-        seen |= 1 << set_sequential(&mut config, name, parameter)?;
+        seen |= 1 << set_sequential(config, name, parameter)?;
     }
     if seen.count_ones() as usize != SEQUENTIAL_FIELDS {
         return Err(ParameterError::Missing("a parameter of FdiSetup.sequential"));
     }
-    Ok(config)
+    Ok(())
 }
 
 /// The two messages of a download.
@@ -656,6 +676,16 @@ mod tests {
                 rotortwin_campaign::setup::run_setup(&scenario, &simulation, 1)
             })
             .collect()
+    }
+
+    fn controller(message: &[u8]) -> Parsed<(ControllerConfig, Trim)> {
+        let mut config = ControllerConfig::BLANK;
+        super::controller(message, &mut config).map(|trim| (config, trim))
+    }
+
+    fn fdi(message: &[u8]) -> Parsed<FdiConfig> {
+        let mut config = FdiConfig::BLANK;
+        super::fdi(message, &mut config).map(|()| config)
     }
 
     #[test]

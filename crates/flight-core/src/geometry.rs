@@ -60,7 +60,7 @@ pub struct Rotor {
 
 impl Rotor {
     /// Fills the unused tail of the per-rotor arrays.
-    const ABSENT: Self = Self {
+    pub const ABSENT: Self = Self {
         position_body: Vec3::ZERO,
         spin: Spin::Ccw,
         moment_ratio: 0.0,
@@ -90,10 +90,27 @@ pub struct Geometry {
 }
 
 impl Geometry {
+    /// No rotors; only a place to put a geometry into.
+    pub(crate) const BLANK: Self = Self {
+        rotor_count: 0,
+        rotors: [Rotor::ABSENT; MAX_ROTORS],
+        effectiveness: [[0.0; MAX_ROTORS]; WRENCH_AXES],
+        allocation: [[0.0; MAX_ROTORS]; WRENCH_AXES],
+        basis: [[[0.0; WRENCH_AXES]; 3]; MAX_ROTORS],
+    };
+
     /// Checks a layout and derives everything from it.
     ///
     /// Refuses, with the reason, what [`GeometryError`] lists.
     pub fn new(rotors: &[Rotor]) -> Result<Self, GeometryError> {
+        let mut geometry = Self::BLANK;
+        geometry.set(rotors)?;
+        Ok(geometry)
+    }
+
+    /// [`Geometry::new`] in place; a layout that is refused changes nothing.
+    #[inline(never)]
+    pub fn set(&mut self, rotors: &[Rotor]) -> Result<(), GeometryError> {
         let rotor_count = rotors.len();
         if rotor_count < MIN_ROTORS {
             return Err(GeometryError::TooFewRotors { count: rotor_count });
@@ -111,37 +128,40 @@ impl Geometry {
         }
         check_spacing(rotors)?;
 
-        let mut padded = [Rotor::ABSENT; MAX_ROTORS];
-        padded[..rotor_count].copy_from_slice(rotors);
         let mut f = [[0.0; MAX_ROTORS]; WRENCH_AXES];
-        let mut basis = [[[0.0; WRENCH_AXES]; 3]; MAX_ROTORS];
         for (i, rotor) in rotors.iter().enumerate() {
             let (x, y) = horizontal(rotor);
-            let arm_length = libm::hypot(x, y);
-            let (cos_azimuth, sin_azimuth) = (x / arm_length, y / arm_length);
-            let yaw_torque = f64::from(rotor.spin.yaw_sign() * rotor.moment_ratio);
+            let yaw_torque = yaw_torque(rotor);
             // Eq. 36, third to sixth entry, with l sinθ = y and l cosθ = x.
             for (row, entry) in f.iter_mut().zip([-1.0, -y, x, yaw_torque]) {
                 row[i] = entry;
             }
-            // Eqs. 37–39.
-            basis[i] = [
-                [0.0, cos_azimuth, sin_azimuth, 0.0],
-                [arm_length, -sin_azimuth, cos_azimuth, 0.0],
-                [-yaw_torque, 0.0, 0.0, -1.0],
-            ]
-            .map(|v| v.map(|entry| entry as f32));
         }
         let inverse = pseudo_inverse(&f, rotor_count).map_err(|row| GeometryError::AxisNotIndependent {
             axis: WrenchAxis::ALL[row],
         })?;
-        Ok(Self {
-            rotor_count,
-            rotors: padded,
-            effectiveness: f.map(|row| row.map(|entry| entry as f32)),
-            allocation: inverse.map(|row| row.map(|entry| entry as f32)),
-            basis,
-        })
+        self.rotor_count = rotor_count;
+        self.rotors = [Rotor::ABSENT; MAX_ROTORS];
+        self.rotors[..rotor_count].copy_from_slice(rotors);
+        self.basis = [[[0.0; WRENCH_AXES]; 3]; MAX_ROTORS];
+        for (rotor, basis) in rotors.iter().zip(&mut self.basis) {
+            let (x, y) = horizontal(rotor);
+            let arm_length = libm::hypot(x, y);
+            let (cos_azimuth, sin_azimuth) = (x / arm_length, y / arm_length);
+            // Eqs. 37–39.
+            *basis = [
+                [0.0, cos_azimuth, sin_azimuth, 0.0],
+                [arm_length, -sin_azimuth, cos_azimuth, 0.0],
+                [-yaw_torque(rotor), 0.0, 0.0, -1.0],
+            ]
+            .map(|v| v.map(|entry| entry as f32));
+        }
+        for (single, double) in [(&mut self.effectiveness, &f), (&mut self.allocation, &inverse)] {
+            for (to, from) in single.as_flattened_mut().iter_mut().zip(double.as_flattened()) {
+                *to = *from as f32;
+            }
+        }
+        Ok(())
     }
 
     /// Regular polygon: θ_i = `offset` + 2π(i−1)/n, i = 1 … n, spins alternating from rotor 1 = [`Spin::Ccw`].
@@ -253,6 +273,11 @@ impl Geometry {
         self.basis[observer]
             .map(|v| v[0] * f[0][source] + v[1] * f[1][source] + v[2] * f[2][source] + v[3] * f[3][source])
     }
+}
+
+/// Reaction torque about body z per thrust, m.
+fn yaw_torque(rotor: &Rotor) -> f64 {
+    f64::from(rotor.spin.yaw_sign() * rotor.moment_ratio)
 }
 
 /// Hub position in the horizontal plane, m.

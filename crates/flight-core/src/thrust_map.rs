@@ -57,6 +57,15 @@ pub struct ThrustMap {
 }
 
 impl ThrustMap {
+    /// No thrust; only a place to put a map into.
+    pub(crate) const BLANK: Self = Self {
+        coef: [0.0; 4],
+        voltage_offset: 0.0,
+        full_shape: 0.0,
+        cells_per_shape: 0.0,
+        root_table: [0.0; CELLS + 1],
+    };
+
     /// Checks the coefficients of one row of Table 1.
     ///
     /// * `coef`: a_L0 … a_L3, N/V for a duty in percent   * `voltage_offset`: v_L0, V, not negative

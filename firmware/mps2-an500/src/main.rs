@@ -11,7 +11,6 @@
 mod semihosting;
 mod uart;
 
-use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use rotortwin_board::application::{Application, Board, State};
@@ -130,8 +129,8 @@ fn main() -> ! {
     #[expect(unsafe_code, reason = "the application is too large for the stack")]
     // SAFETY: this function runs once, and nothing else names the static.
     let application: &'static mut Application = unsafe {
-        static mut APPLICATION: MaybeUninit<Application> = MaybeUninit::uninit();
-        (*addr_of_mut!(APPLICATION)).write(Application::default())
+        static mut APPLICATION: Application = Application::new();
+        &mut *addr_of_mut!(APPLICATION)
     };
     let mut line = [0; 512];
     let arguments = semihosting::command_line(&mut line);

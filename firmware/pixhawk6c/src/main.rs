@@ -190,8 +190,8 @@ fn main() -> ! {
     write(WATCHDOG + 8, 1000);
     // SAFETY: this function runs once, and nothing else names the static.
     let application: &'static mut Application = unsafe {
-        static mut APPLICATION: MaybeUninit<Application> = MaybeUninit::uninit();
-        (*addr_of_mut!(APPLICATION)).write(Application::default())
+        static mut APPLICATION: Application = Application::new();
+        &mut *addr_of_mut!(APPLICATION)
     };
     loop {
         board.idle();

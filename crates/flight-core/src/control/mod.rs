@@ -89,6 +89,19 @@ pub struct ControllerConfig {
 }
 
 impl ControllerConfig {
+    /// No vehicle; only a place to put a configuration into.
+    pub const BLANK: Self = Self {
+        geometry: Geometry::BLANK,
+        mass: 0.0,
+        inertia_body: [0.0; 3],
+        gravity: 0.0,
+        period: 0.0,
+        position_gains: [PidGains::NONE; 3],
+        attitude_gains: [PidGains::NONE; 3],
+        tilt_limit: 0.0,
+        thrust_to_duty: ThrustToDuty::Linear { full_thrust: 0.0 },
+    };
+
     fn check(&self) -> Result<(), ControllerConfigError> {
         let positive = |value: f32, quantity| {
             if value > 0.0 && value.is_finite() {
@@ -160,6 +173,23 @@ pub struct ControlOutput {
     pub voltage_substituted: bool,
 }
 
+impl ControlOutput {
+    const OFF: Self = Self {
+        command: MotorCommand {
+            duty: [0.0; MAX_ROTORS],
+        },
+        attitude_setpoint: EulerAngles {
+            roll: 0.0,
+            pitch: 0.0,
+            yaw: 0.0,
+        },
+        collective_thrust: 0.0,
+        saturated_rotors: 0,
+        input_rejected: false,
+        voltage_substituted: false,
+    };
+}
+
 /// Cascaded PID controller with control allocation: position, attitude, pseudo-inverse.
 ///
 /// ```
@@ -197,19 +227,52 @@ pub struct Controller {
 }
 
 impl Controller {
+    /// A controller without a vehicle: its commands mean nothing before [`Controller::configure`]. All bits are 0, so that it takes no room
+    /// in the image of a board.
+    pub const BLANK: Self = Self {
+        cfg: ControllerConfig::BLANK,
+        tilt_limit_tan: 0.0,
+        position: PidState::ZERO,
+        attitude: PidState::ZERO,
+        last_output: ControlOutput::OFF,
+        last_voltage: None,
+    };
+
     /// A controller at rest: integrators zero, motors off until the first accepted step.
     ///
     /// Refuses, with the reason, what [`ControllerConfigError`] lists.
     pub fn new(cfg: ControllerConfig) -> Result<Self, ControllerConfigError> {
-        cfg.check()?;
-        Ok(Self {
+        let mut controller = Self::BLANK;
+        controller.configure(|own| {
+            *own = cfg;
+            Ok::<(), ControllerConfigError>(())
+        })?;
+        Ok(controller)
+    }
+
+    /// [`Controller::new`] in place, with the configuration that `fill` leaves: a board has no room for a second one. Every field is to be
+    /// set, as those of an earlier configuration stand in it. A controller whose configuration was refused is not to be used.
+    pub fn configure<E: From<ControllerConfigError>>(
+        &mut self,
+        fill: impl FnOnce(&mut ControllerConfig) -> Result<(), E>,
+    ) -> Result<(), E> {
+        fill(&mut self.cfg)?;
+        self.cfg.check()?;
+        // Taken apart, so that no field is forgotten.
+        let Self {
             cfg,
-            tilt_limit_tan: libm::tan(f64::from(cfg.tilt_limit)) as f32,
-            position: PidState::default(),
-            attitude: PidState::default(),
-            last_output: ControlOutput::default(),
-            last_voltage: None,
-        })
+            tilt_limit_tan,
+            position,
+            attitude,
+            last_output,
+            last_voltage,
+        } = self;
+        *tilt_limit_tan = libm::tan(f64::from(cfg.tilt_limit)) as f32;
+        *position = PidState::ZERO;
+        *attitude = PidState::ZERO;
+        *last_output = ControlOutput::OFF;
+        *last_voltage = None;
+        Ok(())
     }
 
     /// As given to [`Controller::new`].

@@ -14,6 +14,15 @@ pub struct PidGains {
     pub derivative: f32,
 }
 
+impl PidGains {
+    /// No action.
+    pub const NONE: Self = Self {
+        proportional: 0.0,
+        integral: 0.0,
+        derivative: 0.0,
+    };
+}
+
 /// Integrators of three axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct PidState {
@@ -22,6 +31,8 @@ pub(super) struct PidState {
 }
 
 impl PidState {
+    pub(super) const ZERO: Self = Self { integral: [0.0; 3] };
+
     /// Kp e + Ki ∫e dt + Kd ė per axis; the integrators are updated after their use, without anti-windup.
     ///
     /// * `error`: e   * `error_rate`: ė, taken as measured and never differentiated here   * `period`: dt, s

@@ -31,7 +31,7 @@ pub mod window;
 #[cfg(test)]
 mod closed_loop;
 
-pub use network::{Network, NetworkError, NetworkWeights};
+pub use network::{Network, NetworkError, NetworkWeights, WeightTable};
 pub use nominal_thrust::NominalThrust;
 pub use residual::Residuals;
 pub use sequential::{
@@ -127,6 +127,27 @@ pub struct FdiConfig {
     pub sequential: SequentialConfig,
 }
 
+impl FdiConfig {
+    /// No vehicle; only a place to put a configuration into.
+    pub const BLANK: Self = Self {
+        geometry: Geometry::BLANK,
+        mass: 0.0,
+        inertia_body: [0.0; 3],
+        gravity: 0.0,
+        linear_drag: 0.0,
+        angular_drag: 0.0,
+        period: 0.0,
+        thrust_map: ThrustMap::BLANK,
+        nominal_thrust: NominalThrust::Static,
+        observer_gain: 0.0,
+        window_len: 0,
+        t_test: TTestConfig::BLANK,
+        // Not None, whose bits are not all 0.
+        network: Some(Network::BLANK),
+        sequential: SequentialConfig::BLANK,
+    };
+}
+
 /// Why a configuration is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FdiConfigError {
@@ -196,6 +217,21 @@ pub struct FdiOutput {
     pub rejected_samples: u32,
 }
 
+impl FdiOutput {
+    const NONE: Self = Self {
+        residuals: Residuals::NONE,
+        wrench_residual: [0.0; 4],
+        t_test: FaultVerdict::NotReady,
+        network: FaultVerdict::NotReady,
+        sequential: FaultVerdict::NotReady,
+        sequential_probability: 0.0,
+        thrust_loss: [LossEstimate::NONE; 2],
+        suspects: Suspects::NONE,
+        window_end: false,
+        rejected_samples: 0,
+    };
+}
+
 /// Which detectors run; what one says does not depend on the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detectors {
@@ -240,8 +276,51 @@ pub struct FdiEngine {
 }
 
 impl FdiEngine {
+    /// An engine without a vehicle: what it says means nothing before [`FdiEngine::configure`]. All bits are 0, so that it takes no room in
+    /// the image of a board.
+    pub const BLANK: Self = Self {
+        config: FdiConfig::BLANK,
+        detectors: Detectors::NONE,
+        body: RigidBody {
+            mass: 0.0,
+            inertia_body: [0.0; 3],
+            gravity: 0.0,
+            linear_drag: 0.0,
+            angular_drag: 0.0,
+        },
+        nominal: NominalWrench::BLANK,
+        observer: WrenchObserver::new(0.0, 0.0),
+        window: WrenchStatistics::EMPTY,
+        baseline: Baseline::new(0, 0),
+        t_test: TTest::BLANK,
+        sequential: SequentialDetector::BLANK,
+        block_end: [0; MAX_UPDATES_PER_WINDOW as usize],
+        output: FdiOutput::NONE,
+    };
+
     /// Checks the configuration and works out everything that does not change.
     pub fn new(config: FdiConfig) -> Result<Self, FdiConfigError> {
+        let mut engine = Self::BLANK;
+        engine.configure(|own| {
+            *own = config;
+            Ok::<(), FdiConfigError>(())
+        })?;
+        Ok(engine)
+    }
+
+    /// Starts afresh with the configuration that `fill` leaves, in place: a board has no room for a second one. Every field is to be set, as
+    /// those of an earlier configuration stand in it; all detectors run. What an engine says whose configuration was refused means nothing.
+    pub fn configure<E: From<FdiConfigError>>(
+        &mut self,
+        fill: impl FnOnce(&mut FdiConfig) -> Result<(), E>,
+    ) -> Result<(), E> {
+        fill(&mut self.config)?;
+        self.prepare().map_err(E::from)
+    }
+
+    #[inline(never)]
+    fn prepare(&mut self) -> Result<(), FdiConfigError> {
+        let config = &self.config;
         let check = |ok: bool, field, expected| {
             if ok {
                 Ok(())
@@ -314,51 +393,57 @@ impl FdiEngine {
         for k in 0..u {
             block_end[usize::from(k)] = (u32::from(config.window_len) * (u32::from(k) + 1) / u32::from(u)) as u16;
         }
-        Ok(Self {
-            body: RigidBody {
-                mass: config.mass,
-                inertia_body: config.inertia_body,
-                gravity: config.gravity,
-                linear_drag: config.linear_drag,
-                angular_drag: config.angular_drag,
-            },
-            nominal: NominalWrench::new(config.nominal_thrust, config.period),
-            observer: WrenchObserver::new(config.observer_gain, config.period),
-            window: WrenchStatistics::default(),
-            baseline: Baseline::new(first, end),
-            t_test,
-            sequential: SequentialDetector::new(
-                &config.sequential,
-                &config.geometry,
-                config.mass,
-                config.gravity,
-                config.period,
-                config.window_len,
-            ),
-            block_end,
-            detectors: Detectors::ALL,
-            output: FdiOutput {
-                residuals: Residuals::default(),
-                wrench_residual: [0.0; 4],
-                t_test: FaultVerdict::NotReady,
-                network: FaultVerdict::NotReady,
-                sequential: FaultVerdict::NotReady,
-                sequential_probability: 0.0,
-                thrust_loss: [LossEstimate::default(); 2],
-                suspects: Suspects::default(),
-                window_end: false,
-                rejected_samples: 0,
-            },
-            config,
-        })
+        // Taken apart, so that no field is forgotten.
+        let Self {
+            config: _,
+            detectors,
+            body,
+            nominal,
+            observer,
+            window,
+            baseline,
+            t_test: own_t_test,
+            sequential,
+            block_end: own_block_end,
+            output,
+        } = self;
+        *body = RigidBody {
+            mass: config.mass,
+            inertia_body: config.inertia_body,
+            gravity: config.gravity,
+            linear_drag: config.linear_drag,
+            angular_drag: config.angular_drag,
+        };
+        *nominal = NominalWrench::new(config.nominal_thrust, config.period);
+        *observer = WrenchObserver::new(config.observer_gain, config.period);
+        *window = WrenchStatistics::EMPTY;
+        *baseline = Baseline::new(first, end);
+        *own_t_test = t_test;
+        sequential.configure(
+            &config.sequential,
+            &config.geometry,
+            config.mass,
+            config.gravity,
+            config.period,
+            config.window_len,
+        );
+        *own_block_end = block_end;
+        *detectors = Detectors::ALL;
+        *output = FdiOutput::NONE;
+        Ok(())
     }
 
     /// The same engine, in which only these detectors run; the verdict of another stays [`FaultVerdict::NotReady`]. For boards, where
     /// time is short; flights side by side ([`lanes`]) ask for all.
     #[must_use]
     pub const fn with_detectors(mut self, detectors: Detectors) -> Self {
-        self.detectors = detectors;
+        self.set_detectors(detectors);
         self
+    }
+
+    /// [`FdiEngine::with_detectors`] in place.
+    pub const fn set_detectors(&mut self, detectors: Detectors) {
+        self.detectors = detectors;
     }
 
     /// The configuration in use.

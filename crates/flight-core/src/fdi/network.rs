@@ -100,67 +100,139 @@ impl core::fmt::Display for NetworkError {
 
 impl core::error::Error for NetworkError {}
 
+/// A table of [`NetworkWeights`], for [`Network::set`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WeightTable {
+    /// [`NetworkWeights::mean`].
+    Mean,
+    /// [`NetworkWeights::deviation`].
+    Deviation,
+    /// [`NetworkWeights::hidden_weight`].
+    HiddenWeight,
+    /// [`NetworkWeights::hidden_bias`].
+    HiddenBias,
+    /// [`NetworkWeights::output_weight`].
+    OutputWeight,
+    /// [`NetworkWeights::output_bias`].
+    OutputBias,
+}
+
+impl WeightTable {
+    /// Values in it, for a number of rotors.
+    pub const fn length(self, rotor_count: usize) -> usize {
+        let (features, classes) = (3 * rotor_count, rotor_count + 1);
+        match self {
+            Self::Mean | Self::Deviation | Self::HiddenBias => features,
+            Self::HiddenWeight => features * features,
+            Self::OutputWeight => classes * features,
+            Self::OutputBias => classes,
+        }
+    }
+
+    /// Field of [`NetworkWeights`].
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::Deviation => "deviation",
+            Self::HiddenWeight => "hidden_weight",
+            Self::HiddenBias => "hidden_bias",
+            Self::OutputWeight => "output_weight",
+            Self::OutputBias => "output_bias",
+        }
+    }
+}
+
 impl Network {
+    /// Of no vehicle, all weights 0: a place to fill with [`Network::prepare`] and [`Network::set`] where there is no room for a second one.
+    pub const BLANK: Self = Self {
+        rotor_count: 0,
+        self_calibrated: false,
+        mean: [0.0; MAX_FEATURES],
+        scale: [0.0; MAX_FEATURES],
+        hidden_weight: [[0.0; MAX_FEATURES]; MAX_FEATURES],
+        hidden_bias: [0.0; MAX_FEATURES],
+        output_weight: [[0.0; MAX_CLASSES]; MAX_FEATURES],
+        output_bias: [0.0; MAX_CLASSES],
+    };
+
     /// Checks and stores the weights for `rotor_count` rotors.
     pub fn new(rotor_count: usize, weights: &NetworkWeights<'_>) -> Result<Self, NetworkError> {
+        let mut network = Self::BLANK;
+        network.prepare(rotor_count)?;
+        for (table, values) in [
+            (WeightTable::Mean, weights.mean),
+            (WeightTable::Deviation, weights.deviation),
+            (WeightTable::HiddenWeight, weights.hidden_weight),
+            (WeightTable::HiddenBias, weights.hidden_bias),
+            (WeightTable::OutputWeight, weights.output_weight),
+            (WeightTable::OutputBias, weights.output_bias),
+        ] {
+            if values.len() != table.length(rotor_count) {
+                return Err(NetworkError::Length {
+                    field: table.name(),
+                    expected: table.length(rotor_count),
+                    found: values.len(),
+                });
+            }
+            for (index, value) in values.iter().enumerate() {
+                network.set(table, index, *value)?;
+            }
+        }
+        Ok(network)
+    }
+
+    /// Starts over, for `rotor_count` rotors: all weights 0 until [`Network::set`] has been called for every value of every table.
+    pub fn prepare(&mut self, rotor_count: usize) -> Result<(), NetworkError> {
         if !(1..=MAX_ROTORS).contains(&rotor_count) {
             return Err(NetworkError::RotorCount { count: rotor_count });
         }
-        let features = 3 * rotor_count;
-        let classes = rotor_count + 1;
-        for (field, table, expected) in [
-            ("mean", weights.mean, features),
-            ("deviation", weights.deviation, features),
-            ("hidden_weight", weights.hidden_weight, features * features),
-            ("hidden_bias", weights.hidden_bias, features),
-            ("output_weight", weights.output_weight, classes * features),
-            ("output_bias", weights.output_bias, classes),
-        ] {
-            if table.len() != expected {
-                return Err(NetworkError::Length {
-                    field,
-                    expected,
-                    found: table.len(),
-                });
-            }
-            if table.iter().any(|x| !x.is_finite()) {
-                return Err(NetworkError::NotFinite { field });
-            }
+        *self = Self::BLANK;
+        self.rotor_count = rotor_count;
+        Ok(())
+    }
+
+    /// Checks and stores one value; `index` as in [`NetworkWeights`].
+    pub fn set(&mut self, table: WeightTable, index: usize, value: f32) -> Result<(), NetworkError> {
+        let features = 3 * self.rotor_count;
+        let expected = table.length(self.rotor_count);
+        if index >= expected {
+            return Err(NetworkError::Length {
+                field: table.name(),
+                expected,
+                found: index + 1,
+            });
         }
-        let mut network = Self {
-            rotor_count,
-            self_calibrated: false,
-            mean: [0.0; MAX_FEATURES],
-            scale: [0.0; MAX_FEATURES],
-            hidden_weight: [[0.0; MAX_FEATURES]; MAX_FEATURES],
-            hidden_bias: [0.0; MAX_FEATURES],
-            output_weight: [[0.0; MAX_CLASSES]; MAX_FEATURES],
-            output_bias: [0.0; MAX_CLASSES],
-        };
-        for feature in 0..features {
-            let scale = 1.0 / weights.deviation[feature];
-            if !(scale > 0.0 && scale.is_finite()) {
-                return Err(NetworkError::DeviationNotPositive { feature });
-            }
-            network.scale[feature] = scale;
-            network.mean[feature] = weights.mean[feature];
-            network.hidden_bias[feature] = weights.hidden_bias[feature];
-            for neuron in 0..features {
-                network.hidden_weight[feature][neuron] = weights.hidden_weight[neuron * features + feature];
-            }
-            for class in 0..classes {
-                network.output_weight[feature][class] = weights.output_weight[class * features + feature];
-            }
+        if !value.is_finite() {
+            return Err(NetworkError::NotFinite { field: table.name() });
         }
-        network.output_bias[..classes].copy_from_slice(weights.output_bias);
-        Ok(network)
+        let (row, column) = (index / features, index % features);
+        match table {
+            WeightTable::Mean => self.mean[index] = value,
+            WeightTable::Deviation => {
+                let scale = 1.0 / value;
+                if !(scale > 0.0 && scale.is_finite()) {
+                    return Err(NetworkError::DeviationNotPositive { feature: index });
+                }
+                self.scale[index] = scale;
+            }
+            WeightTable::HiddenWeight => self.hidden_weight[column][row] = value,
+            WeightTable::HiddenBias => self.hidden_bias[index] = value,
+            WeightTable::OutputWeight => self.output_weight[column][row] = value,
+            WeightTable::OutputBias => self.output_bias[index] = value,
+        }
+        Ok(())
     }
 
     /// The same network, for residuals with or without their calibration mean; without, as in the paper, unless this is called.
     #[must_use]
     pub const fn with_self_calibration(mut self, self_calibrated: bool) -> Self {
-        self.self_calibrated = self_calibrated;
+        self.set_self_calibration(self_calibrated);
         self
+    }
+
+    /// [`Network::with_self_calibration`] in place.
+    pub const fn set_self_calibration(&mut self, self_calibrated: bool) {
+        self.self_calibrated = self_calibrated;
     }
 
     /// Whether the mean of the calibration time is to be taken off the residuals first; the paper's network reads them as they are.

@@ -100,6 +100,12 @@ pub enum NominalWrench {
 }
 
 impl NominalWrench {
+    pub(super) const BLANK: Self = Self::Lagged(FirstOrderLag {
+        end_weight: 0.0,
+        mean_weight: 0.0,
+        state: None,
+    });
+
     /// * `period`: dt, s
     pub fn new(model: NominalThrust, period: f32) -> Self {
         match model {

@@ -151,6 +151,10 @@ pub struct Residuals {
 }
 
 impl Residuals {
+    pub(crate) const NONE: Self = Self {
+        component: [[0.0; 3]; MAX_ROTORS],
+    };
+
     /// r_i = V_iᵀ r for every rotor.
     #[inline]
     pub fn from_wrench(geometry: &Geometry, wrench_residual: &[f32; 4]) -> Self {

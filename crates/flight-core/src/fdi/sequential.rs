@@ -88,6 +88,15 @@ pub struct SequentialDecision {
     pub suspects: Suspects,
 }
 
+impl SequentialDecision {
+    const NONE: Self = Self {
+        verdict: FaultVerdict::NotReady,
+        probability: 0.0,
+        thrust_loss: [LossEstimate::NONE; 2],
+        suspects: Suspects::NONE,
+    };
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// Sensor noise is measured.
@@ -106,6 +115,14 @@ struct Contender {
     log_likelihood: f32,
 }
 
+impl Contender {
+    const BLANK: Self = Self {
+        filter: AxisFilter::BLANK,
+        variance: 0.0,
+        log_likelihood: 0.0,
+    };
+}
+
 /// One axis after the calibration.
 #[derive(Clone, Copy, Debug, Default)]
 struct Axis {
@@ -122,6 +139,17 @@ struct Axis {
     column_square: f32,
 }
 
+impl Axis {
+    const BLANK: Self = Self {
+        filter: AxisFilter::BLANK,
+        variance: 0.0,
+        noise: 0.0,
+        surprise: 0.0,
+        probe: [LevelProbe::BLANK; 2],
+        column_square: 0.0,
+    };
+}
+
 /// A fault that is part of the model.
 #[derive(Clone, Copy, Debug, Default)]
 struct KnownFault {
@@ -131,6 +159,14 @@ struct KnownFault {
     deviation: f32,
     /// Probability when it was absorbed.
     probability: f32,
+}
+
+impl KnownFault {
+    const BLANK: Self = Self {
+        fraction: 0.0,
+        deviation: 0.0,
+        probability: 0.0,
+    };
 }
 
 /// See the module.
@@ -206,17 +242,58 @@ fn limited(value: f32, low: f32, high: f32) -> f32 {
 }
 
 impl SequentialDetector {
-    /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`.
+    /// Before [`SequentialDetector::configure`].
+    pub(crate) const BLANK: Self = Self {
+        config: SequentialConfig::BLANK,
+        rotor_count: 0,
+        block_period: 0.0,
+        correlation: 0.0,
+        mean_hover_thrust: 0.0,
+        hover_thrust: [0.0; MAX_ROTORS],
+        column: [[0.0; AXES]; MAX_ROTORS],
+        arm: [0.0; AXES],
+        mass: 0.0,
+        noise_from: 0,
+        calibration_from: 0,
+        watch_from: 0,
+        settling_blocks: 0,
+        ambiguity_windows: 0,
+        pair_blocks: 0,
+        phase: Phase::WarmUp,
+        samples: 0,
+        meter: DefectMeter::BLANK,
+        contender: [[Contender::BLANK; LEVELS]; AXES],
+        axis: [Axis::BLANK; AXES],
+        rotor_gain_variance: 0.0,
+        onset: OnsetHypotheses::BLANK,
+        thrust: [0.0; MAX_ROTORS],
+        leading_rotor: 0,
+        extra_demand: 0.0,
+        lag_weight: 0.0,
+        recent_thrust: [0.0; MAX_ROTORS],
+        quiet: false,
+        pending: false,
+        ambiguous_windows: 0,
+        known: [KnownFault::BLANK; MAX_ROTORS],
+        gain: [0.0; AXES],
+        gain_variance: [0.0; AXES],
+        loss_fraction: [0.0; MAX_ROTORS],
+        decision: SequentialDecision::NONE,
+    };
+
+    /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`, and starts afresh; in place,
+    /// as a board has no room for two.
     ///
     /// * `mass`: kg   * `gravity`: m/s²   * `period`: dt, s   * `window_len`: samples per decision
-    pub fn new(
+    pub fn configure(
+        &mut self,
         config: &SequentialConfig,
         geometry: &Geometry,
         mass: f32,
         gravity: f32,
         period: f32,
         window_len: u16,
-    ) -> Self {
+    ) {
         let rotor_count = geometry.rotor_count();
         let f = geometry.effectiveness();
         let weight = mass * gravity;
@@ -230,60 +307,92 @@ impl SequentialDetector {
                 arm[axis] = arm[axis].max(f[axis][i].abs());
             }
         }
-        let mut column = [[0.0; AXES]; MAX_ROTORS];
-        let mut axes = [Axis::default(); AXES];
-        for i in 0..rotor_count {
-            for axis in 0..AXES {
-                column[i][axis] = f[axis][i] / arm[axis];
-                axes[axis].column_square += column[i][axis] * column[i][axis] / rotor_count as f32;
-                axes[axis].surprise = 1.0;
-            }
-        }
         let window_period = period * f32::from(window_len);
         let block_period = window_period / f32::from(config.updates_per_window);
         let count = |time: f32, unit: f32| libm::roundf(time / unit) as u32;
-        Self {
-            config: *config,
-            rotor_count,
-            block_period,
-            correlation: libm::expf(-block_period / config.disturbance_correlation_time),
-            mean_hover_thrust,
-            hover_thrust,
+
+        // Taken apart, so that no field is forgotten.
+        let Self {
+            config: own_config,
+            rotor_count: own_rotor_count,
+            block_period: own_block_period,
+            correlation,
+            mean_hover_thrust: own_mean_hover_thrust,
+            hover_thrust: own_hover_thrust,
             column,
-            arm,
-            mass,
-            noise_from: count(NOISE_SKIP * config.calibration_start, period),
-            calibration_from: count(config.calibration_start, period),
-            watch_from: count(config.calibration_end, period),
-            settling_blocks: count(config.settling_time, block_period),
-            pair_blocks: count(config.ambiguity_time, block_period),
-            ambiguity_windows: count(config.ambiguity_time, window_period) as u16,
-            phase: Phase::WarmUp,
-            samples: 0,
-            meter: DefectMeter::new(geometry, weight, arm, hover_thrust, config.rotor_time_constant, period),
-            contender: [[Contender::default(); LEVELS]; AXES],
-            axis: axes,
-            rotor_gain_variance: config.excursion_in_calibration,
-            onset: OnsetHypotheses::new(block_period, config.rotor_time_constant),
-            thrust: hover_thrust,
-            leading_rotor: 0,
-            extra_demand: 0.0,
-            lag_weight: 1.0 - libm::expf(-block_period / config.rotor_time_constant),
-            recent_thrust: hover_thrust,
-            quiet: true,
-            pending: false,
-            ambiguous_windows: 0,
-            known: [KnownFault::default(); MAX_ROTORS],
-            gain: [0.0; AXES],
-            gain_variance: [config.gain_spread * config.gain_spread; AXES],
-            loss_fraction: [0.0; MAX_ROTORS],
-            decision: SequentialDecision {
-                verdict: FaultVerdict::NotReady,
-                probability: 0.0,
-                thrust_loss: [LossEstimate::default(); 2],
-                suspects: Suspects::default(),
-            },
+            arm: own_arm,
+            mass: own_mass,
+            noise_from,
+            calibration_from,
+            watch_from,
+            settling_blocks,
+            ambiguity_windows,
+            pair_blocks,
+            phase,
+            samples,
+            meter,
+            contender,
+            axis,
+            rotor_gain_variance,
+            onset,
+            thrust,
+            leading_rotor,
+            extra_demand,
+            lag_weight,
+            recent_thrust,
+            quiet,
+            pending,
+            ambiguous_windows,
+            known,
+            gain,
+            gain_variance,
+            loss_fraction,
+            decision,
+        } = self;
+        *own_config = *config;
+        *own_rotor_count = rotor_count;
+        *own_block_period = block_period;
+        *correlation = libm::expf(-block_period / config.disturbance_correlation_time);
+        *own_mean_hover_thrust = mean_hover_thrust;
+        *own_hover_thrust = hover_thrust;
+        *column = [[0.0; AXES]; MAX_ROTORS];
+        *axis = [Axis::BLANK; AXES];
+        for i in 0..rotor_count {
+            for a in 0..AXES {
+                column[i][a] = f[a][i] / arm[a];
+                axis[a].column_square += column[i][a] * column[i][a] / rotor_count as f32;
+                axis[a].surprise = 1.0;
+            }
         }
+        *own_arm = arm;
+        *own_mass = mass;
+        *noise_from = count(NOISE_SKIP * config.calibration_start, period);
+        *calibration_from = count(config.calibration_start, period);
+        *watch_from = count(config.calibration_end, period);
+        *settling_blocks = count(config.settling_time, block_period);
+        *ambiguity_windows = count(config.ambiguity_time, window_period) as u16;
+        *pair_blocks = count(config.ambiguity_time, block_period);
+        *phase = Phase::WarmUp;
+        *samples = 0;
+        *meter = DefectMeter::new(geometry, weight, arm, hover_thrust, config.rotor_time_constant, period);
+        for level in contender.as_flattened_mut() {
+            *level = Contender::BLANK;
+        }
+        *rotor_gain_variance = config.excursion_in_calibration;
+        onset.configure(block_period, config.rotor_time_constant);
+        *thrust = hover_thrust;
+        *leading_rotor = 0;
+        *extra_demand = 0.0;
+        *lag_weight = 1.0 - libm::expf(-block_period / config.rotor_time_constant);
+        *recent_thrust = hover_thrust;
+        *quiet = true;
+        *pending = false;
+        *ambiguous_windows = 0;
+        *known = [KnownFault::BLANK; MAX_ROTORS];
+        *gain = [0.0; AXES];
+        *gain_variance = [config.gain_spread * config.gain_spread; AXES];
+        *loss_fraction = [0.0; MAX_ROTORS];
+        *decision = SequentialDecision::NONE;
     }
 
     /// n_a, in a form whose bound the compiler sees.

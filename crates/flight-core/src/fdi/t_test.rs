@@ -31,6 +31,14 @@ pub struct TTestConfig {
 }
 
 impl TTestConfig {
+    /// Nothing; only a place to put a configuration into.
+    pub(super) const BLANK: Self = Self {
+        alpha_detect: 0.0,
+        alpha_isolate: 0.0,
+        baseline_start: 0.0,
+        baseline_end: 0.0,
+    };
+
     /// Table 5; µ₀ from 2 s to 10 s ("during the first 10 seconds of flight, excluding the initial transient").
     pub const fn paper() -> Self {
         Self {
@@ -51,6 +59,11 @@ pub struct TTest {
 }
 
 impl TTest {
+    pub(super) const BLANK: Self = Self {
+        detect: 0.0,
+        isolate: 0.0,
+    };
+
     /// * `window_len`: n, at least 2
     ///
     /// None if a significance is not in (0, 1) or has no finite critical value for this window.

@@ -16,6 +16,12 @@ pub struct WrenchStatistics {
 }
 
 impl WrenchStatistics {
+    pub(super) const EMPTY: Self = Self {
+        count: 0,
+        mean: [0.0; 4],
+        co_moment: [0.0; 10],
+    };
+
     /// Takes in one sample.
     #[inline(always)]
     pub fn push(&mut self, sample: &[f32; 4]) {

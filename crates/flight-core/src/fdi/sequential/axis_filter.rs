@@ -78,6 +78,11 @@ pub(super) struct AxisFilter {
 }
 
 impl AxisFilter {
+    pub(super) const BLANK: Self = Self {
+        state: [0.0; STATES],
+        covariance: [[0.0; STATES]; STATES],
+    };
+
     /// All states 0 with the given variances.
     pub(super) fn new(variance: &[f32; STATES]) -> Self {
         let mut covariance = [[0.0; STATES]; STATES];
@@ -182,6 +187,11 @@ pub(super) struct LevelProbe {
 }
 
 impl LevelProbe {
+    pub(super) const BLANK: Self = Self {
+        state: [0.0; 3],
+        covariance: [0.0; 6],
+    };
+
     /// Starts from the main filter.
     pub(super) fn new(filter: &AxisFilter) -> Self {
         let p = &filter.covariance;

@@ -93,6 +93,44 @@ pub struct SequentialConfig {
 }
 
 impl SequentialConfig {
+    /// Nothing; only a place to put a configuration into.
+    pub(crate) const BLANK: Self = Self {
+        calibration_start: 0.0,
+        calibration_end: 0.0,
+        updates_per_window: 0,
+        rotor_time_constant: 0.0,
+        rotor_time_constant_spread: 0.0,
+        gain_spread: 0.0,
+        centre_of_mass_spread: 0.0,
+        drag_spread: 0.0,
+        bias_spread: 0.0,
+        disturbance_correlation_time: 0.0,
+        disturbance_floor: 0.0,
+        disturbance_ceiling: 0.0,
+        evidence_to_isolate: 0.0,
+        margin_to_isolate: 0.0,
+        evidence_for_second: 0.0,
+        handicap_of_pairs: 0.0,
+        prior_log_odds: 0.0,
+        smallest_loss: 0.0,
+        settling_time: 0.0,
+        rotor_gain_spread: 0.0,
+        excursion_in_calibration: 0.0,
+        bias_factor: 0.0,
+        level_margin: 0.0,
+        level_gain: 0.0,
+        level_clip: 0.0,
+        level_ratio: 0.0,
+        surprise_weight: 0.0,
+        drift_share: 0.0,
+        momentum_noise_share: 0.0,
+        evidence_to_absorb: 0.0,
+        repeat_bonus: 0.0,
+        ambiguity_time: 0.0,
+        unexplained_share: 0.0,
+        spike_sigma: 0.0,
+    };
+
     /// The one tuning.
     pub const fn standard() -> Self {
         Self {

@@ -48,17 +48,19 @@ pub(super) struct Lag {
 }
 
 impl Lag {
+    const BLANK: Self = Self {
+        time_constant: 0.0,
+        end_weight: 0.0,
+        mean_weight: 0.0,
+        end_slope: 0.0,
+        mean_slope: 0.0,
+        state: 0.0,
+        sensitivity: 0.0,
+    };
+
     /// * `time_constant`: τ, s   * `period`: dt, s
     pub(super) fn new(time_constant: f32, period: f32) -> Self {
-        let mut lag = Self {
-            time_constant,
-            end_weight: 0.0,
-            mean_weight: 0.0,
-            end_slope: 0.0,
-            mean_slope: 0.0,
-            state: 0.0,
-            sensitivity: 0.0,
-        };
+        let mut lag = Self::BLANK;
         lag.set_time_constant(time_constant, period);
         lag
     }
@@ -151,6 +153,38 @@ pub(super) struct DefectMeter {
 }
 
 impl DefectMeter {
+    pub(super) const BLANK: Self = Self {
+        rotor_count: 0,
+        period: 0.0,
+        weight: 0.0,
+        arm: [0.0; AXES],
+        inverse_arm: [0.0; AXES],
+        effectiveness: [[0.0; AXES]; MAX_ROTORS],
+        hover_thrust: [0.0; MAX_ROTORS],
+        time_constant_range: (0.0, 0.0),
+        started: false,
+        accounted: [0.0; AXES],
+        rate: [0.0; AXES],
+        last_drift: [0.0; AXES],
+        lag: [Lag::BLANK; AXES],
+        regressor_rate: [0.0; REGRESSORS],
+        integrals: Integrals {
+            value: [0.0; REGRESSORS],
+            sum: [0.0; REGRESSORS],
+        },
+        defect_sum: [0.0; AXES],
+        excursion: 0.0,
+        excursion_sum: 0.0,
+        thrust_sum: [0.0; MAX_ROTORS],
+        samples: 0.0,
+        last_defect: [0.0; AXES],
+        spike_limit: [0.0; AXES],
+        spikes_in_row: 0,
+        noise_count: 0.0,
+        noise_sum: [0.0; AXES],
+        noise_square: [0.0; AXES],
+    };
+
     /// * `weight`: m g, N   * `arm`: longest lever of each axis   * `hover_thrust`: of every rotor, N
     /// * `time_constant`: τ of the rotors, s   * `period`: dt, s
     pub(super) fn new(

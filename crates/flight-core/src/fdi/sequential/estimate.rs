@@ -26,6 +26,13 @@ pub struct LossEstimate {
 }
 
 impl LossEstimate {
+    pub(crate) const NONE: Self = Self {
+        loss: 0.0,
+        low: 0.0,
+        high: 0.0,
+        nominal: 0.0,
+    };
+
     /// * `loss`, `nominal`: N   * `variance`: of the loss as the filters see it, N²
     #[inline]
     pub(super) fn new(loss: f32, variance: f32, nominal: f32) -> Self {
@@ -63,6 +70,12 @@ pub struct Suspects {
 }
 
 impl Suspects {
+    pub(crate) const NONE: Self = Self {
+        rotors: 0,
+        hypothesis_count: 0,
+        hypotheses: [0; MAX_HYPOTHESES],
+    };
+
     /// The rotors of a verdict that leaves nothing open.
     #[inline]
     pub(super) fn certain(rotors: u32) -> Self {

@@ -41,6 +41,12 @@ struct Signature {
 }
 
 impl Signature {
+    const BLANK: Self = Self {
+        error: [[0.0; STATES]; AXES],
+        score: [0.0; AXES],
+        information: [0.0; AXES],
+    };
+
     /// ln of the likelihood ratio of every axis, each at its best size, nats.
     #[inline]
     fn free_fit(&self) -> [f32; AXES] {
@@ -92,6 +98,14 @@ struct Moment {
     jump: Signature,
 }
 
+impl Moment {
+    const BLANK: Self = Self {
+        block: 0,
+        loss: Signature::BLANK,
+        jump: Signature::BLANK,
+    };
+}
+
 /// What all moments together say about one rotor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Evidence {
@@ -136,8 +150,17 @@ pub(super) struct OnsetHypotheses {
 }
 
 impl OnsetHypotheses {
+    /// Before [`OnsetHypotheses::configure`].
+    pub(super) const BLANK: Self = Self {
+        moment: [Moment::BLANK; MOMENTS],
+        count: 0,
+        leading: [0; 3],
+        block: 0,
+        response: [0.0; SETTLED],
+    };
+
     /// * `block_period`: s   * `time_constant`: τ of the rotors, s
-    pub(super) fn new(block_period: f32, time_constant: f32) -> Self {
+    pub(super) fn configure(&mut self, block_period: f32, time_constant: f32) {
         // The lost thrust is 1 − e^(−t/τ) after an onset at the start of a block, its integral t − τ(1 − e^(−t/τ)), of which each
         // block sees its mean.
         let (length, tau) = (f64::from(block_period), f64::from(time_constant));
@@ -145,16 +168,22 @@ impl OnsetHypotheses {
             let (start, end) = (block as f64 * length, (block + 1) as f64 * length);
             0.5 * (start + end) - tau + tau * tau / length * (libm::exp(-start / tau) - libm::exp(-end / tau))
         };
-        let response = core::array::from_fn(|block| {
-            let before = if block == 0 { 0.0 } else { mean(block - 1) };
-            (mean(block) - before) as f32
-        });
-        Self {
-            moment: [Moment::default(); MOMENTS],
-            count: 0,
-            leading: [0; 3],
-            block: 0,
+        // Moments past the count are never read.
+        let Self {
+            moment: _,
+            count,
+            leading,
+            block: now,
             response,
+        } = self;
+        *count = 0;
+        *leading = [0; 3];
+        *now = 0;
+        let mut before = 0.0;
+        for (block, entry) in response.iter_mut().enumerate() {
+            let here = mean(block);
+            *entry = (here - before) as f32;
+            before = here;
         }
     }
 
@@ -218,7 +247,7 @@ impl OnsetHypotheses {
         if let Some(moment) = self.moment.get_mut(self.count) {
             *moment = Moment {
                 block: self.block,
-                ..Moment::default()
+                ..Moment::BLANK
             };
         }
         self.count += 1;
@@ -374,10 +403,16 @@ mod tests {
         }
     }
 
+    fn fresh() -> OnsetHypotheses {
+        let mut hypotheses = OnsetHypotheses::BLANK;
+        hypotheses.configure(BLOCK, 0.05);
+        hypotheses
+    }
+
     /// Runs one axis filter per axis over noiseless defects with a loss from block 100 on; the other axes see nothing.
     fn run(column: &[f32; AXES], loss: f32, blocks: u32) -> OnsetHypotheses {
         let d = disturbance();
-        let mut hypotheses = OnsetHypotheses::new(BLOCK, 0.05);
+        let mut hypotheses = fresh();
         let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0]); AXES];
         let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0]; AXES];
         for block in 0..blocks {
@@ -431,7 +466,7 @@ mod tests {
         assert!(as_loss > 1.3 * as_jump, "{as_loss} {as_jump}");
 
         let d = disturbance();
-        let mut jump = OnsetHypotheses::new(BLOCK, 0.05);
+        let mut jump = fresh();
         let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0]); AXES];
         let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0]; AXES];
         for block in 0..110 {
@@ -458,7 +493,7 @@ mod tests {
 
     #[test]
     fn val_moments_thin_out_with_age() {
-        let mut hypotheses = OnsetHypotheses::new(BLOCK, 0.05);
+        let mut hypotheses = fresh();
         let phi = [[0.0; STATES]; AXES];
         for _ in 0..5000 {
             hypotheses.update(&phi, &[Innovation::default(); AXES], &[0.0; AXES], 1.0, BLOCK, 0.0);

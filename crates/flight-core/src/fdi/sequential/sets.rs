@@ -457,7 +457,7 @@ mod tests {
         // Opposite rotors of a hexarotor turn against each other: three pairs with the same wrench. On an octorotor opposite ones turn
         // alike: 1 and 5 have the twin 3 and 7. A quadrotor's effectiveness can be inverted: no twins.
         for (rotor_count, opposite, twins) in [(4, 2, 1), (6, 3, 3), (8, 4, 2)] {
-            let open = weigh(rotor_count, &[(0, 0.3), (opposite, 0.3)], Sets::open);
+            let open = weigh(rotor_count, &[(0, 0.3), (opposite, 0.3)], |sets| sets.open());
             assert_eq!(open.hypothesis_count, twins, "{rotor_count}: {open:?}");
             assert!(open.hypotheses[..usize::from(twins)].contains(&(1 | 1 << opposite)));
         }
