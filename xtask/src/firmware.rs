@@ -1,6 +1,7 @@
 //! Programs of the boards: built, measured and searched for panics.
 //!
-//! Flash is what is loaded; RAM is what static data takes (the stack is measured on the board: `rotortwin board measure`).
+//! Flash is what is loaded; RAM is what static data takes and what the stack of a step takes at most ([`crate::stack`]; what it took is
+//! measured on the board: `rotortwin board measure`). Sizes are held against those in `firmware/sizes.txt`.
 //!
 //! Panics in the step are sought in the linked image: from `Application::advance` on, every branch with link and every branch that
 //! leaves its function is followed; the functions are counted from which one arrives in `core::panicking`. Constants between the code may look like branches, which only
@@ -13,21 +14,31 @@ use std::collections::btree_map::{BTreeMap, Entry};
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 
-/// Name, most bytes of flash and of static RAM.
-const BOARDS: &[(&str, u64, u64)] = &[
-    ("mps2-an500", 128 * 1024, 64 * 1024),
-    ("pixhawk6c", 128 * 1024, 64 * 1024),
+/// The boards, and the function in which each starts.
+const BOARDS: &[(&str, &str)] = &[
+    ("mps2-an500", "__cortex_m_rt_main"),
+    ("pixhawk6c", "__cortex_m_rt_main"),
 ];
 
-/// Functions of a step that may hold a way into a panic: index checks that the compiler could not prove away, because it does not know
-/// that no vehicle has more than 16 rotors. None can be taken; the number may only fall.
-const KNOWN_PANICS: usize = 0;
+/// Most bytes of flash.
+const FLASH_LIMIT: u64 = 128 * 1024;
+
+/// Most bytes of static data and of the stack of a step together.
+const RAM_LIMIT: u64 = 64 * 1024;
+
+/// By how much a program may grow beyond its size in [`SIZES`] before somebody has to look: compilers differ by less.
+const GROWTH: f64 = 1.05;
+
+/// Flash, static RAM and stack of a step of every board as they were last looked at.
+const SIZES: &str = "firmware/sizes.txt";
 
 /// Where a step begins.
 const STEP: &str = "Application7advance";
 
 /// Builds every board's program and checks it.
-pub(crate) fn run(root: &Path) -> Result<()> {
+///
+/// * `keep`: writes the sizes to [`SIZES`] instead of holding them against it
+pub(crate) fn run(root: &Path, keep: bool) -> Result<()> {
     let toolchain = crate::thumb::toolchain(root)?;
     let mut command = crate::thumb::cargo(&toolchain);
     command
@@ -35,41 +46,82 @@ pub(crate) fn run(root: &Path) -> Result<()> {
         .args(["build", "--quiet", "--release", "--locked"]);
     crate::run("firmware of the boards", &mut command)?;
     let mut complaints = Vec::new();
-    println!("board          flash        static RAM   functions of a step, panics");
-    for (name, flash_limit, ram_limit) in BOARDS {
+    let mut sizes = String::from("board flash static_ram step_stack\n");
+    println!("board             flash  static RAM  stack of a step   together  functions of a step, with a panic");
+    for (name, entry) in BOARDS {
         let path = root.join("target/firmware/thumbv7em-none-eabihf/release").join(name);
         let bytes = std::fs::read(&path).with_context(|| format!("reading {}", path.display()))?;
         let image = Image::parse(&bytes).with_context(|| format!("{}", path.display()))?;
         let (flash, ram) = image.sizes();
+        let stack = crate::stack::bound(&image, entry, STEP).with_context(|| format!("stack of {name}"))?;
         let search = search_panics(&image)?;
         println!(
-            "{name:<13}  {flash:>6} bytes {ram:>6} bytes {:>6}, {}",
+            "{name:<13}  {flash:>8}  {ram:>10}  {stack:>15}  {:>9}  {}, {}",
+            ram + stack,
             search.functions,
             search.found.len()
         );
+        sizes.push_str(&format!("{name} {flash} {ram} {stack}\n"));
         if *name == "pixhawk6c" {
             let file = root.join("target/firmware/pixhawk6c.px4");
             let text = crate::px4::pack(&image.flash(), env!("CARGO_PKG_VERSION"))?;
             std::fs::write(&file, text).with_context(|| format!("writing {}", file.display()))?;
             println!("               {}", file.display());
         }
-        if flash > *flash_limit {
-            complaints.push(format!("{name}: {flash} bytes of flash, allowed are {flash_limit}"));
+        if flash > FLASH_LIMIT {
+            complaints.push(format!("{name}: {flash} bytes of flash, allowed are {FLASH_LIMIT}"));
         }
-        if ram > *ram_limit {
-            complaints.push(format!("{name}: {ram} bytes of static RAM, allowed are {ram_limit}"));
-        }
-        if search.found.len() > KNOWN_PANICS {
+        if ram + stack > RAM_LIMIT {
             complaints.push(format!(
-                "{name}: more than {KNOWN_PANICS} functions of a step can panic"
+                "{name}: {ram} bytes of static RAM and up to {stack} bytes of stack, allowed are {RAM_LIMIT} together"
             ));
-            complaints.extend(search.found.iter().map(|way| format!("{name}: {way}")));
         }
+        complaints.extend(
+            search
+                .found
+                .iter()
+                .map(|way| format!("{name}: a step can panic: {way}")),
+        );
+    }
+    println!("               of at most {FLASH_LIMIT} bytes of flash and {RAM_LIMIT} bytes of RAM");
+    let file = root.join(SIZES);
+    if keep {
+        std::fs::write(&file, sizes).with_context(|| format!("writing {}", file.display()))?;
+    } else {
+        let kept = std::fs::read_to_string(&file).with_context(|| format!("reading {}", file.display()))?;
+        complaints.extend(grown(&kept, &sizes));
     }
     if complaints.is_empty() {
         return Ok(());
     }
     bail!("the firmware breaks its promises:\n  {}", complaints.join("\n  "))
+}
+
+/// What is larger than it was by more than [`GROWTH`].
+fn grown(kept: &str, now: &str) -> Vec<String> {
+    let rows = |text: &str| -> Vec<Vec<String>> {
+        text.lines()
+            .map(|line| line.split_whitespace().map(str::to_owned).collect())
+            .collect()
+    };
+    let (kept, now) = (rows(kept), rows(now));
+    let mut complaints = Vec::new();
+    for row in now.iter().skip(1) {
+        let Some(before) = kept.iter().find(|other| other.first() == row.first()) else {
+            complaints.push(format!("{SIZES} has no line for {}", row[0]));
+            continue;
+        };
+        for ((name, value), old) in now[0].iter().zip(row).zip(before).skip(1) {
+            let number = |text: &str| text.parse::<f64>().unwrap_or(0.0);
+            if number(value) > GROWTH * number(old) {
+                complaints.push(format!(
+                    "{}: {name} has grown from {old} to {value} bytes; if that is meant, 'cargo xtask firmware --keep' writes {SIZES}",
+                    row[0]
+                ));
+            }
+        }
+    }
+    complaints
 }
 
 struct Search {
@@ -80,13 +132,6 @@ struct Search {
 
 fn search_panics(image: &Image<'_>) -> Result<Search> {
     let functions: BTreeMap<u32, &Symbol<'_>> = image.functions.iter().map(|symbol| (symbol.address, symbol)).collect();
-    let owner = |address: u32| {
-        functions
-            .range(..=address)
-            .next_back()
-            .filter(|(start, symbol)| address < **start + symbol.size.max(2))
-            .map(|(start, _)| *start)
-    };
     let start = functions
         .values()
         .find(|symbol| symbol.name.contains(STEP))
@@ -108,7 +153,9 @@ fn search_panics(image: &Image<'_>) -> Result<Search> {
                 ));
                 continue;
             };
-            let Some(callee) = owner(address) else { continue };
+            let Some(callee) = owner(&functions, address) else {
+                continue;
+            };
             if callee == function {
                 continue;
             }
@@ -126,6 +173,15 @@ fn search_panics(image: &Image<'_>) -> Result<Search> {
     })
 }
 
+/// The function that an address stands in.
+pub(crate) fn owner(functions: &BTreeMap<u32, &Symbol<'_>>, address: u32) -> Option<u32> {
+    functions
+        .range(..=address)
+        .next_back()
+        .filter(|(start, symbol)| address < **start + symbol.size.max(2))
+        .map(|(start, _)| *start)
+}
+
 fn chain(functions: &BTreeMap<u32, &Symbol<'_>>, came_from: &BTreeMap<u32, u32>, end: u32) -> String {
     let mut names = vec![functions[&end].name];
     let mut at = end;
@@ -138,13 +194,13 @@ fn chain(functions: &BTreeMap<u32, &Symbol<'_>>, came_from: &BTreeMap<u32, u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Target {
+pub(crate) enum Target {
     Address(u32),
     Register,
 }
 
 /// Where BL and the wide B and Bcc go (Arm v7-M reference manual, A7.7.12 and A7.7.18), and whether there is a BLX to a register.
-fn branches(start: u32, code: &[u8]) -> Vec<Target> {
+pub(crate) fn branches(start: u32, code: &[u8]) -> Vec<Target> {
     let halves: Vec<u32> = code
         .chunks_exact(2)
         .map(|half| u32::from(u16::from_le_bytes([half[0], half[1]])))
@@ -195,6 +251,18 @@ fn extend(raw: u32, bits: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn val_growth_is_named() {
+        let kept = "board flash\na 1000\nb 1000\n";
+        assert!(grown(kept, "board flash\na 1050\nb 900\n").is_empty());
+        let complaints = grown(kept, "board flash\na 1051\nc 1\n");
+        assert!(
+            complaints[0].starts_with("a: flash has grown from 1000 to 1051"),
+            "{complaints:?}"
+        );
+        assert!(complaints[1].contains("no line for c"), "{complaints:?}");
+    }
 
     #[test]
     fn val_branches_by_hand() {

@@ -10,6 +10,7 @@ mod elf;
 mod firmware;
 mod peers;
 mod px4;
+mod stack;
 mod thumb;
 
 const USAGE: &str = "usage: cargo xtask TASK
@@ -17,7 +18,8 @@ const USAGE: &str = "usage: cargo xtask TASK
   check             what the gate asks of the tree: format, lints, generated code, house rules, no_std build
   codegen [--check] Rust code from proto/ (--check: only say whether it is up to date)
   thumb             build flight-core and board for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
-  firmware          build the programs of the boards, print their sizes, search their steps for panics
+  firmware [--keep] build the programs of the boards, print and check their sizes, search their steps for panics
+                    (--keep: remember the sizes in firmware/sizes.txt)
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
   detector WHAT [SCENARIO] [key=value …]
                     the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)
@@ -46,7 +48,8 @@ fn run_task() -> Result<()> {
         ["check"] => check::run(&root),
         ["codegen"] => codegen::write(&root),
         ["codegen", "--check"] => codegen::check(&root),
-        ["firmware"] => firmware::run(&root),
+        ["firmware"] => firmware::run(&root, false),
+        ["firmware", "--keep"] => firmware::run(&root, true),
         ["thumb"] => thumb::run(&root),
         ["seeds"] => seeds(&root, "config/scenarios/reference-flight.toml"),
         ["seeds", scenario] => seeds(&root, scenario),

@@ -1,6 +1,6 @@
 //! Flights with a board in the loop: virtual lines of all kinds, a pseudo-terminal, the emulated Cortex-M7.
 
-use rotortwin_board::message::Options;
+use rotortwin_board::message::{Detectors, Options};
 use rotortwin_bridge::address::BoardAddress;
 use rotortwin_bridge::line::{Channel, FileLine, Line};
 use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
@@ -279,6 +279,15 @@ fn scenario_pseudo_terminal() {
     );
 }
 
+/// Memory of the emulated board's linker script, bytes.
+const EMULATED_RAM: u32 = 256 * 1024;
+/// Static data and stack together, bytes.
+const RAM_LIMIT: u32 = 64 * 1024;
+/// Instructions of a step with all three detectors: a tenth of the cycles that a board has at 400 Hz and 480 MHz.
+const ALL_DETECTORS_LIMIT: u32 = 120_000;
+/// The goal for control, residuals and network, instructions.
+const NETWORK_LIMIT: u32 = 15_000;
+
 /// The emulated board's program, if it was built and there is an emulator; otherwise the test is counted as skipped.
 fn emulated(channel: Channel) -> Option<FileLine> {
     let program = root().join(rotortwin_bridge::address::QEMU_PROGRAM);
@@ -314,7 +323,42 @@ fn scenario_emulated_board_flies_the_reference_flight_bit_for_bit() {
     assert_same(&scenario, &flown);
     let report = flown.1.report.expect("a report at the end");
     assert_eq!(u64::from(report.steps), scenario.duration_steps());
-    assert!(report.stack_used > 0 && report.stack_used < report.stack_size);
+    // Everything that is not stack is static.
+    let fixed = EMULATED_RAM - report.stack_size;
+    for (when, stack) in [
+        ("in flight", report.stack_used),
+        ("during the download", report.stack_before),
+    ] {
+        assert!(stack > 0, "{when}");
+        assert!(
+            fixed + stack <= RAM_LIMIT,
+            "{fixed} static and {stack} bytes of stack {when}"
+        );
+    }
+    // The emulator counts exactly, and the same in every run.
+    let [control, _, all] = &report.cost;
+    assert!(
+        control.max > 0 && control.max < ALL_DETECTORS_LIMIT && all.max < ALL_DETECTORS_LIMIT,
+        "{:?}",
+        report.cost
+    );
+}
+
+#[test]
+fn val_network_on_the_emulated_board_takes_15_000_instructions_at_most() {
+    let Some(line) = emulated(Channel::Semihosting) else {
+        return;
+    };
+    let scenario = beginning(30.0);
+    let mut options = comparing();
+    options.board.detectors = Detectors {
+        network: true,
+        ..Detectors::NONE
+    };
+    let (outcome, report) = over(&scenario, line, options);
+    assert_eq!(outcome.end, FlightEnd::Done);
+    let [_, _, all] = &report.report.expect("a report at the end").cost;
+    assert!(all.max > 1000 && all.max <= NETWORK_LIMIT, "{all:?}");
 }
 
 #[test]
