@@ -350,7 +350,7 @@ fn val_network_on_the_emulated_board_takes_15_000_instructions_at_most() {
         return;
     };
     let scenario = beginning(30.0);
-    let mut options = comparing();
+    let mut options = SessionOptions::default();
     options.board.detectors = Detectors {
         network: true,
         ..Detectors::NONE
