@@ -1,5 +1,7 @@
 //! `rotortwin board`: flight boards in the loop.
 
+mod flash;
+
 use crate::output;
 use clap::{Parser, Subcommand};
 use rotortwin_board::message::{CostUnit, Detectors, Options, Report};
@@ -56,6 +58,17 @@ enum Command {
         #[arg(long, value_name = "COUNT")]
         limit: Option<u32>,
     },
+    /// Flash a program through PX4's boot loader: ours (target/firmware/pixhawk6c.px4), or PX4 to go back
+    Flash {
+        /// The .px4 file
+        file: PathBuf,
+        /// Serial port of the boot loader [default: the one USB port that calls itself a PX4 boot loader]
+        #[arg(long)]
+        port: Option<PathBuf>,
+        /// How long to wait for the boot loader, s
+        #[arg(long, default_value_t = 30.0)]
+        wait: f64,
+    },
     /// Restart a board into its boot loader, to flash another program
     BootLoader {
         /// serial:PORT[@BAUD]
@@ -82,6 +95,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         } => {
             let emulator = BoardAddress::Qemu(QEMU_PROGRAM.into(), Channel::Semihosting);
             measure(board.as_ref().unwrap_or(&emulator), scenario, *duration, *limit)
+        }
+        Command::Flash { file, port, wait } => {
+            let wait = std::time::Duration::try_from_secs_f64(*wait).unwrap_or_default();
+            match flash::flash(file, port.as_deref(), wait) {
+                Ok(()) => Ok(ExitCode::SUCCESS),
+                Err((true, sentence)) => Err(Trouble::Input(sentence)),
+                Err((false, sentence)) => Err(Trouble::Failed(sentence)),
+            }
         }
         Command::BootLoader { board } => boot_loader(board),
     };
@@ -112,6 +133,25 @@ fn list() -> Result<ExitCode, Trouble> {
     println!("  mps2-an500   emulated Cortex-M7 (qemu-system-arm); --controller qemu or qemu-uart");
     println!("  virtual      in this program; --controller pty or virtual");
     println!("Serial ports:");
+    let ports = serial_ports();
+    for port in &ports {
+        println!(
+            "  serial:/dev/{}  {}:{} {} {}",
+            port.file_name().unwrap_or_default().to_string_lossy(),
+            usb_word(port, "idVendor"),
+            usb_word(port, "idProduct"),
+            usb_word(port, "manufacturer"),
+            usb_word(port, "product")
+        );
+    }
+    if ports.is_empty() {
+        println!("  none (looked for /dev/ttyACM* and /dev/ttyUSB*)");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Folders of the USB serial ports in `/sys/class/tty`.
+fn serial_ports() -> Vec<PathBuf> {
     let mut ports: Vec<PathBuf> = std::fs::read_dir("/sys/class/tty")
         .into_iter()
         .flatten()
@@ -123,27 +163,16 @@ fn list() -> Result<ExitCode, Trouble> {
         })
         .collect();
     ports.sort();
-    for port in &ports {
-        let word = |file: &str| {
-            ["device/..", "device/../.."]
-                .iter()
-                .find_map(|up| std::fs::read_to_string(port.join(up).join(file)).ok())
-                .map(|text| text.trim().to_owned())
-                .unwrap_or_else(|| "?".to_owned())
-        };
-        println!(
-            "  serial:/dev/{}  {}:{} {} {}",
-            port.file_name().unwrap_or_default().to_string_lossy(),
-            word("idVendor"),
-            word("idProduct"),
-            word("manufacturer"),
-            word("product")
-        );
-    }
-    if ports.is_empty() {
-        println!("  none (looked for /dev/ttyACM* and /dev/ttyUSB*)");
-    }
-    Ok(ExitCode::SUCCESS)
+    ports
+}
+
+/// What the USB device behind a port says of itself.
+fn usb_word(port: &Path, file: &str) -> String {
+    ["device/..", "device/../.."]
+        .iter()
+        .find_map(|up| std::fs::read_to_string(port.join(up).join(file)).ok())
+        .map(|text| text.trim().to_owned())
+        .unwrap_or_else(|| "?".to_owned())
 }
 
 fn info(address: &BoardAddress) -> Result<ExitCode, Trouble> {

@@ -9,13 +9,16 @@
 //! * [`virtual_line`]: a virtual board behind a virtual serial line with baud, latency, jitter, loss, corruption and pulled plugs, in
 //!   virtual time and seeded.
 //! * [`address`]: `serial:/dev/ttyACM0`, `pty`, `qemu`, `virtual`.
+//! * [`boot_loader`], [`px4_file`]: PX4's boot loader, and the files that it takes.
 //! * [`budget`]: bytes of a 400 Hz cycle against what a line carries.
 //!
 //! Lockstep: the plant waits for the board, so that a slow line slows a run and does not change it.
 
 pub mod address;
+pub mod boot_loader;
 pub mod budget;
 pub mod line;
+pub mod px4_file;
 pub mod session;
 mod shadow;
 pub mod virtual_line;

@@ -73,12 +73,7 @@ impl FileLine {
     /// A pseudo-terminal, with a virtual board of this process at its other end.
     pub fn pty() -> Result<Self, String> {
         let failed = |error: Errno| format!("no pseudo-terminal: {error}");
-        let host =
-            rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY).map_err(failed)?;
-        rustix::pty::grantpt(&host).map_err(failed)?;
-        rustix::pty::unlockpt(&host).map_err(failed)?;
-        let name = rustix::pty::ptsname(&host, Vec::new()).map_err(failed)?;
-        let path = PathBuf::from(name.to_string_lossy().into_owned());
+        let Terminal { end: host, path } = Terminal::open()?;
         let board = open_serial(&path, 921_600).map_err(failed)?;
         let flags = rustix::fs::fcntl_getfl(&host).map_err(failed)?;
         rustix::fs::fcntl_setfl(&host, flags | OFlags::NONBLOCK).map_err(failed)?;
@@ -190,6 +185,56 @@ impl FileLine {
             // The other end is not open yet, or about to close.
             _ => Ok(()),
         }
+    }
+}
+
+/// A pseudo-terminal: something that stands in for a board holds this end, the other one is a serial port by its path.
+pub struct Terminal {
+    end: OwnedFd,
+    path: PathBuf,
+}
+
+impl Terminal {
+    /// A new one.
+    pub fn open() -> Result<Self, String> {
+        let failed = |error: Errno| format!("no pseudo-terminal: {error}");
+        let end =
+            rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY).map_err(failed)?;
+        rustix::pty::grantpt(&end).map_err(failed)?;
+        rustix::pty::unlockpt(&end).map_err(failed)?;
+        let name = rustix::pty::ptsname(&end, Vec::new()).map_err(failed)?;
+        let path = PathBuf::from(name.to_string_lossy().into_owned());
+        Ok(Self { end, path })
+    }
+
+    /// Of the serial port.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Waits for a byte; None once the port is closed.
+    pub fn read_byte(&self) -> Option<u8> {
+        let mut byte = [0];
+        loop {
+            match rustix::io::read(&self.end, &mut byte) {
+                Ok(1) => return Some(byte[0]),
+                Err(Errno::INTR) => {}
+                _ => return None,
+            }
+        }
+    }
+
+    /// Sends bytes to whoever has opened the port; false once it is closed.
+    pub fn write(&self, bytes: &[u8]) -> bool {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            match rustix::io::write(&self.end, rest) {
+                Ok(written) => rest = &rest[written..],
+                Err(Errno::INTR) => {}
+                Err(_) => return false,
+            }
+        }
+        true
     }
 }
 
