@@ -327,6 +327,13 @@ fn report_text(report: &Report) -> String {
             .get(usize::from(report.reset_cause))
             .unwrap_or(&"unknown")
     ));
+    if report.fault != [0; 5] {
+        let [pc, lr, cfsr, hfsr, bfar] = report.fault;
+        line(format!(
+            "  fault       PC {pc:#010x}, LR {lr:#010x}, CFSR {cfsr:#010x}, HFSR {hfsr:#010x}, BFAR {bfar:#010x}; \
+             'llvm-addr2line -e' with the program's ELF file names the line"
+        ));
+    }
     if report.stack_size > 0 {
         line(format!(
             "  stack       {} bytes in flight, {} while parameters were taken in, of {}",

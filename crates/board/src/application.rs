@@ -38,6 +38,10 @@ pub trait Board {
     fn stack(&self) -> [u32; 3];
     /// Why it started; see [`Report::reset_cause`].
     fn reset_cause(&self) -> u8;
+    /// Registers of the fault before the start; see [`Report::fault`].
+    fn fault(&self) -> [u32; 5] {
+        [0; 5]
+    }
     /// Lamps.
     fn show(&mut self, state: State);
     /// Restart into the boot loader once the answer is out; false if there is none.
@@ -261,6 +265,7 @@ impl Application {
                 [self.report.stack_used, self.report.stack_before, self.report.stack_size] = board.stack();
                 self.report.clock_hz = board.clock_hz();
                 self.report.reset_cause = board.reset_cause();
+                self.report.fault = board.fault();
                 self.report.write(&mut answer.payload);
                 self.state
             }

@@ -27,4 +27,4 @@ pub mod message;
 pub mod parameters;
 
 /// Version of frames and messages; a board of another version is refused, with both numbers.
-pub const PROTOCOL_VERSION: u8 = 1;
+pub const PROTOCOL_VERSION: u8 = 2;

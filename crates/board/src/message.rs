@@ -541,6 +541,8 @@ pub struct Report {
     pub clock_hz: u32,
     /// Why it started: 0 power or reset line, 1 watchdog, 2 fault, 3 on request.
     pub reset_cause: u8,
+    /// Of the fault, if it started after one: program counter, link register, CFSR, HFSR, BFAR (Arm v7-M, B3.2).
+    pub fault: [u32; 5],
 }
 
 impl Report {
@@ -560,6 +562,7 @@ impl Report {
         stack_size: 0,
         clock_hz: 0,
         reset_cause: 0,
+        fault: [0; 5],
     };
 
     /// As a payload.
@@ -584,6 +587,9 @@ impl Report {
         out.u32(self.stack_size);
         out.u32(self.clock_hz);
         out.put(&[self.reset_cause]);
+        for register in self.fault {
+            out.u32(register);
+        }
     }
 
     /// From a payload.
@@ -615,6 +621,9 @@ impl Report {
         report.stack_size = reader.u32()?;
         report.clock_hz = reader.u32()?;
         report.reset_cause = reader.u8()?;
+        for register in &mut report.fault {
+            *register = reader.u32()?;
+        }
         reader.end(report)
     }
 }

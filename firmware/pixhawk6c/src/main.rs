@@ -1,9 +1,12 @@
-//! The board application on a Pixhawk 6C (STM32H743, 480 MHz): over TELEM1 (UART7), 921,600 baud, 8N1.
+//! The board application on a Pixhawk 6C (STM32H743, 480 MHz): over USB (CDC-ACM), TELEM1 or TELEM2 (921,600 baud, 8N1, by DMA).
 //!
 //! **Never run on a board yet.** Registers and pins follow RM0433 and PX4's `boards/px4/fmu-v6c`; see docs/pil.md.
 //!
-//! One loop, no interrupts: the host sends nothing while a step is computed, and the UART's FIFO holds what comes meanwhile. Motor outputs,
-//! heater and buzzer stay off: nothing here drives them.
+//! One loop, no interrupts: the host sends nothing while a step is computed, and what comes meanwhile waits in the DMA's ring or in the
+//! host's USB port. The board listens on all three links; the one on which a good Hello comes has it until one comes on another. Motor
+//! outputs, heater and buzzer stay off: nothing here drives them.
+//!
+//! A fault writes its registers where a restart does not clear them, and restarts; the next report carries them.
 //!
 //! Lamps: blue blinking slowly, waits for a host; blue blinking fast, parameters come; blue on, flight; red on, the last request was
 //! refused; red and blue on, restarted after a fault or by the watchdog, no host yet.
@@ -11,8 +14,10 @@
 #![no_main]
 
 mod clock;
+mod memory;
 mod register;
 mod uart;
+mod usb;
 
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
@@ -20,14 +25,15 @@ use cortex_m::peripheral::{DWT, Peripherals, SCB};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use register::{GPIO_B, GPIO_D, modify, read, write};
 use rotortwin_board::application::{Application, Board, State};
-use rotortwin_board::message::CostUnit;
+use rotortwin_board::frame::{Decoder, MAX_ENCODED, encode_header};
+use rotortwin_board::message::{CostUnit, kind};
+use uart::Uart;
+use usb::Usb;
 
 /// What is written into the stack before it is used.
 const PAINT: u32 = 0xC0DE_5AFE;
 /// Left in memory, which a restart does not clear, by the fault handler.
 const FAULT_MARK: u32 = 0xFA17_FA17;
-/// Stack that is painted and watched, bytes.
-const STACK: u32 = 256 * 1024;
 
 const RCC_AHB4ENR: u32 = 0x5802_44E0;
 const RCC_APB4ENR: u32 = 0x5802_44F4;
@@ -35,19 +41,25 @@ const RCC_RSR: u32 = 0x5802_44D0;
 const PWR_CR1: u32 = 0x5802_4800;
 const RTC_BACKUP_0: u32 = 0x5800_4050;
 const WATCHDOG: u32 = 0x5800_4800;
+const CFSR: u32 = 0xE000_ED28;
+const HFSR: u32 = 0xE000_ED2C;
+const BFAR: u32 = 0xE000_ED38;
 const RED: u32 = 10;
 const BLUE: u32 = 11;
 
+/// The mark, and the registers of [`rotortwin_board::message::Report::fault`].
 #[unsafe(link_section = ".uninit.fault")]
-static mut FAULT: MaybeUninit<u32> = MaybeUninit::uninit();
+static mut FAULT: MaybeUninit<[u32; 6]> = MaybeUninit::uninit();
 
 unsafe extern "C" {
     static mut _stack_start: u32;
+    static mut __euninit: u32;
 }
 
 /// The hardware behind the application.
 pub struct Pixhawk {
     reset_cause: u8,
+    fault: [u32; 5],
     state: State,
     restart: bool,
     stack_before: u32,
@@ -65,21 +77,23 @@ impl Pixhawk {
         register::output(GPIO_B, 0, false);
         let cause = read(RCC_RSR);
         modify(RCC_RSR, 0, 1 << 16);
-        // SAFETY: a word of memory that nobody else uses; whatever it holds is a number.
-        let fault = unsafe {
-            let place = addr_of_mut!(FAULT).cast::<u32>();
-            let mark = read_volatile(place);
-            write_volatile(place, 0);
-            mark
+        // SAFETY: memory that nobody else uses; whatever it holds are numbers.
+        let [mark, fault @ ..] = unsafe {
+            let place = addr_of_mut!(FAULT).cast::<[u32; 6]>();
+            let record = read_volatile(place);
+            write_volatile(place, [0; 6]);
+            record
         };
+        let faulted = mark == FAULT_MARK;
         let reset_cause = match cause {
-            _ if fault == FAULT_MARK => 2,
+            _ if faulted => 2,
             cause if cause & 1 << 26 != 0 => 1,
             cause if cause & 1 << 24 != 0 => 3,
             _ => 0,
         };
         Self {
             reset_cause,
+            fault: if faulted { fault } else { [0; 5] },
             state: State::Idle,
             restart: false,
             stack_before: 0,
@@ -127,16 +141,20 @@ impl Board for Pixhawk {
     }
 
     fn stack(&self) -> [u32; 3] {
-        let top = addr_of!(_stack_start) as u32;
-        let mut place = top - STACK;
+        let (bottom, top) = stack_range();
+        let mut place = bottom;
         while place < top && read(place) == PAINT {
             place += 4;
         }
-        [top - place, self.stack_before, STACK]
+        [top - place, self.stack_before, top - bottom]
     }
 
     fn reset_cause(&self) -> u8 {
         self.reset_cause
+    }
+
+    fn fault(&self) -> [u32; 5] {
+        self.fault
     }
 
     fn show(&mut self, state: State) {
@@ -157,11 +175,18 @@ impl Board for Pixhawk {
     }
 }
 
+/// From the end of all data to the end of memory.
+fn stack_range() -> (u32, u32) {
+    (
+        (addr_of!(__euninit) as u32).next_multiple_of(4),
+        addr_of!(_stack_start) as u32,
+    )
+}
+
 /// Writes a pattern into the stack that is not in use.
 #[inline(never)]
 fn paint_stack() {
-    let top = addr_of!(_stack_start) as u32;
-    let mut place = top - STACK;
+    let (mut place, _) = stack_range();
     let here = cortex_m::register::msp::read() - 256;
     while place < here {
         write(place, PAINT);
@@ -176,13 +201,21 @@ fn main() -> ! {
     paint_stack();
     let mut board = Pixhawk::new();
     clock::start();
+    memory::protect();
     // SAFETY: taken once, here.
     let mut core = unsafe { Peripherals::steal() };
     core.SCB.enable_icache();
+    core.SCB.enable_dcache(&mut core.CPUID);
     core.DCB.enable_trace();
     DWT::unlock();
     core.DWT.enable_cycle_counter();
-    uart::start();
+    let [first, second] = memory::Buffers::take();
+    let mut links = Links {
+        telem1: Uart::telem1(first),
+        telem2: Uart::telem2(second),
+        usb: Usb::start(),
+        current: None,
+    };
     // About two seconds: 32 kHz / 64, 1000 ticks.
     write(WATCHDOG, 0xCCCC);
     write(WATCHDOG, 0x5555);
@@ -193,29 +226,107 @@ fn main() -> ! {
         static mut APPLICATION: Application = Application::new();
         &mut *addr_of_mut!(APPLICATION)
     };
+    // SAFETY: as above.
+    let scouts: &'static mut [Decoder; 3] = unsafe {
+        static mut SCOUTS: [Decoder; 3] = [const { Decoder::new() }; 3];
+        &mut *addr_of_mut!(SCOUTS)
+    };
+    let mut buffer = [0; 64];
     loop {
         board.idle();
-        if let Some(byte) = uart::receive()
-            && let Some(answer) = application.receive(byte, &mut board)
-        {
-            uart::send(answer);
+        for (link, scout) in LINKS.into_iter().zip(&mut *scouts) {
+            let received = links.receive(link, &mut buffer);
+            for byte in received {
+                links.take(link, *byte, scout, application, &mut board);
+            }
         }
     }
 }
 
-/// Leaves a mark and starts again: the next report says so.
-fn fault() -> ! {
-    // SAFETY: a word of memory that nobody else uses.
-    unsafe { write_volatile(addr_of_mut!(FAULT).cast::<u32>(), FAULT_MARK) };
+/// A way to a host.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Link {
+    Usb,
+    Telem1,
+    Telem2,
+}
+
+const LINKS: [Link; 3] = [Link::Usb, Link::Telem1, Link::Telem2];
+
+struct Links {
+    usb: Usb,
+    telem1: Uart,
+    telem2: Uart,
+    /// The one whose host has the board.
+    current: Option<Link>,
+}
+
+impl Links {
+    fn receive<'a>(&mut self, link: Link, buffer: &'a mut [u8; 64]) -> &'a [u8] {
+        let uart = match link {
+            Link::Usb => return self.usb.receive(buffer),
+            Link::Telem1 => &mut self.telem1,
+            Link::Telem2 => &mut self.telem2,
+        };
+        let mut count = 0;
+        for place in buffer.iter_mut() {
+            let Some(byte) = uart.receive() else { break };
+            *place = byte;
+            count += 1;
+        }
+        &buffer[..count]
+    }
+
+    fn send(&mut self, link: Link, bytes: &[u8]) {
+        match link {
+            Link::Usb => self.usb.send(bytes),
+            Link::Telem1 => self.telem1.send(bytes),
+            Link::Telem2 => self.telem2.send(bytes),
+        }
+    }
+
+    /// A byte of the current link goes to the application; on another one, a good Hello takes the board over.
+    fn take(&mut self, link: Link, byte: u8, scout: &mut Decoder, application: &mut Application, board: &mut Pixhawk) {
+        if self.current == Some(link) {
+            if let Some(answer) = application.receive(byte, board) {
+                self.send(link, answer);
+            }
+            return;
+        }
+        let Some((header, payload)) = scout.push(byte) else {
+            return;
+        };
+        if header.kind != kind::HELLO {
+            return;
+        }
+        self.current = Some(link);
+        let mut hello = [0; MAX_ENCODED];
+        let length = encode_header(header, payload, &mut hello);
+        application.line_lost();
+        for byte in &hello[..length.min(MAX_ENCODED)] {
+            if let Some(answer) = application.receive(*byte, board) {
+                self.send(link, answer);
+            }
+        }
+    }
+}
+
+/// Leaves mark and registers, and starts again: the next report says so.
+fn fault(pc: u32, lr: u32) -> ! {
+    let record = [FAULT_MARK, pc, lr, read(CFSR), read(HFSR), read(BFAR)];
+    // SAFETY: memory that nobody else uses.
+    unsafe { write_volatile(addr_of_mut!(FAULT).cast::<[u32; 6]>(), record) };
+    cortex_m::asm::dsb();
     SCB::sys_reset()
 }
 
+/// An undefined instruction: the fault's link register says who panicked.
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    fault()
+    cortex_m::asm::udf()
 }
 
 #[exception]
-unsafe fn HardFault(_: &ExceptionFrame) -> ! {
-    fault()
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    fault(frame.pc(), frame.lr())
 }

@@ -3,7 +3,9 @@
 use core::ptr::{read_volatile, write_volatile};
 
 /// GPIO ports (RM0433, 2.3.2).
+pub const GPIO_A: u32 = 0x5802_0000;
 pub const GPIO_B: u32 = 0x5802_0400;
+pub const GPIO_C: u32 = 0x5802_0800;
 pub const GPIO_D: u32 = 0x5802_0C00;
 pub const GPIO_E: u32 = 0x5802_1000;
 

@@ -252,7 +252,7 @@ fn val_versions_and_hashes_that_differ_are_refused_with_both_values() {
     };
     let sentence = refusal(meddler(rotortwin_board::message::kind::HELLO, Some(9)), &setup);
     assert!(
-        sentence.contains("version 9") && sentence.contains("version 1"),
+        sentence.contains("version 9") && sentence.contains("version 2"),
         "{sentence}"
     );
     let sentence = refusal(meddler(rotortwin_board::message::kind::CHUNK, None), &setup);
