@@ -249,7 +249,9 @@ impl Bench {
         for attempt in 0..FLIGHTS {
             match self.generate_with(case, case.seed ^ (attempt << 32), log) {
                 Err(reason) if reason.contains(LOST) && attempt + 1 < FLIGHTS => (),
-                other => return other.map_err(|reason| BlindError::input(format!("generator, case {}", case.index), reason)),
+                other => {
+                    return other.map_err(|reason| BlindError::input(format!("generator, case {}", case.index), reason));
+                }
             }
         }
         Ok(())

@@ -44,7 +44,15 @@ pub(crate) fn wanted(problem: &Problem, posterior: &Posterior, scored: &[Scored]
         EFFECTS.contains(&problem.library.candidates[s.candidate].declaration.id)
             && s.opened.log_bayes_factor > threshold
     });
-    if hint {
+    // What scales the thrust may be a wrong voltage in Eq. 19: at the right charge the voltage itself tells.
+    let scales = scored
+        .iter()
+        .filter(|s| s.opened.log_bayes_factor > threshold)
+        .any(|s| {
+            let declared = problem.library.candidates[s.candidate].declaration;
+            declared.confused_with.iter().any(|other| EFFECTS.contains(other))
+        });
+    if hint || scales {
         return true;
     }
     let residual = fitted_residual(problem, 0, &posterior.mean);
@@ -101,9 +109,25 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Trial> 
     let others = open(rest, &places, &spikes, &spikes, &slabs, &vec![0.0; places.len()])?;
     let prior = others.covariance.cholesky()?.inverse();
     let columns = problem.library.columns_of(candidate);
+    // A wrong reading of the voltage acts through Eq. 19 on the thrust, and through that on the current: taken where the other
+    // channels put it.
+    let mut at_work = problem.active.clone();
+    at_work.push(Active {
+        candidate,
+        values: columns
+            .iter()
+            .zip(&others.estimate)
+            .fold(entry.neutral(), |mut values, (&j, e)| {
+                let column = &problem.library.columns[j];
+                let value = values[column.parameter] + e * column.size;
+                values[column.parameter] = entry.clamped(column.parameter, value);
+                values
+            }),
+        onset_s: None,
+    });
     let base_set = log
         .predictor
-        .effect_set(&log.nuisances, &instances(&problem.library, &problem.active))
+        .effect_set(&log.nuisances, &instances(&problem.library, &at_work))
         .ok()?;
     let base = log.predictor.predict(&base_set, Source::Smooth, None);
     let coarse = log.predictor.coarse_voltage(&base, MEAN_S);

@@ -15,6 +15,9 @@ const STEPS: usize = 8;
 /// A step shorter than this, in posterior deviations, ends the iteration.
 const SETTLED: f64 = 0.05;
 
+/// Prior deviation of what is held where it is.
+const HELD: f64 = 1e-6;
+
 /// Everything that a fit needs.
 #[derive(Debug, Clone)]
 pub(crate) struct Problem {
@@ -38,6 +41,8 @@ pub(crate) struct Fitted {
 
 /// The best point of an iteration, and the step that leads away from it.
 struct Point {
+    /// ln evidence with nuisances and open effects held where they are.
+    arrived: f64,
     logs: Vec<LogState>,
     fitted: Fitted,
     step: Vec<f64>,
@@ -137,6 +142,10 @@ impl Problem {
             .filter(|&j| open.iter().any(|a| a.candidate == self.library.columns[j].candidate))
             .collect();
         let nuisances = self.nuisances();
+        let mut held = prior.clone();
+        for i in (0..nuisances).chain(free.iter().map(|j| nuisances + j)) {
+            held[i] = HELD;
+        }
         let mut best: Option<Point> = None;
         let mut shorter = 0;
         for _ in 0..STEPS {
@@ -155,10 +164,12 @@ impl Problem {
             let posterior = Posterior::new(&shifted, &prior)
                 .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
             let evidence = posterior.log_evidence - 0.5 * (shifted.square_sum + penalty);
-            // Half the quadratic objective that is left once the linear parameters have followed.
-            let better = best
-                .as_ref()
-                .is_none_or(|best| evidence > best.fitted.log_evidence - 1e-9);
+            // Whether a step was good is told where it arrived, with only the linear parameters following: the evidence about a
+            // point promises what the next step may not keep.
+            let arrived = Posterior::log_evidence_of(&shifted, &held)
+                .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
+                - 0.5 * (shifted.square_sum + penalty);
+            let better = best.as_ref().is_none_or(|best| arrived > best.arrived - 1e-9);
             let (base_logs, base_active, step) = if better {
                 shorter = 0;
                 let fitted = Fitted {
@@ -175,6 +186,7 @@ impl Problem {
                     .map(moved)
                     .fold(0.0, f64::max);
                 best = Some(Point {
+                    arrived,
                     logs: logs.clone(),
                     fitted,
                     step: posterior.mean.clone(),
@@ -283,6 +295,25 @@ impl Problem {
         Ok(normal)
     }
 
+    /// Moves nuisances and effects by a mean of the linear parameters.
+    pub(crate) fn advance(&mut self, mean: &[f64]) {
+        let mut at = 0;
+        for log in &mut self.logs {
+            for i in 0..log.nuisance_count() {
+                let value = log.nuisance(i) + mean[at] * log.nuisance_size(i);
+                log.set_nuisance(i, value);
+                at += 1;
+            }
+        }
+        for a in &mut self.active {
+            for &j in &self.library.columns_of(a.candidate) {
+                let column = &self.library.columns[j];
+                let value = a.values[column.parameter] + mean[at + j] * column.size;
+                a.values[column.parameter] = self.library.candidates[a.candidate].clamped(column.parameter, value);
+            }
+        }
+    }
+
     /// Takes the fitted point as the new point of linearisation.
     pub(crate) fn accept(&mut self, fitted: &Fitted) {
         self.active.clone_from(&fitted.active);
@@ -294,11 +325,18 @@ impl Problem {
     /// Nuisances alone, before anything else is linearised: two Gauss–Newton steps with their own columns only.
     pub(crate) fn fit_nuisances(&mut self) -> Result<(), PredictError> {
         for log in &mut self.logs {
-            for _ in 0..2 {
+            let mut columns: Vec<Column> = Vec::new();
+            for step in 0..2 {
                 let base = log.base(&self.library, &self.active)?;
-                let columns: Vec<Column> = (0..log.nuisance_count())
-                    .map(|i| log.nuisance_column(&self.library, &self.active, &base, i))
-                    .collect::<Result<_, _>>()?;
+                // The biases are linear; the charge is not: the chart of the open-circuit voltage has kinks.
+                let charge = log.nuisance_count() - 1;
+                if step == 0 {
+                    columns = (0..=charge)
+                        .map(|i| log.nuisance_column(&self.library, &self.active, &base, i))
+                        .collect::<Result<_, _>>()?;
+                } else {
+                    columns[charge] = log.nuisance_column(&self.library, &self.active, &base, charge)?;
+                }
                 let residual = log.residual(&self.library, &self.active)?;
                 let mut normal = empty(columns.len());
                 for (i, a) in columns.iter().enumerate() {

@@ -83,23 +83,28 @@ pub(crate) fn weights(fits: &[Option<ChannelFit>; CHANNELS]) -> [f64; CHANNELS] 
     })
 }
 
+/// Fits of all logs once the linear parameters took `mean`.
+pub(crate) fn fits(problem: &Problem, mean: &[f64]) -> Vec<[Option<ChannelFit>; CHANNELS]> {
+    let logs = problem.logs.iter().enumerate();
+    logs.map(|(l, log)| channel_fits(&log.predictor, &fitted_residual(problem, l, mean)))
+        .collect()
+}
+
 /// Joins the fits before and after.
 pub(crate) fn judge(
     problem: &Problem,
     before: &[[Option<ChannelFit>; CHANNELS]],
-    mean: &[f64],
-) -> (Goodness, Vec<[Option<ChannelFit>; CHANNELS]>) {
+    after: &[[Option<ChannelFit>; CHANNELS]],
+) -> Goodness {
     let mut goodness = Goodness {
         explained_share: None,
         channels: Vec::new(),
         unexplained: Vec::new(),
     };
     let (mut excess_before, mut excess_after, mut means) = (0.0, 0.0, 0.0);
-    let mut all = Vec::new();
     for (l, log) in problem.logs.iter().enumerate() {
-        let after = channel_fits(&log.predictor, &fitted_residual(problem, l, mean));
         for channel in 0..CHANNELS {
-            let (Some(old), Some(new)) = (&before[l][channel], &after[channel]) else {
+            let (Some(old), Some(new)) = (&before[l][channel], &after[l][channel]) else {
                 continue;
             };
             // One noise level for both, that of the better fit.
@@ -123,10 +128,9 @@ pub(crate) fn judge(
                 whiteness_score: new.score(),
             });
         }
-        all.push(after);
     }
     if excess_before > NO_EXCESS_SCORE * (2.0 * means).sqrt() {
         goodness.explained_share = Some(1.0 - excess_after / excess_before);
     }
-    (goodness, all)
+    goodness
 }

@@ -27,24 +27,9 @@ fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictE
     }
     let posterior = Posterior::new(&normal, &prior)
         .ok_or_else(|| PredictError("the fit on half the blocks met numbers that are not finite".into()))?;
-    let mut logs = problem.logs.clone();
-    let mut at = 0;
-    for log in &mut logs {
-        for i in 0..log.nuisance_count() {
-            let value = log.nuisance(i) + posterior.mean[at] * log.nuisance_size(i);
-            log.set_nuisance(i, value);
-            at += 1;
-        }
-    }
-    let mut active = problem.active.clone();
-    for a in &mut active {
-        for &j in &problem.library.columns_of(a.candidate) {
-            let column = &problem.library.columns[j];
-            let value = a.values[column.parameter] + posterior.mean[at + j] * column.size;
-            a.values[column.parameter] = problem.library.candidates[a.candidate].clamped(column.parameter, value);
-        }
-    }
-    Ok((active, logs.iter().map(|log| log.nuisances).collect()))
+    let mut even = problem.clone();
+    even.advance(&posterior.mean);
+    Ok((even.active, even.logs.iter().map(|log| log.nuisances).collect()))
 }
 
 /// Mean squares on the odd blocks of force (N), torque (N·m) and voltage (V), with their counts.

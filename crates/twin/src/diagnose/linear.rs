@@ -21,6 +21,9 @@ const CHARGE_DEVIATION: f64 = 0.25;
 /// Step of the differences in plausible sizes.
 const STEP: f64 = 0.02;
 
+/// Step of the wind, m/s.
+const WIND_STEP_M_S: f64 = 0.2;
+
 /// One column: nothing where a channel is not touched.
 pub(crate) type Column = Arc<[Option<Vec<f32>>; CHANNELS]>;
 
@@ -235,6 +238,22 @@ impl LogState {
         Ok(column)
     }
 
+    /// Column of a steady wind along an axis of NED, per 1 m/s: what a gust of that moment does.
+    pub(crate) fn wind_column(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        axis: usize,
+    ) -> Result<Column, PredictError> {
+        let mut wind = [0.0; 3];
+        wind[axis] = WIND_STEP_M_S;
+        let set = self
+            .predictor
+            .effect_set_in_wind(&self.nuisances, &instances(library, active), wind)?;
+        Ok(self.column(base, &set, Hooks::NONE, 1.0 / WIND_STEP_M_S))
+    }
+
     /// Column by a secant: from `base` to the point with `active`, whose last effect differs, times `per`.
     pub(crate) fn secant(
         &self,
@@ -380,7 +399,7 @@ fn gram(columns: &[&[f32]]) -> Vec<f64> {
                 out[i * n + j..i * n + j + 4].copy_from_slice(&four);
             } else {
                 for k in j..last {
-                    out[i * n + k] = dot4(columns[i], [columns[k]; 4])[0];
+                    out[i * n + k] = dot(columns[i], columns[k]);
                 }
             }
         }
@@ -427,6 +446,29 @@ fn dot4(a: &[f32], b: [&[f32]; 4]) -> [f64; 4] {
     sums
 }
 
+/// Scalar product of two columns: f32 in chunks of 256 rows, the sum in f64.
+fn dot(a: &[f32], b: &[f32]) -> f64 {
+    const CHUNK: usize = 256;
+    let mut sum = 0.0;
+    for (x, y) in a.chunks(CHUNK).zip(b.chunks(CHUNK)) {
+        let mut lanes = [0.0_f32; 32];
+        let (x32, x_rest) = x.as_chunks::<32>();
+        let (y32, y_rest) = y.as_chunks::<32>();
+        for (x, y) in x32.iter().zip(y32) {
+            for i in 0..32 {
+                lanes[i] += x[i] * y[i];
+            }
+        }
+        sum += lanes.iter().map(|&v| f64::from(v)).sum::<f64>();
+        sum += x_rest
+            .iter()
+            .zip(y_rest)
+            .map(|(&x, &y)| f64::from(x) * f64::from(y))
+            .sum::<f64>();
+    }
+    sum
+}
+
 /// Σ c r with the residual in f64.
 pub(crate) fn mixed_dot(c: &[f32], r: &[f64]) -> f64 {
     let mut lanes = [0.0_f64; 8];
@@ -446,7 +488,7 @@ pub(crate) fn column_product(a: &Column, b: &Column, weights: &[f64; CHANNELS]) 
     (0..CHANNELS)
         .filter_map(|channel| {
             let (x, y) = (a[channel].as_ref()?, b[channel].as_ref()?);
-            Some(weights[channel] * dot4(x, [y; 4])[0])
+            Some(weights[channel] * dot(x, y))
         })
         .sum()
 }

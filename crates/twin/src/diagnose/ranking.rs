@@ -1,5 +1,7 @@
 //! Evidence of every candidate about the present point, held-out scores, and what the flight cannot show.
 
+use rotortwin_plant::effects::EffectDeclaration;
+
 use super::evidence::{Normal, Opened, Posterior, minimum_size, open, square_sum_change};
 use super::fit::Problem;
 use super::library::Library;
@@ -48,8 +50,12 @@ pub(crate) fn parameters(
     values: &[f64],
     deviations: &[f64],
 ) -> Vec<FittedParameter> {
-    library.candidates[candidate]
-        .declaration
+    parameters_of(library.candidates[candidate].declaration, values, deviations)
+}
+
+/// The same of a declaration.
+pub(crate) fn parameters_of(declared: &EffectDeclaration, values: &[f64], deviations: &[f64]) -> Vec<FittedParameter> {
+    declared
         .parameters
         .iter()
         .zip(values)

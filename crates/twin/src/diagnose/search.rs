@@ -1,16 +1,17 @@
 //! Forward selection: rank, refine, add, linearise anew; then goodness, verdict, words.
 
-use rotortwin_plant::effects::{EffectInstance, ParameterKind};
+use rotortwin_plant::effects::{EffectClass, EffectInstance, ParameterKind};
 
 use super::evidence::{Posterior, minimum_size, open};
 use super::fit::{Fitted, Problem, fitted_residual, position_of};
-use super::goodness::{channel_fits, judge, weights};
-use super::library::Library;
+use super::goodness::{self, channel_fits, judge, weights};
+use super::library::{Candidate, Library};
 use super::linear::{Active, Linear, LogState};
-use super::ranking::{Scored, detectable, parameters, priors, score, table};
+use super::ranking::{Scored, detectable, parameters, parameters_of, priors, score, table};
 use super::result::{Diagnosis, Finding, Goodness, Rival, Timing, Verdict};
 use super::trials::{Trial, Trials};
-use super::{Options, THRESHOLD, THRESHOLD_AT_REST, charge, held_out, onset, trials, wiring, words};
+use super::{Options, THRESHOLD, THRESHOLD_AT_REST, charge, gusts, held_out, onset, trials, wiring, words};
+use crate::predict::channels::{F, KV};
 use crate::predict::{CHANNELS, NAMES, Nuisances, PredictError, Predictor};
 
 /// Most candidates that are refined in one round.
@@ -27,6 +28,8 @@ const LEAST_SHARE: f64 = 0.9;
 const ONSET_GAIN: f64 = 8.0;
 /// Evidence over the threshold that must not be left unnamed.
 const LEFT_FACTOR: f64 = 3.0;
+/// Scales of the clutter over which the final values are averaged.
+const CLUTTER_SCALES: [f64; 5] = [0.1, 0.2, 0.4, 0.7, 1.0];
 /// Step in posterior deviations from which a point is fitted anew, and how often.
 const SETTLED_DEVIATIONS: f64 = 1.5;
 const MOST_SETTLINGS: usize = 2;
@@ -135,16 +138,7 @@ pub(crate) fn search(
         trust(&mut problem);
         let posterior = settled(&mut problem)?.0;
         if before.is_none() {
-            before = Some(
-                (0..problem.logs.len())
-                    .map(|l| {
-                        channel_fits(
-                            &problem.logs[l].predictor,
-                            &fitted_residual(&problem, l, &posterior.mean),
-                        )
-                    })
-                    .collect::<Vec<_>>(),
-            );
+            before = Some(goodness::fits(&problem, &posterior.mean));
         }
         let scored = score(&problem, &posterior);
         let special = if round < options.most_effects {
@@ -178,7 +172,37 @@ pub(crate) fn search(
         trust(&mut problem);
         (posterior, deviations) = settled(&mut problem)?;
     }
-    let (mut goodness, _) = judge(&problem, &before.unwrap_or_default(), &posterior.mean);
+    let before = before.unwrap_or_default();
+    let mut after = goodness::fits(&problem, &posterior.mean);
+    if problem.active.is_empty() && coloured(&after) {
+        // Nothing was named, but the nuisances may have stopped at a kink of the battery's chart.
+        let fitted = problem.fit(&[])?;
+        problem.accept(&fitted);
+        problem.linearise(&|_| ())?;
+        trust(&mut problem);
+        posterior = posterior_of(&problem)?.0;
+        after = goodness::fits(&problem, &posterior.mean);
+    }
+    let mut goodness = judge(&problem, &before, &after);
+    let mut weather = None;
+    if !goodness.unexplained.is_empty() && !problem.active.is_empty() {
+        (options.progress)("gusts", 0.96);
+        weather = gusts::find(&problem, &posterior)?;
+        if let Some(first) = &weather {
+            // What a wind does depends on the drag, which is another one now.
+            problem.advance(&first.posterior.mean);
+            problem.linearise(&|_| ())?;
+            let (about, _) = posterior_of(&problem)?;
+            weather = gusts::find(&problem, &about)?;
+            (posterior, left) = match &weather {
+                Some(second) => (second.posterior.clone(), 0.0),
+                None => (about, left),
+            };
+        }
+        if let Some(found) = &weather {
+            goodness = judge(&problem, &before, &found.fits);
+        }
+    }
     if left > LEFT_FACTOR * threshold && goodness.unexplained.is_empty() {
         // The clutter had to stretch far beyond its prior: white residuals then say nothing.
         goodness
@@ -187,9 +211,11 @@ pub(crate) fn search(
     }
     diagnosis.goodness = goodness;
     diagnosis.held_out = held_out::errors(&problem, &plain)?;
-    let findings = findings(&problem, named, &posterior);
+    let about = if weather.is_some() { None } else { averaged(&problem) };
+    let mut findings = findings(&problem, named, about.as_ref().unwrap_or(&posterior));
+    findings.extend(weather.and_then(|found| weather_finding(&problem, options, &found)));
     for finding in findings {
-        if matches!(finding.class, rotortwin_plant::effects::EffectClass::Physics) {
+        if matches!(finding.class, EffectClass::Physics | EffectClass::Noise) {
             diagnosis.effects.push(finding);
         } else {
             diagnosis.sensor_or_timing.push(finding);
@@ -254,6 +280,49 @@ fn posterior_of(problem: &Problem) -> Result<(Posterior, Vec<f64>), PredictError
     Posterior::new(&normal, &prior)
         .map(|p| (p, prior))
         .ok_or_else(|| PredictError("the log holds numbers that make no fit".into()))
+}
+
+/// Posterior averaged over how far real vehicles are off their nominal values: the clutter's prior times [`CLUTTER_SCALES`], each by
+/// its evidence. Where the flight shows no clutter, a finding is known better than where it does.
+fn averaged(problem: &Problem) -> Option<Posterior> {
+    let mut normal = problem.normal(|_| true);
+    let prior = problem.deviations(&problem.active);
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    let plain = normal.gradient.clone();
+    let mut all: Vec<(f64, Posterior)> = Vec::new();
+    for scale in CLUTTER_SCALES {
+        let scaled: Vec<f64> = prior.iter().map(|d| if *d < 1.0 { d * scale } else { *d }).collect();
+        for (i, g) in normal.gradient.iter_mut().enumerate() {
+            *g = plain[i] - position[i] / (scaled[i] * scaled[i]);
+        }
+        // The evidence is that about the point, so that the pull towards 0 counts there, too.
+        let penalty: f64 = position.iter().zip(&scaled).map(|(x, d)| (x / d) * (x / d)).sum();
+        let posterior = Posterior::new(&normal, &scaled)?;
+        all.push((posterior.log_evidence - 0.5 * penalty, posterior));
+    }
+    let best = all.iter().map(|(e, _)| *e).fold(f64::NEG_INFINITY, f64::max);
+    let weights: Vec<f64> = all.iter().map(|(e, _)| (e - best).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let (_, mut mixed) = all[0].clone();
+    for (i, mean) in mixed.mean.iter_mut().enumerate() {
+        *mean = all.iter().zip(&weights).map(|((_, p), w)| w * p.mean[i]).sum::<f64>() / total;
+    }
+    for i in 0..mixed.mean.len() {
+        for j in 0..mixed.mean.len() {
+            let of = |(_, p): &(f64, Posterior)| {
+                p.covariance.at(i, j) + (p.mean[i] - mixed.mean[i]) * (p.mean[j] - mixed.mean[j])
+            };
+            let value = all.iter().zip(&weights).map(|(one, w)| w * of(one)).sum::<f64>() / total;
+            *mixed.covariance.at_mut(i, j) = value;
+        }
+    }
+    Some(mixed)
+}
+
+/// True if a channel is not white.
+fn coloured(fits: &[[Option<goodness::ChannelFit>; CHANNELS]]) -> bool {
+    let mut all = fits.iter().flatten().flatten();
+    all.any(|fit| fit.score() > goodness::UNEXPLAINED_SCORE)
 }
 
 /// Posterior about a point that has settled: where the linearisation wants to move the effects or the nuisances further than their
@@ -370,6 +439,12 @@ fn possible(
             );
         }
     }
+    let leading: Vec<_> = chosen
+        .iter()
+        .flat_map(|t| &t.open)
+        .map(|a| problem.library.candidates[a.candidate].declaration)
+        .collect();
+    chosen.extend(wiring::guess(problem, &leading));
     if charge::wanted(problem, posterior, scored, threshold) {
         chosen.extend(charge::starts(problem));
     }
@@ -611,6 +686,37 @@ fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posterior) -> Vec<
             Some(finding)
         })
         .collect()
+}
+
+/// Gusts as a finding.
+fn weather_finding(problem: &Problem, options: &Options<'_>, found: &gusts::Gusts) -> Option<Finding> {
+    let declared = options.catalogue.entries().iter().find(|d| d.id == gusts::ID)?;
+    let candidate = Candidate {
+        declaration: declared,
+        rotor: None,
+        columns: vec![None; declared.parameters.len()],
+    };
+    let values = [found.rms_m_s, found.correlation_s];
+    let mut finding = Finding {
+        instance: candidate.instance(&values, None)?,
+        label: candidate.label(),
+        class: declared.class,
+        equation: declared.equation.to_owned(),
+        parameters: parameters_of(declared, &values, &found.deviations),
+        ln_bayes_factor: found.gain,
+        posterior: 1.0,
+        channels: (F..KV)
+            .filter(|&c| problem.logs.iter().any(|log| log.predictor.has(c)))
+            .map(|c| NAMES[c].to_owned())
+            .collect(),
+        also_compatible: Vec::new(),
+        lost: Vec::new(),
+        onset_s: None,
+        reason: String::new(),
+    };
+    finding.reason = words::why_found(&finding, None)
+        + "; noise through the drag that was found, white once filtered, and no function of velocity or place";
+    Some(finding)
 }
 
 /// True if three effects at work are each easily confused with one of the others: together they draw a curve through an error that

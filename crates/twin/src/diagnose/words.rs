@@ -12,19 +12,19 @@ pub(crate) fn number(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
-/// `k_d = 0.2530 ± 0.0010 N·s/m`.
+/// `k_d = 0.2530 ± 0.0020 N·s/m`, with half the width of the 95 % interval.
 pub(crate) fn parameter(p: &FittedParameter) -> String {
     let unit = if p.unit.is_empty() {
         String::new()
     } else {
         format!(" {}", p.unit)
     };
-    let digits = if p.deviation > 0.0 {
-        (1 - p.deviation.log10().floor() as i32).clamp(0, 8) as usize
+    let digits = if p.interval_95 > 0.0 {
+        (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
     } else {
         4
     };
-    format!("{} = {:.digits$} ± {:.digits$}{unit}", p.symbol, p.value, p.deviation)
+    format!("{} = {:.digits$} ± {:.digits$}{unit}", p.symbol, p.value, p.interval_95)
 }
 
 /// All parameters of a finding.

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::battery::Battery;
-use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet, Hooks};
+use rotortwin_plant::effects::{Catalogue, Constants, EffectClass, EffectInstance, EffectSet, Hooks};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::{Vector3, VehicleDocuments};
 
@@ -215,12 +215,31 @@ impl Predictor {
         nuisances: &Nuisances,
         extra: &[EffectInstance],
     ) -> Result<EffectSet, PredictError> {
+        self.effect_set_in_wind(nuisances, extra, [0.0; 3])
+    }
+
+    /// The same in a steady wind (m/s, NED) beside that of the effects.
+    pub(crate) fn effect_set_in_wind(
+        &self,
+        nuisances: &Nuisances,
+        extra: &[EffectInstance],
+        wind_ned_m_s: Vector3,
+    ) -> Result<EffectSet, PredictError> {
         let mut vehicle = self.nominal;
+        for (own, more) in vehicle.wind_ned_m_s.iter_mut().zip(wind_ned_m_s) {
+            *own += more;
+        }
         for (bias, own) in vehicle.rotor_bias_n.iter_mut().zip(&nuisances.rotor_bias_n) {
             *bias += own;
         }
         vehicle.charge_offset += nuisances.charge;
-        let all: Vec<EffectInstance> = self.model.iter().chain(extra).cloned().collect();
+        // Noise is predicted by its mean, which is 0: a draw of its own would only add to the error.
+        let is_noise = |effect: &EffectInstance| {
+            let declared = self.catalogue.entries().iter().find(|d| d.id == effect.effect);
+            declared.is_some_and(|d| d.class == EffectClass::Noise)
+        };
+        let effects = self.model.iter().chain(extra);
+        let all: Vec<EffectInstance> = effects.filter(|effect| !is_noise(effect)).cloned().collect();
         EffectSet::new(&self.catalogue, &all, &vehicle, 0).map_err(|refusal| PredictError(told(&refusal)))
     }
 
@@ -238,14 +257,19 @@ impl Predictor {
 
     /// Whitened residuals of a raw prediction.
     pub(crate) fn whitened(&self, prediction: &Prediction) -> PerChannel {
-        std::array::from_fn(|channel| match &self.whiteners[channel] {
+        std::array::from_fn(|channel| self.whitened_channel(channel, prediction))
+    }
+
+    /// Whitened residual of one channel; empty where it is not tested.
+    pub(crate) fn whitened_channel(&self, channel: usize, prediction: &Prediction) -> Vec<f64> {
+        match &self.whiteners[channel] {
             None => Vec::new(),
             Some(whitener) => {
                 let mut residual = self.difference(channel, prediction);
                 whitener.apply(&mut residual);
                 residual
             }
-        })
+        }
     }
 
     fn difference(&self, channel: usize, prediction: &Prediction) -> Vec<f64> {

@@ -13,7 +13,7 @@
 //! Sensor errors are applied to the prediction, never taken off the measurement: dividing the measurement by 1 + s shrinks its noise
 //! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Vector3;
@@ -131,10 +131,38 @@ pub(crate) enum Source {
 pub(crate) struct Prediction {
     /// Thrust at t_k before the hooks on it, N: `k * rotors + i`.
     pub(crate) thrust: Arc<Vec<f64>>,
+    /// √ of it, where an effect has asked for it: many effects need the rotors' speeds, and roots are dear.
+    root: Arc<OnceLock<Vec<f64>>>,
     /// True motion as reconstructed from the readings.
     pub(crate) motion: Arc<Kinematics>,
     /// Prediction of each channel.
     pub(crate) channels: [Arc<Vec<f64>>; CHANNELS],
+}
+
+/// The three components of a vector series.
+fn split(x: &[Vector3]) -> [Vec<f64>; 3] {
+    let mut out: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(x.len()));
+    for v in x {
+        for (column, value) in out.iter_mut().zip(v) {
+            column.push(*value);
+        }
+    }
+    out
+}
+
+/// Puts three channels in place; one that is as in `base` stays shared with it.
+fn put(
+    channels: &mut [Arc<Vec<f64>>; CHANNELS],
+    first: usize,
+    columns: [Vec<f64>; 3],
+    base: Option<(&Prediction, Stages)>,
+) {
+    for (i, column) in columns.into_iter().enumerate() {
+        let same = base.is_some_and(|(base, _)| *base.channels[first + i] == column);
+        if !same {
+            channels[first + i] = Arc::new(column);
+        }
+    }
 }
 
 impl Plant {
@@ -149,9 +177,9 @@ impl Plant {
             Some((base, stages)) if !stages.motion => Arc::clone(&base.motion),
             _ => Arc::new(self.motion(effects, measured)),
         };
-        let thrust = match base {
-            Some((base, stages)) if !stages.actuators => Arc::clone(&base.thrust),
-            _ => Arc::new(self.actuators(effects.clone(), &motion)),
+        let (thrust, root) = match base {
+            Some((base, stages)) if !stages.actuators => (Arc::clone(&base.thrust), Arc::clone(&base.root)),
+            _ => (Arc::new(self.actuators(effects.clone(), &motion)), Arc::default()),
         };
         let mut channels: [Arc<Vec<f64>>; CHANNELS] = match base {
             Some((base, _)) => base.channels.clone(),
@@ -160,16 +188,14 @@ impl Plant {
         let have = self.series.available;
         let mut force: Option<Vec<Vector3>> = None;
         if stages.body && self.series.drive != Drive::None {
-            let (f, m, specific) = self.body(effects.clone(), &motion, &thrust);
-            for i in 0..3 {
-                if have.accel {
-                    channels[F + i] = Arc::new(f.iter().map(|f| f[i]).collect());
-                }
-                if have.rates {
-                    channels[M + i] = Arc::new(m.iter().map(|m| m[i]).collect());
-                }
+            let (f, m, specific) = self.body(effects.clone(), &motion, &thrust, &root);
+            if have.accel {
+                put(&mut channels, F, split(&f), base);
             }
-            force = Some(specific);
+            if have.rates {
+                put(&mut channels, M, split(&m), base);
+            }
+            force = specific;
         }
         // Without an accelerometer the force of the model shows in the velocity.
         if stages.kinematics || (!have.accel && stages.body) {
@@ -180,6 +206,7 @@ impl Plant {
         }
         Prediction {
             thrust,
+            root,
             motion,
             channels,
         }
@@ -203,7 +230,9 @@ impl Plant {
             rates: at(&measured.rates, c.imu_latency_s),
             angular_acceleration: at(&measured.angular_acceleration, c.imu_latency_s),
             accel: at(&measured.accel, c.imu_latency_s),
+            ned_from_body: Vec::new(),
         };
+        motion.ned_from_body = motion.attitude.iter().map(|&attitude| rotation(attitude)).collect();
         let mut set = effects.clone();
         let hooked = set.hooks().uses(Hooks::READINGS);
         if !hooked && sensors_are_exact(c) {
@@ -211,9 +240,11 @@ impl Plant {
         }
         let nothing = [0.0; MAX_ROTORS];
         let n = self.series.rotors;
+        let mut c = *c;
         for k in 0..self.series.len {
-            set.begin(self.series.time(k));
-            let c = *set.constants();
+            if set.begin(self.series.time(k)) {
+                c = *set.constants();
+            }
             let read = Readings {
                 position_ned: motion.position[k],
                 velocity_ned: motion.velocity[k],
@@ -243,7 +274,10 @@ impl Plant {
             }
             motion.position[k] = truth.position_ned;
             motion.velocity[k] = truth.velocity_ned;
-            motion.attitude[k] = truth.attitude;
+            if motion.attitude[k] != truth.attitude {
+                motion.attitude[k] = truth.attitude;
+                motion.ned_from_body[k] = rotation(truth.attitude);
+            }
             motion.rates[k] = truth.body_rates;
             motion.accel[k] = truth.specific_force;
         }
@@ -260,7 +294,7 @@ impl Plant {
         rate: &'a [f64],
     ) -> Moment<'a> {
         let s = &self.series;
-        let ned_from_body = rotation(motion.attitude[k]);
+        let ned_from_body = motion.ned_from_body[k];
         let wind = constants.wind_ned_m_s;
         let v = motion.velocity[k];
         let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
@@ -415,42 +449,49 @@ impl Plant {
     }
 
     /// Predicted readings of accelerometer (row k) and angular acceleration (step k), and the true specific force of step k.
+    /// (the latter only where there is no accelerometer). `root` is √thrust, where effects of rotors or wrench act.
     fn body(
         &self,
         mut set: EffectSet,
         motion: &Kinematics,
         thrust: &[f64],
-    ) -> (Vec<Vector3>, Vec<Vector3>, Vec<Vector3>) {
+        root: &OnceLock<Vec<f64>>,
+    ) -> (Vec<Vector3>, Vec<Vector3>, Option<Vec<Vector3>>) {
         let s = &self.series;
         let n = s.rotors;
         let zero = [0.0; 3];
         let (mut specific, mut spin_up) = (vec![zero; s.len], vec![zero; s.len]);
         let mut f = [0.0; MAX_ROTORS];
         let (mut ratio, mut rate) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
-        let mut inverse = ([[f64::NAN; 3]; 3], [[0.0; 3]; 3]);
+        // A copy, because the hooks change the set; taken anew only where effects set in or vary.
+        let mut c = *set.constants();
+        let mut inverse = inverted(&c.inertia_body_kg_m2);
+        let roots = |hooked: bool| -> &[f64] {
+            if hooked {
+                root.get_or_init(|| thrust.iter().map(|f| f.max(0.0).sqrt()).collect())
+            } else {
+                &[]
+            }
+        };
+        let mut hooked = hooked_body(&set);
+        let mut root = roots(hooked);
         let steps = s.len - 1;
         for k in 0..steps {
-            set.begin(s.time(k));
+            if set.begin(s.time(k)) {
+                c = *set.constants();
+                inverse = inverted(&c.inertia_body_kg_m2);
+                hooked = hooked_body(&set);
+                root = roots(hooked);
+            }
             let active = set.hooks();
-            let hooked = active.uses(Hooks::ROTOR_THRUST)
-                || active.uses(Hooks::WRENCH)
-                || active.uses(Hooks::WIND)
-                || active.uses(Hooks::ADVANCE);
             for i in 0..n {
                 f[i] = 0.5 * (thrust[k * n + i] + thrust[(k + 1) * n + i]);
             }
-            let c = set.constants();
-            if inverse.0 != c.inertia_body_kg_m2 {
-                inverse = (c.inertia_body_kg_m2, inverted(&c.inertia_body_kg_m2));
-            }
-            let j = inverse.0;
             let mut w: Wrench;
             if hooked {
-                let c = *c;
+                let per = (1.0 / c.hover_thrust_n).sqrt();
                 for i in 0..n {
-                    let per = 1.0 / c.hover_thrust_n;
-                    let before = (thrust[k * n + i].max(0.0) * per).sqrt();
-                    let after = (thrust[(k + 1) * n + i].max(0.0) * per).sqrt();
+                    let (before, after) = (root[k * n + i] * per, root[(k + 1) * n + i] * per);
                     ratio[i] = 0.5 * (before + after);
                     rate[i] = (after - before) / s.step_s;
                 }
@@ -471,38 +512,41 @@ impl Plant {
             } else {
                 w = c.rotor_wrench(&f[..n]);
                 if c.linear_drag_kg_s != 0.0 || c.angular_drag_nms != 0.0 {
-                    let r = rotation(motion.attitude[k]);
+                    let r = motion.ned_from_body[k];
                     let (v, wind) = (motion.velocity[k], c.wind_ned_m_s);
                     let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
-                    w = w.closed(to_body(&r, relative), motion.rates[k], c);
+                    w = w.closed(to_body(&r, relative), motion.rates[k], &c);
                 }
             }
             let omega = motion.rates[k];
-            let momentum = times(&j, omega);
+            let momentum = times(&c.inertia_body_kg_m2, omega);
             let gyroscopic = cross(omega, momentum);
             let net = [0, 1, 2].map(|i| w.torque_body[i] - gyroscopic[i]);
-            spin_up[k] = times(&inverse.1, net);
-            let per_mass = 1.0 / set.constants().mass_kg;
+            spin_up[k] = times(&inverse, net);
+            let per_mass = 1.0 / c.mass_kg;
             specific[k] = w.force_body.map(|force| force * per_mass);
         }
         spin_up[steps] = spin_up[steps - 1];
         specific[steps] = specific[steps - 1];
-        let mut force = specific.clone();
+        let of_steps = (!s.available.accel).then(|| specific.clone());
+        let mut force = specific;
         // The value at t_k lies between the means of the steps on either side.
         for k in (1..s.len).rev() {
             for i in 0..3 {
-                force[k][i] = 0.5 * (specific[k - 1][i] + specific[k][i]);
+                force[k][i] = 0.5 * (force[k - 1][i] + force[k][i]);
             }
         }
-        let c = *set.constants();
+        let mut c = *set.constants();
         let hooked = set.hooks().uses(Hooks::READINGS);
-        let mut moments = spin_up.clone();
+        let mut moments = spin_up;
         if hooked || !sensors_are_exact(&c) {
+            let spin_up = moments.clone();
             let nothing = [0.0; MAX_ROTORS];
             let mut set = set.clone();
             for k in 0..s.len {
-                set.begin(s.time(k));
-                let c = *set.constants();
+                if set.begin(s.time(k)) {
+                    c = *set.constants();
+                }
                 let mut read = Readings {
                     specific_force: force[k],
                     body_rates: motion.rates[k],
@@ -534,7 +578,7 @@ impl Plant {
             // Means over steps: what was measured after t_k must not come in (the duty of row k + 1 answers to its noise).
             moments = late_means(&moments, c.imu_latency_s, s.step_s);
         }
-        (force, moments, specific)
+        (force, moments, of_steps)
     }
 
     /// KV, KA, KP.
@@ -569,7 +613,7 @@ impl Plant {
             if let Some(force) = force {
                 let rate = (0..s.len)
                     .map(|k| {
-                        let r = rotation(motion.attitude[k]);
+                        let r = motion.ned_from_body[k];
                         let mut a = times(&r, force[k]);
                         a[2] += c.gravity_m_s2;
                         a
@@ -581,7 +625,7 @@ impl Plant {
         }
         if have.attitude && have.rates {
             let rate = (0..s.len)
-                .map(|k| euler_rates(motion.attitude[k], motion.rates[k]))
+                .map(|k| euler_rates(&motion.ned_from_body[k], motion.rates[k]))
                 .collect();
             put(KA, rate, c.attitude_latency_s, true);
         }
@@ -673,6 +717,14 @@ fn late_means(x: &[Vector3], delay_s: f64, step_s: f64) -> Vec<Vector3> {
         .collect()
 }
 
+/// True where an effect acts on rotors, wrench or wind.
+fn hooked_body(set: &EffectSet) -> bool {
+    let hooks = set.hooks();
+    [Hooks::ROTOR_THRUST, Hooks::WRENCH, Hooks::WIND, Hooks::ADVANCE]
+        .into_iter()
+        .any(|hook| hooks.uses(hook))
+}
+
 fn sensors_are_exact(c: &Constants) -> bool {
     c.accelerometer_bias_m_s2 == [0.0; 3]
         && c.accelerometer_scale == 0.0
@@ -737,10 +789,11 @@ pub(crate) fn rotation(attitude: Vector3) -> [Vector3; 3] {
     ]
 }
 
-/// η̇ = T(η) ω.
-fn euler_rates(attitude: Vector3, rates: Vector3) -> Vector3 {
-    let (sr, cr) = libm::sincos(attitude[0]);
-    let (sp, cp) = libm::sincos(attitude[1]);
+/// η̇ = T(η) ω, with the sines and cosines of η taken from R (pitch within ±π/2).
+fn euler_rates(ned_from_body: &[Vector3; 3], rates: Vector3) -> Vector3 {
+    let [minus_sp, sr_cp, cr_cp] = ned_from_body[2];
+    let (sp, cp) = (-minus_sp, (sr_cp * sr_cp + cr_cp * cr_cp).sqrt());
+    let (sr, cr) = (sr_cp / cp, cr_cp / cp);
     let across = sr * rates[1] + cr * rates[2];
     [rates[0] + across * sp / cp, cr * rates[1] - sr * rates[2], across / cp]
 }

@@ -31,6 +31,8 @@ pub struct Kinematics {
     pub angular_acceleration: Vec<Vector3>,
     /// Specific force, m/s², body.
     pub accel: Vec<Vector3>,
+    /// NED from body, rows first; filled where a pass reconstructs the motion.
+    pub ned_from_body: Vec<[Vector3; 3]>,
 }
 
 /// What of a log is there.
@@ -165,6 +167,7 @@ impl Series {
             attitude: attitude.unwrap_or_else(zero),
             rates: rates.unwrap_or_else(zero),
             accel: accel.unwrap_or_else(zero),
+            ned_from_body: Vec::new(),
         };
         let half = (0.5 * SMOOTHING_S / step_s).round() as usize;
         let rates = hann(&raw.rates, half);
@@ -175,6 +178,7 @@ impl Series {
             angular_acceleration: derivative(&rates, step_s),
             rates,
             accel: hann(&raw.accel, half),
+            ned_from_body: Vec::new(),
         };
         Ok(Self {
             start_s: log.time_s[0],

@@ -1,0 +1,472 @@
+//! Gusts: wind that changes at random and acts through a drag that is known already. No column can show it, its covariance can.
+//!
+//! The whitened residual of forces and torques, as means over 0.1 s, is S w + v: S is what a steady wind of 1 m/s does at that moment,
+//! v white, and w per axis a Gauss–Markov process, w' = −w/T + σ√(2/T) n. A Kalman filter gives the likelihood of σ and T; they are
+//! named if that beats no gusts, and if
+//! * the innovations are white: a pendulum or a tank that sloshes is not;
+//! * no function of velocity and place takes them over: a tether or another law of drag is a force of its own, not weather.
+//!
+//! With gusts at work the drag itself is fitted anew: their colour would otherwise pass for knowledge of it.
+//!
+//! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s show too weak; σ and T are those of all logs.
+
+use super::dense::dot;
+use super::evidence::{Normal, Posterior};
+use super::fit::{Problem, fitted_residual, position_of};
+use super::goodness::{ChannelFit, UNEXPLAINED_SCORE};
+use super::linear::Column;
+use crate::predict::channels::{F, KV, M};
+use crate::predict::noise::white_deviation;
+use crate::predict::pass::{rotation, to_body};
+use crate::predict::{CHANNELS, PredictError};
+
+/// In the catalogue.
+pub(crate) const ID: &str = "gusts";
+/// Length of a mean, s.
+const MEAN_S: f64 = 0.1;
+/// Means that are joined for the test of whiteness.
+const JOINED: usize = 3;
+/// Least noise level of a whitened channel.
+const LEAST_LEVEL: f64 = 0.5;
+/// Channels of the filter: F, then M.
+const SEEN: usize = 6;
+/// σ in m/s and T in s that are tried.
+const RMS_M_S: (f64, f64) = (0.05, 6.0);
+const CORRELATION_S: (f64, f64) = (0.15, 20.0);
+/// Points of the grid per axis.
+const GRID: usize = 10;
+/// Evidence over the price of two parameters that gusts must have.
+const LEAST_GAIN: f64 = 20.0;
+/// Evidence of functions of velocity and place beside the gusts from which those are no gusts.
+const LAW_GAIN: f64 = 15.0;
+/// Part of the slow excess of forces and torques that gusts must take away.
+const LEAST_SHARE: f64 = 0.9;
+
+/// Gusts that were found.
+#[derive(Debug, Clone)]
+pub(crate) struct Gusts {
+    /// σ, m/s.
+    pub(crate) rms_m_s: f64,
+    /// T, s.
+    pub(crate) correlation_s: f64,
+    /// Deviations of both.
+    pub(crate) deviations: [f64; 2],
+    /// Gain of ln likelihood, less the price of two parameters.
+    pub(crate) gain: f64,
+    /// Evidence of functions of velocity and place beside them.
+    law: f64,
+    /// Fits of the channels with the gusts in the noise.
+    pub(crate) fits: Vec<[Option<ChannelFit>; CHANNELS]>,
+    /// Posterior of all linear parameters with the gusts in the noise.
+    pub(crate) posterior: Posterior,
+}
+
+/// A mean over 0.1 s.
+struct Mean {
+    /// Samples that count, by channel.
+    count: [f64; SEEN],
+    /// What a wind of 1 m/s along each axis does.
+    wind: [[f64; 3]; SEEN],
+    /// Residual first, then further signals.
+    signals: Vec<[f64; SEEN]>,
+}
+
+/// One log as means.
+struct Log {
+    means: Vec<Mean>,
+    level: [f64; SEEN],
+}
+
+fn channel_of(seen: usize) -> usize {
+    if seen < 3 { F + seen } else { M + seen - 3 }
+}
+
+/// Outcome of a filter: ln likelihood, and the normalised innovations of every signal by mean and channel.
+struct Filtered {
+    log_likelihood: f64,
+    innovations: Vec<Vec<[f64; SEEN]>>,
+}
+
+/// Kalman filter of the gusts over one log; all signals go through the same gains, that of the residual tells the likelihood.
+fn filter(log: &Log, rms: f64, correlation_s: f64, keep: bool) -> Filtered {
+    let signals = if keep {
+        log.means.first().map_or(0, |m| m.signals.len())
+    } else {
+        1
+    };
+    // State: the wind's mean over the step, then its value at the end. Over a step of d = h/T the value decays to e^−d of itself, and
+    // the mean is (1 − e^−d)/d of it; what the noise adds to both, per axis:
+    let d = MEAN_S / correlation_s;
+    let decay = libm::exp(-d);
+    let gain = (1.0 - decay) / d;
+    let square = rms * rms;
+    let of_mean = square * (2.0 * d - 3.0 + 4.0 * decay - decay * decay) / (d * d);
+    let of_both = square * (1.0 - decay) * (1.0 - decay) / d;
+    let of_value = square * (1.0 - decay * decay);
+    let mut p = [[0.0; 6]; 6];
+    for i in 3..6 {
+        p[i][i] = square;
+    }
+    let mut wind = vec![[0.0; 6]; signals];
+    let mut filtered = Filtered {
+        log_likelihood: 0.0,
+        innovations: Vec::new(),
+    };
+    for mean in &log.means {
+        for i in 0..3 {
+            for j in 0..3 {
+                let before = p[3 + i][3 + j];
+                let same = if i == j { 1.0 } else { 0.0 };
+                p[i][j] = gain * gain * before + same * of_mean;
+                p[i][3 + j] = gain * decay * before + same * of_both;
+                p[3 + j][i] = p[i][3 + j];
+                p[3 + i][3 + j] = decay * decay * before + same * of_value;
+            }
+        }
+        for w in &mut wind {
+            for i in 0..3 {
+                w[i] = gain * w[3 + i];
+                w[3 + i] *= decay;
+            }
+        }
+        let mut out = vec![[0.0; SEEN]; if keep { signals } else { 0 }];
+        for c in 0..SEEN {
+            if mean.count[c] == 0.0 {
+                continue;
+            }
+            let h = mean.wind[c];
+            let ph = p.map(|row| row[0] * h[0] + row[1] * h[1] + row[2] * h[2]);
+            let variance = log.level[c] * log.level[c] / mean.count[c] + h[0] * ph[0] + h[1] * ph[1] + h[2] * ph[2];
+            let root = variance.sqrt();
+            for (s, w) in wind.iter_mut().enumerate() {
+                let e = mean.signals[s][c] - h[0] * w[0] - h[1] * w[1] - h[2] * w[2];
+                for (w, ph) in w.iter_mut().zip(&ph) {
+                    *w += ph * e / variance;
+                }
+                if s == 0 {
+                    filtered.log_likelihood -= 0.5 * (e * e / variance + variance.ln());
+                }
+                if keep {
+                    out[s][c] = e / root;
+                }
+            }
+            for (row, a) in p.iter_mut().zip(&ph) {
+                for (value, b) in row.iter_mut().zip(&ph) {
+                    *value -= a * b / variance;
+                }
+            }
+        }
+        if keep {
+            filtered.innovations.push(out);
+        }
+    }
+    filtered
+}
+
+/// The logs as means, with the wind's sensitivities; `None` where wind does nothing.
+fn means(problem: &Problem, mean: &[f64]) -> Result<Option<Vec<Log>>, PredictError> {
+    let mut logs = Vec::new();
+    for (l, state) in problem.logs.iter().enumerate() {
+        let base = state.base(&problem.library, &problem.active)?;
+        let wind: Vec<Column> = (0..3)
+            .map(|axis| state.wind_column(&problem.library, &problem.active, &base, axis))
+            .collect::<Result<_, _>>()?;
+        if wind.iter().all(|column| (F..KV).all(|c| column[c].is_none())) {
+            return Ok(None);
+        }
+        let residual = fitted_residual(problem, l, mean);
+        let series = state.predictor.series();
+        let rows = (MEAN_S / series.step_s).round().max(1.0) as usize;
+        let laws = laws(state.predictor.series());
+        let columns = &problem.linear[l].columns;
+        let mut made = Vec::new();
+        for start in (0..series.len).step_by(rows) {
+            let range = start..(start + rows).min(series.len);
+            let mut one = Mean {
+                count: [0.0; SEEN],
+                wind: [[0.0; 3]; SEEN],
+                signals: vec![[0.0; SEEN]; 1 + columns.len() + laws.len()],
+            };
+            for seen in 0..SEEN {
+                let channel = channel_of(seen);
+                let Some(whitener) = state.predictor.whitener(channel) else {
+                    continue;
+                };
+                let count = range.clone().filter(|&k| whitener.counts(k)).count();
+                // A part of a mean at an edge would need a noise of its own.
+                if count < range.len() {
+                    continue;
+                }
+                let per = 1.0 / count as f64;
+                let of = |column: &Column| {
+                    let values = column[channel].as_ref();
+                    values.map_or(0.0, |v| {
+                        per * v[range.clone()].iter().map(|&x| f64::from(x)).sum::<f64>()
+                    })
+                };
+                one.count[seen] = count as f64;
+                one.wind[seen] = [0, 1, 2].map(|axis| of(&wind[axis]));
+                one.signals[0][seen] = per * residual[channel][range.clone()].iter().sum::<f64>();
+                for (j, column) in columns.iter().enumerate() {
+                    one.signals[1 + j][seen] = of(column);
+                }
+                if seen < 3 {
+                    for (j, law) in laws.iter().enumerate() {
+                        one.signals[1 + columns.len() + j][seen] =
+                            per * law[range.clone()].iter().map(|v| v[seen]).sum::<f64>();
+                    }
+                }
+            }
+            made.push(one);
+        }
+        logs.push(Log {
+            means: made,
+            // From high differences: the median of the residual itself would take the gusts for noise of the sensor.
+            level: std::array::from_fn(|seen| white_deviation(&residual[channel_of(seen)]).max(LEAST_LEVEL)),
+        });
+    }
+    Ok(Some(logs))
+}
+
+/// Forces (body axes) that follow from velocity and place: what a law unknown to the catalogue could be made of.
+fn laws(series: &crate::predict::Series) -> Vec<Vec<[f64; 3]>> {
+    let (v, p, attitude) = (
+        &series.smooth.velocity,
+        &series.smooth.position,
+        &series.smooth.attitude,
+    );
+    let turned: Vec<[[f64; 3]; 3]> = attitude.iter().map(|&a| rotation(a)).collect();
+    let speed = |v: [f64; 3]| dot(&v, &v).sqrt();
+    let mut laws: Vec<Vec<[f64; 3]>> = Vec::new();
+    for axis in 0..3 {
+        let along = |x: f64| {
+            let mut force = [0.0; 3];
+            force[axis] = x;
+            force
+        };
+        // Drag of any power, of either body axis.
+        for power in 0..3 {
+            laws.push(
+                (0..series.len)
+                    .map(|k| along(to_body(&turned[k], v[k])[axis] * speed(v[k]).powi(power)))
+                    .collect(),
+            );
+        }
+        // A force along an axis of the world: constant, or a spring.
+        laws.push((0..series.len).map(|k| to_body(&turned[k], along(1.0))).collect());
+        laws.push(
+            (0..series.len)
+                .map(|k| to_body(&turned[k], along(p[k][axis])))
+                .collect(),
+        );
+    }
+    // A line to the start that grows stiff.
+    laws.push(
+        (0..series.len)
+            .map(|k| to_body(&turned[k], p[k].map(|x| x * speed(p[k]))))
+            .collect(),
+    );
+    laws
+}
+
+/// Normal equations of signals `which` against the residual, after the filter; `channels` says which count.
+fn normal_of(filtered: &[Filtered], which: std::ops::Range<usize>, channels: std::ops::Range<usize>) -> Normal {
+    let n = which.len();
+    let mut normal = super::linear::empty(n);
+    for one in filtered.iter().flat_map(|f| &f.innovations) {
+        for c in channels.clone() {
+            let r = one[0][c];
+            let row: Vec<(usize, f64)> = which
+                .clone()
+                .map(|s| one[s][c])
+                .enumerate()
+                .filter(|(_, x)| *x != 0.0)
+                .collect();
+            for &(i, x) in &row {
+                for &(j, y) in &row {
+                    *normal.matrix.at_mut(i, j) += x * y;
+                }
+                normal.gradient[i] += x * r;
+            }
+            normal.square_sum += r * r;
+            normal.samples += 1.0;
+        }
+    }
+    normal
+}
+
+/// Gain of ln evidence by the laws beside the gusts; each law is scaled to the size of what the gusts explain.
+fn law_gain(filtered: &[Filtered], laws: std::ops::Range<usize>) -> f64 {
+    let mut normal = normal_of(filtered, laws, 0..3);
+    let scale: Vec<f64> = (0..normal.gradient.len())
+        .map(|i| (normal.samples / normal.matrix.at(i, i).max(1e-300)).sqrt())
+        .collect();
+    for (i, a) in scale.iter().enumerate() {
+        normal.gradient[i] *= a;
+        for (j, b) in scale.iter().enumerate() {
+            *normal.matrix.at_mut(i, j) *= a * b;
+        }
+    }
+    Posterior::log_evidence_of(&normal, &vec![1.0; scale.len()]).unwrap_or(0.0)
+}
+
+/// Fits of F and M with the gusts in the noise, the others as they are.
+fn fits_of(problem: &Problem, mean: &[f64], filtered: &[Filtered]) -> Vec<[Option<ChannelFit>; CHANNELS]> {
+    let mut fits = super::goodness::fits(problem, mean);
+    for (own, filtered) in fits.iter_mut().zip(filtered) {
+        for seen in 0..SEEN {
+            let Some(fit) = &mut own[channel_of(seen)] else {
+                continue;
+            };
+            let (mut squares, mut count) = (0.0, 0.0);
+            for group in filtered.innovations.chunks(JOINED) {
+                let sum: f64 = group.iter().map(|one| one[0][seen]).sum();
+                squares += sum * sum / group.len() as f64;
+                count += if sum == 0.0 { 0.0 } else { 1.0 };
+            }
+            // Never worse than without the gusts: M is only tested, its slow noise is not that of a mean.
+            let slow = fit.means * squares / f64::max(count, 1.0);
+            fit.slow = fit.slow.min(slow);
+        }
+    }
+    fits
+}
+
+/// Gusts in what is left, if it is them: see the top of this file.
+pub(crate) fn find(problem: &Problem, posterior: &Posterior) -> Result<Option<Gusts>, PredictError> {
+    // The drag was fitted as if the gusts were white: once more with them.
+    let Some(first) = fitted(problem, posterior)? else {
+        return Ok(None);
+    };
+    let second = fitted(problem, &first.posterior)?;
+    Ok(second.filter(|gusts| gusts.is_weather(problem, posterior)))
+}
+
+impl Gusts {
+    /// Whether it is weather: white innovations, no law of velocity and place in them, and little left.
+    fn is_weather(&self, problem: &Problem, posterior: &Posterior) -> bool {
+        let before = super::goodness::fits(problem, &posterior.mean);
+        let excess = |fits: &[[Option<ChannelFit>; CHANNELS]]| -> f64 {
+            let all = fits.iter().flat_map(|own| (F..KV).filter_map(|c| own[c]));
+            all.map(|fit| fit.slow - fit.means).sum()
+        };
+        let share = 1.0 - excess(&self.fits) / excess(&before);
+        let coloured = self
+            .fits
+            .iter()
+            .any(|own| (F..KV).any(|c| own[c].is_some_and(|fit| fit.score() > 2.0 * UNEXPLAINED_SCORE)));
+        self.law < LAW_GAIN && share > LEAST_SHARE && !coloured
+    }
+}
+
+/// The most likely gusts about a mean of the linear parameters, and these fitted anew with them.
+fn fitted(problem: &Problem, posterior: &Posterior) -> Result<Option<Gusts>, PredictError> {
+    let Some(logs) = means(problem, &posterior.mean)? else {
+        return Ok(None);
+    };
+    let likelihood = |at: [f64; 2]| -> f64 {
+        logs.iter()
+            .map(|log| filter(log, at[0].exp(), at[1].exp(), false).log_likelihood)
+            .sum()
+    };
+    let none: f64 = logs.iter().map(|log| filter(log, 0.0, 1.0, false).log_likelihood).sum();
+    let between = |(low, high): (f64, f64), i: usize| f64::ln(low) + f64::ln(high / low) * i as f64 / (GRID - 1) as f64;
+    let mut best = ([0.0; 2], f64::NEG_INFINITY);
+    for i in 0..GRID {
+        for j in 0..GRID {
+            let at = [between(RMS_M_S, i), between(CORRELATION_S, j)];
+            let value = likelihood(at);
+            if value > best.1 {
+                best = (at, value);
+            }
+        }
+    }
+    // Pattern search: the grid is coarse, the peak is round.
+    let mut step = 0.25;
+    while step > 2e-3 {
+        let (at, value) = best;
+        for (i, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
+            let mut next = at;
+            next[i] += sign * step;
+            let tried = likelihood(next);
+            if tried > best.1 {
+                best = (next, tried);
+            }
+        }
+        if best.1 <= value {
+            step *= 0.5;
+        }
+    }
+    let (at, value) = best;
+    let means: usize = logs.iter().map(|log| log.means.len()).sum();
+    let gain = value - none - (means as f64).ln();
+    let inside = |x: f64, (low, high): (f64, f64)| x > f64::ln(low) + 0.1 && x < f64::ln(high) - 0.1;
+    if gain < LEAST_GAIN || !inside(at[0], RMS_M_S) || !inside(at[1], CORRELATION_S) {
+        return Ok(None);
+    }
+    let filtered: Vec<Filtered> = logs
+        .iter()
+        .map(|log| filter(log, at[0].exp(), at[1].exp(), true))
+        .collect();
+    let columns = 1 + problem.linear[0].columns.len();
+    let laws = columns..logs[0].means.first().map_or(columns, |m| m.signals.len());
+    let law = law_gain(&filtered, laws);
+    let fits = fits_of(problem, &posterior.mean, &filtered);
+    let Some(posterior) = posterior_with(problem, &filtered, posterior) else {
+        return Ok(None);
+    };
+    let curvature = |a: usize, b: usize| {
+        let h = 0.05;
+        let moved = |x: f64, y: f64| {
+            let mut next = at;
+            next[a] += x;
+            next[b] += y;
+            likelihood(next)
+        };
+        -(moved(h, h) - moved(h, -h) - moved(-h, h) + moved(-h, -h)) / (4.0 * h * h)
+    };
+    let (aa, bb, ab) = (curvature(0, 0), curvature(1, 1), curvature(0, 1));
+    let determinant = (aa * bb - ab * ab).max(1e-12);
+    let (rms_m_s, correlation_s) = (at[0].exp(), at[1].exp());
+    Ok(Some(Gusts {
+        rms_m_s,
+        correlation_s,
+        deviations: [
+            rms_m_s * (bb / determinant).sqrt(),
+            correlation_s * (aa / determinant).sqrt(),
+        ],
+        gain,
+        law,
+        fits,
+        posterior,
+    }))
+}
+
+/// All linear parameters fitted anew with the gusts in the noise of the forces; the other channels count as before.
+fn posterior_with(problem: &Problem, filtered: &[Filtered], old: &Posterior) -> Option<Posterior> {
+    let mut deaf = problem.weights.clone();
+    for weights in &mut deaf {
+        weights[F..KV].fill(0.0);
+    }
+    let mut normal = problem.normal_with(&deaf, |_| true);
+    for (l, filtered) in filtered.iter().enumerate() {
+        let own = problem.linear[l].columns.len();
+        let forces = normal_of(std::slice::from_ref(filtered), 1..1 + own, 0..3);
+        // The filter saw the residual with the old mean taken off: put it back.
+        let mean: Vec<f64> = (0..own).map(|i| old.mean[problem.global(l, i)]).collect();
+        let back = forces.matrix.times(&mean);
+        for i in 0..own {
+            let a = problem.global(l, i);
+            normal.gradient[a] += forces.gradient[i] + back[i];
+            for j in 0..own {
+                *normal.matrix.at_mut(a, problem.global(l, j)) += forces.matrix.at(i, j);
+            }
+        }
+    }
+    let prior = problem.deviations(&problem.active);
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
+        *g -= x / (d * d);
+    }
+    Posterior::new(&normal, &prior)
+}
