@@ -250,7 +250,8 @@ impl Bench {
             match self.generate_with(case, case.seed ^ (attempt << 32), log) {
                 Err(reason) if reason.contains(LOST) && attempt + 1 < FLIGHTS => (),
                 other => {
-                    return other.map_err(|reason| BlindError::input(format!("generator, case {}", case.index), reason));
+                    return other
+                        .map_err(|reason| BlindError::input(format!("generator, case {}", case.index), reason));
                 }
             }
         }
