@@ -5,6 +5,8 @@ use crate::model::store_failed;
 use crate::output::{self, TABLE_STYLE};
 use clap::Parser;
 use comfy_table::Table;
+use rotortwin_plant::ConfigError;
+use rotortwin_plant::effects::EffectDocument;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, FittedParameter, Options, diagnose};
 use rotortwin_twin::model::ModelStore;
 use std::io::{IsTerminal, Write};
@@ -14,6 +16,8 @@ use std::time::Instant;
 
 /// Rows of the ranking that are printed.
 const RANKING_ROWS: usize = 8;
+/// Effect document of a proposal.
+const PROPOSAL_FILE: &str = "proposed-effect.toml";
 
 /// Arguments of `rotortwin diagnose`.
 #[derive(Debug, Parser)]
@@ -27,7 +31,10 @@ pub(crate) struct Args {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     models: PathBuf,
-    /// Write diagnosis.json into this folder
+    /// Effect document of your own that may be named, too; may be given several times
+    #[arg(long, value_name = "FILE")]
+    effects: Vec<PathBuf>,
+    /// Write diagnosis.json into this folder, and proposed-effect.toml where the error is in no catalogue
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the diagnosis as JSON, nothing else
@@ -49,6 +56,11 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     if let Err(code) = refused(&logs, &found.version.vehicle) {
         return code;
     }
+    let effects: Result<Vec<EffectDocument>, ConfigError> = args.effects.iter().map(EffectDocument::load).collect();
+    let effects = match effects {
+        Ok(effects) => effects,
+        Err(error) => return output::bad_input(error),
+    };
     let shown = !args.json && std::io::stderr().is_terminal();
     let progress = |text: &str, share: f64| {
         if shown {
@@ -57,6 +69,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         }
     };
     let options = Options {
+        effects,
         progress: &progress,
         clock: &|| start.elapsed().as_secs_f64(),
         ..Options::default()
@@ -71,7 +84,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     };
     let json = serde_json::to_string_pretty(&diagnosis).expect("text and numbers are JSON");
     if let Some(folder) = &args.out
-        && let Err(error) = write(folder, &json)
+        && let Err(error) = write(folder, &json, &diagnosis)
     {
         return output::failed(error);
     }
@@ -84,16 +97,35 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         }
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.join("diagnosis.json").display());
+            if proposed(&diagnosis).is_some() {
+                println!("             {}", folder.join(PROPOSAL_FILE).display());
+                println!(
+                    "Try it with  rotortwin model add {} --from {} --proposal",
+                    args.model,
+                    folder.join("diagnosis.json").display()
+                );
+            }
         }
     }
     ExitCode::SUCCESS
 }
 
-fn write(folder: &Path, json: &str) -> Result<(), String> {
-    let path = folder.join("diagnosis.json");
-    std::fs::create_dir_all(folder)
-        .and_then(|()| std::fs::write(&path, format!("{json}\n")))
-        .map_err(|error| format!("cannot write {}: {error}", path.display()))
+fn proposed(diagnosis: &Diagnosis) -> Option<&EffectDocument> {
+    diagnosis.proposal.as_ref()?.document.as_ref()
+}
+
+fn write(folder: &Path, json: &str, diagnosis: &Diagnosis) -> Result<(), String> {
+    let file = |name: &str, text: String| {
+        let path = folder.join(name);
+        std::fs::create_dir_all(folder)
+            .and_then(|()| std::fs::write(&path, text))
+            .map_err(|error| format!("cannot write {}: {error}", path.display()))
+    };
+    file("diagnosis.json", format!("{json}\n"))?;
+    match proposed(diagnosis) {
+        Some(document) => file(PROPOSAL_FILE, rotortwin_twin::propose::to_toml(document)),
+        None => Ok(()),
+    }
 }
 
 /// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
@@ -138,6 +170,9 @@ fn text(diagnosis: &Diagnosis) -> String {
     }
     for found in &diagnosis.sensor_or_timing {
         text += &format!("Log fault    {}", finding(found));
+    }
+    if let Some(proposal) = &diagnosis.proposal {
+        text += &format!("Proposal     {}\n", proposal.sentence());
     }
     if !diagnosis.held_out.is_empty() {
         text += "\nFitted on every other 5 s, tested on the rest (means over 0.1 s)\n";

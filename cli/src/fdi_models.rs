@@ -131,6 +131,12 @@ fn share(sums: &ClusterSums) -> String {
 pub(crate) fn flown_model(base: &Scenario, version: &ModelVersion) -> Result<Scenario, String> {
     let mut documents = base.documents().clone();
     documents.scenario.effect.extend(version.instances());
+    for effect in &version.effect_document {
+        if !documents.effects.contains(effect) {
+            documents.scenario.effect_files.push(format!("{}.toml", effect.id));
+            documents.effects.push(effect.clone());
+        }
+    }
     documents.vehicle = version.vehicle.clone();
     documents.blades = version.blades.clone();
     Scenario::from_documents(&documents).map_err(|error| format!("with model {}: {error}", version.name))

@@ -3,6 +3,7 @@
 use crate::output::{self, TABLE_STYLE};
 use clap::{Parser, Subcommand};
 use comfy_table::Table;
+use rotortwin_plant::effects::EffectDocument;
 use rotortwin_twin::model::difference::{ParameterChange, Value};
 use rotortwin_twin::model::specification::effect_by_hand;
 use rotortwin_twin::model::store::{Found, MAIN, Place};
@@ -98,6 +99,12 @@ struct Add {
     /// Only this one of them, from 1
     #[arg(long, value_name = "NUMBER", requires = "from")]
     pick: Option<usize>,
+    /// Take what a diagnosis proposes for an error that is in no catalogue
+    #[arg(long, requires = "from", conflicts_with = "pick")]
+    proposal: bool,
+    /// Effect document of your own, for EFFECT; the model keeps it
+    #[arg(long, value_name = "FILE", conflicts_with = "from")]
+    effects: Vec<PathBuf>,
     /// Rotor, from 1, of an effect of one rotor
     #[arg(long, value_name = "NUMBER")]
     rotor: Option<usize>,
@@ -343,25 +350,36 @@ pub(crate) fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVers
 impl Add {
     fn run(&self, store: &ModelStore) -> Result<(), StoreError> {
         let (version, branch) = find_or_begin(store, &self.model)?;
-        let effects = self.effects()?;
-        let next = version.with_effects(effects, self.note.clone());
+        let (documents, effects) = self.effects()?;
+        let next = version
+            .with_effects(effects, self.note.clone())
+            .with_documents(&documents);
         let place = store.append(&branch, &next)?;
         announce(&version, &next, &place);
         Ok(())
     }
 
-    /// The effects given by hand, or those of a diagnosis.
-    fn effects(&self) -> Result<Vec<ModelEffect>, StoreError> {
+    /// The effects given by hand, or those of a diagnosis, and the documents of those that are in no catalogue.
+    fn effects(&self) -> Result<(Vec<EffectDocument>, Vec<ModelEffect>), StoreError> {
         let Some(path) = &self.from else {
+            let documents = self
+                .effects
+                .iter()
+                .map(EffectDocument::load)
+                .collect::<Result<Vec<_>, _>>()?;
             let effect = self.effect.as_deref().unwrap_or_default();
             return effect_by_hand(effect, self.rotor, self.onset, &self.parameters)
-                .map(|effect| vec![effect])
+                .map(|effect| (documents, vec![effect]))
                 .map_err(StoreError::Refused);
         };
         let refuse = |reason: String| StoreError::Refused(format!("{}: {reason}", path.display()));
         let text =
             std::fs::read_to_string(path).map_err(|error| refuse(format!("expected a readable file: {error}")))?;
         let json = serde_json::from_str(&text).map_err(|error| refuse(format!("expected JSON: {error}")))?;
+        if self.proposal {
+            let (document, effect) = from_diagnosis::proposal(&json, &[]).map_err(refuse)?;
+            return Ok((vec![document], vec![effect]));
+        }
         let mut effects = from_diagnosis::effects(&json, &[]).map_err(refuse)?;
         if effects.is_empty() {
             return Err(refuse("this diagnosis found no missing physics to add".into()));
@@ -375,7 +393,7 @@ impl Add {
             }
             effects = vec![effects.swap_remove(number - 1)];
         }
-        Ok(effects)
+        Ok((Vec::new(), effects))
     }
 }
 

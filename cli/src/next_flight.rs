@@ -71,8 +71,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
+fn catalogue_of(model: &ModelVersion) -> Result<Catalogue, String> {
+    model
+        .catalogue()
+        .map_err(|refusal| format!("model {}, key `{}`: {}", model.name, refusal.key, refusal.reason))
+}
+
 fn between(args: &Args, found: &Found) -> Result<(), String> {
-    let catalogue = Catalogue::built_in();
+    let catalogue = catalogue_of(&found.version)?;
     let [a, b] = args.between.as_slice() else {
         return Err(format!(
             "--between: expected two effects, A,B, got {}",
@@ -181,7 +187,7 @@ pub(crate) fn after(diagnosis: &Diagnosis, model: &ModelVersion) -> Option<Strin
         effect: other.effect.clone(),
         rotor: other.rotor,
     };
-    let advice = match proposals(model, &a, &b, &Catalogue::built_in()) {
+    let advice = match catalogue_of(model).and_then(|catalogue| proposals(model, &a, &b, &catalogue)) {
         Ok(proposals) => advice(&proposals, &a, &b),
         Err(sentence) => sentence,
     };
@@ -368,7 +374,7 @@ struct Proof {
 }
 
 fn validate(args: &Args, model: &ModelVersion) -> Result<(), String> {
-    let catalogue = Catalogue::built_in();
+    let catalogue = catalogue_of(model)?;
     let mut known: BTreeMap<String, Vec<Option<Sensitivity>>> = BTreeMap::new();
     let mut proofs = Vec::new();
     for (a, b) in CONFUSABLE {

@@ -9,6 +9,7 @@
 //! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
 //! * [`predict`]: what a model predicts of a log, one step ahead, in sixteen channels.
 //! * [`diagnose`]: which effect the model lacks, with evidence.
+//! * [`propose`]: what would explain an error that is in no catalogue.
 //! * [`improve`]: the loop over these, version by version.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
@@ -22,3 +23,4 @@ pub mod log;
 pub mod model;
 pub mod next_flight;
 pub mod predict;
+pub mod propose;

@@ -10,13 +10,14 @@ use rotortwin_blind::hidden::Hidden;
 use rotortwin_blind::script::Script;
 use rotortwin_blind::vehicle::Vehicle;
 use rotortwin_plant::effects::Catalogue;
-use rotortwin_twin::compare::NamedModel;
+use rotortwin_twin::compare::{NamedModel, compare};
 use rotortwin_twin::diagnose::{Diagnosis, Finding, Options, Verdict, diagnose};
 use rotortwin_twin::improve::{End, Guide, OnLog, Request, Row as Step, improve};
 use rotortwin_twin::log::{FindingKind, FlightLog};
-use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::model::specification::effect_by_hand;
+use rotortwin_twin::model::{ModelEffect, ModelVersion, Provenance};
 use rotortwin_twin::next_flight::{CONFUSABLE, Rival};
+use rotortwin_twin::propose::propose;
 
 fn vehicle_path() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml")
@@ -298,4 +299,45 @@ fn val_every_confusable_pair_is_of_the_catalogue() {
         }
         assert_ne!(pair[0], pair[1]);
     }
+}
+
+#[test]
+fn scenario_an_effect_in_no_catalogue_is_proposed_added_and_holds_on_a_log_that_no_fit_has_seen() {
+    let hidden = ["threshold-drag:drag_n_s3_m3=0.1,threshold_m_s=2.5"];
+    let fitted = [log("fitted", "excitation", &hidden, 31)];
+    let proposal = propose(&fitted, &model()).unwrap();
+    let (document, instance) = (proposal.document.clone().unwrap(), proposal.instance().unwrap());
+    let acts = proposal.terms[0].acts.join(" ");
+    assert!(
+        acts.contains("air_velocity_x") && acts.contains("max(airspeed - 2.5"),
+        "{acts}"
+    );
+    let effect = ModelEffect {
+        effect: instance.effect,
+        rotor: None,
+        onset_s: None,
+        parameters: instance.parameters,
+        deviations: Default::default(),
+        provenance: Provenance::by_hand(),
+    };
+    let after = model().with_documents(&[document]).with_effects([effect], "");
+    // The document travels in the version's file.
+    let read = ModelVersion::parse("version.toml", &after.to_toml(), Path::new("")).unwrap();
+    assert_eq!(read, after);
+    let models = [("before", model()), ("after", read)].map(|(label, version)| NamedModel {
+        label: label.to_owned(),
+        version,
+    });
+    let (compared, _) = compare(&[log("other", "waypoint", &hidden, 32)], &models).unwrap();
+    let force = |model: usize| compared.logs[0].models[model].error_of("force").unwrap().clone();
+    // What is left may be half as much again as noise alone; before it was several times that.
+    assert!(force(0).error > 3.0 * force(0).noise, "{:?}", force(0));
+    assert!(force(1).error < 1.5 * force(1).noise, "{:?}", force(1));
+}
+
+#[test]
+fn val_an_error_that_nothing_explains_is_not_given_a_term() {
+    let proposal = propose(&[log("healthy", "waypoint", &[], 33)], &model()).unwrap();
+    assert_eq!(proposal.terms, Vec::new());
+    assert!(proposal.document.is_none() && proposal.correlates.is_empty());
 }

@@ -17,7 +17,7 @@ fn answer(number: usize) -> Option<Diagnosis> {
     let folder = std::env::var_os("ROTORTWIN_SHARED").map_or_else(|| root().join("../shared"), PathBuf::from);
     let path = folder.join(format!("data/hidden_effect/log{number:02}.parquet"));
     if !path.is_file() {
-        rotortwin_skip(&format!("{} is not there", path.display()));
+        rotortwin_skip("the sixteen known logs: data/hidden_effect is not beside the repository (ROTORTWIN_SHARED)");
         return None;
     }
     let log = FlightLog::read(&path).expect("a canonical log");
@@ -32,7 +32,7 @@ fn rotortwin_skip(reason: &str) {
     eprintln!("skipped: {reason}");
     if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
         let file = std::fs::OpenOptions::new().create(true).append(true).open(log);
-        let written = file.and_then(|mut file| writeln!(file, "{reason}"));
+        let written = file.and_then(|mut file| file.write_all(format!("{reason}\n").as_bytes()));
         written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
     }
 }

@@ -64,7 +64,9 @@ pub use hooks::{ActiveEffect, Hooks, Moment, Readings, Wrench};
 pub use instance::{Catalogue, EffectInstance};
 pub use page::page;
 pub use set::EffectSet;
-pub use user::{EffectDocument, ParameterEntry, TermEntry, UserEffect, expression_places, expression_variables};
+pub use user::{
+    EffectDocument, ParameterEntry, TermEntry, UserEffect, expression_places, expression_variables, factor_unit,
+};
 
 /// What the file of an effect needs.
 mod prelude {

@@ -25,7 +25,6 @@ pub mod open_loop;
 pub mod report;
 pub mod statistics;
 
-use rotortwin_plant::effects::Catalogue;
 use serde::Serialize;
 
 pub use evaluate::{ChannelResult, ChannelVerdict, Evaluated, GroupError, ModelOnLog, WorstMoment};
@@ -123,13 +122,13 @@ pub struct LogSeries {
 /// # Errors
 /// One sentence: a log or a model that cannot be used.
 pub fn compare(logs: &[FlightLog], models: &[NamedModel]) -> Result<(Comparison, Vec<LogSeries>), PredictError> {
-    let catalogue = Catalogue::built_in();
     let (mut compared, mut drawn) = (Vec::new(), Vec::new());
     for log in logs {
         let mut entry: Option<LogComparison> = None;
         let mut series: Option<LogSeries> = None;
         for model in models {
             let documents = model.version.documents();
+            let catalogue = model.version.catalogue()?;
             let predictor = Predictor::new(&documents, &model.version.instances(), &catalogue, log)?;
             let grid = predictor.series();
             let into = series.get_or_insert_with(|| LogSeries {

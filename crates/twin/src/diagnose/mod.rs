@@ -42,11 +42,12 @@ pub use result::{
     Verdict,
 };
 
-use rotortwin_plant::effects::Catalogue;
+use rotortwin_plant::effects::EffectDocument;
 
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
+use crate::propose;
 
 /// Threshold on the ln Bayes factor.
 pub const THRESHOLD: f64 = 10.0;
@@ -55,8 +56,8 @@ pub const THRESHOLD_AT_REST: f64 = 20.0;
 
 /// How to diagnose.
 pub struct Options<'a> {
-    /// Effects that may be named.
-    pub catalogue: Catalogue,
+    /// Effects of users that may be named besides those of the catalogue and of the model.
+    pub effects: Vec<EffectDocument>,
     /// Most effects that are looked for one after the other.
     pub most_effects: usize,
     /// Told what is being done and what share of it, 0 to 1.
@@ -68,7 +69,7 @@ pub struct Options<'a> {
 impl Default for Options<'_> {
     fn default() -> Self {
         Self {
-            catalogue: Catalogue::built_in(),
+            effects: Vec::new(),
             most_effects: 3,
             progress: &|_, _| (),
             clock: &|| 0.0,
@@ -96,11 +97,15 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     (options.progress)("reading", 0.0);
     let documents = model.documents();
     let instances = model.instances();
+    let catalogue = model.with_documents(&options.effects).catalogue()?;
     let predictors = logs
         .iter()
-        .map(|log| Predictor::new(&documents, &instances, &options.catalogue, log))
+        .map(|log| Predictor::new(&documents, &instances, &catalogue, log))
         .collect::<Result<Vec<_>, _>>()?;
-    let mut diagnosis = search::search(predictors, &instances, options, start)?;
+    let mut diagnosis = search::search(predictors, &catalogue, &instances, options, start)?;
+    if diagnosis.verdict == Verdict::OutsideCatalogue {
+        diagnosis.proposal = Some(propose::propose(logs, model)?);
+    }
     diagnosis.timing.total_s = (options.clock)() - start;
     Ok(diagnosis)
 }

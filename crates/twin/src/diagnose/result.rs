@@ -3,6 +3,8 @@
 use rotortwin_plant::effects::{EffectClass, EffectInstance};
 use serde::Serialize;
 
+use crate::propose::Proposal;
+
 /// The answer in one word.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
@@ -206,6 +208,8 @@ pub struct Diagnosis {
     pub goodness: Goodness,
     /// Errors on held-out blocks.
     pub held_out: Vec<HeldOutError>,
+    /// Where the error is not in the catalogue: terms that would explain it, as an effect of a user.
+    pub proposal: Option<Proposal>,
     /// Logs.
     pub logs: Vec<String>,
     /// What was left out or assumed.

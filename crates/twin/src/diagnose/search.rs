@@ -1,6 +1,6 @@
 //! Forward selection: rank, refine, add, linearise anew; then goodness, verdict, words.
 
-use rotortwin_plant::effects::{EffectClass, EffectInstance, ParameterKind};
+use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance, ParameterKind};
 
 use super::evidence::{Posterior, minimum_size, open};
 use super::fit::{Fitted, Problem, fitted_residual, position_of};
@@ -49,12 +49,13 @@ struct Named {
 
 pub(crate) fn search(
     predictors: Vec<Predictor>,
+    catalogue: &Catalogue,
     model: &[EffectInstance],
     options: &Options<'_>,
     start: f64,
 ) -> Result<Diagnosis, PredictError> {
     let rotors = predictors[0].series().rotors;
-    let mut library = Library::new(&options.catalogue, rotors);
+    let mut library = Library::new(catalogue, rotors);
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
     let notes: Vec<String> = predictors
@@ -89,6 +90,7 @@ pub(crate) fn search(
             unexplained: Vec::new(),
         },
         held_out: Vec::new(),
+        proposal: None,
         logs: names,
         notes,
         threshold,

@@ -70,7 +70,7 @@ fn nuisance(nuisances: &Nuisances, which: usize, rotors: usize) -> f64 {
 /// # Errors
 /// A log that cannot be held against the model, or effects that together make no vehicle.
 pub fn refit(version: &ModelVersion, logs: &[FlightLog]) -> Result<ModelVersion, PredictError> {
-    let catalogue = Catalogue::built_in();
+    let catalogue = version.catalogue()?;
     let free = free_parameters(version, logs, &catalogue);
     if free.is_empty() {
         return Ok(version.clone());

@@ -31,8 +31,9 @@ impl ModelVersion {
         let nominal = self.documents();
         let (mut carried, mut not_carried) = (Vec::new(), Vec::new());
         let instances = self.instances();
+        let catalogue = self.catalogue()?;
         for (effect, instance) in self.effect.iter().zip(&instances) {
-            let alone = folded(&nominal, std::slice::from_ref(instance));
+            let alone = folded(&nominal, &catalogue, std::slice::from_ref(instance));
             // An effect that cannot act alone, such as wind without drag, has no constants of its own.
             let list = if alone.is_ok_and(|documents| documents != nominal) {
                 &mut carried
@@ -42,16 +43,20 @@ impl ModelVersion {
             list.push(effect.label());
         }
         Ok(DetectorVehicle {
-            documents: folded(&nominal, &instances)?,
+            documents: folded(&nominal, &catalogue, &instances)?,
             carried,
             not_carried,
         })
     }
 }
 
-fn folded(nominal: &VehicleDocuments, instances: &[EffectInstance]) -> Result<VehicleDocuments, Refusal> {
+fn folded(
+    nominal: &VehicleDocuments,
+    catalogue: &Catalogue,
+    instances: &[EffectInstance],
+) -> Result<VehicleDocuments, Refusal> {
     let before = Constants::nominal(&nominal.vehicle);
-    let set = EffectSet::new(&Catalogue::built_in(), instances, &before, 0)?;
+    let set = EffectSet::new(catalogue, instances, &before, 0)?;
     let after = *set.constants();
     let mut documents = nominal.clone();
     let body = &mut documents.vehicle.body;

@@ -25,6 +25,7 @@ use std::path::Path;
 use rotortwin_plant::VehicleDocuments;
 use rotortwin_plant::blades::BladeSet;
 use rotortwin_plant::document::Document;
+use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 use rotortwin_plant::error::{ConfigError, Refusal};
 use rotortwin_plant::vehicle::VehicleModel;
 use serde::Deserialize;
@@ -48,6 +49,8 @@ struct File {
     effect: Vec<ModelEffect>,
     #[serde(default)]
     correlation: Vec<Correlation>,
+    #[serde(default)]
+    effect_document: Vec<EffectDocument>,
     vehicle_file: Option<VehicleFile>,
     vehicle: Option<VehicleModel>,
     blades: Option<BladeSet>,
@@ -140,6 +143,7 @@ impl ModelVersion {
             parent: file.parent,
             effect: file.effect,
             correlation: file.correlation,
+            effect_document: file.effect_document,
             vehicle: documents.vehicle,
             blades: documents.blades,
         };
@@ -174,9 +178,12 @@ impl ModelVersion {
             ));
         }
         self.documents().check()?;
+        let catalogue = self.catalogue()?;
         for (place, effect) in self.effect.iter().enumerate() {
             let under = format!("effect[{place}]");
-            effect.check(self.rotor_count()).map_err(|r| r.under(&under))?;
+            effect
+                .check(self.rotor_count(), &catalogue)
+                .map_err(|r| r.under(&under))?;
             if self.effect[..place].iter().any(|other| other.is_same_term(effect)) {
                 let reason = format!("expected each effect once, {} is given twice", effect.label());
                 return Err(Refusal::new(format!("{under}.effect"), reason));
@@ -250,8 +257,9 @@ impl ModelVersion {
                 quoted(&self.hash())
             ),
         );
+        let catalogue = self.catalogue().unwrap_or_default();
         for effect in &self.effect {
-            effect.write(text);
+            effect.write(text, &catalogue);
         }
         for correlation in &self.correlation {
             let [a, b] = &correlation.between;
@@ -261,13 +269,27 @@ impl ModelVersion {
                 format_args!("\n[[correlation]]\nbetween = [{a}, {b}]\ncoefficient = {coefficient:?}\n"),
             );
         }
+        if !self.effect_document.is_empty() {
+            #[derive(serde::Serialize)]
+            struct Own<'a> {
+                effect_document: &'a [EffectDocument],
+            }
+            let own = Own {
+                effect_document: &self.effect_document,
+            };
+            let toml = toml::to_string(&own).expect("documents hold nothing that TOML cannot");
+            put(
+                text,
+                format_args!("\n# Effects of this model that the catalogue lacks.\n{toml}"),
+            );
+        }
         out
     }
 }
 
 impl ModelEffect {
-    fn check(&self, rotors: usize) -> Result<(), Refusal> {
-        super::specification::check_against_catalogue(self, rotors)?;
+    fn check(&self, rotors: usize, catalogue: &Catalogue) -> Result<(), Refusal> {
+        EffectInstance::from(self).check(catalogue, rotors)?;
         for (name, &value) in &self.parameters {
             if !value.is_finite() {
                 return Err(Refusal::new(
@@ -303,9 +325,9 @@ impl ModelEffect {
         Ok(())
     }
 
-    fn write(&self, text: &mut String) {
+    fn write(&self, text: &mut String, catalogue: &Catalogue) {
         text.push('\n');
-        if let Some(comment) = super::specification::comment(self) {
+        if let Some(comment) = super::specification::comment(self, catalogue) {
             put(text, format_args!("# {comment}\n"));
         }
         put(text, format_args!("[[effect]]\neffect = {}\n", quoted(&self.effect)));

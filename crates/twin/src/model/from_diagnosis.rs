@@ -3,7 +3,10 @@
 //! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that a file from yesterday serves as well as the answer just
 //! given. Faults of sensors and clocks (`sensor_or_timing`) are left alone: they are mended in the log, not in the model.
 
+use rotortwin_plant::effects::EffectDocument;
 use serde_json::Value;
+
+use crate::propose::Proposal;
 
 use super::{HeldOut, LogReference, ModelEffect, Provenance, Source, TOOL};
 
@@ -16,18 +19,7 @@ pub fn effects(diagnosis: &Value, logs: &[LogReference]) -> Result<Vec<ModelEffe
     let findings = diagnosis["effects"]
         .as_array()
         .ok_or("expected the JSON of a diagnosis, it has no list `effects`")?;
-    let logs: Vec<LogReference> = if logs.is_empty() {
-        let names = diagnosis["logs"].as_array().map_or(&[] as &[Value], Vec::as_slice);
-        let named = names.iter().filter_map(Value::as_str);
-        named
-            .map(|name| LogReference {
-                name: name.to_owned(),
-                hash: String::new(),
-            })
-            .collect()
-    } else {
-        logs.to_vec()
-    };
+    let logs = references(diagnosis, logs);
     let held_out: Vec<HeldOut> = diagnosis["held_out"]
         .as_array()
         .map_or(&[] as &[Value], Vec::as_slice)
@@ -80,6 +72,55 @@ pub fn effects(diagnosis: &Value, logs: &[LogReference]) -> Result<Vec<ModelEffe
                 }
             }
             Ok(effect)
+        })
+        .collect()
+}
+
+/// The proposal of a diagnosis that found its error in no catalogue: an effect of a user, and its term with the fitted factors.
+///
+/// # Errors
+/// One sentence: not a diagnosis, or one that proposes nothing.
+pub fn proposal(diagnosis: &Value, logs: &[LogReference]) -> Result<(EffectDocument, ModelEffect), String> {
+    let found = diagnosis
+        .get("proposal")
+        .ok_or("expected the JSON of a diagnosis, it has no key `proposal`")?;
+    if found.is_null() {
+        return Err("this diagnosis proposes nothing: that is for errors outside of the catalogue".into());
+    }
+    let found: Proposal = serde_json::from_value(found.clone())
+        .map_err(|error| format!("expected the JSON of a diagnosis, in `proposal`: {error}"))?;
+    let (Some(document), Some(instance)) = (&found.document, found.instance()) else {
+        return Err(format!("this diagnosis proposes no term. {}", found.sentence()));
+    };
+    let effect = ModelEffect {
+        effect: instance.effect,
+        rotor: None,
+        onset_s: None,
+        parameters: instance.parameters,
+        deviations: found.terms.iter().map(|t| (t.parameter.clone(), t.deviation)).collect(),
+        provenance: Provenance {
+            source: Source::Diagnosis,
+            tool: TOOL.to_owned(),
+            ln_bayes_factor: None,
+            posterior: None,
+            log: references(diagnosis, logs),
+            held_out: Vec::new(),
+        },
+    };
+    Ok((document.clone(), effect))
+}
+
+/// The given logs, or those that the diagnosis names.
+fn references(diagnosis: &Value, logs: &[LogReference]) -> Vec<LogReference> {
+    if !logs.is_empty() {
+        return logs.to_vec();
+    }
+    let names = diagnosis["logs"].as_array().map_or(&[] as &[Value], Vec::as_slice);
+    let named = names.iter().filter_map(Value::as_str);
+    named
+        .map(|name| LogReference {
+            name: name.to_owned(),
+            hash: String::new(),
         })
         .collect()
 }

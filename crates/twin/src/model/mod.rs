@@ -28,7 +28,8 @@ use std::collections::BTreeMap;
 
 use rotortwin_plant::VehicleDocuments;
 use rotortwin_plant::blades::BladeSet;
-use rotortwin_plant::effects::EffectInstance;
+use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
+use rotortwin_plant::error::Refusal;
 use rotortwin_plant::vehicle::VehicleModel;
 use serde::{Deserialize, Serialize};
 
@@ -53,6 +54,9 @@ pub struct ModelVersion {
     /// Correlations of parameters that are far from independent.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub correlation: Vec<Correlation>,
+    /// Effects of users that [`ModelVersion::effect`] may name besides those of the catalogue.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effect_document: Vec<EffectDocument>,
     /// The nominal vehicle.
     pub vehicle: VehicleModel,
     /// The blades of its rotors.
@@ -189,6 +193,7 @@ impl ModelVersion {
             parent: None,
             effect: Vec::new(),
             correlation: Vec::new(),
+            effect_document: Vec::new(),
             vehicle: documents.vehicle,
             blades: documents.blades,
         }
@@ -217,6 +222,27 @@ impl ModelVersion {
     /// The effects as the catalogue builds them.
     pub fn instances(&self) -> Vec<EffectInstance> {
         self.effect.iter().map(EffectInstance::from).collect()
+    }
+
+    /// The effects that the version may name: those of the catalogue and its own.
+    ///
+    /// # Errors
+    /// A document is not valid, or two effects have one id; the key is that of the version's file.
+    pub fn catalogue(&self) -> Result<Catalogue, Refusal> {
+        Catalogue::with_documents(&self.effect_document).map_err(|refusal| refusal.under("effect_document"))
+    }
+
+    /// The version with effects of users that may be named from now on; one that is there already is replaced.
+    #[must_use]
+    pub fn with_documents(&self, documents: &[EffectDocument]) -> Self {
+        let mut next = self.clone();
+        for document in documents {
+            match next.effect_document.iter_mut().find(|known| known.id == document.id) {
+                Some(known) => known.clone_from(document),
+                None => next.effect_document.push(document.clone()),
+            }
+        }
+        next
     }
 
     /// Number of rotors.

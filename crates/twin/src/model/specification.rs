@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
-use rotortwin_plant::error::Refusal;
 
 use super::{ModelEffect, Provenance};
 
@@ -79,16 +78,8 @@ impl From<&ModelEffect> for EffectInstance {
     }
 }
 
-/// Refuses an effect that the catalogue does not know, or that lacks what it needs.
-pub(super) fn check_against_catalogue(effect: &ModelEffect, rotors: usize) -> Result<(), Refusal> {
-    EffectInstance::from(effect)
-        .check(&Catalogue::built_in(), rotors)
-        .map(|_| ())
-}
-
 /// What the catalogue says about the effect, in one line.
-pub(super) fn comment(effect: &ModelEffect) -> Option<String> {
-    let catalogue = Catalogue::built_in();
+pub(super) fn comment(effect: &ModelEffect, catalogue: &Catalogue) -> Option<String> {
     let declaration = catalogue.find(&effect.effect)?;
     let units: Vec<String> = declaration
         .parameters

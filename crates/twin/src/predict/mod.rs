@@ -39,6 +39,12 @@ use crate::log::FlightLog;
 #[error("{0}")]
 pub struct PredictError(pub String);
 
+impl From<Refusal> for PredictError {
+    fn from(refusal: Refusal) -> Self {
+        Self(told(&refusal))
+    }
+}
+
 /// What every flight has and no model knows: constant errors of the rotors' lift, and the charge at the start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nuisances {
@@ -174,6 +180,14 @@ impl Predictor {
         &self.catalogue
     }
 
+    /// The same with other effects to name.
+    pub(crate) fn with_catalogue(&self, catalogue: &Catalogue) -> Self {
+        Self {
+            catalogue: catalogue.clone(),
+            ..self.clone()
+        }
+    }
+
     /// True if a channel can be tested.
     pub fn has(&self, channel: usize) -> bool {
         self.whiteners[channel].is_some()
@@ -240,7 +254,7 @@ impl Predictor {
         };
         let effects = self.model.iter().chain(extra);
         let all: Vec<EffectInstance> = effects.filter(|effect| !is_noise(effect)).cloned().collect();
-        EffectSet::new(&self.catalogue, &all, &vehicle, 0).map_err(|refusal| PredictError(told(&refusal)))
+        EffectSet::new(&self.catalogue, &all, &vehicle, 0).map_err(PredictError::from)
     }
 
     /// Hooks that an effect uses.
@@ -248,7 +262,7 @@ impl Predictor {
         self.catalogue
             .build(instance, &self.nominal, 0, 0)
             .map(|effect| effect.hooks())
-            .map_err(|refusal| PredictError(told(&refusal)))
+            .map_err(PredictError::from)
     }
 
     pub(crate) fn predict(&self, set: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {

@@ -83,6 +83,29 @@ pub(super) struct Program {
     per_rotor: bool,
 }
 
+/// The whole text as operations, and its unit.
+fn parsed<'t>(text: &str, parameters: &'t [Symbol<'t>]) -> Result<(Compiler<'t>, Unit), ExpressionError> {
+    let mut compiler = Compiler {
+        chars: text.chars().collect(),
+        at: 0,
+        parameters,
+        operations: Vec::new(),
+        depth: 0,
+        nesting: 0,
+    };
+    let unit = compiler.sum()?;
+    compiler.skip();
+    if compiler.at < compiler.chars.len() {
+        return Err(compiler.error(compiler.at, format!("unexpected `{}`", compiler.chars[compiler.at])));
+    }
+    Ok((compiler, unit))
+}
+
+/// Dimension of an expression of variables alone.
+pub(super) fn dimension(text: &str) -> Result<Dimension, ExpressionError> {
+    parsed(text, &[]).map(|(_, unit)| unit.dimension())
+}
+
 /// What is wrong with an expression, and at which column.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ExpressionError {
@@ -100,19 +123,7 @@ pub(super) struct Symbol<'t> {
 impl Program {
     /// Compiles `text`, whose value must have the dimension `expected`.
     pub(super) fn compile(text: &str, parameters: &[Symbol<'_>], expected: Dimension) -> Result<Self, ExpressionError> {
-        let mut compiler = Compiler {
-            chars: text.chars().collect(),
-            at: 0,
-            parameters,
-            operations: Vec::new(),
-            depth: 0,
-            nesting: 0,
-        };
-        let value = compiler.sum()?;
-        compiler.skip();
-        if compiler.at < compiler.chars.len() {
-            return Err(compiler.error(compiler.at, format!("unexpected `{}`", compiler.chars[compiler.at])));
-        }
+        let (compiler, value) = parsed(text, parameters)?;
         if !value.fits(expected) {
             let reason = format!("expected a value in {expected}, this expression gives {value}");
             return Err(compiler.error(0, reason));

@@ -522,5 +522,27 @@ pub fn expression_places() -> impl Iterator<Item = (&'static str, String)> {
         .map(|(name, _, dimension)| (*name, dimension.to_string()))
 }
 
+/// Unit of the factor c that makes `c * expression` fit a place: `N·s/m` for `force_x` and `air_velocity_x`; empty if it has none.
+///
+/// # Errors
+/// No such place, or no expression of the variables.
+pub fn factor_unit(place: &str, expression: &str) -> Result<String, Refusal> {
+    let names = || TARGETS.iter().map(|(name, ..)| *name).collect::<Vec<_>>().join(", ");
+    let (_, _, of_place) = TARGETS
+        .iter()
+        .find(|(name, ..)| *name == place)
+        .ok_or_else(|| Refusal::new("place", format!("expected one of {}, got `{place}`", names())))?;
+    let dimension = expression::dimension(expression).map_err(|error| {
+        let reason = format!("at column {} of the expression: {}", error.column, error.reason);
+        Refusal::new("expression", reason)
+    })?;
+    let unit = of_place.per(dimension);
+    Ok(if unit == Dimension::NONE {
+        String::new()
+    } else {
+        unit.to_string()
+    })
+}
+
 #[cfg(test)]
 mod tests;

@@ -130,3 +130,11 @@ fn val_refusals_name_line_key_and_column() {
         assert!(error.line().is_some(), "{error}");
     }
 }
+
+#[test]
+fn val_the_unit_of_a_factor_is_that_of_its_place_over_its_expression() {
+    assert_eq!(factor_unit("force_x", "air_velocity_x").unwrap(), "N·s/m");
+    assert_eq!(factor_unit("torque_z", "yaw_rate * abs(yaw_rate)").unwrap(), "kg·m^2");
+    assert_eq!(factor_unit("force_z", "thrust").unwrap(), "");
+    assert!(factor_unit("force_x", "air_velocity").is_err() && factor_unit("here", "thrust").is_err());
+}

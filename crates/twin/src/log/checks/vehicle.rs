@@ -23,15 +23,19 @@ const FEWEST_ROWS: usize = 4;
 const FEWEST_WINDOWS: usize = 60;
 /// Every order is tried up to this many rotors (8! = 40 320).
 const MOST_ROTORS: usize = 8;
-/// An order is believed from this mean squared correlation on, and when the file's order has this much less.
+/// An order is believed from this mean squared correlation on, and when the file's order has clearly less: by this much in a short log, by
+/// less in one with many windows, as chance falls with their root.
 const BELIEVED: f64 = 0.25;
 const CLEARLY: f64 = 0.2;
+const CLEARLY_AT_LEAST: f64 = 0.06;
+const WINDOWS_OF_CLEARLY: f64 = 100.0;
 
 /// Sums over all windows: duties with duties, duties with angular acceleration.
 struct Moments {
     duty_duty: Vec<Vec<f64>>,
     duty_turn: Vec<[f64; 3]>,
     turn_turn: [f64; 3],
+    windows: usize,
 }
 
 impl FlightLog {
@@ -65,7 +69,7 @@ impl FlightLog {
         let order: Vec<usize> = (0..rotors).collect();
         let as_is = moments.score(&arms, &order);
         let (best, best_score) = moments.best(&arms, order);
-        if best_score < BELIEVED || best_score - as_is < CLEARLY {
+        if best_score < BELIEVED || best_score - as_is < moments.clearly() {
             return Vec::new();
         }
         let moved: Vec<String> = best
@@ -117,15 +121,15 @@ impl FlightLog {
             duty_duty: vec![vec![0.0; count]; count],
             duty_turn: vec![[0.0; 3]; count],
             turn_turn: [0.0; 3],
+            windows: 0,
         };
-        let mut used = 0;
         for pair in windows.windows(2) {
             let input: Vec<f64> = (0..count).map(|rotor| pair[1].0[rotor] - pair[0].0[rotor]).collect();
             let turn = [0, 1, 2].map(|axis| pair[1].1[axis] - pair[0].1[axis]);
             if !input.iter().chain(&turn).all(|value| value.is_finite()) {
                 continue;
             }
-            used += 1;
+            moments.windows += 1;
             for i in 0..count {
                 for j in 0..count {
                     moments.duty_duty[i][j] += input[i] * input[j];
@@ -138,11 +142,16 @@ impl FlightLog {
                 moments.turn_turn[axis] += turn[axis] * turn[axis];
             }
         }
-        (used >= FEWEST_WINDOWS).then_some(moments)
+        (moments.windows >= FEWEST_WINDOWS).then_some(moments)
     }
 }
 
 impl Moments {
+    /// By how much another order must fit better.
+    fn clearly(&self) -> f64 {
+        (CLEARLY * (WINDOWS_OF_CLEARLY / self.windows as f64).sqrt()).clamp(CLEARLY_AT_LEAST, CLEARLY)
+    }
+
     /// Mean over the axes of the signed squared correlation; `order[column]` is the rotor that the column drives.
     fn score(&self, arms: &[[f64; 3]], order: &[usize]) -> f64 {
         let mut sum = 0.0;

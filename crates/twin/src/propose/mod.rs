@@ -1,0 +1,242 @@
+//! Proposal for an error that is real and in no catalogue: sparse regression over terms whose dimensions fit, written as an effect of
+//! a user.
+//!
+//! ```text
+//! residual of the model, means of 0.1 s ─┐
+//! each term as an effect with factor c ──┴▶ gain on blocks that its fit did not see ─▶ the best, again, until none gains
+//! ```
+//! Each candidate ([`terms`]) is an effect like those that users write, so its unit is checked like theirs, and the predictor says what
+//! it would do to every channel: a force shows in the accelerometer, a gyro error in two channels. Terms on several axes may share one
+//! factor, as a drag does.
+//!
+//! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at best hinted at.
+//! A proposal is a correlation with a dimension, not yet physics, and it is never added without being asked for.
+
+mod regression;
+mod terms;
+
+use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance, ParameterEntry, TermEntry};
+use serde::{Deserialize, Serialize};
+
+use crate::log::FlightLog;
+use crate::model::ModelVersion;
+use crate::predict::{PredictError, Predictor};
+use regression::{Gram, Regression};
+use terms::Candidate;
+
+/// Id of a proposed effect; the next ones of a model are numbered.
+const ID: &str = "proposed-effect";
+/// A factor may become so many times larger before its value counts as implausible.
+const RANGE: f64 = 3.0;
+
+/// One proposed term: what acts, where, and on what evidence.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ProposedTerm {
+    /// Places and what acts there: `force_x: air_velocity_x * airspeed^2`.
+    pub acts: Vec<String>,
+    /// Name of the factor.
+    pub parameter: String,
+    /// Fitted on everything.
+    pub factor: f64,
+    /// Standard deviation by a jackknife over 5 s blocks.
+    pub deviation: f64,
+    /// Unit.
+    pub unit: String,
+    /// Correlation of the residual, before any term, with the term.
+    pub correlation: f64,
+    /// Share of the excess error in the channels that it acts on which this and the terms before it remove on unseen blocks.
+    pub held_out_share: f64,
+}
+
+/// What a channel's residual follows most, among all candidates.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Correlate {
+    /// Channel: `fx`.
+    pub channel: String,
+    /// Regressor: `force_x: air_velocity_x`.
+    pub regressor: String,
+    /// Correlation coefficient.
+    pub correlation: f64,
+}
+
+/// A proposal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Proposal {
+    /// The terms as an effect document, as `effect_files` of a scenario takes it; absent if no term explains anything unseen.
+    pub document: Option<EffectDocument>,
+    /// Its terms, in the order in which they were taken.
+    pub terms: Vec<ProposedTerm>,
+    /// For each channel that fails, what its residual follows most.
+    pub correlates: Vec<Correlate>,
+}
+
+impl Proposal {
+    /// The effect with its fitted values.
+    pub fn instance(&self) -> Option<EffectInstance> {
+        let document = self.document.as_ref()?;
+        let values: Vec<(&str, f64)> = self
+            .terms
+            .iter()
+            .map(|term| (term.parameter.as_str(), term.factor))
+            .collect();
+        Some(EffectInstance::new(&document.id, &values))
+    }
+
+    /// In a sentence or two.
+    pub fn sentence(&self) -> String {
+        if self.terms.is_empty() {
+            let follows: Vec<String> = self
+                .correlates
+                .iter()
+                .map(|c| {
+                    format!(
+                        "{} follows {} most (correlation {:.2})",
+                        c.channel, c.regressor, c.correlation
+                    )
+                })
+                .collect();
+            return format!(
+                "No term of the motion explains it on blocks that the fit did not see; {}.",
+                follows.join("; ")
+            );
+        }
+        let terms: Vec<String> = self
+            .terms
+            .iter()
+            .map(|term| {
+                format!(
+                    "{} times {} = {} (correlation {:.2}; up to here {:.0} % of the error in its channels is explained on unseen blocks)",
+                    term.acts.join(", "),
+                    term.parameter,
+                    value(term),
+                    term.correlation,
+                    100.0 * term.held_out_share
+                )
+            })
+            .collect();
+        format!("It looks like {}.", terms.join("; and "))
+    }
+}
+
+/// `0.0298 ± 0.0002 N·m`, 95 %.
+fn value(term: &ProposedTerm) -> String {
+    let interval = 1.96 * term.deviation;
+    let unit = if term.unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {}", term.unit)
+    };
+    let size = term.factor.abs();
+    if interval <= 0.0 || !(1e-3..1e5).contains(&size) {
+        return format!("{:.3e} ± {interval:.0e}{unit}", term.factor);
+    }
+    let digits = (1 - interval.log10().floor() as i32).clamp(0, 8) as usize;
+    format!("{:.digits$} ± {interval:.digits$}{unit}", term.factor)
+}
+
+/// The effect document as a file, with a warning on top.
+pub fn to_toml(document: &EffectDocument) -> String {
+    let body = toml::to_string(document).expect("texts and numbers are TOML");
+    format!("# Proposed by regression of a residual: a correlation with a dimension, not yet physics.\n{body}")
+}
+
+/// What would explain the error of `model` on these logs, best term first.
+///
+/// # Errors
+/// A log cannot be held against the model.
+pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, PredictError> {
+    let mut regressions = Vec::new();
+    let mut failing = Vec::new();
+    for log in logs {
+        let predictor = Predictor::new(&model.documents(), &model.instances(), &model.catalogue()?, log)?;
+        let regression = Regression::new(predictor)?;
+        failing.extend(regression.failing());
+        regressions.push(regression);
+    }
+    failing.sort_unstable();
+    failing.dedup();
+    let mut candidates = terms::candidates(&failing);
+    candidates.extend(terms::periodic(&regressions, &failing));
+    let documents: Vec<EffectDocument> = candidates.iter().map(Candidate::alone).collect();
+    let catalogue = Catalogue::with_documents(&documents)?;
+    let mut gram = Gram::new(candidates.len());
+    for regression in &regressions {
+        regression.add_to(&mut gram, &candidates, &documents, &catalogue)?;
+    }
+    let chosen = gram.search();
+    let id = (1..)
+        .map(|n| if n == 1 { ID.to_owned() } else { format!("{ID}-{n}") })
+        .find(|id| model.effect_document.iter().all(|known| known.id != *id))
+        .expect("a model has finitely many effects");
+    let terms: Vec<ProposedTerm> = chosen
+        .iter()
+        .enumerate()
+        .map(|(place, found)| {
+            let candidate = &candidates[found.candidate];
+            ProposedTerm {
+                acts: candidate.acts(),
+                parameter: format!("c_{}", place + 1),
+                factor: found.factor,
+                deviation: found.deviation,
+                unit: candidate.unit(),
+                correlation: gram.correlation(found.candidate),
+                held_out_share: found.held_out_share,
+            }
+        })
+        .collect();
+    let document = (!terms.is_empty()).then(|| {
+        let chosen: Vec<&Candidate> = chosen.iter().map(|found| &candidates[found.candidate]).collect();
+        joint(id, &chosen, &terms)
+    });
+    if let Some(document) = &document {
+        document.declaration()?;
+    }
+    let correlates = failing
+        .iter()
+        .filter_map(|&channel| {
+            let (best, correlation) = gram.best_correlate(channel)?;
+            Some(Correlate {
+                channel: crate::predict::NAMES[channel].to_owned(),
+                regressor: candidates[best].acts().join(", "),
+                correlation,
+            })
+        })
+        .collect();
+    Ok(Proposal {
+        document,
+        terms,
+        correlates,
+    })
+}
+
+/// The terms as one effect.
+fn joint(id: String, chosen: &[&Candidate], terms: &[ProposedTerm]) -> EffectDocument {
+    let parameter = terms
+        .iter()
+        .map(|term| ParameterEntry {
+            name: term.parameter.clone(),
+            unit: term.unit.clone(),
+            meaning: format!("factor of {}", term.acts.join(", ")),
+            shape: false,
+            low: -RANGE * term.factor.abs(),
+            high: RANGE * term.factor.abs(),
+            size: Some(term.factor.abs()),
+            typical: term.factor,
+        })
+        .collect();
+    let term = chosen
+        .iter()
+        .zip(terms)
+        .flat_map(|(candidate, term)| candidate.entries(&term.parameter))
+        .collect::<Vec<TermEntry>>();
+    EffectDocument {
+        id,
+        name: "Proposed by regression".to_owned(),
+        excited_by: String::new(),
+        confused_with: Vec::new(),
+        source: "regression of a residual".to_owned(),
+        per_rotor: false,
+        parameter,
+        term,
+    }
+}

@@ -1,0 +1,481 @@
+//! Greedy regression of the residual on candidate terms, judged on blocks that the fit did not see.
+//!
+//! Residuals and terms are means over 0.1 s divided by the noise of such a mean. Products of all of them are kept for each 5 s block
+//! ([`Gram`]), so that fits on some blocks and errors on others are small linear algebra. Each channel has an offset of its own, which
+//! stands for the rotor biases.
+
+use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
+
+use super::terms::Candidate;
+use crate::compare::evaluate::deviation_of_mean;
+use crate::compare::nuisances;
+use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
+
+/// Length of a mean, s.
+const MEAN_S: f64 = 0.1;
+/// Length of a block, s.
+const BLOCK_S: f64 = 5.0;
+/// Terms at most.
+const MOST_TERMS: usize = 3;
+/// Share of the excess in the channels of a term that it must remove on unseen blocks.
+const LEAST_SHARE: f64 = 0.1;
+/// Fall of chi² on unseen blocks that a term must bring: chance brings about 1.
+const LEAST_FALL: f64 = 30.0;
+/// Of terms that fall short of the best by no more than this share, the earliest is taken.
+const NEARLY: f64 = 0.005;
+/// Share of what failed at first that each further term must remove on unseen blocks.
+const LEAST_OF_ALL: f64 = 0.02;
+/// Excess of the means of a channel over noise, in variances, from which it fails.
+const FAILS: f64 = 1.3;
+/// Step of the difference that tells what a term does, in the noise of one mean of the channel where it shows most.
+const STEP_NOISES: f64 = 10.0;
+
+/// Residual of one log, in means.
+pub(super) struct Regression {
+    predictor: Predictor,
+    fitted: Nuisances,
+    /// First row of each mean.
+    starts: Vec<usize>,
+    rows: usize,
+    /// Means of the residual over their noise, by channel; empty where there is none.
+    residual: [Vec<f64>; CHANNELS],
+    noise: [f64; CHANNELS],
+}
+
+impl Regression {
+    pub(super) fn new(predictor: Predictor) -> Result<Self, PredictError> {
+        let fitted = nuisances::fit(&predictor)?;
+        let residuals = predictor.residuals(&fitted, &[])?;
+        let step_s = predictor.series().step_s;
+        let rows = ((MEAN_S / step_s).round() as usize).max(1);
+        let covariances = predictor.noise().covariances(step_s);
+        let noise = covariances.map(|covariance| deviation_of_mean(covariance, rows).max(f64::MIN_POSITIVE));
+        let counts = |start: usize| {
+            (0..CHANNELS).all(|channel| {
+                let mask = &residuals.mask[channel];
+                mask.is_empty() || mask[start..start + rows].iter().all(|&m| m)
+            })
+        };
+        let starts: Vec<usize> = (0..predictor.series().len.saturating_sub(rows))
+            .step_by(rows)
+            .filter(|&start| counts(start))
+            .collect();
+        let residual = std::array::from_fn(|channel| {
+            let raw = &residuals.raw[channel];
+            if raw.is_empty() {
+                return Vec::new();
+            }
+            starts
+                .iter()
+                .map(|&start| raw[start..start + rows].iter().sum::<f64>() / rows as f64 / noise[channel])
+                .collect()
+        });
+        Ok(Self {
+            predictor,
+            fitted,
+            starts,
+            rows,
+            residual,
+            noise,
+        })
+    }
+
+    /// Channels whose means vary more than their noise.
+    pub(super) fn failing(&self) -> Vec<usize> {
+        let fails = |channel: &usize| {
+            let means = &self.residual[*channel];
+            let n = means.len() as f64;
+            let mean = means.iter().sum::<f64>() / n.max(1.0);
+            means.iter().map(|r| (r - mean) * (r - mean)).sum::<f64>() > FAILS * n.max(1.0)
+        };
+        (0..CHANNELS).filter(fails).collect()
+    }
+
+    /// Squared amplitude of the residual at a frequency, and its variance, both summed over the log.
+    pub(super) fn power_at(&self, channel: usize, hz: f64) -> (f64, f64) {
+        let series = self.predictor.series();
+        let means = &self.residual[channel];
+        let n = means.len().max(1) as f64;
+        let mean = means.iter().sum::<f64>() / n;
+        let (mut sine, mut cosine, mut square) = (0.0, 0.0, 0.0);
+        for (&start, r) in self.starts.iter().zip(means) {
+            let (s, c) = libm::sincos(std::f64::consts::TAU * hz * series.time(start));
+            sine += s * (r - mean);
+            cosine += c * (r - mean);
+            square += (r - mean) * (r - mean);
+        }
+        (2.0 * (sine * sine + cosine * cosine) / n, square)
+    }
+
+    /// Adds the products of this log: offsets, candidates, residual.
+    pub(super) fn add_to(
+        &self,
+        gram: &mut Gram,
+        candidates: &[Candidate],
+        documents: &[EffectDocument],
+        catalogue: &Catalogue,
+    ) -> Result<(), PredictError> {
+        debug_assert_eq!(candidates.len(), documents.len());
+        let predictor = self.predictor.with_catalogue(catalogue);
+        let base_set = predictor.effect_set(&self.fitted, &[])?;
+        let base = predictor.predict(&base_set, Source::Smooth, None);
+        let mut columns: Vec<[Vec<f64>; CHANNELS]> = Vec::with_capacity(documents.len());
+        for document in documents {
+            let column = |c: f64| -> Result<[Vec<f64>; CHANNELS], PredictError> {
+                let instance = EffectInstance::new(&document.id, &[("c", c)]);
+                let hooks = predictor.hooks_of(&instance)?;
+                let set = predictor.effect_set(&self.fitted, &[instance])?;
+                let stages = Stages::between(base_set.constants(), set.constants(), hooks);
+                let moved = predictor.predict(&set, Source::Smooth, Some((&base, stages)));
+                Ok(std::array::from_fn(|channel| {
+                    let (a, b) = (&moved.channels[channel], &base.channels[channel]);
+                    if a == b || self.residual[channel].is_empty() {
+                        return Vec::new();
+                    }
+                    self.starts
+                        .iter()
+                        .map(|&start| {
+                            let sum: f64 = (start..start + self.rows).map(|k| a[k] - b[k]).sum();
+                            sum / self.rows as f64 / self.noise[channel] / c
+                        })
+                        .collect()
+                }))
+            };
+            // A tiny factor finds the size, a factor of that size the effect: readings are not linear for long.
+            let probe = column(1e-9)?;
+            let largest =
+                probe.iter().flatten().fold(
+                    0.0_f64,
+                    |most, x| if x.is_finite() { most.max(x.abs()) } else { f64::NAN },
+                );
+            columns.push(if largest.is_finite() && largest > 0.0 {
+                column((STEP_NOISES / largest).clamp(1e-9, 1e8))?
+            } else {
+                std::array::from_fn(|_| Vec::new())
+            });
+        }
+        let block = (BLOCK_S / predictor.series().step_s).round() as usize;
+        let blocks = self.starts.last().map_or(0, |last| last / block + 1);
+        let first = gram.blocks.len();
+        gram.blocks.resize_with(first + blocks, || Block::new(gram.candidates));
+        for (at, &start) in self.starts.iter().enumerate() {
+            let into = &mut gram.blocks[first + start / block];
+            for channel in 0..CHANNELS {
+                let Some(&r) = self.residual[channel].get(at) else {
+                    continue;
+                };
+                into.add(channel, r, |i| columns[i][channel].get(at).copied());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Products of one block, by channel.
+#[derive(Debug, Clone)]
+struct Block {
+    channels: Vec<Products>,
+}
+
+/// Sums over the means of one channel of one block.
+#[derive(Debug, Clone)]
+struct Products {
+    count: f64,
+    residual: f64,
+    square: f64,
+    /// Σ x_i.
+    sum: Vec<f64>,
+    /// Σ x_i r.
+    with_residual: Vec<f64>,
+    /// Σ x_i x_j, whole matrix.
+    matrix: Vec<f64>,
+}
+
+impl Block {
+    fn new(candidates: usize) -> Self {
+        let products = Products {
+            count: 0.0,
+            residual: 0.0,
+            square: 0.0,
+            sum: vec![0.0; candidates],
+            with_residual: vec![0.0; candidates],
+            matrix: Vec::new(),
+        };
+        Self {
+            channels: vec![products; CHANNELS],
+        }
+    }
+
+    fn add(&mut self, channel: usize, residual: f64, value: impl Fn(usize) -> Option<f64>) {
+        let p = &mut self.channels[channel];
+        p.count += 1.0;
+        p.residual += residual;
+        p.square += residual * residual;
+        let n = p.sum.len();
+        let present: Vec<(usize, f64)> = (0..n).filter_map(|i| value(i).map(|x| (i, x))).collect();
+        if !present.is_empty() && p.matrix.is_empty() {
+            p.matrix = vec![0.0; n * n];
+        }
+        for &(i, x) in &present {
+            p.sum[i] += x;
+            p.with_residual[i] += x * residual;
+            for &(j, y) in &present {
+                p.matrix[i * n + j] += x * y;
+            }
+        }
+    }
+}
+
+/// Products of all logs, block by block.
+#[derive(Debug, Clone)]
+pub(super) struct Gram {
+    candidates: usize,
+    blocks: Vec<Block>,
+}
+
+/// A term that was taken.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Chosen {
+    pub(super) candidate: usize,
+    pub(super) factor: f64,
+    pub(super) deviation: f64,
+    pub(super) held_out_share: f64,
+}
+
+/// Factors of the chosen terms and offsets of the channels.
+struct Fit {
+    factors: Vec<f64>,
+    offsets: [f64; CHANNELS],
+}
+
+impl Gram {
+    pub(super) fn new(candidates: usize) -> Self {
+        Self {
+            candidates,
+            blocks: Vec::new(),
+        }
+    }
+
+    fn touches(&self, candidate: usize, channel: usize) -> bool {
+        let n = self.candidates;
+        self.blocks.iter().any(|block| {
+            let matrix = &block.channels[channel].matrix;
+            !matrix.is_empty() && matrix[candidate * n + candidate] > 0.0
+        })
+    }
+
+    /// Sums over some blocks of one channel: count, Σr, Σr², Σx, Σxr, Σxx of the chosen.
+    fn sums(
+        &self,
+        channel: usize,
+        chosen: &[usize],
+        counts: &dyn Fn(usize) -> bool,
+    ) -> (f64, f64, f64, Vec<f64>, Vec<f64>, Vec<Vec<f64>>) {
+        let n = self.candidates;
+        let k = chosen.len();
+        let mut all = (0.0, 0.0, 0.0, vec![0.0; k], vec![0.0; k], vec![vec![0.0; k]; k]);
+        for block in self
+            .blocks
+            .iter()
+            .enumerate()
+            .filter(|(b, _)| counts(*b))
+            .map(|(_, block)| block)
+        {
+            let p = &block.channels[channel];
+            all.0 += p.count;
+            all.1 += p.residual;
+            all.2 += p.square;
+            for (a, &i) in chosen.iter().enumerate() {
+                all.3[a] += p.sum[i];
+                all.4[a] += p.with_residual[i];
+                if !p.matrix.is_empty() {
+                    for (b, &j) in chosen.iter().enumerate() {
+                        all.5[a][b] += p.matrix[i * n + j];
+                    }
+                }
+            }
+        }
+        all
+    }
+
+    fn fit(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Option<Fit> {
+        let k = chosen.len();
+        let mut rows = vec![vec![0.0; k + 1]; k];
+        let mut means = Vec::new();
+        for channel in 0..CHANNELS {
+            let (count, r, _, x, xr, xx) = self.sums(channel, chosen, counts);
+            if count < 1.0 {
+                means.push((0.0, vec![0.0; k]));
+                continue;
+            }
+            // The offset of the channel is eliminated: products about the means.
+            for a in 0..k {
+                for b in 0..k {
+                    rows[a][b] += xx[a][b] - x[a] * x[b] / count;
+                }
+                rows[a][k] += xr[a] - x[a] * r / count;
+            }
+            means.push((r / count, x.iter().map(|x| x / count).collect()));
+        }
+        let diagonal: Vec<f64> = (0..k).map(|a| rows[a][a]).collect();
+        for i in 0..k {
+            // A term that never moves, or that the others give already.
+            if rows[i][i] <= 1e-6 * diagonal[i] || diagonal[i] <= 0.0 {
+                return None;
+            }
+            for j in i + 1..k {
+                let factor = rows[j][i] / rows[i][i];
+                for c in i..=k {
+                    rows[j][c] -= factor * rows[i][c];
+                }
+            }
+        }
+        let mut factors = vec![0.0; k];
+        for i in (0..k).rev() {
+            let known: f64 = (i + 1..k).map(|j| rows[i][j] * factors[j]).sum();
+            factors[i] = (rows[i][k] - known) / rows[i][i];
+        }
+        let offsets = std::array::from_fn(|channel| {
+            let (r, x) = &means[channel];
+            r - factors.iter().zip(x).map(|(c, x)| c * x).sum::<f64>()
+        });
+        Some(Fit { factors, offsets })
+    }
+
+    /// chi² and count of the means of some channels on some blocks.
+    fn error(&self, chosen: &[usize], fit: &Fit, counts: &dyn Fn(usize) -> bool, channels: &[usize]) -> (f64, f64) {
+        let (mut chi2, mut n) = (0.0, 0.0);
+        for &channel in channels {
+            let (count, r, rr, x, xr, xx) = self.sums(channel, chosen, counts);
+            let o = fit.offsets[channel];
+            let c = &fit.factors;
+            let mut sum = rr - 2.0 * o * r + o * o * count;
+            for a in 0..chosen.len() {
+                sum += -2.0 * c[a] * xr[a] + 2.0 * o * c[a] * x[a];
+                for b in 0..chosen.len() {
+                    sum += c[a] * c[b] * xx[a][b];
+                }
+            }
+            chi2 += sum;
+            n += count;
+        }
+        (chi2, n)
+    }
+
+    /// chi² on unseen blocks, both ways, of some channels.
+    fn unseen(&self, chosen: &[usize], channels: &[usize]) -> Option<(f64, f64)> {
+        let mut all = (0.0, 0.0);
+        for parity in [0, 1] {
+            let fitted = |b: usize| b % 2 == parity;
+            let tested = |b: usize| b % 2 != parity;
+            let fit = self.fit(chosen, &fitted)?;
+            let (chi2, n) = self.error(chosen, &fit, &tested, channels);
+            all = (all.0 + chi2, all.1 + n);
+        }
+        Some(all)
+    }
+
+    /// Terms, one after the other, as long as each explains enough on unseen blocks.
+    pub(super) fn search(&self) -> Vec<Chosen> {
+        let channels_of: Vec<Vec<usize>> = (0..self.candidates)
+            .map(|i| (0..CHANNELS).filter(|&channel| self.touches(i, channel)).collect())
+            .collect();
+        let all: Vec<usize> = (0..CHANNELS).collect();
+        let mut chosen: Vec<usize> = Vec::new();
+        let mut shares = Vec::new();
+        while chosen.len() < MOST_TERMS {
+            let Some((before, _)) = self.unseen(&chosen, &all) else {
+                break;
+            };
+            let falls: Vec<f64> = (0..self.candidates)
+                .map(|i| {
+                    let mut trial = chosen.clone();
+                    trial.push(i);
+                    let usable = !chosen.contains(&i) && !channels_of[i].is_empty();
+                    let after = usable.then(|| self.unseen(&trial, &all)).flatten();
+                    after.map_or(0.0, |(after, _)| before - after)
+                })
+                .collect();
+            let most = falls.iter().copied().fold(0.0, f64::max);
+            let Some(best) = falls
+                .iter()
+                .position(|&fall| fall > 0.0 && fall >= (1.0 - NEARLY) * most)
+            else {
+                break;
+            };
+            let own = &channels_of[best];
+            let mut trial = chosen.clone();
+            trial.push(best);
+            let (Some((start, n)), Some((now, _)), Some((after, _))) = (
+                self.unseen(&[], own),
+                self.unseen(&chosen, own),
+                self.unseen(&trial, own),
+            ) else {
+                break;
+            };
+            let least = (LEAST_SHARE * (now - n))
+                .max(LEAST_OF_ALL * (start - n))
+                .max(LEAST_FALL);
+            if now - after < least {
+                break;
+            }
+            chosen = trial;
+            shares.push((start - after) / (start - n).max(f64::MIN_POSITIVE));
+        }
+        let Some(fit) = self.fit(&chosen, &|_| true) else {
+            return Vec::new();
+        };
+        let deviations = self.jackknife(&chosen, &fit.factors);
+        chosen
+            .iter()
+            .zip(fit.factors)
+            .zip(deviations)
+            .zip(shares)
+            .map(|(((&candidate, factor), deviation), share)| Chosen {
+                candidate,
+                factor,
+                deviation,
+                held_out_share: share.clamp(0.0, 1.0),
+            })
+            .collect()
+    }
+
+    /// Deviation of each factor from fits that leave out one block each.
+    fn jackknife(&self, chosen: &[usize], whole: &[f64]) -> Vec<f64> {
+        let n = self.blocks.len();
+        let mut squares = vec![0.0; chosen.len()];
+        for left_out in 0..n {
+            if let Some(fit) = self.fit(chosen, &|b| b != left_out) {
+                for ((square, c), whole) in squares.iter_mut().zip(fit.factors).zip(whole) {
+                    *square += (c - whole) * (c - whole);
+                }
+            }
+        }
+        let share = (n as f64 - 1.0).max(0.0) / n.max(1) as f64;
+        squares.into_iter().map(|square| (share * square).sqrt()).collect()
+    }
+
+    /// Correlation of the residual with a term over the channels that it acts on.
+    pub(super) fn correlation(&self, candidate: usize) -> f64 {
+        self.correlation_in(candidate, &(0..CHANNELS).collect::<Vec<_>>())
+            .unwrap_or(0.0)
+    }
+
+    fn correlation_in(&self, candidate: usize, channels: &[usize]) -> Option<f64> {
+        let (mut xr, mut xx, mut rr) = (0.0, 0.0, 0.0);
+        for &channel in channels.iter().filter(|&&channel| self.touches(candidate, channel)) {
+            let (n, r, square, x, with_r, matrix) = self.sums(channel, &[candidate], &|_| true);
+            xr += with_r[0] - x[0] * r / n;
+            xx += matrix[0][0] - x[0] * x[0] / n;
+            rr += square - r * r / n;
+        }
+        (xx * rr > 0.0).then(|| xr / (xx * rr).sqrt())
+    }
+
+    /// The candidate that a channel's residual follows most.
+    pub(super) fn best_correlate(&self, channel: usize) -> Option<(usize, f64)> {
+        (0..self.candidates)
+            .filter_map(|i| Some((i, self.correlation_in(i, &[channel])?)))
+            .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+    }
+}

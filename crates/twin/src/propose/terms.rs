@@ -1,0 +1,279 @@
+//! The terms that a proposal is made of: places and expressions that share one factor.
+//!
+//! Simple ones first: of two that explain nearly the same, the earlier one is taken. What a channel measures is no regressor of its own
+//! residual: the specific force contains the missing force, the angular acceleration the missing torque.
+
+use std::f64::consts::TAU;
+
+use rotortwin_plant::effects::{EffectDocument, ParameterEntry, TermEntry, factor_unit};
+
+use super::regression::Regression;
+use crate::predict::channels::{F, KA, KP, KV, M, V};
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+const RATES: [&str; 3] = ["roll_rate", "pitch_rate", "yaw_rate"];
+/// Speeds from which a drag may begin, m/s.
+const THRESHOLDS_M_S: [f64; 5] = [1.5, 2.0, 2.5, 3.0, 4.0];
+/// Lengths from which a tether may pull, m.
+const SLACKS_M: [f64; 5] = [1.0, 2.0, 3.0, 4.0, 6.0];
+/// Frequencies that are searched, Hz: up to what means of 0.1 s resolve.
+const FREQUENCY_STEP_HZ: f64 = 0.02;
+const LOWEST_HZ: f64 = 0.1;
+const HIGHEST_HZ: f64 = 4.5;
+/// Share of a channel's variance that one frequency must have.
+const PERIODIC_SHARE: f64 = 0.15;
+
+/// A term: what acts at each place is its expression times one factor.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate {
+    acts: Vec<(String, String)>,
+}
+
+impl Candidate {
+    fn new(acts: impl IntoIterator<Item = (impl Into<String>, impl Into<String>)>) -> Self {
+        Self {
+            acts: acts
+                .into_iter()
+                .map(|(place, what)| (place.into(), what.into()))
+                .collect(),
+        }
+    }
+
+    /// `force_x: air_velocity_x`.
+    pub(super) fn acts(&self) -> Vec<String> {
+        self.acts
+            .iter()
+            .map(|(place, what)| format!("{place}: {what}"))
+            .collect()
+    }
+
+    /// Unit of the factor.
+    pub(super) fn unit(&self) -> String {
+        let (place, what) = &self.acts[0];
+        factor_unit(place, what).expect("the table holds places and expressions of variables")
+    }
+
+    /// As terms of a document with this factor.
+    pub(super) fn entries(&self, factor: &str) -> Vec<TermEntry> {
+        self.acts
+            .iter()
+            .map(|(place, what)| TermEntry {
+                place: place.clone(),
+                expression: format!("{factor} * ({what})"),
+            })
+            .collect()
+    }
+
+    /// As an effect of its own, with the factor `c`.
+    pub(super) fn alone(&self) -> EffectDocument {
+        let id: String = self
+            .acts()
+            .join("-")
+            .chars()
+            .map(|c| {
+                if c.is_ascii_alphanumeric() {
+                    c.to_ascii_lowercase()
+                } else {
+                    '-'
+                }
+            })
+            .collect();
+        // Ids are short; the hash keeps long ones apart.
+        let hash = crate::model::content_hash(id.as_bytes());
+        EffectDocument {
+            id: format!("term-{hash}"),
+            name: self.acts().join(", "),
+            excited_by: String::new(),
+            confused_with: Vec::new(),
+            source: String::new(),
+            per_rotor: false,
+            parameter: vec![ParameterEntry {
+                name: "c".to_owned(),
+                unit: self.unit(),
+                meaning: String::new(),
+                shape: false,
+                low: -1e9,
+                high: 1e9,
+                size: Some(1.0),
+                typical: 1.0,
+            }],
+            term: self.entries("c"),
+        }
+    }
+}
+
+/// Same expression on several axes of a place.
+fn on_axes(place: &str, axes: &[usize], what: impl Fn(usize) -> String) -> Candidate {
+    Candidate::new(axes.iter().map(|&axis| (format!("{place}_{}", AXES[axis]), what(axis))))
+}
+
+/// All together, horizontal, each alone.
+const AXIS_SETS: [&[usize]; 5] = [&[0, 1, 2], &[0, 1], &[0], &[1], &[2]];
+
+/// The terms that can act on the failing channels.
+pub(super) fn candidates(failing: &[usize]) -> Vec<Candidate> {
+    let fails = |first: usize, count: usize| failing.iter().any(|c| (first..first + count).contains(c));
+    let mut found = Vec::new();
+    if fails(F, 3) {
+        forces(&mut found);
+    }
+    if fails(M, 3) {
+        torques(&mut found);
+    }
+    if fails(KV, 3) || fails(KA, 3) || fails(KP, 3) {
+        readings(&mut found);
+    }
+    if fails(V, 1) {
+        found.push(Candidate::new([("voltage", "time")]));
+        found.push(Candidate::new([("voltage", "time^2")]));
+        found.push(Candidate::new([("voltage", "thrust")]));
+        found.push(Candidate::new([("voltage", "airspeed")]));
+    }
+    found
+}
+
+fn forces(found: &mut Vec<Candidate>) {
+    let velocity = |axis: usize| format!("air_velocity_{}", AXES[axis]);
+    for power in ["", " * airspeed", " * airspeed^2", " * mean_speed_ratio"] {
+        for axes in AXIS_SETS {
+            found.push(on_axes("force", axes, |axis| format!("{}{power}", velocity(axis))));
+        }
+    }
+    for what in [
+        "thrust",
+        "thrust * airspeed",
+        "thrust * airspeed^2",
+        "thrust * time",
+        "thrust * time^2",
+        "airspeed^2",
+        "time",
+    ] {
+        found.push(Candidate::new([("force_z", what)]));
+    }
+    for threshold in THRESHOLDS_M_S {
+        for power in ["", "^2", "^3"] {
+            found.push(on_axes("force", &[0, 1, 2], |axis| {
+                format!(
+                    "{} / max(airspeed, 0.01[m/s]) * max(airspeed - {threshold:?}[m/s], 0){power}",
+                    velocity(axis)
+                )
+            }));
+        }
+    }
+    // Towards the origin, horizontally; the tilt of the vehicle is left out.
+    let ahead = "(position_north * cos(yaw) + position_east * sin(yaw))";
+    let right = "(position_east * cos(yaw) - position_north * sin(yaw))";
+    found.push(Candidate::new([("force_x", ahead), ("force_y", right)]));
+    found.push(Candidate::new([
+        ("force_x", ahead),
+        ("force_y", right),
+        ("force_z", "position_down"),
+    ]));
+    found.push(Candidate::new([("force_z", "position_down")]));
+    for slack in SLACKS_M {
+        let taut = format!("max(1 - {slack:?}[m] / max(hypot(position_north, position_east), 0.01[m]), 0)");
+        found.push(Candidate::new([
+            ("force_x", format!("{ahead} * {taut}")),
+            ("force_y", format!("{right} * {taut}")),
+        ]));
+    }
+    for (a, b) in [("cos(yaw)", "-sin(yaw)"), ("sin(yaw)", "cos(yaw)")] {
+        found.push(Candidate::new([("force_x", a), ("force_y", b)]));
+    }
+    for axis in [0, 1] {
+        for what in ["sign(sin(yaw))", "sign(cos(yaw))", "time"] {
+            found.push(on_axes("force", &[axis], |_| what.to_owned()));
+        }
+    }
+}
+
+fn torques(found: &mut Vec<Candidate>) {
+    for power in ["", " * airspeed", " * mean_speed_ratio"] {
+        found.push(Candidate::new([
+            ("torque_x", format!("air_velocity_y{power}")),
+            ("torque_y", format!("-air_velocity_x{power}")),
+        ]));
+    }
+    for axis in 0..3 {
+        for of in AXES {
+            found.push(on_axes("torque", &[axis], |_| format!("air_velocity_{of}")));
+        }
+    }
+    for axes in AXIS_SETS {
+        found.push(on_axes("torque", axes, |axis| RATES[axis].to_owned()));
+        found.push(on_axes("torque", axes, |axis| format!("{0} * abs({0})", RATES[axis])));
+    }
+    for axis in 0..3 {
+        for what in [
+            "sign(sin(yaw))",
+            "sign(cos(yaw))",
+            "sin(yaw)",
+            "cos(yaw)",
+            "thrust",
+            "time",
+            "roll_rate * pitch_rate",
+            "roll_rate * yaw_rate",
+            "pitch_rate * yaw_rate",
+        ] {
+            found.push(on_axes("torque", &[axis], |_| what.to_owned()));
+        }
+    }
+}
+
+fn readings(found: &mut Vec<Candidate>) {
+    for place in ["roll", "pitch", "yaw"] {
+        for what in ["thrust", "time", "sin(yaw)", "cos(yaw)"] {
+            found.push(Candidate::new([(place, what)]));
+        }
+    }
+    for axes in AXIS_SETS {
+        found.push(on_axes("gyro", axes, |axis| format!("specific_force_{}", AXES[axis])));
+        found.push(on_axes("accelerometer", axes, |axis| {
+            format!("specific_force_{0} * abs(specific_force_{0})", AXES[axis])
+        }));
+    }
+    for place in ["gyro", "accelerometer"] {
+        for axis in 0..3 {
+            for what in ["time", "thrust"] {
+                found.push(on_axes(place, &[axis], |_| what.to_owned()));
+            }
+        }
+    }
+    for direction in ["north", "east", "down"] {
+        found.push(Candidate::new([(format!("velocity_{direction}"), "time")]));
+        found.push(Candidate::new([(format!("velocity_{direction}"), "airspeed")]));
+    }
+}
+
+/// Sines and cosines at the strongest frequency of each failing force and torque channel.
+pub(super) fn periodic(regressions: &[Regression], failing: &[usize]) -> Vec<Candidate> {
+    let mut found = Vec::new();
+    for (first, place) in [(F, "force"), (M, "torque")] {
+        for axis in 0..3 {
+            if !failing.contains(&(first + axis)) {
+                continue;
+            }
+            let steps = ((HIGHEST_HZ - LOWEST_HZ) / FREQUENCY_STEP_HZ) as usize;
+            let share = |hz: f64| {
+                let (power, variance) = regressions
+                    .iter()
+                    .map(|regression| regression.power_at(first + axis, hz))
+                    .fold((0.0, 0.0), |(p, v), (power, variance)| (p + power, v + variance));
+                power / variance.max(f64::MIN_POSITIVE)
+            };
+            let best = (0..=steps)
+                .map(|step| LOWEST_HZ + step as f64 * FREQUENCY_STEP_HZ)
+                .map(|hz| (hz, share(hz)))
+                .max_by(|a, b| a.1.total_cmp(&b.1));
+            if let Some((hz, share)) = best
+                && share > PERIODIC_SHARE
+            {
+                let angular = TAU * hz;
+                for wave in ["sin", "cos"] {
+                    found.push(on_axes(place, &[axis], |_| format!("{wave}({angular:.4}[1/s] * time)")));
+                }
+            }
+        }
+    }
+    found
+}
