@@ -242,6 +242,17 @@ pub(super) struct Chosen {
     pub(super) held_out_share: f64,
 }
 
+/// Sums over means of one channel: residual r and chosen terms x.
+#[derive(Default)]
+struct Sums {
+    count: f64,
+    r: f64,
+    rr: f64,
+    x: Vec<f64>,
+    xr: Vec<f64>,
+    xx: Vec<Vec<f64>>,
+}
+
 /// Factors of the chosen terms and offsets of the channels.
 struct Fit {
     factors: Vec<f64>,
@@ -264,33 +275,27 @@ impl Gram {
         })
     }
 
-    /// Sums over some blocks of one channel: count, Σr, Σr², Σx, Σxr, Σxx of the chosen.
-    fn sums(
-        &self,
-        channel: usize,
-        chosen: &[usize],
-        counts: &dyn Fn(usize) -> bool,
-    ) -> (f64, f64, f64, Vec<f64>, Vec<f64>, Vec<Vec<f64>>) {
+    /// Sums over some blocks of one channel.
+    fn sums(&self, channel: usize, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Sums {
         let n = self.candidates;
         let k = chosen.len();
-        let mut all = (0.0, 0.0, 0.0, vec![0.0; k], vec![0.0; k], vec![vec![0.0; k]; k]);
-        for block in self
-            .blocks
-            .iter()
-            .enumerate()
-            .filter(|(b, _)| counts(*b))
-            .map(|(_, block)| block)
-        {
-            let p = &block.channels[channel];
-            all.0 += p.count;
-            all.1 += p.residual;
-            all.2 += p.square;
+        let mut all = Sums {
+            x: vec![0.0; k],
+            xr: vec![0.0; k],
+            xx: vec![vec![0.0; k]; k],
+            ..Sums::default()
+        };
+        let blocks = self.blocks.iter().enumerate().filter(|(b, _)| counts(*b));
+        for p in blocks.map(|(_, block)| &block.channels[channel]) {
+            all.count += p.count;
+            all.r += p.residual;
+            all.rr += p.square;
             for (a, &i) in chosen.iter().enumerate() {
-                all.3[a] += p.sum[i];
-                all.4[a] += p.with_residual[i];
+                all.x[a] += p.sum[i];
+                all.xr[a] += p.with_residual[i];
                 if !p.matrix.is_empty() {
                     for (b, &j) in chosen.iter().enumerate() {
-                        all.5[a][b] += p.matrix[i * n + j];
+                        all.xx[a][b] += p.matrix[i * n + j];
                     }
                 }
             }
@@ -303,7 +308,9 @@ impl Gram {
         let mut rows = vec![vec![0.0; k + 1]; k];
         let mut means = Vec::new();
         for channel in 0..CHANNELS {
-            let (count, r, _, x, xr, xx) = self.sums(channel, chosen, counts);
+            let Sums {
+                count, r, x, xr, xx, ..
+            } = self.sums(channel, chosen, counts);
             if count < 1.0 {
                 means.push((0.0, vec![0.0; k]));
                 continue;
@@ -346,7 +353,14 @@ impl Gram {
     fn error(&self, chosen: &[usize], fit: &Fit, counts: &dyn Fn(usize) -> bool, channels: &[usize]) -> (f64, f64) {
         let (mut chi2, mut n) = (0.0, 0.0);
         for &channel in channels {
-            let (count, r, rr, x, xr, xx) = self.sums(channel, chosen, counts);
+            let Sums {
+                count,
+                r,
+                rr,
+                x,
+                xr,
+                xx,
+            } = self.sums(channel, chosen, counts);
             let o = fit.offsets[channel];
             let c = &fit.factors;
             let mut sum = rr - 2.0 * o * r + o * o * count;
@@ -464,10 +478,10 @@ impl Gram {
     fn correlation_in(&self, candidate: usize, channels: &[usize]) -> Option<f64> {
         let (mut xr, mut xx, mut rr) = (0.0, 0.0, 0.0);
         for &channel in channels.iter().filter(|&&channel| self.touches(candidate, channel)) {
-            let (n, r, square, x, with_r, matrix) = self.sums(channel, &[candidate], &|_| true);
-            xr += with_r[0] - x[0] * r / n;
-            xx += matrix[0][0] - x[0] * x[0] / n;
-            rr += square - r * r / n;
+            let own = self.sums(channel, &[candidate], &|_| true);
+            xr += own.xr[0] - own.x[0] * own.r / own.count;
+            xx += own.xx[0][0] - own.x[0] * own.x[0] / own.count;
+            rr += own.rr - own.r * own.r / own.count;
         }
         (xx * rr > 0.0).then(|| xr / (xx * rr).sqrt())
     }
