@@ -215,7 +215,7 @@ pub(crate) fn search(
     diagnosis.held_out = held_out::errors(&problem, &plain)?;
     let about = if weather.is_some() { None } else { averaged(&problem) };
     let mut findings = findings(&problem, named, about.as_ref().unwrap_or(&posterior));
-    findings.extend(weather.and_then(|found| weather_finding(&problem, options, &found)));
+    findings.extend(weather.and_then(|found| weather_finding(&problem, &found)));
     for finding in findings {
         if matches!(finding.class, EffectClass::Physics | EffectClass::Noise) {
             diagnosis.effects.push(finding);
@@ -691,8 +691,8 @@ fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posterior) -> Vec<
 }
 
 /// Gusts as a finding.
-fn weather_finding(problem: &Problem, options: &Options<'_>, found: &gusts::Gusts) -> Option<Finding> {
-    let declared = options.catalogue.entries().iter().find(|d| d.id == gusts::ID)?;
+fn weather_finding(problem: &Problem, found: &gusts::Gusts) -> Option<Finding> {
+    let declared = problem.logs.first()?.predictor.catalogue().find(gusts::ID)?;
     let candidate = Candidate {
         declaration: declared,
         rotor: None,
