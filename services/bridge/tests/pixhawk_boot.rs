@@ -1,0 +1,49 @@
+//! The linked Pixhawk 6C program in a model of a bare Cortex-M7: `tools/boot-pixhawk.py`, where `tools/processor-model.sh` could bring the model.
+
+use std::path::Path;
+use std::process::Command;
+
+fn skip(reason: &str) {
+    eprintln!("skipped: {reason}");
+    if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
+        use std::io::Write as _;
+        let mut log = std::fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(log)
+            .expect("the file named by ROTORTWIN_SKIP_LOG can be opened");
+        writeln!(log, "{reason}").expect("the file named by ROTORTWIN_SKIP_LOG can be written");
+    }
+}
+
+#[test]
+fn scenario_pixhawk_program_boots_and_answers_on_all_links() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let program = root.join("target/firmware/thumbv7em-none-eabihf/release/pixhawk6c");
+    let python = root.join("target/processor-model/bin/python");
+    if !program.is_file() {
+        return skip("booting pixhawk6c: it was not built (cargo xtask firmware)");
+    }
+    if !python.is_file() {
+        return skip("booting pixhawk6c: there is no model of the processor (tools/processor-model.sh)");
+    }
+    let output = Command::new(python)
+        .arg(root.join("tools/boot-pixhawk.py"))
+        .arg(program)
+        .output()
+        .expect("Python starts");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        output.status.success(),
+        "{text}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    for line in [
+        "TELEM1: answers",
+        "TELEM2: answers",
+        "USB: answers",
+        "a fault is reported",
+    ] {
+        assert!(text.contains(&format!("ok   {line}")), "{text}");
+    }
+}
