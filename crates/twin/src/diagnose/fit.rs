@@ -15,6 +15,8 @@ const STEPS: usize = 8;
 /// A step shorter than this, in posterior deviations, ends the iteration.
 const SETTLED: f64 = 0.05;
 
+/// Most halvings of a step.
+const MOST_HALVINGS: i32 = 3;
 /// Prior deviation of what is held where it is.
 const HELD: f64 = 1e-6;
 
@@ -37,6 +39,14 @@ pub(crate) struct Fitted {
     pub(crate) log_evidence: f64,
     /// Posterior deviations of the library's columns, in plausible sizes.
     pub(crate) deviations: Vec<f64>,
+}
+
+/// Products of the columns that are taken anew at a point, with all columns of their log and with the residual.
+struct Moved {
+    charge: Vec<f64>,
+    free: Vec<Vec<f64>>,
+    gradient: Vec<f64>,
+    square_sum: f64,
 }
 
 /// The best point of an iteration, and the step that leads away from it.
@@ -149,10 +159,30 @@ impl Problem {
         let mut best: Option<Point> = None;
         let mut shorter = 0;
         for _ in 0..STEPS {
-            let (normal, position) = (
-                self.moved(&start, &logs, &active, &free)?,
-                position_of(&self.library, &logs, &active),
-            );
+            let position = position_of(&self.library, &logs, &active);
+            let normal = match self.moved(&start, &logs, &active, &free) {
+                Ok(normal) => normal,
+                Err(refused) => {
+                    // The step left what is a vehicle at all: half of it.
+                    let Some((from_logs, from_active, step)) = shortened(&best, &mut shorter) else {
+                        if best.is_some() {
+                            break;
+                        }
+                        // Nor does the start itself: half way to where the effect does nothing.
+                        let Some(last) = active.last_mut().filter(|_| shorter <= MOST_HALVINGS) else {
+                            return Err(refused);
+                        };
+                        let neutral = self.library.candidates[last.candidate].neutral();
+                        for (value, neutral) in last.values.iter_mut().zip(neutral) {
+                            *value = 0.5 * (*value + neutral);
+                        }
+                        continue;
+                    };
+                    (logs, active) = (from_logs, from_active);
+                    self.step(&mut logs, &mut active, &free, &step);
+                    continue;
+                }
+            };
             // The prior pulls towards the neutral value, not towards the point of linearisation.
             let mut gradient = normal.gradient.clone();
             let mut penalty = 0.0;
@@ -196,34 +226,35 @@ impl Problem {
                 }
                 (logs.clone(), active.clone(), posterior.mean)
             } else {
-                shorter += 1;
-                if shorter > 3 {
-                    break;
+                match shortened(&best, &mut shorter) {
+                    Some(again) => again,
+                    None => break,
                 }
-                let Some(best) = &best else { break };
-                let factor = 0.5_f64.powi(shorter);
-                let step = best.step.iter().map(|m| m * factor).collect();
-                (best.logs.clone(), best.fitted.active.clone(), step)
             };
             (logs, active) = (base_logs, base_active);
-            let mut at = 0;
-            for log in &mut logs {
-                for i in 0..log.nuisance_count() {
-                    let value = log.nuisance(i) + step[at] * log.nuisance_size(i);
-                    log.set_nuisance(i, value);
-                    at += 1;
-                }
-            }
-            for &j in &free {
-                let column = &self.library.columns[j];
-                for a in active.iter_mut().filter(|a| a.candidate == column.candidate) {
-                    let value = a.values[column.parameter] + step[nuisances + j] * column.size;
-                    a.values[column.parameter] = self.library.candidates[a.candidate].clamped(column.parameter, value);
-                }
-            }
+            self.step(&mut logs, &mut active, &free, &step);
         }
         best.map(|best| best.fitted)
             .ok_or_else(|| PredictError("the fit made no step".into()))
+    }
+
+    /// Moves nuisances and the `free` columns.
+    fn step(&self, logs: &mut [LogState], active: &mut [Active], free: &[usize], step: &[f64]) {
+        let mut at = 0;
+        for log in logs {
+            for i in 0..log.nuisance_count() {
+                let value = log.nuisance(i) + step[at] * log.nuisance_size(i);
+                log.set_nuisance(i, value);
+                at += 1;
+            }
+        }
+        for &j in free {
+            let column = &self.library.columns[j];
+            for a in active.iter_mut().filter(|a| a.candidate == column.candidate) {
+                let value = a.values[column.parameter] + step[at + j] * column.size;
+                a.values[column.parameter] = self.library.candidates[a.candidate].clamped(column.parameter, value);
+            }
+        }
     }
 
     /// The normal matrix with the free columns and the residual taken anew at a point.
@@ -244,39 +275,24 @@ impl Problem {
                 *normal.matrix.at_mut(i, offset + j) = 0.0;
             }
         }
-        for (l, log) in logs.iter().enumerate() {
-            let own = log.nuisance_count();
-            let weights = &self.weights[l];
-            let mut columns: Vec<Column> = self.linear[l].columns.clone();
-            let base = log.base(&self.library, active)?;
+        let parts = in_pairs(logs, |l, log| self.moved_log(l, log, active, free));
+        for (l, part) in parts.into_iter().enumerate() {
+            let part = part?;
+            let own = logs[l].nuisance_count();
             // The open-circuit voltage has kinks: the column of the charge is taken where the charge now is.
             let charge = own - 1;
-            columns[charge] = log.nuisance_column(&self.library, active, &base, charge)?;
             let place = self.global(l, charge);
             for i in 0..normal.matrix.size {
                 *normal.matrix.at_mut(place, i) = 0.0;
                 *normal.matrix.at_mut(i, place) = 0.0;
             }
-            if !free.is_empty() {
-                for &j in free {
-                    let column = &self.library.columns[j];
-                    columns[own + j] =
-                        log.parameter_column(&self.library, active, &base, column.candidate, column.parameter)?;
-                }
-            }
-            let residual = log.residual(&self.library, active)?;
-            for (i, other) in columns.iter().enumerate() {
-                let product = column_product(&columns[charge], other, weights);
+            for (i, product) in part.charge.iter().enumerate() {
                 let b = self.global(l, i);
-                *normal.matrix.at_mut(place, b) = product;
-                *normal.matrix.at_mut(b, place) = product;
+                *normal.matrix.at_mut(place, b) = *product;
+                *normal.matrix.at_mut(b, place) = *product;
             }
-            for &j in free {
-                for (i, other) in columns.iter().enumerate() {
-                    let product = column_product(&columns[own + j], other, weights);
-                    if i == charge {
-                        continue;
-                    }
+            for (&j, products) in free.iter().zip(&part.free) {
+                for (i, product) in products.iter().enumerate().filter(|(i, _)| *i != charge) {
                     let (a, b) = (offset + j, self.global(l, i));
                     let twice = i >= own && free.contains(&(i - own));
                     *normal.matrix.at_mut(a, b) += product;
@@ -285,14 +301,47 @@ impl Problem {
                     }
                 }
             }
-            for (i, column) in columns.iter().enumerate() {
-                normal.gradient[self.global(l, i)] += residual_product(column, &residual, weights);
+            for (i, product) in part.gradient.iter().enumerate() {
+                normal.gradient[self.global(l, i)] += product;
             }
-            for (channel, r) in residual.iter().enumerate() {
-                normal.square_sum += weights[channel] * r.iter().map(|x| x * x).sum::<f64>();
-            }
+            normal.square_sum += part.square_sum;
         }
         Ok(normal)
+    }
+
+    /// What one log gives to [`Self::moved`].
+    fn moved_log(&self, l: usize, log: &LogState, active: &[Active], free: &[usize]) -> Result<Moved, PredictError> {
+        let own = log.nuisance_count();
+        let weights = &self.weights[l];
+        let mut columns: Vec<Column> = self.linear[l].columns.clone();
+        let base = log.base(&self.library, active)?;
+        let charge = own - 1;
+        columns[charge] = log.nuisance_column(&self.library, active, &base, charge)?;
+        for &j in free {
+            let column = &self.library.columns[j];
+            columns[own + j] =
+                log.parameter_column(&self.library, active, &base, column.candidate, column.parameter)?;
+        }
+        let residual = log.residual(&self.library, active)?;
+        let products = |one: &Column| {
+            columns
+                .iter()
+                .map(|other| column_product(one, other, weights))
+                .collect()
+        };
+        Ok(Moved {
+            charge: products(&columns[charge]),
+            free: free.iter().map(|&j| products(&columns[own + j])).collect(),
+            gradient: columns
+                .iter()
+                .map(|column| residual_product(column, &residual, weights))
+                .collect(),
+            square_sum: residual
+                .iter()
+                .zip(weights)
+                .map(|(r, weight)| weight * r.iter().map(|x| x * x).sum::<f64>())
+                .sum(),
+        })
     }
 
     /// Moves nuisances and effects by a mean of the linear parameters.
@@ -324,41 +373,72 @@ impl Problem {
 
     /// Nuisances alone, before anything else is linearised: two Gauss–Newton steps with their own columns only.
     pub(crate) fn fit_nuisances(&mut self) -> Result<(), PredictError> {
-        for log in &mut self.logs {
-            let mut columns: Vec<Column> = Vec::new();
-            for step in 0..2 {
-                let base = log.base(&self.library, &self.active)?;
-                // The biases are linear; the charge is not: the chart of the open-circuit voltage has kinks.
-                let charge = log.nuisance_count() - 1;
-                if step == 0 {
-                    columns = (0..=charge)
-                        .map(|i| log.nuisance_column(&self.library, &self.active, &base, i))
-                        .collect::<Result<_, _>>()?;
-                } else {
-                    columns[charge] = log.nuisance_column(&self.library, &self.active, &base, charge)?;
-                }
-                let residual = log.residual(&self.library, &self.active)?;
-                let mut normal = empty(columns.len());
-                for (i, a) in columns.iter().enumerate() {
-                    for (j, b) in columns.iter().enumerate().take(i + 1) {
-                        let product = column_product(a, b, &[1.0; CHANNELS]);
-                        *normal.matrix.at_mut(i, j) = product;
-                        *normal.matrix.at_mut(j, i) = product;
-                    }
-                    normal.gradient[i] =
-                        residual_product(a, &residual, &[1.0; CHANNELS]) - log.nuisance(i) / log.nuisance_size(i);
-                }
-                let Some(posterior) = Posterior::new(&normal, &vec![1.0; columns.len()]) else {
-                    return Err(PredictError("the log holds numbers that make no fit".into()));
-                };
-                for (i, step) in posterior.mean.iter().enumerate() {
-                    let value = log.nuisance(i) + step * log.nuisance_size(i);
-                    log.set_nuisance(i, value);
-                }
-            }
+        let fitted = in_pairs(&self.logs, |_, log| self.own_nuisances(log));
+        for (log, own) in self.logs.iter_mut().zip(fitted) {
+            log.nuisances = own?;
         }
         Ok(())
     }
+
+    fn own_nuisances(&self, log: &LogState) -> Result<Nuisances, PredictError> {
+        let mut log = log.clone();
+        let mut columns: Vec<Column> = Vec::new();
+        for step in 0..2 {
+            let base = log.base(&self.library, &self.active)?;
+            // The biases are linear; the charge is not: the chart of the open-circuit voltage has kinks.
+            let charge = log.nuisance_count() - 1;
+            if step == 0 {
+                columns = (0..=charge)
+                    .map(|i| log.nuisance_column(&self.library, &self.active, &base, i))
+                    .collect::<Result<_, _>>()?;
+            } else {
+                columns[charge] = log.nuisance_column(&self.library, &self.active, &base, charge)?;
+            }
+            let residual = log.residual(&self.library, &self.active)?;
+            let mut normal = empty(columns.len());
+            for (i, a) in columns.iter().enumerate() {
+                for (j, b) in columns.iter().enumerate().take(i + 1) {
+                    let product = column_product(a, b, &[1.0; CHANNELS]);
+                    *normal.matrix.at_mut(i, j) = product;
+                    *normal.matrix.at_mut(j, i) = product;
+                }
+                normal.gradient[i] =
+                    residual_product(a, &residual, &[1.0; CHANNELS]) - log.nuisance(i) / log.nuisance_size(i);
+            }
+            let Some(posterior) = Posterior::new(&normal, &vec![1.0; columns.len()]) else {
+                return Err(PredictError("the log holds numbers that make no fit".into()));
+            };
+            for (i, step) in posterior.mean.iter().enumerate() {
+                let value = log.nuisance(i) + step * log.nuisance_size(i);
+                log.set_nuisance(i, value);
+            }
+        }
+        Ok(log.nuisances)
+    }
+}
+
+/// The best point again with a shorter step from it; `None` once it is short enough.
+fn shortened(best: &Option<Point>, shorter: &mut i32) -> Option<(Vec<LogState>, Vec<Active>, Vec<f64>)> {
+    *shorter += 1;
+    let best = best.as_ref().filter(|_| *shorter <= MOST_HALVINGS)?;
+    let factor = 0.5_f64.powi(*shorter);
+    let step = best.step.iter().map(|m| m * factor).collect();
+    Some((best.logs.clone(), best.fitted.active.clone(), step))
+}
+
+/// Does something for every log, two at a time; the results stand in the order of the logs.
+pub(crate) fn in_pairs<T: Send>(logs: &[LogState], each: impl Fn(usize, &LogState) -> T + Sync) -> Vec<T> {
+    let mut all = Vec::with_capacity(logs.len());
+    for first in (0..logs.len()).step_by(2) {
+        std::thread::scope(|scope| {
+            let other = logs.get(first + 1).map(|log| scope.spawn(|| each(first + 1, log)));
+            all.push(each(first, &logs[first]));
+            if let Some(other) = other {
+                all.push(other.join().expect("it does not panic"));
+            }
+        });
+    }
+    all
 }
 
 /// Where the open parameters stand, in plausible sizes; shapes are counted from their typical value.

@@ -4,7 +4,7 @@
 //! hundredfold. The noise level is taken from the median of the whitened residual, so that a wrong noise model does not count as
 //! physics.
 
-use super::fit::{Problem, fitted_residual};
+use super::fit::{Problem, fitted_residual, in_pairs};
 use super::result::{ChannelGoodness, Goodness};
 use crate::predict::noise::{DEVIATION_PER_MEDIAN, median};
 use crate::predict::{CHANNELS, NAMES, PerChannel, Predictor};
@@ -85,9 +85,9 @@ pub(crate) fn weights(fits: &[Option<ChannelFit>; CHANNELS]) -> [f64; CHANNELS] 
 
 /// Fits of all logs once the linear parameters took `mean`.
 pub(crate) fn fits(problem: &Problem, mean: &[f64]) -> Vec<[Option<ChannelFit>; CHANNELS]> {
-    let logs = problem.logs.iter().enumerate();
-    logs.map(|(l, log)| channel_fits(&log.predictor, &fitted_residual(problem, l, mean)))
-        .collect()
+    in_pairs(&problem.logs, |l, log| {
+        channel_fits(&log.predictor, &fitted_residual(problem, l, mean))
+    })
 }
 
 /// Joins the fits before and after.

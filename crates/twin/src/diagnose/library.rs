@@ -16,6 +16,8 @@ pub struct Candidate {
     pub rotor: Option<usize>,
     /// Column of each parameter, counted within the library; `None` for one whose plausible range is a point, and for gross errors.
     pub columns: Vec<Option<usize>>,
+    /// Range of each parameter: what documents accept, or less where that makes no vehicle ([`Library::tighten`]).
+    pub limits: Vec<(f64, f64)>,
 }
 
 impl Candidate {
@@ -54,9 +56,9 @@ impl Candidate {
         self.declaration.parameters.iter().map(|p| p.default_value()).collect()
     }
 
-    /// Value pulled into what documents accept.
+    /// Value pulled into its limits.
     pub fn clamped(&self, parameter: usize, value: f64) -> f64 {
-        let (low, high) = self.declaration.parameters[parameter].accepted();
+        let (low, high) = self.limits[parameter];
         value.clamp(low, high)
     }
 
@@ -132,6 +134,7 @@ impl Library {
                     declaration,
                     rotor,
                     columns,
+                    limits: declaration.parameters.iter().map(|p| p.accepted()).collect(),
                 });
             }
         }
@@ -150,6 +153,39 @@ impl Library {
                     ..old[*column]
                 });
                 *column = self.columns.len() - 1;
+            }
+        }
+    }
+
+    /// Pulls the limits of every size in to where an effect alone still makes a vehicle, to 0.1 % of its range.
+    pub fn tighten(&mut self, makes_a_vehicle: impl Fn(&EffectInstance) -> bool) {
+        for candidate in &mut self.candidates {
+            let neutral = candidate.neutral();
+            for (i, p) in candidate.declaration.parameters.iter().enumerate() {
+                if p.kind != ParameterKind::Size || candidate.columns[i].is_none() {
+                    continue;
+                }
+                let works = |value: f64| {
+                    let mut values = neutral.clone();
+                    values[i] = value;
+                    candidate
+                        .instance(&values, None)
+                        .is_none_or(|one| makes_a_vehicle(&one))
+                };
+                let inward = |limit: f64| {
+                    if works(limit) {
+                        return limit;
+                    }
+                    let (mut good, mut bad) = (neutral[i], limit);
+                    for _ in 0..10 {
+                        let middle = 0.5 * (good + bad);
+                        *(if works(middle) { &mut good } else { &mut bad }) = middle;
+                    }
+                    good
+                };
+                let (low, high) = candidate.limits[i];
+                let tightened = (inward(low), inward(high));
+                candidate.limits[i] = tightened;
             }
         }
     }

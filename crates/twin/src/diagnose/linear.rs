@@ -226,16 +226,35 @@ impl LogState {
         if step == 0.0 {
             return Ok(Arc::new(std::array::from_fn(|_| None)));
         }
-        moved[place].values[parameter] = now + step;
-        let Some(instance) = entry.instance(&moved[place].values, moved[place].onset_s) else {
+        let mut made = self.stepped(library, &mut moved, place, parameter, (now, step));
+        if made.is_err() {
+            // At the border of what makes a vehicle only the other side is left.
+            step = -step;
+            made = self.stepped(library, &mut moved, place, parameter, (now, step));
+        }
+        let Some((set, hooks)) = made? else {
             return Ok(Arc::new(std::array::from_fn(|_| None)));
         };
+        Ok(self.column(base, &set, hooks, declared.size / step))
+    }
+
+    /// The vehicle with one parameter of an effect at `now + step`; `None` if the effect then does nothing.
+    fn stepped(
+        &self,
+        library: &Library,
+        moved: &mut [Active],
+        place: usize,
+        parameter: usize,
+        (now, step): (f64, f64),
+    ) -> Result<Option<(EffectSet, Hooks)>, PredictError> {
+        moved[place].values[parameter] = now + step;
+        let entry = &library.candidates[moved[place].candidate];
+        let Some(instance) = entry.instance(&moved[place].values, moved[place].onset_s) else {
+            return Ok(None);
+        };
         let hooks = hooks_of(&self.predictor, &instance)?;
-        let set = self
-            .predictor
-            .effect_set(&self.nuisances, &instances(library, &moved))?;
-        let column = self.column(base, &set, hooks, declared.size / step);
-        Ok(column)
+        let set = self.predictor.effect_set(&self.nuisances, &instances(library, moved))?;
+        Ok(Some((set, hooks)))
     }
 
     /// Column of a steady wind along an axis of NED, per 1 m/s: what a gust of that moment does.

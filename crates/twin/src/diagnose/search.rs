@@ -58,6 +58,11 @@ pub(crate) fn search(
     let mut library = Library::new(catalogue, rotors);
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
+    library.tighten(|one| {
+        predictors[0]
+            .effect_set(&Nuisances::default(), std::slice::from_ref(one))
+            .is_ok()
+    });
     let notes: Vec<String> = predictors
         .iter()
         .flat_map(|p| p.notes().into_iter().map(|note| format!("{}: {note}", p.name)))
@@ -164,6 +169,10 @@ pub(crate) fn search(
         };
         problem.accept(&fitted);
         named.extend(found);
+    }
+    if problem.active.len() > 1 {
+        (options.progress)("looking again at what was found first", 0.9);
+        reconsider(&mut problem, &mut named, threshold)?;
     }
     (options.progress)("goodness of fit", 0.95);
     let (mut posterior, mut deviations) = settled(&mut problem)?;
@@ -582,6 +591,52 @@ fn best_of(
     Ok(Some((fitted.clone(), found)))
 }
 
+/// Looks again for each effect but the last, now that the others are known: what was found first was found while all else was missing,
+/// and may have been another effect that took over a part of the rest.
+fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: f64) -> Result<(), PredictError> {
+    for place in 0..problem.active.len() - 1 {
+        let id = |p: &Problem, a: &Active| p.library.candidates[a.candidate].declaration;
+        let removed = problem.active[place].clone();
+        let own = id(problem, &removed);
+        let bound = problem.active.iter().any(|other| {
+            let needs = id(problem, other).needs;
+            other.candidate != removed.candidate
+                && (needs.contains(&own.id) || own.needs.contains(&id(problem, other).id))
+        });
+        if bound || problem.library.columns_of(removed.candidate).is_empty() {
+            continue;
+        }
+        let mut without = problem.clone();
+        without.active.remove(place);
+        without.linearise(&|_| ())?;
+        trust(&mut without);
+        let (posterior, _) = settled(&mut without)?;
+        let scored = score(&without, &posterior);
+        let special = trials::trials(&without, &posterior, threshold);
+        let Some((fitted, mut found)) = best_of(&without, &posterior, &scored, &special, threshold)? else {
+            continue;
+        };
+        let [only] = found.as_slice() else { continue };
+        if only.candidate == removed.candidate {
+            continue;
+        }
+        let mut open = without.active.clone();
+        open.push(removed.clone());
+        // A clear gain: the first finding has its reasons and its rivals written down already.
+        if fitted.log_evidence < without.fit(&open)?.log_evidence + UNTOLD_GAP {
+            continue;
+        }
+        if let (Some(slot), Some(new)) = (named.iter_mut().find(|n| n.candidate == removed.candidate), found.pop()) {
+            *slot = new;
+        }
+        without.accept(&fitted);
+        without.linearise(&|_| ())?;
+        trust(&mut without);
+        *problem = without;
+    }
+    Ok(())
+}
+
 /// Whether one of the sizes reaches what the flight can show by the fit, and the smallest such size of the first parameter.
 fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold: f64) -> (bool, f64) {
     let Some(active) = fitted.active.iter().find(|a| a.candidate == candidate) else {
@@ -697,6 +752,7 @@ fn weather_finding(problem: &Problem, found: &gusts::Gusts) -> Option<Finding> {
         declaration: declared,
         rotor: None,
         columns: vec![None; declared.parameters.len()],
+        limits: declared.parameters.iter().map(|p| p.accepted()).collect(),
     };
     let values = [found.rms_m_s, found.correlation_s];
     let mut finding = Finding {

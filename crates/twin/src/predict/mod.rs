@@ -95,10 +95,11 @@ pub struct Predictor {
     pub(crate) nominal: Constants,
     catalogue: Catalogue,
     model: Vec<EffectInstance>,
-    measured: PerChannel,
+    // Shared, because fits keep copies of a log.
+    measured: Arc<PerChannel>,
     noise: NoiseModel,
     covariances: [Covariance; CHANNELS],
-    whiteners: [Option<Whitener>; CHANNELS],
+    whiteners: Arc<[Option<Whitener>; CHANNELS]>,
     /// Name of the log.
     pub name: String,
 }
@@ -126,7 +127,7 @@ impl Predictor {
             series: Arc::new(series),
         };
         plant.charge = initial_charge(&plant, &nominal);
-        let measured = pass::measured(&plant.series);
+        let measured = Arc::new(pass::measured(&plant.series));
         let mut predictor = Self {
             plant,
             nominal,
@@ -135,7 +136,7 @@ impl Predictor {
             measured,
             noise,
             covariances,
-            whiteners: std::array::from_fn(|_| None),
+            whiteners: Arc::new(std::array::from_fn(|_| None)),
             name: log.name.clone(),
         };
         let set = predictor.effect_set(&Nuisances::default(), &[])?;
@@ -148,6 +149,7 @@ impl Predictor {
                 log.name
             )));
         }
+        let mut whiteners: [Option<Whitener>; CHANNELS] = std::array::from_fn(|_| None);
         for channel in 0..CHANNELS {
             if predictor.measured[channel].is_empty() || first.channels[channel].is_empty() {
                 continue;
@@ -159,9 +161,10 @@ impl Predictor {
                 .map(|((&flies, m), p)| flies && m.is_finite() && p.is_finite())
                 .collect();
             if mask.iter().any(|&m| m) {
-                predictor.whiteners[channel] = Some(Whitener::new(covariances[channel], &mask));
+                whiteners[channel] = Some(Whitener::new(covariances[channel], &mask));
             }
         }
+        predictor.whiteners = Arc::new(whiteners);
         Ok(predictor)
     }
 
