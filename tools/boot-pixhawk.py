@@ -5,7 +5,8 @@ usage: tools/boot-pixhawk.py [PROGRAM]
 
 Registers are memory; bits that the start-up waits for answer at once; DMA1 moves the bytes of UART7 and UART5; a USB host enumerates OTG2.
 Each link gets one Hello. Exit code 0 if the program sets 480 MHz, 48 MHz and 921,600 baud, keeps DMA out of memory that it cannot reach,
-answers on each of the three links with its name in a frame whose CRC is right, and after a fault reports its registers.
+answers on each of the three links with its name in a frame whose CRC is right, after a fault reports its registers, and restarts into its
+boot loader when it is asked to.
 """
 
 import struct
@@ -23,7 +24,8 @@ RCC, PWR, DMA1, OTG = 0x58024400, 0x58024800, 0x40020000, 0x40080000
 UARTS = {"TELEM1": (0x40007800, 0, 1, 79, 80), "TELEM2": (0x40005000, 2, 3, 65, 66)}
 SENDERS = [DMA1 + 0x10 + 0x18 * send for _, _, send, _, _ in UARTS.values()]
 MOST_INSTRUCTIONS = 30_000_000
-HELLO, STATUS = 0x01, 0x06
+HELLO, STATUS, BOOT_LOADER = 0x01, 0x06, 0x08
+AIRCR, RTC_BACKUP_0 = 0xE000ED0C, 0x58004050
 
 
 def stuffed(frame):
@@ -66,7 +68,8 @@ class Board:
         self.link, self.from_board, self.written = link, bytearray(), {}
         # Garbage first: half a frame of somebody else.
         self.to_board = bytearray(b"\x07\x55\x00" + request(HELLO, 1) + (request(kind, 2) if kind != HELLO else b""))
-        self.wanted = 1 if kind == HELLO else 2
+        self.wanted = {HELLO: 1, STATUS: 2, BOOT_LOADER: 99}[kind]
+        self.reset = False
         self.cpu = cpu = Uc(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS)
         cpu.ctl_set_cpu_model(UC_CPU_ARM_CORTEX_M7)
         cpu.mem_map(0x08000000, 0x200000)
@@ -87,6 +90,7 @@ class Board:
             cpu.hook_add(UC_HOOK_MEM_READ, self.on_read, begin=base, end=base + 0xFFFFF)
             cpu.hook_add(UC_HOOK_MEM_WRITE, self.on_write, begin=base, end=base + 0xFFFFF)
         cpu.hook_add(UC_HOOK_MEM_READ, self.on_cycles, begin=0xE0001004, end=0xE0001007)
+        cpu.hook_add(UC_HOOK_MEM_WRITE, self.on_reset, begin=AIRCR, end=AIRCR + 3)
         self.put(OTG + 0x3C, 0x2300)
 
     def get(self, address):
@@ -97,6 +101,10 @@ class Board:
 
     def on_cycles(self, _cpu, _access, address, _size, _value, _data):
         self.put(address, self.get(address) + 1000)
+
+    def on_reset(self, _cpu, _access, _address, _size, value, _data):
+        self.reset = value & 0xFFFF0004 == 0x05FA0004
+        self.cpu.emu_stop()
 
     def on_read(self, _cpu, _access, address, _size, _value, _data):
         value = self.get(address)
@@ -300,4 +308,9 @@ registers = (0x08021234, 0x08025679, 0x8200, 0x40000000, 0xDEADBEE0)
 report = payload(Board("TELEM1", STATUS, registers).run().split(b"\0", 1)[1])
 found = struct.unpack("<5I", report[-20:]) if report and len(report) > 20 else ()
 check(f"a fault is reported: {' '.join(f'{register:08x}' for register in found)}", found == registers and report[-21] == 2)
+
+board = Board("TELEM2", BOOT_LOADER)
+frames = board.run().count(b"\0")
+mark = board.written.get(RTC_BACKUP_0, 0)
+check(f"restarts into the boot loader, mark {mark:08x}, after the answer", board.reset and mark == 0xB007B007 and frames == 2)
 sys.exit(1 if failures else 0)

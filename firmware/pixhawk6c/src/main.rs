@@ -35,6 +35,9 @@ const PAINT: u32 = 0xC0DE_5AFE;
 /// Left in memory, which a restart does not clear, by the fault handler.
 const FAULT_MARK: u32 = 0xFA17_FA17;
 
+/// Cycles from the request to restart to the restart, 50 ms.
+const RESTART_DELAY: u32 = 24_000_000;
+
 const RCC_AHB4ENR: u32 = 0x5802_44E0;
 const RCC_APB4ENR: u32 = 0x5802_44F4;
 const RCC_RSR: u32 = 0x5802_44D0;
@@ -61,7 +64,8 @@ pub struct Pixhawk {
     reset_cause: u8,
     fault: [u32; 5],
     state: State,
-    restart: bool,
+    /// Cycle at which a restart was asked for.
+    restart: Option<u32>,
     stack_before: u32,
 }
 
@@ -95,7 +99,7 @@ impl Pixhawk {
             reset_cause,
             fault: if faulted { fault } else { [0; 5] },
             state: State::Idle,
-            restart: false,
+            restart: None,
             stack_before: 0,
         }
     }
@@ -107,10 +111,14 @@ impl Pixhawk {
     /// Blinks, feeds the watchdog, and restarts if that was asked for.
     fn idle(&mut self) {
         write(WATCHDOG, 0xAAAA);
-        if self.restart {
+        let now = DWT::cycle_count();
+        // The answer goes out first.
+        if self
+            .restart
+            .is_some_and(|since| now.wrapping_sub(since) > RESTART_DELAY)
+        {
             SCB::sys_reset();
         }
-        let now = DWT::cycle_count();
         let blue = match self.state {
             State::Idle | State::Refused => now >> 28 & 1 == 0,
             State::Download => now >> 25 & 1 == 0,
@@ -170,7 +178,7 @@ impl Board for Pixhawk {
         modify(PWR_CR1, 0, 1 << 8);
         modify(RCC_APB4ENR, 0, 1 << 16);
         write(RTC_BACKUP_0, 0xb007_b007);
-        self.restart = true;
+        self.restart = Some(DWT::cycle_count());
         true
     }
 }

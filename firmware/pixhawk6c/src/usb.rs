@@ -74,6 +74,8 @@ impl Usb {
         while read(PWR_CR3) >> 26 & 1 == 0 && DWT::cycle_count().wrapping_sub(start) < PATIENCE {}
         alternate(GPIO_A, 11, 10);
         alternate(GPIO_A, 12, 10);
+        // No pull-ups of the pins: the transceiver has its own, on one line only.
+        modify(GPIO_A + 0x0C, 0b1111 << 22, 0);
         // SAFETY: this function runs once, and nothing else names the statics.
         let allocator: &'static UsbBusAllocator<UsbBus<Otg2>> = unsafe {
             static mut MEMORY: [u32; 128] = [0; 128];

@@ -43,6 +43,7 @@ fn scenario_pixhawk_program_boots_and_answers_on_all_links() {
         "TELEM2: answers",
         "USB: answers",
         "a fault is reported",
+        "restarts into the boot loader",
     ] {
         assert!(text.contains(&format!("ok   {line}")), "{text}");
     }
