@@ -118,26 +118,29 @@ pub struct LineStatistics {
     pub garbage: u32,
 }
 
-/// Finds frames in a stream of bytes.
+/// Finds frames of any length in a stream of bytes.
+pub type Decoder = ShortDecoder<MAX_ENCODED>;
+
+/// Finds frames of up to `N` bytes on the line; longer ones count as garbage.
 #[derive(Clone, Debug)]
-pub struct Decoder {
-    buffer: [u8; MAX_ENCODED],
+pub struct ShortDecoder<const N: usize> {
+    buffer: [u8; N],
     length: usize,
     too_long: bool,
     statistics: LineStatistics,
 }
 
-impl Default for Decoder {
+impl<const N: usize> Default for ShortDecoder<N> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Decoder {
+impl<const N: usize> ShortDecoder<N> {
     /// Waits for the first byte.
     pub const fn new() -> Self {
         Self {
-            buffer: [0; MAX_ENCODED],
+            buffer: [0; N],
             length: 0,
             too_long: false,
             statistics: LineStatistics {
@@ -173,7 +176,7 @@ impl Decoder {
         }
         let length = core::mem::take(&mut self.length);
         if core::mem::take(&mut self.too_long) {
-            self.statistics.garbage += 1;
+            self.statistics.garbage = self.statistics.garbage.wrapping_add(1);
             return None;
         }
         if length == 0 {

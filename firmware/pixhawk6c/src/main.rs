@@ -25,7 +25,7 @@ use cortex_m::peripheral::{DWT, Peripherals, SCB};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use register::{GPIO_B, GPIO_D, modify, read, write};
 use rotortwin_board::application::{Application, Board, State};
-use rotortwin_board::frame::{Decoder, MAX_ENCODED, encode_header};
+use rotortwin_board::frame::{MAX_ENCODED, ShortDecoder, encode_header};
 use rotortwin_board::message::{CostUnit, kind};
 use uart::Uart;
 use usb::Usb;
@@ -235,8 +235,8 @@ fn main() -> ! {
         &mut *addr_of_mut!(APPLICATION)
     };
     // SAFETY: as above.
-    let scouts: &'static mut [Decoder; 3] = unsafe {
-        static mut SCOUTS: [Decoder; 3] = [const { Decoder::new() }; 3];
+    let scouts: &'static mut [Scout; 3] = unsafe {
+        static mut SCOUTS: [Scout; 3] = [const { Scout::new() }; 3];
         &mut *addr_of_mut!(SCOUTS)
     };
     let mut buffer = [0; 64];
@@ -250,6 +250,9 @@ fn main() -> ! {
         }
     }
 }
+
+/// Listens on a link for a Hello, the shortest of frames.
+type Scout = ShortDecoder<32>;
 
 /// A way to a host.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -294,7 +297,7 @@ impl Links {
     }
 
     /// A byte of the current link goes to the application; on another one, a good Hello takes the board over.
-    fn take(&mut self, link: Link, byte: u8, scout: &mut Decoder, application: &mut Application, board: &mut Pixhawk) {
+    fn take(&mut self, link: Link, byte: u8, scout: &mut Scout, application: &mut Application, board: &mut Pixhawk) {
         if self.current == Some(link) {
             if let Some(answer) = application.receive(byte, board) {
                 self.send(link, answer);

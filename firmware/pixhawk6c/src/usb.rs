@@ -78,7 +78,7 @@ impl Usb {
         modify(GPIO_A + 0x0C, 0b1111 << 22, 0);
         // SAFETY: this function runs once, and nothing else names the statics.
         let allocator: &'static UsbBusAllocator<UsbBus<Otg2>> = unsafe {
-            static mut MEMORY: [u32; 128] = [0; 128];
+            static mut MEMORY: [u32; 64] = [0; 64];
             static mut ALLOCATOR: MaybeUninit<UsbBusAllocator<UsbBus<Otg2>>> = MaybeUninit::uninit();
             let memory: &'static mut [u32] = &mut *addr_of_mut!(MEMORY);
             (*addr_of_mut!(ALLOCATOR)).write(UsbBus::new(Otg2, memory))
