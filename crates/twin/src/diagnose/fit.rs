@@ -202,6 +202,23 @@ impl Problem {
             let better = best.as_ref().is_none_or(|best| arrived > best.arrived - 1e-9);
             let (base_logs, base_active, step) = if better {
                 shorter = 0;
+                // What wants to leave its limits explains nothing: as if it were not free.
+                let pinned: Vec<usize> = free
+                    .iter()
+                    .copied()
+                    .filter(|&j| self.pinned(&active, j, posterior.mean[nuisances + j]))
+                    .collect();
+                let evidence = if pinned.is_empty() {
+                    evidence
+                } else {
+                    let mut fixed = prior.clone();
+                    for &j in &pinned {
+                        fixed[nuisances + j] = HELD;
+                    }
+                    Posterior::log_evidence_of(&shifted, &fixed)
+                        .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
+                        - 0.5 * (shifted.square_sum + penalty)
+                };
                 let fitted = Fitted {
                     active: active.clone(),
                     nuisances: logs.iter().map(|log| log.nuisances).collect(),
@@ -236,6 +253,19 @@ impl Problem {
         }
         best.map(|best| best.fitted)
             .ok_or_else(|| PredictError("the fit made no step".into()))
+    }
+
+    /// True if an open parameter stands at a limit and wants further out by a step of its plausible size.
+    fn pinned(&self, active: &[Active], column: usize, step: f64) -> bool {
+        let column = &self.library.columns[column];
+        let entry = &self.library.candidates[column.candidate];
+        let Some(one) = active.iter().find(|a| a.candidate == column.candidate) else {
+            return false;
+        };
+        let (low, high) = entry.limits[column.parameter];
+        let value = one.values[column.parameter];
+        let near = 1e-9 * column.size;
+        (value <= low + near && step < 0.0) || (value >= high - near && step > 0.0)
     }
 
     /// Moves nuisances and the `free` columns.

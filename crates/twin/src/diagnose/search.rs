@@ -393,7 +393,12 @@ fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
             let value = p.default_value() + one.opened.estimate[a] * column.size;
             let deviation = one.opened.covariance.at(a, a).max(0.0).sqrt() * column.size;
             let margin = 0.5 * (p.plausible_high - p.plausible_low) + 3.0 * deviation;
-            value <= p.plausible_high + margin && value >= p.plausible_low - margin
+            // What cannot be at all (a rotor of negative inertia) is out even if it is near.
+            let (low, high) = entry.limits[column.parameter];
+            let possible = entry.is_log_fault()
+                || p.kind != ParameterKind::Size
+                || (value <= high + 3.0 * deviation && value >= low - 3.0 * deviation);
+            possible && value <= p.plausible_high + margin && value >= p.plausible_low - margin
         })
 }
 

@@ -239,7 +239,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
         if size_places(problem, candidate).is_empty() {
             continue;
         }
-        let variants: Vec<(Vec<f64>, f64)> = if declaration.id == "command-delay" {
+        let variants: Vec<(Vec<f64>, f64)> = if ["command-delay", "imu-latency"].contains(&declaration.id) {
             [0.5, 1.0, 1.5].iter().map(|&step| (entry.neutral(), step)).collect()
         } else {
             shapes(problem, candidate, all).into_iter().map(|v| (v, 0.1)).collect()
