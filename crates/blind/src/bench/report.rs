@@ -173,7 +173,7 @@ fn group_rows(group: &Group) -> String {
 fn colour(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Right | Outcome::Flagged => "good",
-        Outcome::NotTestable => "",
+        Outcome::NotTestable | Outcome::NotFlown => "",
         Outcome::InGroup | Outcome::WrongFlagged | Outcome::Missed => "doubt",
         Outcome::ConfidentlyWrong | Outcome::FalseAlarm | Outcome::Failed => "bad",
     }

@@ -10,7 +10,7 @@
 
 use super::answer::Answer;
 use super::cases::{Case, Preset, draw_cases};
-use super::score::{Row, failed, score};
+use super::score::{Outcome, Row, failed, score};
 use crate::error::{BlindError, Result};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -228,7 +228,14 @@ impl Bench {
     fn run_case(&self, case: &Case, diagnosis: &dyn Diagnose) -> Result<Row> {
         let log = self.folder.join(format!("logs/{:05}.parquet", case.index));
         let stem = self.folder.join(format!("answers/{:05}", case.index));
-        self.generate(case, &log)?;
+        if !self.generate(case, &log)? {
+            let row = Row {
+                outcome: Outcome::NotFlown,
+                ..failed(case, format!("{LOST}, {FLIGHTS} times"), 0.0)
+            };
+            write_json(&self.row_path(case.index), &row)?;
+            return Ok(row);
+        }
         let start = Instant::now();
         let answer = diagnosis.diagnose(&log, Path::new(&case.vehicle), &stem);
         let seconds = start.elapsed().as_secs_f64();
@@ -244,18 +251,16 @@ impl Bench {
     }
 
     /// Has the generator write the log and, apart, the truth. A flight that is lost (a reversed rotor in a gust of its own sensor
-    /// noise) leaves no log: the same case is flown again with another seed, which the truth file tells.
-    fn generate(&self, case: &Case, log: &Path) -> Result<()> {
+    /// noise) leaves no log: the same case is flown again with another seed, which the truth file tells. False if all were lost.
+    fn generate(&self, case: &Case, log: &Path) -> Result<bool> {
         for attempt in 0..FLIGHTS {
             match self.generate_with(case, case.seed ^ (attempt << 32), log) {
-                Err(reason) if reason.contains(LOST) && attempt + 1 < FLIGHTS => (),
-                other => {
-                    return other
-                        .map_err(|reason| BlindError::input(format!("generator, case {}", case.index), reason));
-                }
+                Ok(()) => return Ok(true),
+                Err(reason) if reason.contains(LOST) => (),
+                Err(reason) => return Err(BlindError::input(format!("generator, case {}", case.index), reason)),
             }
         }
-        Ok(())
+        Ok(false)
     }
 
     fn generate_with(&self, case: &Case, seed: u64, log: &Path) -> std::result::Result<(), String> {

@@ -29,6 +29,8 @@ pub enum Outcome {
     FalseAlarm,
     /// No answer: the diagnosis failed.
     Failed,
+    /// No log: with this effect every flight was lost. Counts nowhere.
+    NotFlown,
 }
 
 /// The score of one case.

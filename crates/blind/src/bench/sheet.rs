@@ -186,7 +186,7 @@ fn preset_name(preset: Preset) -> String {
 /// Sums up the rows.
 pub fn sum_up(rows: &[Row]) -> Sheet {
     let mut sets: BTreeMap<(String, String), Vec<&Row>> = BTreeMap::new();
-    for row in rows {
+    for row in rows.iter().filter(|row| row.outcome != Outcome::NotFlown) {
         let preset = preset_name(row.case.preset);
         sets.entry((preset.clone(), format!("{preset}, {}", row.case.flight)))
             .or_default()
@@ -216,6 +216,7 @@ pub fn sum_up(rows: &[Row]) -> Sheet {
         };
         let named = match row.outcome {
             Outcome::Failed => "no answer".to_owned(),
+            Outcome::NotFlown => "no flight".to_owned(),
             Outcome::Flagged | Outcome::WrongFlagged if row.named.is_empty() => "outside the catalogue".to_owned(),
             Outcome::Flagged => format!("outside the catalogue, besides {}", strip(&row.named)),
             Outcome::NotTestable if row.named.is_empty() => "not testable".to_owned(),
@@ -281,6 +282,7 @@ pub fn text(sheet: &Sheet) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::cases::Case;
 
     /// Wilson 1927, checked by hand for 0 of 18 and 39 of 40.
     #[test]
@@ -289,6 +291,28 @@ mod tests {
         assert!(none.low.abs() < 1e-12 && (none.high - 0.1759).abs() < 1e-4);
         let most = Share::new(39, 40);
         assert!((most.low - 0.8712).abs() < 1e-4 && (most.high - 0.9956).abs() < 1e-4);
+    }
+
+    #[test]
+    fn prop_a_case_that_could_not_be_flown_counts_nowhere() {
+        let case = Case {
+            index: 0,
+            preset: Preset::Helix,
+            vehicle: String::new(),
+            flight: "helix".to_owned(),
+            seed: 1,
+            scale: 1.0,
+            clutter: false,
+            effects: Vec::new(),
+        };
+        let failed = crate::bench::score::failed(&case, "no answer".to_owned(), 0.0);
+        let lost = Row {
+            outcome: Outcome::NotFlown,
+            ..failed.clone()
+        };
+        let cases = |rows: &[Row]| sum_up(rows).groups.last().map(|group| group.cases);
+        assert_eq!(cases(&[failed, lost.clone()]), Some(1));
+        assert_eq!(cases(&[lost]), None);
     }
 
     #[test]
