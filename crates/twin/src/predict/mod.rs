@@ -158,7 +158,10 @@ impl Predictor {
                 .iter()
                 .zip(&predictor.measured[channel])
                 .zip(first.channels[channel].iter())
-                .map(|((&flies, m), p)| flies && m.is_finite() && p.is_finite())
+                .enumerate()
+                .map(|(k, ((&flies, m), p))| {
+                    flies && m.is_finite() && p.is_finite() && predictor.plant.series.known(channel, k)
+                })
                 .collect();
             if mask.iter().any(|&m| m) {
                 whiteners[channel] = Some(Whitener::new(covariances[channel], &mask));

@@ -5,6 +5,7 @@
 
 use rotortwin_plant::Vector3;
 
+use super::channels::{KA, KP, KV, M, V};
 use crate::log::{FlightLog, names};
 
 /// Whole length of the Hann window, s.
@@ -33,6 +34,21 @@ pub struct Kinematics {
     pub accel: Vec<Vector3>,
     /// NED from body, rows first; filled where a pass reconstructs the motion.
     pub ned_from_body: Vec<[Vector3; 3]>,
+}
+
+impl Kinematics {
+    /// Every series by itself.
+    fn map(&self, change: impl Fn(&[Vector3]) -> Vec<Vector3>) -> Self {
+        Self {
+            position: change(&self.position),
+            velocity: change(&self.velocity),
+            attitude: change(&self.attitude),
+            rates: change(&self.rates),
+            angular_acceleration: change(&self.angular_acceleration),
+            accel: change(&self.accel),
+            ned_from_body: Vec::new(),
+        }
+    }
 }
 
 /// What of a log is there.
@@ -76,8 +92,10 @@ pub struct Series {
     pub len: usize,
     /// Number of rotors.
     pub rotors: usize,
-    /// As measured.
+    /// As measured; NaN where nothing was.
     pub raw: Kinematics,
+    /// The same with gaps bridged by straight lines: what has states of its own must not meet NaN. Such samples do not count.
+    pub bridged: Kinematics,
     /// Smoothed with [`SMOOTHING_S`].
     pub smooth: Kinematics,
     /// Input of each rotor, sample by sample (`k * rotors + i`): duty, or rotor speed in rad/s; thrust N for [`Drive::Wrench`].
@@ -169,23 +187,17 @@ impl Series {
             accel: accel.unwrap_or_else(zero),
             ned_from_body: Vec::new(),
         };
+        let bridged = raw.map(bridged);
         let half = (0.5 * SMOOTHING_S / step_s).round() as usize;
-        let rates = hann(&raw.rates, half);
-        let smooth = Kinematics {
-            position: hann(&raw.position, half),
-            velocity: hann(&raw.velocity, half),
-            attitude: hann(&raw.attitude, half),
-            angular_acceleration: derivative(&rates, step_s),
-            rates,
-            accel: hann(&raw.accel, half),
-            ned_from_body: Vec::new(),
-        };
+        let mut smooth = raw.map(|x| self::bridged(&hann(x, half)));
+        smooth.angular_acceleration = derivative(&smooth.rates, step_s);
         Ok(Self {
             start_s: log.time_s[0],
             step_s,
             len: n,
             rotors,
             raw,
+            bridged,
             smooth,
             input,
             drive,
@@ -199,6 +211,19 @@ impl Series {
     /// Time of sample `k`, s.
     pub fn time(&self, k: usize) -> f64 {
         self.start_s + k as f64 * self.step_s
+    }
+
+    /// True if what the prediction of a channel takes from the log at sample `k` was measured, not bridged.
+    pub(crate) fn known(&self, channel: usize, k: usize) -> bool {
+        let measured = |x: &[Vector3]| x[k].iter().all(|v| v.is_finite());
+        let raw = &self.raw;
+        match channel {
+            KV..M => measured(&raw.attitude) && (!self.available.accel || measured(&raw.accel)),
+            KA..KP => measured(&raw.attitude) && measured(&raw.rates),
+            KP..V => measured(&raw.velocity),
+            V => true,
+            _ => measured(&raw.rates) && measured(&raw.velocity) && measured(&raw.attitude),
+        }
     }
 
     /// True for samples of flight away from the ends: the rotors of the model lift a share of the weight.
@@ -273,6 +298,28 @@ fn rotor_input(
         "neither duties nor rotor speeds nor a commanded wrench: forces, torques and voltage are not testable".into(),
     );
     Ok((Drive::None, vec![0.0; n * rotors]))
+}
+
+/// NaN bridged by straight lines between what was measured, held at the ends; all 0 where nothing ever was.
+fn bridged(x: &[Vector3]) -> Vec<Vector3> {
+    let known: Vec<usize> = (0..x.len()).filter(|&k| x[k].iter().all(|v| v.is_finite())).collect();
+    if known.len() == x.len() {
+        return x.to_vec();
+    }
+    let (Some(&first), Some(&last)) = (known.first(), known.last()) else {
+        return vec![[0.0; 3]; x.len()];
+    };
+    let mut out = x.to_vec();
+    out[..first].fill(x[first]);
+    out[last..].fill(x[last]);
+    for pair in known.windows(2).filter(|pair| pair[1] - pair[0] > 1) {
+        let (a, b) = (pair[0], pair[1]);
+        for k in a + 1..b {
+            let share = (k - a) as f64 / (b - a) as f64;
+            out[k] = [0, 1, 2].map(|i| x[a][i] + share * (x[b][i] - x[a][i]));
+        }
+    }
+    out
 }
 
 /// Euler angles without jumps of a turn.
