@@ -13,7 +13,7 @@ use std::process::ExitCode;
 /// Arguments of `rotortwin compare`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
-    /// Flight logs: canonical CSV or Parquet
+    /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Models to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
@@ -88,11 +88,11 @@ pub(crate) fn refused(logs: &[FlightLog], vehicle: &rotortwin_plant::vehicle::Ve
     }
 }
 
-/// The logs at these paths.
+/// The logs at these paths, or parts of them.
 pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, ExitCode> {
     paths
         .iter()
-        .map(|path| FlightLog::read(path).map_err(output::bad_input))
+        .map(|path| FlightLog::read_part(path).map_err(output::bad_input))
         .collect()
 }
 

@@ -22,7 +22,7 @@ const PROPOSAL_FILE: &str = "proposed-effect.toml";
 /// Arguments of `rotortwin diagnose`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
-    /// Flight logs of one vehicle: canonical CSV or Parquet
+    /// Flight logs of one vehicle, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Model to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file

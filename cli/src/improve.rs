@@ -19,7 +19,7 @@ use std::time::Instant;
 /// Arguments of `rotortwin improve`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
-    /// Flight logs of one vehicle to learn from: canonical CSV or Parquet, or a run folder
+    /// Flight logs of one vehicle to learn from, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Model to improve: MODEL or MODEL@BRANCH; a vehicle file begins one of its name

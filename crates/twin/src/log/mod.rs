@@ -23,6 +23,7 @@ mod gate;
 mod mapping;
 pub mod names;
 mod parquet;
+mod part;
 mod report;
 mod resample;
 mod side_file;
