@@ -173,6 +173,10 @@ fn channel_table(model: &ModelOnLog) -> Table {
 
 /// Three significant digits.
 fn significant3(value: f64) -> String {
+    if !value.is_finite() {
+        // No sample of flight under this model.
+        return "–".to_owned();
+    }
     if value == 0.0 {
         return "0".to_owned();
     }
