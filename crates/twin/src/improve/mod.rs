@@ -364,7 +364,11 @@ fn reason(end: End, label: &str, diagnosis: Option<&Diagnosis>) -> String {
     match end {
         End::Agrees => format!("{label} agrees: no effect of the catalogue is missing at a size that would show."),
         End::LogFault => format!("Ended, mend the log and not the model. {sentence}"),
-        End::OutsideCatalogue => format!("Ended, nothing was added. {sentence}"),
+        End::OutsideCatalogue => {
+            let proposal = diagnosis.and_then(|d| d.proposal.as_ref());
+            let proposal = proposal.map_or_else(String::new, |p| format!(" {}", p.sentence()));
+            format!("Ended, nothing was added. {sentence}{proposal}")
+        }
         End::CannotTell => format!("Ended, nothing was added. {sentence}"),
         End::NothingTestable => format!("Ended. {sentence}"),
         End::Declined => format!("Ended at {label}: the next step was declined."),
