@@ -582,42 +582,7 @@ macro_rules! sequential_fields {
     };
 }
 
-sequential_fields!(
-    calibration_start,
-    calibration_end,
-    updates_per_window,
-    rotor_time_constant,
-    rotor_time_constant_spread,
-    gain_spread,
-    centre_of_mass_spread,
-    drag_spread,
-    bias_spread,
-    disturbance_correlation_time,
-    disturbance_floor,
-    disturbance_ceiling,
-    evidence_to_isolate,
-    margin_to_isolate,
-    evidence_for_second,
-    handicap_of_pairs,
-    prior_log_odds,
-    smallest_loss,
-    settling_time,
-    rotor_gain_spread,
-    excursion_in_calibration,
-    bias_factor,
-    level_margin,
-    repeat_bonus,
-    evidence_to_absorb,
-    momentum_noise_share,
-    drift_share,
-    level_gain,
-    level_clip,
-    level_ratio,
-    surprise_weight,
-    ambiguity_time,
-    unexplained_share,
-    spike_sigma,
-);
+rotortwin_flight_core::with_sequential_fields!(sequential_fields);
 
 fn sequential_config(mut fields: Fields<'_>, config: &mut SequentialConfig) -> Parsed<()> {
     let mut seen = 0u64;

@@ -1,8 +1,11 @@
 //! The development logs beside the repository: a foreign simulator's and real ones. Skipped where they are not.
 
+#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
+#[path = "../../../tests/src/skip.rs"]
+mod skip;
+
 use rotortwin_plant::VehicleDocuments;
 use rotortwin_twin::log::{FindingKind, FlightLog, names};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// The folder of `ROTORTWIN_SHARED`, else `../shared` beside the repository; `None` is noted for `./test` to count.
@@ -14,13 +17,9 @@ fn shared(inside: &str) -> Option<PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    let reason = format!("flight logs: {inside} is not beside the repository (ROTORTWIN_SHARED)");
-    eprintln!("skipped: {reason}");
-    if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
-        let file = std::fs::OpenOptions::new().create(true).append(true).open(log);
-        let written = file.and_then(|mut file| file.write_all(format!("{reason}\n").as_bytes()));
-        written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
-    }
+    skip::skip(&format!(
+        "flight logs: {inside} is not beside the repository (ROTORTWIN_SHARED)"
+    ));
     None
 }
 

@@ -2,6 +2,10 @@
 //!
 //! The logs are not in the repository; without them the tests say so and end.
 
+#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
+#[path = "../../../tests/src/skip.rs"]
+mod skip;
+
 use std::path::PathBuf;
 
 use rotortwin_plant::VehicleDocuments;
@@ -17,24 +21,13 @@ fn answer(number: usize) -> Option<Diagnosis> {
     let folder = std::env::var_os("ROTORTWIN_SHARED").map_or_else(|| root().join("../shared"), PathBuf::from);
     let path = folder.join(format!("data/hidden_effect/log{number:02}.parquet"));
     if !path.is_file() {
-        rotortwin_skip("the sixteen known logs: data/hidden_effect is not beside the repository (ROTORTWIN_SHARED)");
+        skip::skip("the sixteen known logs: data/hidden_effect is not beside the repository (ROTORTWIN_SHARED)");
         return None;
     }
     let log = FlightLog::read(&path).expect("a canonical log");
     let documents = VehicleDocuments::load(root().join("config/vehicles/f550.toml")).expect("the F550");
     let model = ModelVersion::first("f550", documents);
     Some(diagnose(&[log], &model, &Options::default()).expect("a diagnosis"))
-}
-
-/// As in the system tests: `./test` counts these lines.
-fn rotortwin_skip(reason: &str) {
-    use std::io::Write as _;
-    eprintln!("skipped: {reason}");
-    if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
-        let file = std::fs::OpenOptions::new().create(true).append(true).open(log);
-        let written = file.and_then(|mut file| file.write_all(format!("{reason}\n").as_bytes()));
-        written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
-    }
 }
 
 fn named(diagnosis: &Diagnosis) -> Vec<(String, Option<usize>)> {

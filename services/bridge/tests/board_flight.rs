@@ -1,5 +1,9 @@
 //! Flights with a board in the loop: virtual lines of all kinds, a pseudo-terminal, the emulated Cortex-M7.
 
+#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
+#[path = "../../../tests/src/skip.rs"]
+mod skip;
+
 use rotortwin_board::message::{Detectors, Options};
 use rotortwin_bridge::address::BoardAddress;
 use rotortwin_bridge::line::{Channel, FileLine, Line};
@@ -12,7 +16,6 @@ use rotortwin_plant::{Scenario, Simulation};
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -299,17 +302,7 @@ fn emulated(channel: Channel) -> Option<FileLine> {
     } else {
         return Some(FileLine::qemu(&program, channel).expect("the emulator comes up"));
     };
-    let sentence = format!("{channel:?} to the emulated board: {missing}");
-    eprintln!("skipped: {sentence}");
-    if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
-        let mut log = std::fs::OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(log)
-            .expect("the file named by ROTORTWIN_SKIP_LOG can be opened");
-        log.write_all(format!("{sentence}\n").as_bytes())
-            .expect("the file named by ROTORTWIN_SKIP_LOG can be written");
-    }
+    skip::skip(&format!("{channel:?} to the emulated board: {missing}"));
     None
 }
 

@@ -3,6 +3,10 @@
 //! The emulation follows PX4-Bootloader's `bl.c`, not the code under test: commands are taken apart byte by byte, the first word is kept back
 //! until the board is told to start, and the CRC runs over the whole flash.
 
+#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
+#[path = "../../../tests/src/skip.rs"]
+mod skip;
+
 use rotortwin_bridge::boot_loader::{BootLoader, Device, Progress, crc};
 use rotortwin_bridge::line::{FileLine, Terminal};
 use rotortwin_bridge::px4_file::Px4File;
@@ -247,16 +251,7 @@ fn val_program_of_this_repository_goes_in() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/firmware/pixhawk6c.px4");
     if !path.is_file() {
         let sentence = "flashing pixhawk6c.px4: it was not built (cargo xtask firmware)";
-        eprintln!("skipped: {sentence}");
-        if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
-            use std::io::Write as _;
-            let mut log = std::fs::OpenOptions::new()
-                .create(true)
-                .append(true)
-                .open(log)
-                .expect("the file named by ROTORTWIN_SKIP_LOG can be opened");
-            writeln!(log, "{sentence}").expect("the file named by ROTORTWIN_SKIP_LOG can be written");
-        }
+        skip::skip(sentence);
         return;
     }
     let file = Px4File::load(&path).expect("as the boot loader takes it");

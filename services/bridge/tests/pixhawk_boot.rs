@@ -3,18 +3,10 @@
 use std::path::Path;
 use std::process::Command;
 
-fn skip(reason: &str) {
-    eprintln!("skipped: {reason}");
-    if let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") {
-        use std::io::Write as _;
-        let mut log = std::fs::OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(log)
-            .expect("the file named by ROTORTWIN_SKIP_LOG can be opened");
-        writeln!(log, "{reason}").expect("the file named by ROTORTWIN_SKIP_LOG can be written");
-    }
-}
+#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
+#[path = "../../../tests/src/skip.rs"]
+mod skip;
+use skip::skip;
 
 #[test]
 fn scenario_pixhawk_program_boots_and_answers_on_all_links() {

@@ -255,7 +255,7 @@ impl Predictor {
         vehicle.charge_offset += nuisances.charge;
         // Noise is predicted by its mean, which is 0: a draw of its own would only add to the error.
         let is_noise = |effect: &EffectInstance| {
-            let declared = self.catalogue.entries().iter().find(|d| d.id == effect.effect);
+            let declared = self.catalogue.find(&effect.effect);
             declared.is_some_and(|d| d.class == EffectClass::Noise)
         };
         let effects = self.model.iter().chain(extra);

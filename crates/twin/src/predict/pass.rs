@@ -170,7 +170,7 @@ impl Plant {
     pub(crate) fn run(&self, effects: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {
         let stages = base.map_or(Stages::ALL, |(_, stages)| stages);
         let measured = match source {
-            Source::Raw => &self.series.bridged,
+            Source::Raw => self.series.bridged.as_ref().unwrap_or(&self.series.raw),
             Source::Smooth => &self.series.smooth,
         };
         let motion = match base {

@@ -36,21 +36,6 @@ pub struct Kinematics {
     pub ned_from_body: Vec<[Vector3; 3]>,
 }
 
-impl Kinematics {
-    /// Every series by itself.
-    fn map(&self, change: impl Fn(&[Vector3]) -> Vec<Vector3>) -> Self {
-        Self {
-            position: change(&self.position),
-            velocity: change(&self.velocity),
-            attitude: change(&self.attitude),
-            rates: change(&self.rates),
-            angular_acceleration: change(&self.angular_acceleration),
-            accel: change(&self.accel),
-            ned_from_body: Vec::new(),
-        }
-    }
-}
-
 /// What of a log is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Available {
@@ -94,8 +79,9 @@ pub struct Series {
     pub rotors: usize,
     /// As measured; NaN where nothing was.
     pub raw: Kinematics,
-    /// The same with gaps bridged by straight lines: what has states of its own must not meet NaN. Such samples do not count.
-    pub bridged: Kinematics,
+    /// The same with gaps bridged by straight lines, if there are any: what has states of its own must not meet NaN. Such samples do not
+    /// count.
+    pub bridged: Option<Kinematics>,
     /// Smoothed with [`SMOOTHING_S`].
     pub smooth: Kinematics,
     /// Input of each rotor, sample by sample (`k * rotors + i`): duty, or rotor speed in rad/s; thrust N for [`Drive::Wrench`].
@@ -187,10 +173,19 @@ impl Series {
             accel: accel.unwrap_or_else(zero),
             ned_from_body: Vec::new(),
         };
-        let bridged = raw.map(bridged);
+        let bridged = (!raw.is_whole()).then(|| raw.bridged());
         let half = (0.5 * SMOOTHING_S / step_s).round() as usize;
-        let mut smooth = raw.map(|x| self::bridged(&hann(x, half)));
-        smooth.angular_acceleration = derivative(&smooth.rates, step_s);
+        let smoothed = |x: &[Vector3]| self::bridged(hann(x, half));
+        let rates = smoothed(&raw.rates);
+        let smooth = Kinematics {
+            position: smoothed(&raw.position),
+            velocity: smoothed(&raw.velocity),
+            attitude: smoothed(&raw.attitude),
+            angular_acceleration: derivative(&rates, step_s),
+            rates,
+            accel: smoothed(&raw.accel),
+            ned_from_body: Vec::new(),
+        };
         Ok(Self {
             start_s: log.time_s[0],
             step_s,
@@ -215,7 +210,7 @@ impl Series {
 
     /// True if what the prediction of a channel takes from the log at sample `k` was measured, not bridged.
     pub(crate) fn known(&self, channel: usize, k: usize) -> bool {
-        let measured = |x: &[Vector3]| x[k].iter().all(|v| v.is_finite());
+        let measured = |x: &[Vector3]| is_finite(&x[k]);
         let raw = &self.raw;
         match channel {
             KV..M => measured(&raw.attitude) && (!self.available.accel || measured(&raw.accel)),
@@ -300,16 +295,47 @@ fn rotor_input(
     Ok((Drive::None, vec![0.0; n * rotors]))
 }
 
+fn is_finite(v: &Vector3) -> bool {
+    v.iter().all(|v| v.is_finite())
+}
+
+impl Kinematics {
+    /// True if nothing is missing.
+    fn is_whole(&self) -> bool {
+        let all = [
+            &self.position,
+            &self.velocity,
+            &self.attitude,
+            &self.rates,
+            &self.angular_acceleration,
+            &self.accel,
+        ];
+        all.iter().all(|x| x.iter().all(is_finite))
+    }
+
+    fn bridged(&self) -> Self {
+        Self {
+            position: bridged(self.position.clone()),
+            velocity: bridged(self.velocity.clone()),
+            attitude: bridged(self.attitude.clone()),
+            rates: bridged(self.rates.clone()),
+            angular_acceleration: bridged(self.angular_acceleration.clone()),
+            accel: bridged(self.accel.clone()),
+            ned_from_body: Vec::new(),
+        }
+    }
+}
+
 /// NaN bridged by straight lines between what was measured, held at the ends; all 0 where nothing ever was.
-fn bridged(x: &[Vector3]) -> Vec<Vector3> {
-    let known: Vec<usize> = (0..x.len()).filter(|&k| x[k].iter().all(|v| v.is_finite())).collect();
+fn bridged(x: Vec<Vector3>) -> Vec<Vector3> {
+    let known: Vec<usize> = (0..x.len()).filter(|&k| is_finite(&x[k])).collect();
     if known.len() == x.len() {
-        return x.to_vec();
+        return x;
     }
     let (Some(&first), Some(&last)) = (known.first(), known.last()) else {
         return vec![[0.0; 3]; x.len()];
     };
-    let mut out = x.to_vec();
+    let mut out = x.clone();
     out[..first].fill(x[first]);
     out[last..].fill(x[last]);
     for pair in known.windows(2).filter(|pair| pair[1] - pair[0] > 1) {

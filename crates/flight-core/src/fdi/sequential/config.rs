@@ -281,6 +281,50 @@ impl SequentialConfig {
     }
 }
 
+/// Calls a macro with the names of all fields of [`SequentialConfig`]: the one list of them for messages to processes and to boards.
+/// What the macro makes of it must name every field, so that the compiler refuses a list that is not complete.
+#[macro_export]
+macro_rules! with_sequential_fields {
+    ($callback:ident) => {
+        $callback!(
+            calibration_start,
+            calibration_end,
+            updates_per_window,
+            rotor_time_constant,
+            rotor_time_constant_spread,
+            gain_spread,
+            centre_of_mass_spread,
+            drag_spread,
+            bias_spread,
+            disturbance_correlation_time,
+            disturbance_floor,
+            disturbance_ceiling,
+            evidence_to_isolate,
+            margin_to_isolate,
+            evidence_for_second,
+            handicap_of_pairs,
+            prior_log_odds,
+            smallest_loss,
+            settling_time,
+            rotor_gain_spread,
+            excursion_in_calibration,
+            bias_factor,
+            level_margin,
+            repeat_bonus,
+            evidence_to_absorb,
+            momentum_noise_share,
+            drift_share,
+            level_gain,
+            level_clip,
+            level_ratio,
+            surprise_weight,
+            ambiguity_time,
+            unexplained_share,
+            spike_sigma,
+        );
+    };
+}
+
 /// Why a configuration of the sequential detector is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SequentialConfigError {

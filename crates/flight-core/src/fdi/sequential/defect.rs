@@ -205,27 +205,9 @@ impl DefectMeter {
             effectiveness: core::array::from_fn(|i| core::array::from_fn(|axis| f[axis][i])),
             hover_thrust,
             time_constant_range: (0.25 * time_constant, 4.0 * time_constant),
-            started: false,
-            accounted: [0.0; AXES],
-            rate: [0.0; AXES],
-            last_drift: [0.0; AXES],
             lag: [Lag::new(time_constant, period); AXES],
-            regressor_rate: [0.0; REGRESSORS],
-            integrals: Integrals {
-                value: [0.0; REGRESSORS],
-                sum: [0.0; REGRESSORS],
-            },
-            defect_sum: [0.0; AXES],
-            excursion: 0.0,
-            excursion_sum: 0.0,
-            thrust_sum: [0.0; MAX_ROTORS],
-            samples: 0.0,
-            last_defect: [0.0; AXES],
             spike_limit: [f32::INFINITY; AXES],
-            spikes_in_row: 0,
-            noise_count: 0.0,
-            noise_sum: [0.0; AXES],
-            noise_square: [0.0; AXES],
+            ..Self::BLANK
         }
     }
 

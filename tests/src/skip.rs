@@ -1,0 +1,17 @@
+//! Tests that cannot do all of their work here. Tests of other crates take this file in by its path.
+
+use std::io::Write as _;
+
+/// Notes that a test could not do all of its work here, and why; `./test` counts these lines.
+pub fn skip(reason: &str) {
+    eprintln!("skipped: {reason}");
+    let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") else {
+        return;
+    };
+    let written = std::fs::OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(&log)
+        .and_then(|mut file| file.write_all(format!("{reason}\n").as_bytes()));
+    written.expect("the file named by ROTORTWIN_SKIP_LOG can be written");
+}
