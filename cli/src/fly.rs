@@ -249,7 +249,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
-fn load(args: &Args) -> Result<Scenario, ConfigError> {
+pub(crate) fn load(args: &Args) -> Result<Scenario, ConfigError> {
     if !args.documents {
         return Scenario::load(&args.scenario);
     }
@@ -271,7 +271,7 @@ fn end_with_standard_input() {
 }
 
 /// The scenario with the models that were asked for: their vehicle and effects in the plant, their constants in the detectors.
-fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
+pub(crate) fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
     let store = ModelStore::new(&args.models);
     let find = |text: &str| store.find(text).map_err(|error| crate::model::store_failed(&error));
     let mut scenario = scenario;
@@ -318,7 +318,7 @@ fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
 }
 
 /// Makes the folder of the run, and makes sure that files can be written there.
-fn run_folder(args: &Args, name: &str, seed: u64) -> Result<RunFolder, String> {
+pub(crate) fn run_folder(args: &Args, name: &str, seed: u64) -> Result<RunFolder, String> {
     let path = args.out.clone().map_or_else(|| next_free_folder(name, seed), Ok)?;
     let folder = RunFolder::create(&path).map_err(|error| error.to_string())?;
     let probe = folder.spool_path();
@@ -590,7 +590,7 @@ impl ArgList {
 }
 
 /// The progress bar, and lines above it.
-struct Screen {
+pub(crate) struct Screen {
     bar: ProgressBar,
     quiet: bool,
     /// Events as JSON lines instead.
@@ -598,7 +598,7 @@ struct Screen {
 }
 
 impl Screen {
-    fn new(quiet: bool, events: bool) -> Self {
+    pub(crate) fn new(quiet: bool, events: bool) -> Self {
         let bar = ProgressBar::with_draw_target(
             None,
             if quiet || events {
@@ -613,7 +613,7 @@ impl Screen {
         Self { bar, quiet, events }
     }
 
-    fn show(&self, event: &RunEvent) {
+    pub(crate) fn show(&self, event: &RunEvent) {
         if self.events {
             match serde_json::to_string(event) {
                 Ok(line) => output::line(&line),
@@ -638,7 +638,7 @@ impl Screen {
         }
     }
 
-    fn line(&self, text: &str) {
+    pub(crate) fn line(&self, text: &str) {
         if self.quiet {
             return;
         }
@@ -649,7 +649,7 @@ impl Screen {
         }
     }
 
-    fn close(&self) {
+    pub(crate) fn close(&self) {
         self.bar.finish_and_clear();
     }
 }

@@ -16,6 +16,7 @@ mod log;
 mod model;
 mod next_flight;
 mod output;
+mod remote;
 mod replay;
 mod reproduce;
 mod serve;
@@ -29,6 +30,8 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "rotortwin", version, propagate_version = true, max_term_width = 120)]
 struct Cli {
+    #[command(flatten)]
+    server: remote::ServerArgs,
     #[command(subcommand)]
     command: Command,
 }
@@ -69,6 +72,8 @@ enum Command {
     Board(board::Args),
     /// Serve jobs, runs and results over HTTP
     Serve(serve::Args),
+    /// Runs of a server: list, get, events, cancel, delete, fetch
+    Runs(remote::JobArgs),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -85,6 +90,9 @@ pub fn run() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return refuse(&error),
     };
+    if cli.server.server.is_some() {
+        return remote::run(&cli.server, &cli.command);
+    }
     match cli.command {
         Command::Fly(args) => fly::run(&args),
         Command::Replay(args) => replay::run(&args),
@@ -103,6 +111,7 @@ pub fn run() -> ExitCode {
         Command::Blind(args) => blind::run(&args),
         Command::Board(args) => board::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Runs(args) => remote::jobs(&cli.server, "runs", &args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),

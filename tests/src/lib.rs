@@ -8,7 +8,8 @@
 //! * [`program`]: the program under test, runs of it, what they print and leave;
 //! * [`process`]: the processes of a run, found and disturbed through the kernel;
 //! * [`random`]: seeded choices of moments and victims.
-//! * [`server`]: a server under test, and requests to it.
+//! * [`server`]: a server under test, and requests to it;
+//! * [`python`]: Python with the client and what its tests need.
 //!
 //! Every wait has a deadline; a test that misses one fails with what the run has printed so far. A run that a failing test leaves
 //! behind is killed.
@@ -17,6 +18,7 @@
 
 pub mod process;
 pub mod program;
+pub mod python;
 pub mod random;
 pub mod scratch;
 pub mod server;

@@ -47,9 +47,21 @@ impl Server {
     /// # Panics
     /// It does not say where it serves.
     pub fn start(data: &Path) -> Self {
+        Self::start_at(data, "127.0.0.1:0")
+    }
+
+    /// Starts it again where it was, after [`kill`](Self::kill).
+    ///
+    /// # Panics
+    /// It does not say where it serves.
+    pub fn start_again(&mut self, data: &Path) {
+        *self = Self::start_at(data, &self.address);
+    }
+
+    fn start_at(data: &Path, listen: &str) -> Self {
         let library = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config");
         let mut child = Command::new(program())
-            .args(["serve", "--listen", "127.0.0.1:0", "--workers", "2", "--data"])
+            .args(["serve", "--listen", listen, "--workers", "2", "--data"])
             .arg(data)
             .arg("--library")
             .arg(library)
@@ -63,6 +75,11 @@ impl Server {
         let address = line.trim().rsplit("http://").next().unwrap_or_default().to_owned();
         assert!(address.starts_with("127.0.0.1:"), "{line}");
         Self { child, address }
+    }
+
+    /// Its URL.
+    pub fn url(&self) -> String {
+        format!("http://{}", self.address)
     }
 
     /// The server's process.

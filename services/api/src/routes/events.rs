@@ -13,9 +13,22 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 use tokio_stream::Stream;
+use utoipa::ToSchema;
 
 /// Events asked of the database at a time.
 const BATCH: i64 = 500;
+
+/// An event of a stream.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "for the OpenAPI document: axum writes the fields")]
+pub(crate) struct StreamEvent {
+    /// Number, from 1, without gaps.
+    id: String,
+    /// Kind, such as `progress`.
+    event: String,
+    /// What it says: a JSON object.
+    data: String,
+}
 
 /// All events of a run, from the first or after `Last-Event-ID`, without gaps; ends after `ended`.
 ///
@@ -23,7 +36,7 @@ const BATCH: i64 = 500;
 #[utoipa::path(get, path = "/api/v1/runs/{id}/events", tag = "runs",
     params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "number of the last event that was seen")),
     responses(
-        (status = 200, description = "a stream", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "a stream", body = StreamEvent, content_type = "text/event-stream"),
         (status = 400, description = "Last-Event-ID is no number", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
     ))]

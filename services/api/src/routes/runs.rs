@@ -9,7 +9,7 @@ use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use rotortwin_plant::Scenario;
+use rotortwin_plant::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::{IntoParams, ToSchema};
@@ -29,6 +29,9 @@ pub(crate) struct Submission {
     /// A scenario document (TOML), as it would stand in the library's `scenarios`.
     #[serde(default)]
     text: Option<String>,
+    /// All documents of a flight (TOML), as the summary of a run holds them: nothing is looked up in the library.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    documents: Option<String>,
     /// Keys to set on the named scenario: `key=value`, such as `initial.state_of_charge=0.4`.
     #[serde(default)]
     set: Vec<String>,
@@ -166,6 +169,7 @@ pub(crate) struct RunPage {
 
 /// Which runs.
 #[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Filter {
     /// Only runs in this state.
@@ -195,6 +199,20 @@ pub(crate) fn find_scenario(
         _ => Err(Problem::unprocessable(
             "expected either `scenario`, the name of one of the server's scenarios, or `text`, a scenario document",
         )),
+    }
+}
+
+fn submitted_scenario(app: &App, body: &Submission) -> Result<Scenario, Problem> {
+    match &body.documents {
+        None => find_scenario(app, body.scenario.as_deref(), body.text.as_deref(), &body.set),
+        Some(_) if body.scenario.is_some() || body.text.is_some() || !body.set.is_empty() => {
+            Err(Problem::unprocessable(
+                "`documents` say everything themselves; expected them without `scenario`, `text` and `set`",
+            ))
+        }
+        Some(text) => Documents::from_toml("`documents`", text)
+            .and_then(|documents| Scenario::from_documents(&documents))
+            .map_err(|error| Problem::unprocessable(error.to_string())),
     }
 }
 
@@ -242,10 +260,7 @@ async fn accept(
     let canonical = serde_json::json!({ "body": body, "parent": parent.as_ref().map(|(id, _)| id) }).to_string();
     let (parent, scenario) = match parent {
         Some((id, scenario)) => (Some(id), scenario),
-        None => (
-            None,
-            find_scenario(app, body.scenario.as_deref(), body.text.as_deref(), &body.set)?,
-        ),
+        None => (None, submitted_scenario(app, &body)?),
     };
     let seed = body.seed.unwrap_or_else(|| scenario.seed());
     rotortwin_plant::Simulation::new(&scenario, seed).map_err(|error| Problem::unprocessable(error.to_string()))?;
@@ -459,7 +474,7 @@ pub(crate) async fn fork(
 }
 
 fn recorded(run: &RunRow) -> Result<Scenario, Problem> {
-    rotortwin_plant::scenario::Documents::from_toml("the recorded scenario", &run.documents)
+    Documents::from_toml("the recorded scenario", &run.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
 }

@@ -1,0 +1,80 @@
+//! `rotortwin --server URL …`: the same commands, done by a server.
+//!
+//! ```text
+//!  command ─▶ http (patience, refusals) ─▶ server
+//!     │          ▲
+//!     │       events (without gaps, over broken connections)
+//!     └──▶ fetch (files, resumed) ─▶ run folder, table: as if flown here
+//! ```
+//! A scenario is read and checked here and sent with all its documents, so that the server flies what this machine means, whatever its
+//! library holds. A submission carries an idempotency key: trying again cannot make a second run.
+
+mod events;
+mod fetch;
+mod fly;
+mod http;
+mod jobs;
+mod results;
+
+use crate::output;
+use clap::Parser;
+use http::Remote;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+pub(crate) use http::RemoteError;
+pub(crate) use jobs::Args as JobArgs;
+
+/// Where `runs` and its like ask if `--server` does not say it.
+const HERE: &str = "http://127.0.0.1:8400";
+
+/// The server, its certificate, and who asks.
+#[derive(Debug, Clone, Parser)]
+pub(crate) struct ServerArgs {
+    /// Let this server do it, such as http://bench:8400; stands before the command
+    #[arg(long, value_name = "URL")]
+    pub(crate) server: Option<String>,
+    /// With --server: file with the token [default: what ROTORTWIN_TOKEN holds]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) token_file: Option<PathBuf>,
+    /// With --server: certificate (PEM) of the authority that signed the server's [default: those of this machine]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) ca: Option<PathBuf>,
+}
+
+/// Does a command on the server.
+pub(crate) fn run(server: &ServerArgs, command: &crate::Command) -> ExitCode {
+    match command {
+        crate::Command::Fly(args) => fly::run(server, args),
+        crate::Command::Show(args) => results::show(server, args),
+        crate::Command::Replay(args) => results::replay(server, args),
+        crate::Command::Runs(args) => jobs(server, "runs", args),
+        _ => output::bad_input(
+            "--server: this command works on this machine only; expected fly, show, replay or runs after --server URL",
+        ),
+    }
+}
+
+/// `rotortwin runs …`
+pub(crate) fn jobs(server: &ServerArgs, kind: &'static str, args: &JobArgs) -> ExitCode {
+    jobs::run(server, kind, args)
+}
+
+/// Does work against a server; its error becomes the exit code.
+fn with_server(server: &ServerArgs, work: impl AsyncFnOnce(&Remote) -> Result<ExitCode, RemoteError>) -> ExitCode {
+    let done = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| RemoteError::Failed(format!("the network cannot be used: {error}")))
+        .and_then(|runtime| {
+            runtime.block_on(async {
+                let remote = Remote::open(server)?;
+                work(&remote).await
+            })
+        });
+    match done {
+        Ok(code) => code,
+        Err(RemoteError::BadInput(sentence)) => output::bad_input(sentence),
+        Err(RemoteError::Failed(sentence)) => output::failed(sentence),
+    }
+}

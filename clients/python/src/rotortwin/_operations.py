@@ -1,0 +1,213 @@
+"""What can be asked of the server, once for both clients."""
+
+from __future__ import annotations
+
+import io
+import sys
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, Union
+
+from ._exchange import Operation, Settings
+from ._stream import in_path
+from .errors import JobFailed, RotortwinError, UnexpectedAnswer
+from .models import Artifact, Event, Job, Json, Run, Validation, Verification, read
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+J = TypeVar("J", bound=Union[Run, Job])
+T = TypeVar("T")
+
+#: Told of every event of a job that is waited for; True draws a bar on standard error.
+Progress = Union[bool, Callable[[Event], None]]
+
+
+def new_key() -> str:
+    """A key for one submission, kept over its tries."""
+    return uuid.uuid4().hex
+
+
+class JobOperations(Generic[J]):
+    """The verbs of `/api/v1/KIND`."""
+
+    def __init__(self, settings: Settings, kind: str, parse: Callable[[object], J]) -> None:
+        self.settings = settings
+        self.root = f"/api/v1/{kind}"
+        #: One of it, in words.
+        self.noun = kind.rstrip("s") if not kind.endswith("ies") else f"{kind[:-3]}y"
+        self.parse = parse
+
+    def path(self, id: str, *more: str) -> str:
+        return "/".join([self.root, in_path(id), *more])
+
+    def submit(self, body: Mapping[str, Any], key: str | None, path: str | None = None) -> Operation[J]:
+        headers = {"idempotency-key": key or new_key()}
+        answer = yield from self.settings.call("POST", path or self.root, json=dict(body), headers=headers)
+        return self.parse(answer.json())
+
+    def get(self, id: str) -> Operation[J]:
+        answer = yield from self.settings.call("GET", self.path(id))
+        return self.parse(answer.json())
+
+    def page(self, cursor: str | None, limit: int, filters: Mapping[str, Any]) -> Operation[tuple[list[J], str | None]]:
+        params = {"cursor": cursor, "limit": limit, **filters}
+        answer = yield from self.settings.call("GET", self.root, params=params)
+        body = answer.json()
+        return [self.parse(item) for item in body["items"]], body.get("next")
+
+    def cancel(self, id: str) -> Operation[J]:
+        # Ended between two tries: what was wanted.
+        answer = yield from self.settings.call("POST", self.path(id, "cancel"), ok_when_repeated=(409,))
+        if answer.status_code == 409:
+            return (yield from self.get(id))
+        return self.parse(answer.json())
+
+    def delete(self, id: str) -> Operation[None]:
+        yield from self.settings.call("DELETE", self.path(id), ok_when_repeated=(404,))
+
+    def artifacts(self, id: str) -> Operation[list[Artifact]]:
+        answer = yield from self.settings.call("GET", self.path(id, "artifacts"))
+        return [read(Artifact, item) for item in answer.json()["items"]]
+
+    def artifact(self, id: str, name: str) -> Operation[bytes]:
+        answer = yield from self.settings.call("GET", self.artifact_path(id, name))
+        return answer.content
+
+    def artifact_path(self, id: str, name: str) -> str:
+        return self.path(id, "artifacts", in_path(name))
+
+    def checked(self, job: J) -> J:
+        """The job, if it ended as done."""
+        if job.status != "done":
+            why = f": {job.error}" if job.error else ""
+            raise JobFailed(f"{self.noun} {job.id} ended as {job.status}{why}", job.status)
+        return job
+
+
+class RunOperations(JobOperations[Run]):
+    """What only runs have."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, "runs", lambda data: read(Run, data))
+
+    def fork(self, id: str, body: Mapping[str, Any], key: str | None) -> Operation[Run]:
+        return (yield from self.submit(body, key, self.path(id, "fork")))
+
+    def verify(self, id: str) -> Operation[Verification]:
+        # As long as the flight takes in one process.
+        answer = yield from self.settings.call("POST", self.path(id, "verify"), timeout_s=600.0)
+        return read(Verification, answer.json())
+
+
+class LibraryOperations:
+    """Scenarios and vehicles that the server has."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+
+    def names(self, kind: str) -> Operation[list[str]]:
+        answer = yield from self.settings.call("GET", f"/api/v1/{kind}")
+        return [str(name) for name in answer.json()["items"]]
+
+    def text(self, kind: str, name: str) -> Operation[str]:
+        answer = yield from self.settings.call("GET", f"/api/v1/{kind}/{in_path(name)}")
+        return answer.text
+
+    def validate(self, body: Json) -> Operation[Validation]:
+        answer = yield from self.settings.call("POST", "/api/v1/scenarios/validate", json=body)
+        return read(Validation, answer.json())
+
+    def ready(self) -> Operation[bool]:
+        yield from self.settings.call("GET", "/readyz")
+        return True
+
+
+def scenario_body(
+    scenario: str | Path | None, text: str | None, documents: str | None, changes: Mapping[str, Any] | Sequence[str]
+) -> Json:
+    """Which scenario a request means."""
+    body: Json = {}
+    if isinstance(scenario, Path):
+        if text is not None:
+            raise ValueError("give a path or a text, not both")
+        text = scenario.read_text(encoding="utf-8")
+    elif scenario is not None:
+        body["scenario"] = scenario
+    if text is not None:
+        body["text"] = text
+    if documents is not None:
+        body["documents"] = documents
+    if changes:
+        items = changes.items() if isinstance(changes, Mapping) else None
+        body["set"] = list(changes) if items is None else [f"{key}={toml_value(value)}" for key, value in items]
+    return body
+
+
+def toml_value(value: Any) -> str:
+    """A value as the server's `set` reads it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{escaped}"'
+    if isinstance(value, (int, float)):
+        return repr(value)
+    raise TypeError(f"cannot set {value!r}; expected a number, a text, true or false, or a list of them")
+
+
+def as_table(data: bytes, columns: Sequence[str] | None) -> pyarrow.Table:
+    """Parquet as an Arrow table."""
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise RotortwinError("telemetry needs pyarrow: pip install 'rotortwin[arrow]'") from error
+    return pyarrow.parquet.read_table(io.BytesIO(data), columns=None if columns is None else list(columns))
+
+
+def as_frame(data: bytes, columns: Sequence[str] | None) -> pandas.DataFrame:
+    """Parquet as a pandas data frame."""
+    try:
+        import pandas
+    except ImportError as error:
+        raise RotortwinError("a data frame needs pandas: pip install 'rotortwin[pandas]'") from error
+    frame = as_table(data, columns).to_pandas()
+    if not isinstance(frame, pandas.DataFrame):
+        raise UnexpectedAnswer("the telemetry is no table")
+    return frame
+
+
+class Watcher:
+    """Tells of the progress of a job."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._tell: Callable[[Event], None] | None = None
+        self._drawn = False
+        if callable(progress):
+            self._tell = progress
+        elif progress:
+            self._tell = self._draw
+
+    def see(self, event: Event) -> None:
+        if self._tell is not None:
+            self._tell(event)
+
+    def _draw(self, event: Event) -> None:
+        share = event.share
+        if share is None:
+            return
+        full = round(28 * share)
+        time = event.data.get("sim_time_s")
+        words = f"  t {time:5.1f} s" if isinstance(time, float) else ""
+        sys.stderr.write(f"\r{'━' * full}{'─' * (28 - full)} {100 * share:3.0f} %{words}")
+        sys.stderr.flush()
+        self._drawn = True
+
+    def close(self) -> None:
+        if self._drawn:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()

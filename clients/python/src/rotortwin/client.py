@@ -1,0 +1,277 @@
+"""The blocking client."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import httpx
+
+from ._exchange import Operation, Settings, drive
+from ._operations import (
+    J,
+    JobOperations,
+    LibraryOperations,
+    Progress,
+    RunOperations,
+    Watcher,
+    as_frame,
+    as_table,
+    scenario_body,
+)
+from ._stream import Download, Follow, local_path
+from .models import Artifact, Event, Job, Link, Pace, Run, Status, Validation, Verification, read_job
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+T = TypeVar("T")
+
+
+class Resource(Generic[J]):
+    """Jobs of one kind: the verbs that all of them have."""
+
+    def __init__(self, client: Client, operations: JobOperations[J]) -> None:
+        self._client = client
+        self._operations = operations
+
+    def _do(self, operation: Operation[T]) -> T:
+        return drive(self._client._http, operation)
+
+    def get(self, id: str) -> J:
+        """One of them."""
+        return self._do(self._operations.get(id))
+
+    def list(self, *, status: Status | None = None, name: str | None = None, page_size: int = 100, **filters: Any) -> Iterator[J]:
+        """All of them, latest first, page by page as they are asked for."""
+        cursor: str | None = None
+        while True:
+            page = self._operations.page(cursor, page_size, {"status": status, "name": name, **filters})
+            items, cursor = self._do(page)
+            yield from items
+            if cursor is None:
+                return
+
+    def events(self, id: str, *, after: int = 0) -> Iterator[Event]:
+        """Every event from the first (or after number `after`) to `ended`, over broken connections and restarts of the server."""
+        follow = Follow(self._client._settings, self._operations.path(id, "events"), after)
+        while not follow.over:
+            try:
+                answer = self._client._http.send(follow.request(), stream=True)
+                try:
+                    if answer.status_code == 200:
+                        for chunk in answer.iter_bytes():
+                            yield from follow.feed(chunk)
+                            if follow.over:
+                                return
+                        pause = 0.1
+                    else:
+                        answer.read()
+                        pause = follow.refused(answer)
+                finally:
+                    answer.close()
+            except httpx.TransportError as error:
+                pause = follow.broke(error)
+            # A stream that ends without `ended` and without news: the server is ending, or there will be no more.
+            else:
+                if answer.status_code == 200 and not follow.news and self.get(id).ended:
+                    return
+            time.sleep(pause)
+
+    def wait(self, id: str, *, progress: Progress = False, check: bool = False) -> J:
+        """The job once it has ended. `check`: raise `JobFailed` unless it was done."""
+        watcher = Watcher(progress)
+        try:
+            for event in self.events(id):
+                watcher.see(event)
+        finally:
+            watcher.close()
+        job = self.get(id)
+        return self._operations.checked(job) if check else job
+
+    def cancel(self, id: str) -> J:
+        """Asks it to end; what it has done so far is kept."""
+        return self._do(self._operations.cancel(id))
+
+    def delete(self, id: str) -> None:
+        """Deletes one that has ended, with its files."""
+        self._do(self._operations.delete(id))
+
+    def artifacts(self, id: str) -> Sequence[Artifact]:
+        """Its files."""
+        return self._do(self._operations.artifacts(id))
+
+    def artifact(self, id: str, path: str) -> bytes:
+        """A file of it, whole."""
+        return self._do(self._operations.artifact(id, path))
+
+    def download(self, id: str, path: str, target: str | Path) -> Path:
+        """A file of it to `target`; goes on where an earlier call was cut off."""
+        target = Path(target)
+        download = Download(self._client._settings, self._operations.artifact_path(id, path), target)
+        while True:
+            pause = 0.0
+            try:
+                answer = self._client._http.send(download.request(), stream=True)
+                try:
+                    if answer.status_code not in (200, 206):
+                        answer.read()
+                        pause = download.refused(answer)
+                    elif download.begin(answer):
+                        for chunk in answer.iter_bytes():
+                            download.write(chunk)
+                        if download.complete():
+                            return target
+                finally:
+                    download.close()
+                    answer.close()
+            except httpx.TransportError as error:
+                pause = download.broke(error)
+            time.sleep(pause)
+
+    def download_all(self, id: str, folder: str | Path) -> Path:
+        """All its files into a folder."""
+        folder = Path(folder)
+        for artifact in self.artifacts(id):
+            self.download(id, artifact.path, local_path(folder, artifact.path))
+        return folder
+
+
+class Jobs(Resource[Job]):
+    """Jobs of a kind that has no class of its own here."""
+
+    def submit(self, *, idempotency_key: str | None = None, **body: Any) -> Job:
+        """Submits one; the fields are those of the kind in the OpenAPI document."""
+        return self._do(self._operations.submit(body, idempotency_key))
+
+
+class Runs(Resource[Run]):
+    """Flights."""
+
+    _operations: RunOperations
+
+    def __init__(self, client: Client) -> None:
+        super().__init__(client, RunOperations(client._settings))
+
+    def submit(
+        self,
+        scenario: str | Path | None = None,
+        *,
+        text: str | None = None,
+        documents: str | None = None,
+        set: Mapping[str, Any] | Sequence[str] = (),
+        seed: int | None = None,
+        link: Link = "iceoryx2",
+        pace: Pace = "fast",
+        priority: int = 0,
+        idempotency_key: str | None = None,
+    ) -> Run:
+        """Submits a flight; when this returns it is on the server's disk, and will end.
+
+        scenario: a name of the server's library, with keys changed by `set`; or a `Path` of a file here, which is sent.
+        text: a scenario document instead. documents: all documents of a run, as its summary holds them.
+        idempotency_key: the same key gives the same run; by default a new one, kept over the tries of this call.
+        """
+        body = scenario_body(scenario, text, documents, set)
+        body |= {"seed": seed, "link": link, "pace": pace, "priority": priority}
+        return self._do(self._operations.submit(body, idempotency_key))
+
+    def fork(
+        self,
+        id: str,
+        *,
+        healthy: bool = False,
+        seed: int | None = None,
+        priority: int = 0,
+        idempotency_key: str | None = None,
+    ) -> Run:
+        """The same flight with a difference."""
+        body = {"healthy": healthy, "seed": seed, "priority": priority}
+        return self._do(self._operations.fork(id, body, idempotency_key))
+
+    def verify(self, id: str) -> Verification:
+        """Flies it again in one process and compares the run hash."""
+        return self._do(self._operations.verify(id))
+
+    def telemetry(self, id: str, columns: Sequence[str] | None = None) -> pyarrow.Table:
+        """Its samples, every step, as an Arrow table."""
+        return as_table(self.artifact(id, "telemetry.parquet"), columns)
+
+    def telemetry_frame(self, id: str, columns: Sequence[str] | None = None) -> pandas.DataFrame:
+        """Its samples, every step, as a pandas data frame."""
+        return as_frame(self.artifact(id, "telemetry.parquet"), columns)
+
+
+class Library:
+    """Documents of one kind that the server has."""
+
+    def __init__(self, client: Client, kind: str) -> None:
+        self._client = client
+        self._kind = kind
+        self._operations = LibraryOperations(client._settings)
+
+    def list(self) -> Sequence[str]:
+        """Their names."""
+        return drive(self._client._http, self._operations.names(self._kind))
+
+    def get(self, name: str) -> str:
+        """One of them (TOML)."""
+        return drive(self._client._http, self._operations.text(self._kind, name))
+
+
+class Scenarios(Library):
+    """Scenarios that the server has."""
+
+    def validate(
+        self, scenario: str | Path | None = None, *, text: str | None = None, set: Mapping[str, Any] | Sequence[str] = ()
+    ) -> Validation:
+        """Checks a scenario without flying it."""
+        body = scenario_body(scenario, text, None, set)
+        return drive(self._client._http, self._operations.validate(body))
+
+
+class Client:
+    """A rotortwin server.
+
+    url: such as `http://127.0.0.1:8400`. token: for servers that ask for one. ca: file of the authority that signed the server's
+    certificate. patience_s: how long to try again when the server cannot be reached. timeout_s: longest silence within one answer.
+    """
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:8400",
+        token: str | None = None,
+        *,
+        ca: str | None = None,
+        patience_s: float = 60.0,
+        timeout_s: float = 30.0,
+    ) -> None:
+        self._settings = Settings(url.rstrip("/"), token, ca, patience_s, timeout_s)
+        self._http = httpx.Client(verify=self._settings.verify())
+        self.runs = Runs(self)
+        self.scenarios = Scenarios(self, "scenarios")
+        self.vehicles = Library(self, "vehicles")
+
+    def jobs(self, kind: str) -> Jobs:
+        """Jobs of another kind, such as `campaigns`, `logs`, `comparisons`, `diagnoses`."""
+        return Jobs(self, JobOperations(self._settings, kind, read_job))
+
+    def ready(self) -> bool:
+        """The server takes work; raises otherwise."""
+        return drive(self._http, LibraryOperations(self._settings).ready())
+
+    def close(self) -> None:
+        """Closes all connections."""
+        self._http.close()
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

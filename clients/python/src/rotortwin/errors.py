@@ -1,0 +1,103 @@
+"""What can go wrong, each with one sentence: what, where, what was expected."""
+
+from __future__ import annotations
+
+import httpx
+
+
+class RotortwinError(Exception):
+    """Every error of this package; its text is one sentence."""
+
+
+class ConnectionLost(RotortwinError):
+    """The server did not answer for as long as the client was told to be patient."""
+
+
+class UnexpectedAnswer(RotortwinError):
+    """An answer that the API does not describe: another program, another version, or a proxy in between."""
+
+
+class JobFailed(RotortwinError):
+    """A job that was waited for ended otherwise than as done."""
+
+    def __init__(self, sentence: str, status: str) -> None:
+        super().__init__(sentence)
+        #: `failed` or `canceled`.
+        self.status = status
+
+
+class Problem(RotortwinError):
+    """The server refused (RFC 9457, `application/problem+json`); the text is its `detail`."""
+
+    def __init__(self, status: int, kind: str, title: str, detail: str, request_id: str | None) -> None:
+        super().__init__(detail)
+        #: HTTP status.
+        self.status = status
+        #: A name that programs can rely on, such as `/problems/not-found`.
+        self.kind = kind
+        #: The kind in words.
+        self.title = title
+        #: One sentence: what, where, what was expected.
+        self.detail = detail
+        #: `x-request-id`: names this request in the server's log.
+        self.request_id = request_id
+
+
+class BadRequest(Problem):
+    """400, 413, 415: the request cannot be read."""
+
+
+class Unauthorized(Problem):
+    """401, 403: no token, or one that may not do this."""
+
+
+class NotFound(Problem):
+    """404."""
+
+
+class Conflict(Problem):
+    """409: it contradicts what is there."""
+
+
+class Unprocessable(Problem):
+    """422: it can be read, and cannot be done."""
+
+
+class Unavailable(Problem):
+    """429, 503: not now, and not until the client's patience had run out."""
+
+
+class DiskFull(Problem):
+    """507."""
+
+
+_CLASSES: dict[int, type[Problem]] = {
+    400: BadRequest,
+    413: BadRequest,
+    415: BadRequest,
+    401: Unauthorized,
+    403: Unauthorized,
+    404: NotFound,
+    409: Conflict,
+    422: Unprocessable,
+    429: Unavailable,
+    502: Unavailable,
+    503: Unavailable,
+    504: Unavailable,
+    507: DiskFull,
+}
+
+
+def problem_of(answer: httpx.Response) -> RotortwinError:
+    """The error that an answer of status 400 or more stands for. Its body must have been read."""
+    where = f"{answer.request.method} {answer.request.url}"
+    try:
+        body = answer.json()
+        detail, kind, title = str(body["detail"]), str(body["type"]), str(body["title"])
+    except (ValueError, KeyError, TypeError):
+        text = answer.text.strip().splitlines()
+        words = f": {text[0][:200]}" if text else ""
+        detail = f"{where} was answered with {answer.status_code}{words}; expected an answer of a rotortwin server"
+        kind, title = "about:blank", answer.reason_phrase
+    cls = _CLASSES.get(answer.status_code, Problem)
+    return cls(answer.status_code, kind, title, detail, answer.headers.get("x-request-id"))

@@ -1,0 +1,255 @@
+"""The client against a real server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from conftest import ROOT, Server
+from proxy import proxied
+from rotortwin import (
+    AsyncClient,
+    Client,
+    Conflict,
+    ConnectionLost,
+    Event,
+    JobFailed,
+    NotFound,
+    Run,
+    Unavailable,
+    UnexpectedAnswer,
+    Unprocessable,
+)
+
+
+def slow(client: Client, seconds: float) -> Run:
+    """A hover as long in wall time."""
+    return client.runs.submit("short-hover", pace="real-time", set={"duration_s": seconds})
+
+
+@pytest.fixture(scope="session")
+def done(server: Server) -> Run:
+    """A flight that was done, for all tests that only look at it."""
+    with Client(server.url) as client:
+        run = client.runs.submit("short-hover", seed=7)
+        return client.runs.wait(run.id, check=True)
+
+
+def test_scenario_a_flight_is_submitted_watched_and_fetched(client: Client, done: Run, tmp_path: Path) -> None:
+    assert done.seed == 7 and done.run_hash is not None and done.summary is not None
+    assert done.summary["run_hash"] == done.run_hash
+    kinds = [event.kind for event in client.runs.events(done.id)]
+    assert kinds[0] == "queued" and kinds[-1] == "ended" and "progress" in kinds
+    assert list(client.runs.events(done.id, after=len(kinds))) == []
+    verified = client.runs.verify(done.id)
+    assert verified.same and verified.again == done.run_hash
+
+    files = {artifact.path: artifact.size for artifact in client.runs.artifacts(done.id)}
+    folder = client.runs.download_all(done.id, tmp_path / "run")
+    assert {str(p.relative_to(folder)): p.stat().st_size for p in folder.rglob("*") if p.is_file()} == files
+    assert json.loads((folder / "summary.json").read_text())["run_hash"] == done.run_hash
+
+
+def test_scenario_telemetry_is_a_table(client: Client, done: Run) -> None:
+    assert done.summary is not None
+    table = client.runs.telemetry(done.id)
+    frame = client.runs.telemetry_frame(done.id)
+    assert table.num_rows == len(frame) == done.summary["steps"]
+    assert list(frame.columns) == table.column_names
+    one = table.column_names[0]
+    assert client.runs.telemetry(done.id, columns=[one]).column_names == [one]
+
+
+def test_scenario_the_library_is_listed_and_scenarios_are_checked(client: Client) -> None:
+    assert client.ready()
+    assert "short-hover" in client.scenarios.list() and "f550" in client.vehicles.list()
+    text = client.scenarios.get("short-hover")
+    assert "duration_s" in text and "mass_kg" in client.vehicles.get("f550")
+    assert client.scenarios.validate(text=text).valid
+    refused = client.scenarios.validate("short-hover", set={"duration_s": -1})
+    assert not refused.valid and refused.refusal is not None and "duration_s" in refused.refusal
+
+
+def test_scenario_a_file_of_this_machine_is_flown(client: Client) -> None:
+    run = client.runs.submit(ROOT / "config/scenarios/short-hover.toml", seed=3, link="in-process")
+    named = client.runs.submit("short-hover", seed=3, link="in-process")
+    assert client.runs.wait(run.id, check=True).run_hash == client.runs.wait(named.id, check=True).run_hash
+
+
+def test_scenario_refusals_are_exceptions_with_the_servers_sentence(client: Client) -> None:
+    with pytest.raises(NotFound, match="short-hover") as missing:
+        client.runs.submit("nowhere")
+    assert missing.value.status == 404 and missing.value.request_id
+    with pytest.raises(Unprocessable, match="duration_s"):
+        client.runs.submit("short-hover", set={"duration_s": -3})
+    with pytest.raises(NotFound, match="no run"):
+        client.runs.get("nothing")
+    with pytest.raises(NotFound, match="no run"):
+        list(client.runs.events("nothing"))
+    client.runs.submit("short-hover", idempotency_key="one", link="in-process")
+    with pytest.raises(Conflict):
+        client.runs.submit("short-hover", seed=2, idempotency_key="one")
+
+
+def test_scenario_runs_are_listed_over_pages_forked_canceled_and_deleted(client: Client, done: Run) -> None:
+    fork = client.runs.fork(done.id, healthy=True, seed=9)
+    assert (fork.parent, fork.seed) == (done.id, 9)
+    everything = [run.id for run in client.runs.list()]
+    assert everything == sorted(everything, reverse=True) and {fork.id, done.id} <= set(everything)
+    assert [run.id for run in client.runs.list(page_size=1)] == everything
+    assert done.id in {run.id for run in client.runs.list(status="done", name=done.name, page_size=2)}
+    client.runs.wait(fork.id)
+
+    run = slow(client, 60.0)
+    assert client.runs.cancel(run.id).cancel_requested
+    with pytest.raises(JobFailed, match="canceled") as failed:
+        client.runs.wait(run.id, check=True)
+    assert failed.value.status == "canceled"
+    client.runs.delete(run.id)
+    with pytest.raises(NotFound):
+        client.runs.get(run.id)
+
+
+def test_scenario_progress_is_told_and_drawn(client: Client, done: Run, capfd: pytest.CaptureFixture[str]) -> None:
+    seen: list[Event] = []
+    client.runs.wait(done.id, progress=seen.append)
+    shares = [event.share for event in seen if event.share is not None]
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    client.runs.wait(done.id, progress=True)
+    assert "100 %" in capfd.readouterr().err
+
+
+def test_scenario_a_server_that_is_killed_and_started_again_leaves_no_gap(fresh: Server) -> None:
+    with Client(fresh.url, patience_s=30.0) as client:
+        run = slow(client, 4.0)
+        events: list[Event] = []
+        flying, again = threading.Event(), threading.Event()
+
+        def killer() -> None:
+            assert flying.wait(20.0)
+            fresh.kill()
+            time.sleep(0.5)
+            fresh.start()
+            again.set()
+
+        thread = threading.Thread(target=killer)
+        thread.start()
+
+        def see(event: Event) -> None:
+            events.append(event)
+            if event.kind == "progress":
+                flying.set()
+
+        ended = client.runs.wait(run.id, progress=see)
+        thread.join()
+        assert again.is_set() and ended.status == "done" and ended.attempts == 2
+        assert [event.id for event in events] == list(range(1, len(events) + 1))
+        kinds = [event.kind for event in events]
+        assert kinds.count("started") == 2 and kinds.count("ended") == 1 and "requeued" in kinds
+        assert events == list(client.runs.events(run.id))
+
+
+def test_scenario_a_submission_whose_answer_is_lost_makes_one_run(fresh: Server) -> None:
+    with proxied(fresh.port, ["refuse", "swallow", "503", "cut:20", "pass"]) as proxy:
+        with Client(proxy.url, patience_s=20.0) as client:
+            run = client.runs.submit("short-hover", link="in-process")
+            assert proxy.connections == 5
+    with Client(fresh.url) as client:
+        assert [one.id for one in client.runs.list()] == [run.id]
+        client.runs.wait(run.id)
+
+
+def test_scenario_events_and_files_go_on_after_broken_connections(server: Server, done: Run, tmp_path: Path) -> None:
+    with Client(server.url) as client:
+        events = list(client.runs.events(done.id))
+        whole = client.runs.artifact(done.id, "run.mcap")
+    with proxied(server.port, ["cut:300", "503", "cut:700", "refuse"]) as proxy, Client(proxy.url, patience_s=20.0) as client:
+        assert list(client.runs.events(done.id)) == events
+        assert proxy.connections >= 5
+    target = tmp_path / "run.mcap"
+    with proxied(server.port, ["cut:50000", "refuse", "cut:60000"]) as proxy, Client(proxy.url, patience_s=20.0) as client:
+        client.runs.download(done.id, "run.mcap", target)
+        assert proxy.connections >= 4 and target.read_bytes() == whole
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def test_scenario_a_download_goes_on_where_an_earlier_one_was_given_up(server: Server, done: Run, tmp_path: Path) -> None:
+    target = tmp_path / "run.mcap"
+    with proxied(server.port, ["cut:50000"] + ["refuse"] * 50) as proxy, Client(proxy.url, patience_s=0.3) as client:
+        with pytest.raises(ConnectionLost, match="no answer"):
+            client.runs.download(done.id, "run.mcap", target)
+    part = tmp_path / "run.mcap.part"
+    begun = part.stat().st_size
+    assert 0 < begun < 50000 and not target.exists()
+    with Client(server.url) as client:
+        client.runs.download(done.id, "run.mcap", target)
+        assert target.read_bytes() == client.runs.artifact(done.id, "run.mcap")
+        # What is left of another file is not continued.
+        other = tmp_path / "other"
+        (tmp_path / "other.part").write_bytes(b"x" * 100)
+        (tmp_path / "other.part.etag").write_text('"another"')
+        client.runs.download(done.id, "run.mcap", other)
+        assert other.read_bytes() == target.read_bytes()
+
+
+def test_scenario_patience_ends_with_one_sentence(server: Server) -> None:
+    with Client("http://127.0.0.1:9", patience_s=0.3) as client, pytest.raises(ConnectionLost, match="127.0.0.1:9 gave no answer"):
+        client.runs.get("x")
+    with proxied(server.port, ["503"] * 9) as proxy, Client(proxy.url, patience_s=0.5) as client, pytest.raises(Unavailable):
+        client.runs.get("x")
+
+
+def test_scenario_the_same_with_asyncio(server: Server, done: Run, tmp_path: Path) -> None:
+    async def fly() -> None:
+        async with AsyncClient(server.url) as client:
+            assert await client.ready() and "short-hover" in await client.scenarios.list()
+            assert (await client.scenarios.validate("short-hover")).valid
+            runs = [await client.runs.submit("short-hover", seed=seed, link="in-process") for seed in (7, 8)]
+            ended = await asyncio.gather(*(client.runs.wait(run.id, check=True) for run in runs))
+            assert ended[0].run_hash == done.run_hash != ended[1].run_hash
+            numbers = [event.id async for event in client.runs.events(ended[0].id)]
+            assert numbers == list(range(1, len(numbers) + 1))
+            assert {run.id for run in runs} <= {run.id async for run in client.runs.list(page_size=1)}
+            assert (await client.runs.telemetry(ended[0].id)).num_rows == len(await client.runs.telemetry_frame(ended[0].id))
+            assert (await client.runs.verify(ended[1].id)).same
+            fork = await client.runs.fork(ended[1].id, healthy=True)
+            assert (await client.runs.wait(fork.id)).status == "done"
+            folder = await client.runs.download_all(fork.id, tmp_path / "run")
+            assert (folder / "report.html").exists()
+            long = await client.runs.submit("short-hover", pace="real-time", set=["duration_s=60.0"])
+            await client.runs.cancel(long.id)
+            assert (await client.runs.wait(long.id)).status == "canceled"
+            await client.runs.delete(long.id)
+            with pytest.raises(NotFound):
+                await client.runs.get(long.id)
+
+    asyncio.run(fly())
+
+
+def test_scenario_asyncio_comes_back_over_broken_connections(server: Server, done: Run, tmp_path: Path) -> None:
+    async def fetch(url: str) -> list[Event]:
+        async with AsyncClient(url, patience_s=20.0) as client:
+            await client.runs.download(done.id, "run.mcap", tmp_path / "run.mcap")
+            return [event async for event in client.runs.events(done.id)]
+
+    with proxied(server.port, ["refuse", "cut:50000", "pass", "cut:400", "503"]) as proxy:
+        events = asyncio.run(fetch(proxy.url))
+    with Client(server.url) as client:
+        assert events == list(client.runs.events(done.id))
+        assert (tmp_path / "run.mcap").read_bytes() == client.runs.artifact(done.id, "run.mcap")
+
+
+def test_scenario_another_program_is_told_apart() -> None:
+    def answer(request: httpx.Request) -> httpx.Response:
+        return httpx.Response(200, json={"hello": "world"})
+
+    with Client("http://elsewhere") as client:
+        client._http = httpx.Client(transport=httpx.MockTransport(answer))
+        with pytest.raises(UnexpectedAnswer, match="rotortwin server"):
+            client.runs.get("x")

@@ -1,0 +1,52 @@
+"""Inputs to begin with, from files of the project: python3 seeds.py TARGET FOLDER"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+#: Longer logs are cut to this: an input of a fuzzer should be small.
+CUT = 24_000
+
+
+def wire() -> dict[str, bytes]:
+    """The golden messages, for every decoder that may take them."""
+    seeds = {}
+    kinds = {"SensorFrame": 0, "MotorCommand": 1, "FdiReports": 9, "FdiReport": 2, "Setup": 5, "Join": 6, "Ready": 7, "Finish": 8, "MeasuredSteps": 10}
+    for file in (ROOT / "tests/golden/v1").glob("*.bin"):
+        name = file.stem.split("-")[0]
+        seeds[file.stem] = bytes([kinds[name] | 6 << 4]) + file.read_bytes()
+    return seeds
+
+
+def scenario() -> dict[str, bytes]:
+    """Every shipped scenario: its text, all its documents, and some settings."""
+    seeds = {"set": b"\x03initial.state_of_charge=0.4\nduration_s=3.0\nseed=7"}
+    program = ROOT / "target/release/rotortwin"
+    for file in (ROOT / "config/scenarios").glob("*.toml"):
+        seeds[file.stem] = b"\x02" + file.read_bytes()
+        if program.exists():
+            documents = subprocess.run([program, "check", file], capture_output=True, check=True).stdout
+            seeds[f"{file.stem}-documents"] = b"\x00" + documents
+    return seeds
+
+
+def log() -> dict[str, bytes]:
+    """Logs of every format, cut where they are long, and text logs with a side file."""
+    seeds = {}
+    data = ROOT / "crates/twin/tests/data"
+    for file in [*data.glob("*"), *data.glob("strawson/*.csv")]:
+        if file.suffix in (".usdlog", ".bin", ".ulg", ".csv"):
+            seeds[file.stem] = file.read_bytes()[:CUT]
+    canonical = "time_s,position_north_m,duty_1\n" + "".join(f"{i / 100},{i},0.5\n" for i in range(50))
+    seeds["canonical"] = canonical.encode()
+    seeds["canonical-side"] = (canonical + "#SIDE#vehicle = 'f550'\n").encode()
+    for run in sorted((ROOT / "runs").glob("*/telemetry.parquet"))[:1]:
+        seeds["parquet"] = run.read_bytes()
+    return seeds
+
+
+target, folder = sys.argv[1], Path(sys.argv[2])
+for name, content in {"wire": wire, "scenario": scenario, "log": log}[target]().items():
+    (folder / f"seed-{re.sub('[^A-Za-z0-9-]', '_', name)}").write_bytes(content)

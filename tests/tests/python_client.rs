@@ -1,0 +1,33 @@
+//! The Python client: its own tests against the program that was just built, and its types.
+
+use rotortwin_tests::program::program;
+use rotortwin_tests::python::{client_folder, environment};
+use std::process::Command;
+
+/// Runs a program of the environment in the client's folder; what it said if it failed.
+fn passes(name: &str, arguments: &[&str]) {
+    let packages = ["--editable", &format!("{}[test]", client_folder().display())];
+    let Some(programs) = environment("python-client", &packages) else {
+        return;
+    };
+    let output = Command::new(programs.join(name))
+        .args(arguments)
+        .current_dir(client_folder())
+        .env("ROTORTWIN_PROGRAM", program())
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .output()
+        .expect("it starts");
+    let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
+    assert!(output.status.success(), "{name}: {}", words.concat());
+    print!("{name}: {}", words.concat());
+}
+
+#[test]
+fn scenario_its_tests_pass_against_the_real_server() {
+    passes("pytest", &["-p", "no:cacheprovider"]);
+}
+
+#[test]
+fn val_its_types_are_right() {
+    passes("mypy", &["--cache-dir", "../../target/mypy-cache"]);
+}
