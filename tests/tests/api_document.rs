@@ -28,6 +28,7 @@ fn prop_every_answer_is_one_that_the_document_describes() {
         .args(["--seed", "7", "--max-time", BUDGET_S, "--no-color"])
         .current_dir(scratch.folder())
         .env("ROTORTWIN_URL", server.url())
+        .env("SCHEMATHESIS_HOOKS", repository().join("tests/schemathesis/hooks.py"))
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .output()
         .expect("it starts");

@@ -73,8 +73,8 @@ pub(crate) async fn list(
 #[utoipa::path(get, path = "/api/v1/runs/{id}/artifacts/{*path}", tag = "runs",
     params(("id" = String, Path), ("path" = String, Path, description = "path in the run's folder, such as report.html")),
     responses(
-        (status = 200, description = "the file", body = Vec<u8>, content_type = "*/*"),
-        (status = 206, description = "the range", body = Vec<u8>, content_type = "*/*"),
+        (status = 200, description = "the file", body = serde_json::Value, content_type = "*/*"),
+        (status = 206, description = "the range", body = serde_json::Value, content_type = "*/*"),
         (status = 304, description = "unchanged"),
         (status = 400, description = "no path", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "no such run or file", body = Problem, content_type = "application/problem+json"),
