@@ -104,7 +104,7 @@ def main(endpoint, run_id):
                                 program="python_controller", host=socket.gethostname(), pid=os.getpid())
         setup, steps = None, 0
         for _ in range(round(JOIN_LIMIT_S / JOIN_PERIOD_S)):
-            session.put(f"{prefix}/join", join.SerializeToString())
+            session.put(f"{prefix}/join/controller", join.SerializeToString())
             try:
                 name, payload = inbox.get(timeout=JOIN_PERIOD_S)
             except queue.Empty:
@@ -118,7 +118,7 @@ def main(endpoint, run_id):
             sys.exit(f"no plant of run {run_id:016x} answered at {endpoint} within {JOIN_LIMIT_S:.0f} s")
         reason = refusal(setup)
         ready = messages["Ready"](run_id=run_id, role=CONTROLLER, refusal=reason)
-        session.put(f"{prefix}/ready", ready.SerializeToString())
+        session.put(f"{prefix}/ready/controller", ready.SerializeToString())
         if reason:
             sys.exit(f"refused to fly: {reason}")
 

@@ -41,6 +41,9 @@ pub(crate) struct Args {
     /// zenoh: all processes connect to this router instead, e.g. tcp/10.0.0.1:7447
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) connect: Option<String>,
+    /// zenoh: file with certificates, user and password: docs/hosts.md [default for endpoints tls/…: $ROTORTWIN_ZENOH_CONFIG]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) zenoh_config: Option<PathBuf>,
     /// iceoryx2: runs in different domains do not see each other [default: default]
     #[arg(long, value_name = "NAME")]
     pub(crate) domain: Option<String>,
@@ -79,7 +82,7 @@ pub(crate) struct Args {
     pub(crate) models: PathBuf,
     /// A flight board stands where controller and FDI engine stand: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
     /// virtual[:KEY=NUMBER,...]
-    #[arg(long, value_name = "BOARD", conflicts_with_all = ["link", "listen", "connect", "domain", "external", "fdi_window"])]
+    #[arg(long, value_name = "BOARD", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
     pub(crate) controller: Option<BoardAddress>,
     /// With --controller: where the FDI engine runs
     #[arg(long, value_enum, default_value_t = FdiPlace::Board, requires = "controller")]
@@ -343,10 +346,10 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     if args.controller.is_some() {
         return Ok(None);
     }
-    let endpoint_given = args.listen.is_some() || args.connect.is_some();
+    let endpoint_given = args.listen.is_some() || args.connect.is_some() || args.zenoh_config.is_some();
     if args.link != LinkKind::Zenoh && endpoint_given {
         return Err(format!(
-            "--listen and --connect belong to --link zenoh, the link is {}",
+            "--listen, --connect and --zenoh-config belong to --link zenoh, the link is {}",
             link_name(args.link)
         ));
     }
@@ -367,10 +370,19 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
             .map_or_else(|| "iceoryx2".to_owned(), |name| format!("iceoryx2:{name}")),
         (LinkKind::Zenoh, Some(endpoint), _) => format!("zenoh:listen={endpoint}"),
         (LinkKind::Zenoh, None, Some(endpoint)) => format!("zenoh:connect={endpoint}"),
-        (LinkKind::Zenoh, None, None) => format!("zenoh:listen=tcp/127.0.0.1:{}", free_port()?),
+        (LinkKind::Zenoh, None, None) => {
+            let protocol = match &args.zenoh_config {
+                Some(file) if rotortwin_process::zenoh_config::load(file)?.tls.is_some() => "tls",
+                _ => "tcp",
+            };
+            format!("zenoh:listen={protocol}/127.0.0.1:{}", free_port()?)
+        }
     };
     text.parse()
-        .map(Some)
+        .map(|address: LinkAddress| match &args.zenoh_config {
+            Some(file) => Some(address.with_config(file.clone())),
+            None => Some(address),
+        })
         .map_err(|error: rotortwin_process::LinkAddressError| {
             let option = if args.link == LinkKind::Iceoryx2 {
                 "--domain"

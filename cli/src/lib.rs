@@ -11,6 +11,7 @@ mod effects;
 mod fdi_models;
 mod fit;
 mod fly;
+mod health;
 mod improve;
 mod log;
 mod model;
@@ -19,6 +20,7 @@ mod output;
 mod remote;
 mod replay;
 mod reproduce;
+mod router;
 mod serve;
 mod show;
 mod supervise;
@@ -70,10 +72,14 @@ enum Command {
     Blind(Box<blind::Args>),
     /// Flight boards: list, info, doctor, measure (Table 11)
     Board(board::Args),
+    /// A zenoh router where the processes of runs meet, with access control
+    Router(router::Args),
     /// Serve jobs, runs and results over HTTP
     Serve(serve::Args),
     /// Runs of a server: list, get, events, cancel, delete, fetch
     Runs(remote::JobArgs),
+    /// Does a server or router answer? Exit code 0 if so
+    Health(health::Args),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -110,8 +116,10 @@ pub fn run() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Blind(args) => blind::run(&args),
         Command::Board(args) => board::run(&args),
+        Command::Router(args) => router::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Runs(args) => remote::jobs(&cli.server, "runs", &args),
+        Command::Health(args) => health::run(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),

@@ -10,12 +10,16 @@
 //! * [`random`]: seeded choices of moments and victims.
 //! * [`server`]: a server under test, and requests to it;
 //! * [`python`]: Python with the client and what its tests need.
+//! * [`certificates`]: certificates of a test;
+//! * [`hosts`]: several hosts on one machine.
 //!
 //! Every wait has a deadline; a test that misses one fails with what the run has printed so far. A run that a failing test leaves
 //! behind is killed.
 //!
 //! Linux only: processes are looked up in `/proc`, shared memory in `/dev/shm`.
 
+pub mod certificates;
+pub mod hosts;
 pub mod process;
 pub mod program;
 pub mod python;

@@ -100,6 +100,23 @@ impl Call {
         self
     }
 
+    /// Behind these words, e.g. to run it on another of several [`hosts`](crate::hosts).
+    #[must_use]
+    pub fn behind(mut self, words: impl IntoIterator<Item = OsString>) -> Self {
+        let mut words = words.into_iter();
+        let Some(first) = words.next() else { return self };
+        let mut command = Command::new(first);
+        command
+            .args(words)
+            .arg(self.command.get_program())
+            .args(self.command.get_args());
+        if let Some(folder) = self.command.get_current_dir() {
+            command.current_dir(folder);
+        }
+        self.command = command;
+        self
+    }
+
     /// Starts it.
     pub fn start(mut self) -> Run {
         self.command

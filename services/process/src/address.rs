@@ -1,7 +1,11 @@
 //! Where the processes of a run meet.
 
+use crate::zenoh_config;
+use rotortwin_wire::link::zenoh::Attachment;
+use rotortwin_wire::link::zenoh::security::Security;
 use std::fmt;
 use std::net::{TcpListener, TcpStream, ToSocketAddrs as _};
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -11,7 +15,8 @@ use std::time::Duration;
 /// * `zenoh:listen=ENDPOINT`: the plant listens there and routes between its peers; they connect.
 /// * `zenoh:connect=ENDPOINT`: everybody connects there: the plant of the form above, or a zenoh router.
 ///
-/// An endpoint is zenoh's, e.g. `tcp/127.0.0.1:7447`.
+/// An endpoint is zenoh's, e.g. `tcp/127.0.0.1:7447` or `tls/bench:7447`. Behind it `,config=FILE` names the file with certificates,
+/// user and password: see [`zenoh_config`](crate::zenoh_config).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkAddress {
     /// Shared memory of this host.
@@ -23,11 +28,15 @@ pub enum LinkAddress {
     ZenohListen {
         /// zenoh endpoint.
         endpoint: String,
+        /// Credentials.
+        config: Option<PathBuf>,
     },
     /// TCP; everybody connects.
     ZenohConnect {
         /// zenoh endpoint.
         endpoint: String,
+        /// Credentials.
+        config: Option<PathBuf>,
     },
 }
 
@@ -49,15 +58,16 @@ impl LinkAddress {
     ///
     /// Asked before a run begins, so that a wrong endpoint costs nothing. Somebody else may take the endpoint a moment later.
     pub fn probe(&self) -> Result<(), String> {
+        self.security()?;
         match self {
             Self::Iceoryx2 { .. } => Ok(()),
-            Self::ZenohListen { endpoint } => match TcpListener::bind(host_and_port(endpoint)) {
+            Self::ZenohListen { endpoint, .. } => match TcpListener::bind(host_and_port(endpoint)) {
                 Ok(_) => Ok(()),
                 Err(error) => Err(format!(
                     "cannot listen on {endpoint}: {error}; expected an address of this host and a free port"
                 )),
             },
-            Self::ZenohConnect { endpoint } => {
+            Self::ZenohConnect { endpoint, .. } => {
                 let refuse = |error: std::io::Error| {
                     format!("nobody answers at {endpoint}: {error}; expected the endpoint of a zenoh router")
                 };
@@ -74,6 +84,31 @@ impl LinkAddress {
     }
 }
 
+impl LinkAddress {
+    /// Credentials for this link; a sentence if their file, or what it says, does not fit. An endpoint `tls/…` without a file takes
+    /// the one that the environment names.
+    pub fn security(&self) -> Result<Option<Security>, String> {
+        let (endpoint, config, attachment) = match self {
+            Self::Iceoryx2 { .. } => return Ok(None),
+            Self::ZenohListen { endpoint, config } => (endpoint, config, Attachment::Listen),
+            Self::ZenohConnect { endpoint, config } => (endpoint, config, Attachment::Connect),
+        };
+        zenoh_config::security_for(endpoint, config.as_deref(), &attachment)
+    }
+
+    /// The same with this file of credentials, unless it has one or needs none.
+    #[must_use]
+    pub fn with_config(mut self, file: PathBuf) -> Self {
+        match &mut self {
+            Self::ZenohListen { config, .. } | Self::ZenohConnect { config, .. } => {
+                config.get_or_insert(file);
+            }
+            Self::Iceoryx2 { .. } => {}
+        }
+        self
+    }
+}
+
 /// "127.0.0.1:7447" of "tcp/127.0.0.1:7447".
 fn host_and_port(endpoint: &str) -> &str {
     endpoint.split_once('/').map_or(endpoint, |(_, rest)| rest)
@@ -85,12 +120,15 @@ impl LinkAddress {
     #[must_use]
     pub fn for_peers(&self, host: &str) -> Self {
         match self {
-            Self::ZenohListen { endpoint } => {
+            Self::ZenohListen { endpoint, config } => {
                 let endpoint =
                     endpoint
                         .replacen("/0.0.0.0:", &format!("/{host}:"), 1)
                         .replacen("/[::]:", &format!("/{host}:"), 1);
-                Self::ZenohConnect { endpoint }
+                Self::ZenohConnect {
+                    endpoint,
+                    config: config.clone(),
+                }
             }
             other => other.clone(),
         }
@@ -106,7 +144,7 @@ const MAX_DOMAIN: usize = 8;
 /// What is wrong with an address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the link '{given}' is not understood: {reason}; expected iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT with an endpoint such as tcp/127.0.0.1:7447"
+    "the link '{given}' is not understood: {reason}; expected iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT with an endpoint such as tcp/127.0.0.1:7447 or tls/bench:7447,config=FILE"
 )]
 pub struct LinkAddressError {
     given: String,
@@ -124,16 +162,21 @@ impl FromStr for LinkAddress {
             })
         };
         let endpoint = |text: &str| {
+            let (text, config) = match text.split_once(",config=") {
+                Some((_, "")) => return Err("config= names no file"),
+                Some((text, file)) => (text, Some(PathBuf::from(file))),
+                None => (text, None),
+            };
             let is_endpoint = text.split_once('/').is_some_and(|(protocol, rest)| {
-                protocol == "tcp"
+                (protocol == "tcp" || protocol == "tls")
                     && rest
                         .rsplit_once(':')
                         .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
             });
             if is_endpoint {
-                Ok(text.to_owned())
+                Ok((text.to_owned(), config))
             } else {
-                Err("no tcp/HOST:PORT endpoint")
+                Err("no tcp/HOST:PORT or tls/HOST:PORT endpoint")
             }
         };
         match given.split_once(':') {
@@ -151,11 +194,11 @@ impl FromStr for LinkAddress {
             }
             Some(("zenoh", rest)) => match rest.split_once('=') {
                 Some(("listen", text)) => match endpoint(text) {
-                    Ok(endpoint) => Ok(Self::ZenohListen { endpoint }),
+                    Ok((endpoint, config)) => Ok(Self::ZenohListen { endpoint, config }),
                     Err(reason) => refuse(reason),
                 },
                 Some(("connect", text)) => match endpoint(text) {
-                    Ok(endpoint) => Ok(Self::ZenohConnect { endpoint }),
+                    Ok((endpoint, config)) => Ok(Self::ZenohConnect { endpoint, config }),
                     Err(reason) => refuse(reason),
                 },
                 _ => refuse("zenoh needs listen= or connect="),
@@ -169,9 +212,22 @@ impl fmt::Display for LinkAddress {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Iceoryx2 { domain } => write!(out, "iceoryx2:{domain}"),
-            Self::ZenohListen { endpoint } => write!(out, "zenoh:listen={endpoint}"),
-            Self::ZenohConnect { endpoint } => write!(out, "zenoh:connect={endpoint}"),
+            Self::ZenohListen { endpoint, config } => {
+                write!(out, "zenoh:listen={endpoint}")?;
+                write_config(out, config)
+            }
+            Self::ZenohConnect { endpoint, config } => {
+                write!(out, "zenoh:connect={endpoint}")?;
+                write_config(out, config)
+            }
         }
+    }
+}
+
+fn write_config(out: &mut fmt::Formatter<'_>, config: &Option<PathBuf>) -> fmt::Result {
+    match config {
+        Some(file) => write!(out, ",config={}", file.display()),
+        None => Ok(()),
     }
 }
 
@@ -186,6 +242,8 @@ mod tests {
             "iceoryx2:bench_2",
             "zenoh:listen=tcp/127.0.0.1:7447",
             "zenoh:connect=tcp/[::1]:1",
+            "zenoh:connect=tls/bench:7447",
+            "zenoh:listen=tls/0.0.0.0:7447,config=/etc/rotortwin/a,b.toml",
         ] {
             assert_eq!(text.parse::<LinkAddress>().expect("well formed").to_string(), text);
         }
@@ -225,6 +283,10 @@ mod tests {
         );
         assert_eq!(peers("zenoh:listen=tcp/0.0.0.0:7447"), "zenoh:connect=tcp/bench-1:7447");
         assert_eq!(peers("zenoh:listen=tcp/[::]:7447"), "zenoh:connect=tcp/bench-1:7447");
+        assert_eq!(
+            peers("zenoh:listen=tls/0.0.0.0:7447,config=z.toml"),
+            "zenoh:connect=tls/bench-1:7447,config=z.toml"
+        );
         assert_eq!(peers("iceoryx2:a"), "iceoryx2:a");
     }
 
@@ -240,6 +302,9 @@ mod tests {
             ("zenoh:tcp/1.2.3.4:5", "needs listen= or connect="),
             ("zenoh:listen=1.2.3.4:5", "no tcp/HOST:PORT"),
             ("zenoh:connect=tcp/host:99999", "no tcp/HOST:PORT"),
+            ("zenoh:connect=udp/host:1", "no tcp/HOST:PORT"),
+            ("zenoh:connect=tls/host:1,config=", "names no file"),
+            ("zenoh:connect=tls/host:1,key=a", "no tcp/HOST:PORT"),
         ] {
             let error = text.parse::<LinkAddress>().expect_err(text).to_string();
             assert!(error.contains(reason), "{text}: {error}");

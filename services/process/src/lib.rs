@@ -4,6 +4,7 @@ mod address;
 mod logging;
 mod peer;
 mod supervisor;
+pub mod zenoh_config;
 
 pub use address::{LinkAddress, LinkAddressError};
 pub use logging::start_logging;

@@ -14,7 +14,7 @@ use std::time::Duration;
 /// Which run, where, how long to wait.
 #[derive(Clone, Debug, Args)]
 pub struct PeerArgs {
-    /// Where the plant is met: iceoryx2, iceoryx2:DOMAIN or zenoh:connect=ENDPOINT
+    /// Where the plant is met: iceoryx2, iceoryx2:DOMAIN or zenoh:connect=ENDPOINT[,config=FILE]
     #[arg(long)]
     pub link: LinkAddress,
     /// Run to join, as `rotortwin fly --external` prints it
@@ -136,24 +136,24 @@ pub enum AnyEndpoint {
 impl AnyEndpoint {
     /// Opens the end of `role` at `address`; tries to connect for up to `limit`.
     pub fn open(address: &LinkAddress, role: Role, run_id: u64, limit: Duration) -> Result<Self, LinkError> {
-        match address {
+        let security = address.security().map_err(|reason| LinkError::Transport {
+            transport: address.transport(),
+            action: "reading the credentials".to_owned(),
+            reason,
+        })?;
+        let options = match address {
             LinkAddress::Iceoryx2 { domain } => {
-                Iox2Endpoint::new(role, run_id, iox2_options(domain)).map(|endpoint| Self::Iox2(Box::new(endpoint)))
+                return Iox2Endpoint::new(role, run_id, iox2_options(domain))
+                    .map(|endpoint| Self::Iox2(Box::new(endpoint)));
             }
-            LinkAddress::ZenohListen { endpoint } => {
-                ZenohEndpoint::new(role, run_id, ZenohOptions::listen(endpoint.clone()))
-                    .map(|endpoint| Self::Zenoh(Box::new(endpoint)))
-            }
-            LinkAddress::ZenohConnect { endpoint } => ZenohEndpoint::new(
-                role,
-                run_id,
-                ZenohOptions {
-                    connect_timeout: limit,
-                    ..ZenohOptions::connect(endpoint.clone())
-                },
-            )
-            .map(|endpoint| Self::Zenoh(Box::new(endpoint))),
-        }
+            LinkAddress::ZenohListen { endpoint, .. } => ZenohOptions::listen(endpoint.clone()),
+            LinkAddress::ZenohConnect { endpoint, .. } => ZenohOptions {
+                connect_timeout: limit,
+                ..ZenohOptions::connect(endpoint.clone())
+            },
+        };
+        ZenohEndpoint::new(role, run_id, ZenohOptions { security, ..options })
+            .map(|endpoint| Self::Zenoh(Box::new(endpoint)))
     }
 
     /// Removes what killed processes have left in shared memory.

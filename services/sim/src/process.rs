@@ -27,7 +27,8 @@ pub struct Args {
     /// Run folder to write; must not exist or be empty
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Where the peers are met: iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT
+    /// Where the peers are met: iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT,
+    /// the latter two with ,config=FILE
     #[arg(long)]
     pub link: LinkAddress,
     /// Identity of this run

@@ -1,12 +1,12 @@
 //! TCP between hosts (or on one): zenoh publish-subscribe, prost messages.
 //!
 //! ```text
-//!  key (rotortwin/v1/{run_id}/…)    from                 to                 payload
+//!  key (SPACE/v1/RUN/…)             from                 to                 payload
 //!  sensors                          plant                controller         SensorFrame
 //!  command                          controller           plant              MotorCommand
 //!  steps                            plant                fdi                MeasuredSteps, every `fdi_batch` steps
 //!  reports                          fdi                  plant              FdiReports, every `fdi_batch` steps
-//!  join, ready                      peers                plant              Join, Ready
+//!  join/ROLE, ready/ROLE            that peer            plant              Join, Ready
 //!  setup/controller, setup/fdi      plant                that peer          Setup
 //!  finish                           plant                peers              Finish
 //!  alive/plant, …/controller, …/fdi that process         all                liveliness token
@@ -20,17 +20,23 @@
 //! A process that dies takes its TCP connection with it; the router then withdraws its liveliness token, and the others know
 //! within milliseconds. A host that vanishes without closing its connections shows after the lease of 2 s, or as silence.
 //!
+//! SPACE is `rotortwin` unless [`Security`] names another; RUN are the 16 hexadecimal digits of the run id.
+//!
 //! # Limits
-//! No authentication and no encryption: listen on the loopback interface or in a network that you trust. Several times slower
-//! than shared memory.
+//! Without [`Security`] no authentication and no encryption: listen on the loopback interface or in a network that you trust. Several
+//! times slower than shared memory.
 
-use super::LinkError;
+pub mod security;
+
+use self::security::{DEFAULT_SPACE, Runs, Security};
 use super::endpoint::{Delivery, Endpoint, Packet, malformed};
+use super::{LinkError, role_name};
 use crate::convert::ConvertError;
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
 use crate::proto::{self, Role, Setup, setup::Parameters};
 use prost::Message;
 use std::collections::VecDeque;
+use std::net::{TcpStream, ToSocketAddrs as _};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -51,6 +57,9 @@ const LONGEST_LIST: usize = 64;
 /// is longer than a batch of 65535 bytes. The largest Setup has 15 kB, the longest list 25 kB.
 const LONGEST_MESSAGE: usize = 60_000;
 
+/// Bytes of a connection's send buffer, as far as the kernel allows. 256 steps in lists of 1 to 32 have at most 200 kB.
+const SEND_BUFFER: u32 = 2_000_000;
+
 /// How this process reaches the others.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Attachment {
@@ -63,12 +72,14 @@ pub enum Attachment {
 /// Where the processes of a run meet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ZenohOptions {
-    /// "tcp/address:port", the same for all processes of a run.
+    /// "tcp/address:port" or "tls/address:port", the same for all processes of a run.
     pub endpoint: String,
     /// How this process uses it.
     pub attachment: Attachment,
     /// How long a connecting process tries.
     pub connect_timeout: Duration,
+    /// Credentials; none: whoever reaches the endpoint is let in.
+    pub security: Option<Security>,
 }
 
 impl ZenohOptions {
@@ -78,6 +89,7 @@ impl ZenohOptions {
             endpoint: endpoint.into(),
             attachment: Attachment::Listen,
             connect_timeout: Duration::from_secs(5),
+            security: None,
         }
     }
 
@@ -106,7 +118,14 @@ impl ZenohOptions {
         Err(last)
     }
 
-    fn config(&self) -> Result<zenoh::Config, LinkError> {
+    /// First part of all keys.
+    fn space(&self) -> &str {
+        self.security
+            .as_ref()
+            .map_or(DEFAULT_SPACE, |security| security.space.as_str())
+    }
+
+    fn config(&self, runs: Runs) -> Result<zenoh::Config, LinkError> {
         let malformed = |reason: String| LinkError::Transport {
             transport: TRANSPORT,
             action: format!("reading the endpoint {:?}", self.endpoint),
@@ -115,8 +134,22 @@ impl ZenohOptions {
         self.endpoint
             .parse::<EndPoint>()
             .map_err(|error| malformed(format!("{error}; expected something like \"tcp/127.0.0.1:7447\"")))?;
-        if !self.endpoint.starts_with("tcp/") {
-            return Err(malformed("only \"tcp/address:port\" is supported".to_owned()));
+        let protocol = match self.endpoint.split_once('/') {
+            Some((protocol @ ("tcp" | "tls"), _)) => protocol,
+            _ => {
+                return Err(malformed(
+                    "only \"tcp/address:port\" and \"tls/address:port\" are supported".to_owned(),
+                ));
+            }
+        };
+        match &self.security {
+            Some(security) => security
+                .check(&self.endpoint, &self.attachment)
+                .map_err(|sentence| malformed(sentence))?,
+            None if protocol == "tls" => {
+                return Err(malformed("tls needs the files of a certificate authority".to_owned()));
+            }
+            None => {}
         }
         let listens = self.attachment == Attachment::Listen;
         let (listen, connect) = if listens {
@@ -127,7 +160,7 @@ impl ZenohOptions {
         let list = |endpoint: Option<&String>| endpoint.map_or_else(|| "[]".to_owned(), |it| format!("[{it:?}]"));
         let timeout = self.connect_timeout.as_millis().max(1);
         let mut config = zenoh::Config::default();
-        for (key, value) in [
+        let settings = [
             ("mode", if listens { "\"router\"" } else { "\"client\"" }.to_owned()),
             ("listen/endpoints", list(listen)),
             ("listen/exit_on_failure", "true".to_owned()),
@@ -144,17 +177,100 @@ impl ZenohOptions {
             ("scouting/delay", "0".to_owned()),
             ("scouting/gossip/enabled", "false".to_owned()),
             ("adminspace/enabled", "false".to_owned()),
-            ("transport/link/protocols", "[\"tcp\"]".to_owned()),
+            ("transport/link/protocols", format!("[{protocol:?}]")),
             ("transport/link/tx/lease", "2000".to_owned()),
+            // A window of steps must fit in. A sender whose buffer is full waits inside of zenoh, and where the receiver's host has
+            // vanished it waits for ever: zenoh's low-latency transport notices the lease and then waits for the same sender.
+            ("transport/link/tcp/so_sndbuf", SEND_BUFFER.to_string()),
+            ("transport/link/tls/so_sndbuf", SEND_BUFFER.to_string()),
             // One thread less between us and the socket; a router that does not want it is met without it.
             ("transport/unicast/lowlatency", "true".to_owned()),
             ("transport/unicast/qos/enabled", "false".to_owned()),
-        ] {
+        ];
+        let secure = self
+            .security
+            .iter()
+            .flat_map(|security| security.settings(&self.attachment, runs));
+        for (key, value) in settings.into_iter().chain(secure) {
             config
                 .insert_json5(key, &value)
-                .map_err(|error| failed(&format!("setting {key} to {value}"), error))?;
+                // The value may hold a password.
+                .map_err(|error| failed(&format!("setting {key}"), error))?;
         }
         Ok(config)
+    }
+
+    /// Opens a session; the sentence of a failure says as much as can be known from this side.
+    fn open(&self, runs: Runs) -> Result<zenoh::Session, LinkError> {
+        zenoh::open(self.config(runs)?).wait().map_err(|error| {
+            let action = match self.attachment {
+                Attachment::Listen => format!("listening on {}", self.endpoint),
+                Attachment::Connect => {
+                    format!(
+                        "connecting to {} for {} ms",
+                        self.endpoint,
+                        self.connect_timeout.as_millis()
+                    )
+                }
+            };
+            // zenoh's own text names source files of zenoh.
+            tracing::debug!("{action}: {error}");
+            let reason = match self.attachment {
+                Attachment::Listen if self.security.is_some() => {
+                    "the address is not one of this host, or is taken, or the certificate, key or users file is none"
+                        .to_owned()
+                }
+                Attachment::Listen => "the address is not one of this host, or is taken".to_owned(),
+                Attachment::Connect => self.refusal(),
+            };
+            failed(&action, reason)
+        })
+    }
+
+    /// Why nobody could be met at the endpoint.
+    fn refusal(&self) -> String {
+        let place = self.endpoint.split_once('/').map_or("", |(_, place)| place);
+        let answers = place.to_socket_addrs().is_ok_and(|mut addresses| {
+            addresses.any(|address| TcpStream::connect_timeout(&address, Duration::from_secs(1)).is_ok())
+        });
+        match &self.security {
+            _ if !answers => "nobody answers there".to_owned(),
+            Some(security) => format!(
+                "somebody listens there and one does not let the other in: this process {}; \
+                 set ROTORTWIN_LOG=warn,zenoh=debug on both sides for zenoh's own words",
+                security.shown()
+            ),
+            None => "somebody listens there and does not let this process in: it shows no certificate and no user; \
+                     expected a plant or router without access control, or config=FILE behind the endpoint"
+                .to_owned(),
+        }
+    }
+}
+
+/// A zenoh router with our configuration, for runs whose processes all connect.
+#[derive(Debug)]
+pub struct ZenohRouter {
+    session: zenoh::Session,
+}
+
+impl ZenohRouter {
+    /// Listens on `endpoint` until it is dropped or closed.
+    pub fn listen(endpoint: impl Into<String>, security: Option<Security>) -> Result<Self, LinkError> {
+        let options = ZenohOptions {
+            security,
+            ..ZenohOptions::listen(endpoint)
+        };
+        Ok(Self {
+            session: options.open(Runs::All)?,
+        })
+    }
+
+    /// Says goodbye to all.
+    pub fn close(self) -> Result<(), LinkError> {
+        self.session
+            .close()
+            .wait()
+            .map_err(|error| failed("closing the router", error))
     }
 }
 
@@ -169,9 +285,11 @@ fn failed(action: &str, reason: impl std::fmt::Display) -> LinkError {
 /// What a key carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Topic {
-    Join,
+    /// From who says that it has this role.
+    Join(Role),
     Setup,
-    Ready,
+    /// The same.
+    Ready(Role),
     Sensors,
     Command,
     Steps,
@@ -261,27 +379,8 @@ pub struct ZenohEndpoint {
 impl ZenohEndpoint {
     /// Joins the network as `role` of the run `run_id`. Fails, naming the endpoint, if nobody answers there in time.
     pub fn new(role: Role, run_id: u64, options: ZenohOptions) -> Result<Self, LinkError> {
-        let config = options.config()?;
-        let session = zenoh::open(config).wait().map_err(|error| {
-            let action = match options.attachment {
-                Attachment::Listen => format!("listening on {}", options.endpoint),
-                Attachment::Connect => {
-                    format!(
-                        "connecting to {} for {} ms",
-                        options.endpoint,
-                        options.connect_timeout.as_millis()
-                    )
-                }
-            };
-            // zenoh's own text names source files of zenoh.
-            tracing::debug!("{action}: {error}");
-            let reason = match options.attachment {
-                Attachment::Listen => "the address is not one of this host, or is taken",
-                Attachment::Connect => "nobody answers there",
-            };
-            failed(&action, reason)
-        })?;
-        let prefix = format!("rotortwin/v1/{run_id:016x}");
+        let session = options.open(Runs::One(run_id))?;
+        let prefix = format!("{}/v1/{run_id:016x}", options.space());
         let inbox = Arc::new(Inbox::default());
         let own_setup = format!("setup/{}", slug(role));
         let (sends, receives): (&str, &[(&str, Topic)]) = match role {
@@ -290,8 +389,10 @@ impl ZenohEndpoint {
                 &[
                     ("command", Topic::Command),
                     ("reports", Topic::Reports),
-                    ("join", Topic::Join),
-                    ("ready", Topic::Ready),
+                    ("join/controller", Topic::Join(Role::Controller)),
+                    ("join/fdi", Topic::Join(Role::Fdi)),
+                    ("ready/controller", Topic::Ready(Role::Controller)),
+                    ("ready/fdi", Topic::Ready(Role::Fdi)),
                 ],
             ),
             Role::Controller => (
@@ -472,13 +573,21 @@ impl ZenohEndpoint {
                 }
                 return Ok(());
             }
-            Topic::Join => Packet::Join(parse(bytes, "Join", Role::Unspecified)?),
+            Topic::Join(role) => {
+                let join: proto::Join = parse(bytes, "Join", role)?;
+                own_role(role, join.role(), "Join.role")?;
+                Packet::Join(join)
+            }
             Topic::Setup => {
                 let setup: Setup = parse(bytes, "Setup", Role::Plant)?;
                 self.learn(&setup);
                 Packet::Setup(Box::new(setup))
             }
-            Topic::Ready => Packet::Ready(parse(bytes, "Ready", Role::Unspecified)?),
+            Topic::Ready(role) => {
+                let ready: proto::Ready = parse(bytes, "Ready", role)?;
+                own_role(role, ready.role(), "Ready.role")?;
+                Packet::Ready(ready)
+            }
             Topic::Finish => Packet::Finish(parse(bytes, "Finish", Role::Plant)?),
         };
         self.decoded.push_back(packet);
@@ -501,6 +610,18 @@ fn publish(publisher: &Publisher<'static>, bytes: Vec<u8>) -> Result<Delivery, L
         .wait()
         .map_err(|error| failed("sending a frame", error))?;
     Ok(Delivery::Complete)
+}
+
+/// Access control knows the key by which a message came, not what is in it.
+fn own_role(key: Role, said: Role, field: &'static str) -> Result<(), LinkError> {
+    if key == said {
+        return Ok(());
+    }
+    let other = ConvertError::Malformed {
+        message: field,
+        reason: format!("it says {}, and came as the {}'s", role_name(said), role_name(key)),
+    };
+    Err(malformed(key, 0, &other))
 }
 
 fn sensors(message: &proto::SensorFrame) -> Result<SensorFrame, LinkError> {
@@ -561,8 +682,14 @@ impl Endpoint for ZenohEndpoint {
                 }
                 Ok(Delivery::Complete)
             }
-            Packet::Join(message) => self.put("join", message.encode_to_vec(), block),
-            Packet::Ready(message) => self.put("ready", message.encode_to_vec(), block),
+            Packet::Join(message) => {
+                let key = format!("join/{}", slug(message.role()));
+                self.put(&key, message.encode_to_vec(), block)
+            }
+            Packet::Ready(message) => {
+                let key = format!("ready/{}", slug(message.role()));
+                self.put(&key, message.encode_to_vec(), block)
+            }
             Packet::Setup(message) => {
                 self.learn(message);
                 self.put(
@@ -594,7 +721,7 @@ impl Endpoint for ZenohEndpoint {
             match (self.decode(topic, &bytes), topic) {
                 (Ok(()), _) => {}
                 // Nobody may end a run by a malformed greeting.
-                (Err(error), Topic::Join | Topic::Setup | Topic::Ready | Topic::Finish) => {
+                (Err(error), Topic::Join(_) | Topic::Setup | Topic::Ready(_) | Topic::Finish) => {
                     tracing::warn!("a message of the hand-shake was dropped: {error}");
                 }
                 (Err(error), _) => return Err(error),

@@ -1,0 +1,125 @@
+//! A run over several hosts: network name spaces with cables between them, some bad, some pulled.
+
+use rotortwin_tests::certificates::certificates;
+use rotortwin_tests::hosts::Hosts;
+use rotortwin_tests::program::{Call, Link, PATIENCE, Run, text};
+use rotortwin_tests::scratch::{Scratch, announced_flight, hover, short_flight};
+use std::path::{Path, PathBuf};
+
+const FLY: usize = 1;
+const CONTROLLER: usize = 2;
+const FDI: usize = 3;
+
+/// A flight from host 1 with the controller on host 2 and the FDI engine on host 3, begun with the commands that it prints.
+fn fly(
+    scratch: &Scratch,
+    hosts: &Hosts,
+    scenario: &Path,
+    name: &str,
+    protocol: &str,
+    more: &[&str],
+) -> (Run, Run, Run) {
+    let listen = format!("{protocol}/{}:7447", Hosts::address(FLY));
+    let call =
+        Call::fly(scratch, Link::Zenoh, scenario, name).with(["--listen", &listen, "--external", "controller,fdi"]);
+    let mut run = call.with(more.iter().copied()).behind(hosts.on(FLY)).start();
+    let mut join = |who: &str, host: usize| {
+        let start = format!("  rotortwin {who} ");
+        let line = run.line(|line| line.starts_with(&start));
+        let words = line.split_ascii_whitespace().skip(1).map(str::to_owned);
+        Call::new(scratch, words).behind(hosts.on(host)).start()
+    };
+    let controller = join("controller", CONTROLLER);
+    let fdi = join("fdi", FDI);
+    (run, controller, fdi)
+}
+
+fn in_process_hash(scratch: &Scratch, scenario: &Path) -> String {
+    let call = Call::fly(scratch, Link::InProcess, scenario, "in-process");
+    call.run().expect_code(0).run_hash()
+}
+
+fn lands(flight: (Run, Run, Run)) -> String {
+    let (run, controller, fdi) = flight;
+    let ended = run.end(2 * PATIENCE).expect_code(0);
+    controller.end(PATIENCE).expect_code(0);
+    fdi.end(PATIENCE).expect_code(0);
+    ended.run_hash()
+}
+
+#[test]
+fn scenario_three_hosts_give_the_hash_of_one() {
+    let Some(hosts) = Hosts::new(3) else { return };
+    let scratch = Scratch::new();
+    let scenario = scratch.write("short.toml", short_flight());
+    let expected = in_process_hash(&scratch, &scenario);
+    assert_eq!(lands(fly(&scratch, &hosts, &scenario, "plain", "tcp", &[])), expected);
+    let Some(folder) = certificates(&scratch, "pki", &["bench,10.77.0.1"]) else {
+        return;
+    };
+    let folder = folder.display();
+    let file = scratch.write(
+        "zenoh.toml",
+        format!("[tls]\nca = '{folder}/ca.pem'\ncertificate = '{folder}/bench.pem'\nprivate_key = '{folder}/bench-key.pem'\n"),
+    );
+    let config: PathBuf = file;
+    let more = [
+        "--zenoh-config",
+        config.to_str().expect("the folder of a test is UTF-8"),
+    ];
+    assert_eq!(
+        lands(fly(&scratch, &hosts, &scenario, "encrypted", "tls", &more)),
+        expected
+    );
+}
+
+/// 2 ms each way and a packet in a hundred lost, on the cable of the plant's host: slower, and the same bits.
+#[test]
+fn scenario_a_bad_cable_changes_no_bit() {
+    let Some(mut hosts) = Hosts::new(3) else { return };
+    let scratch = Scratch::new();
+    let scenario = scratch.write("brief.toml", hover("brief", 1.0, ""));
+    let expected = in_process_hash(&scratch, &scenario);
+    hosts.disturb(2, 1);
+    let flight = fly(&scratch, &hosts, &scenario, "bad-cable", "tcp", &[]);
+    assert_eq!(lands(flight), expected);
+}
+
+/// A pulled cable closes no connection. The run ends, before the step time-out, and names who is not there any more; the peers say
+/// that the plant is gone.
+#[test]
+fn scenario_a_pulled_cable_is_named() {
+    let Some(hosts) = Hosts::new(3) else { return };
+    for (victim, name) in [(CONTROLLER, "controller"), (FDI, "fdi")] {
+        let scratch = Scratch::new();
+        let scenario = scratch.write("long.toml", announced_flight(60));
+        let (mut run, controller, fdi) = fly(&scratch, &hosts, &scenario, name, "tcp", &["--pace", "real-time"]);
+        run.line(|line| line.contains("truth"));
+        hosts.cut(victim);
+        let ended = run.end(PATIENCE).expect_code(1);
+        let summary = ended.summary();
+        assert_eq!(text(&summary, "/failure/peer"), name);
+        let sentence = text(&summary, "/failure/sentence");
+        let silence: u64 = sentence
+            .split_once("silent for ")
+            .and_then(|(_, rest)| rest.split_once(" ms"))
+            .and_then(|(number, _)| number.parse().ok())
+            .unwrap_or_else(|| panic!("no length of the silence in: {sentence}"));
+        // The lease of a connection is 2 s; the step time-out would be 5 s.
+        assert!(silence < 5_000, "{sentence}");
+        let (lost, other) = if victim == CONTROLLER {
+            (controller, fdi)
+        } else {
+            (fdi, controller)
+        };
+        let lost = lost.end(PATIENCE).expect_code(1);
+        assert!(lost.stderr.concat().contains("the plant"), "{:?}", lost.stderr);
+        let other = other.end(PATIENCE).expect_code(1);
+        assert!(
+            other.stderr.concat().contains(sentence),
+            "{:?} does not say: {sentence}",
+            other.stderr
+        );
+        hosts.mend(victim);
+    }
+}
