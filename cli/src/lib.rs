@@ -8,6 +8,7 @@ mod campaign;
 mod compare;
 mod diagnose;
 mod effects;
+mod export;
 mod fdi_models;
 mod fit;
 mod fly;
@@ -46,6 +47,8 @@ enum Command {
     Replay(replay::Args),
     /// Print what a run folder says
     Show(show::Args),
+    /// Write a whole run as one file: ULog, MCAP, Parquet, CSV
+    Export(export::Args),
     /// Import flight logs, and show what they hold
     Log(log::Args),
     /// Check a scenario and the files it names; prints every setting in effect
@@ -103,6 +106,7 @@ pub fn run() -> ExitCode {
         Command::Fly(args) => fly::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Show(args) => show::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),

@@ -9,21 +9,26 @@
 //!                        └─▶ summary.json        facts, verdict table        (analysis, summary)
 //! ```
 //!
+//! [`query`] answers questions about `telemetry.parquet`: channels, an interval, as many rows as a picture needs.
+//!
 //! [`RunFolder`] makes the folder, [`SpoolWriter`] takes the rows, [`finalise`] writes the rest. The crate knows no link, no
 //! scenario and no clock: facts about those come in as text and numbers.
 
 pub mod analysis;
 pub mod error;
+pub mod export;
 mod figures;
 mod mcap;
 pub mod page;
 mod parquet;
 mod plots;
+pub mod query;
 mod report;
 pub mod run_folder;
 pub mod spool;
 pub mod summary;
 pub mod telemetry;
+mod ulog;
 
 pub use error::{Result, StoreError};
 pub use run_folder::{Outputs, RunFolder, finalise};

@@ -2,9 +2,11 @@
 
 mod artifacts;
 mod events;
+mod exports;
 mod library;
 mod runs;
 mod server;
+mod telemetry;
 
 use crate::App;
 use crate::problem::Problem;
@@ -31,6 +33,7 @@ const LARGEST_BODY: usize = 2 << 20;
     ),
     tags(
         (name = "runs", description = "Flights: submit, list, watch, stop, compare"),
+        (name = "telemetry", description = "What was recorded: channels, intervals, decimated so that a picture is true"),
         (name = "library", description = "Scenarios and vehicles that the server has"),
         (name = "server", description = "How the server is")
     )
@@ -47,6 +50,10 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(events::events))
         .routes(routes!(artifacts::list))
         .routes(routes!(artifacts::get))
+        .routes(routes!(telemetry::channels))
+        .routes(routes!(telemetry::telemetry))
+        .routes(routes!(telemetry::compare))
+        .routes(routes!(exports::export))
         .routes(routes!(library::scenarios))
         .routes(routes!(library::scenario))
         .routes(routes!(library::validate))

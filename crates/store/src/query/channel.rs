@@ -1,0 +1,108 @@
+//! What a file says of its columns.
+
+use parquet::basic::Type as Physical;
+use parquet::file::metadata::FileMetaData;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// One column of a file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Channel {
+    /// Unique.
+    pub name: String,
+    /// As people write it (`m/s`), `1` for fractions and codes; empty where the file does not say.
+    pub unit: String,
+    /// What it means; empty where the file does not say.
+    pub description: String,
+    /// Type of its values.
+    pub kind: ChannelKind,
+}
+
+/// Type of the values of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ChannelKind {
+    /// Double precision.
+    F64,
+    /// Single precision.
+    F32,
+    /// Whole numbers, 32 bits.
+    I32,
+    /// Whole numbers, 64 bits; exact below 2⁵³.
+    I64,
+    /// Yes or no, as 1 and 0.
+    Bool,
+    /// No numbers: listed, not answered.
+    Text,
+    /// Lists and dates: listed, not answered.
+    Other,
+}
+
+impl ChannelKind {
+    /// It can be asked for.
+    pub const fn is_number(self) -> bool {
+        !matches!(self, Self::Text | Self::Other)
+    }
+}
+
+#[derive(serde::Deserialize)]
+struct Words {
+    #[serde(default)]
+    unit: String,
+    #[serde(default)]
+    description: String,
+}
+
+/// Columns of a file in their order.
+pub(super) fn channels(metadata: &FileMetaData) -> Vec<Channel> {
+    let mut words = words(metadata);
+    let columns = metadata.schema_descr().columns().iter();
+    columns
+        .map(|column| {
+            let name = column.path().string();
+            let Words { unit, description } = words.remove(&name).unwrap_or(Words {
+                unit: String::new(),
+                description: String::new(),
+            });
+            let kind = match column.physical_type() {
+                _ if column.max_rep_level() > 0 => ChannelKind::Other,
+                Physical::DOUBLE => ChannelKind::F64,
+                Physical::FLOAT => ChannelKind::F32,
+                Physical::INT32 => ChannelKind::I32,
+                Physical::INT64 => ChannelKind::I64,
+                Physical::BOOLEAN => ChannelKind::Bool,
+                Physical::BYTE_ARRAY => ChannelKind::Text,
+                Physical::INT96 | Physical::FIXED_LEN_BYTE_ARRAY => ChannelKind::Other,
+            };
+            Channel {
+                name,
+                unit,
+                description,
+                kind,
+            }
+        })
+        .collect()
+}
+
+/// Units and descriptions: of a run `rotortwin.columns` (JSON), of a flight log `rotortwin.units` (`name: unit; …`).
+fn words(metadata: &FileMetaData) -> BTreeMap<String, Words> {
+    let entries = metadata.key_value_metadata().map_or(&[][..], Vec::as_slice);
+    let value = |key: &str| {
+        let entry = entries.iter().find(|entry| entry.key == key)?;
+        entry.value.as_deref()
+    };
+    if let Some(columns) = value("rotortwin.columns").and_then(|text| serde_json::from_str(text).ok()) {
+        return columns;
+    }
+    let units = value("rotortwin.units").unwrap_or_default().split("; ");
+    units
+        .filter_map(|entry| entry.split_once(": "))
+        .map(|(name, unit)| {
+            let words = Words {
+                unit: unit.to_owned(),
+                description: String::new(),
+            };
+            (name.to_owned(), words)
+        })
+        .collect()
+}

@@ -1,0 +1,303 @@
+//! Tables as JSON, CSV or Parquet.
+//!
+//! | | no value | numbers |
+//! |---|---|---|
+//! | JSON | `null`, also for infinite values, which JSON lacks | the shortest text that gives the same bits in the column's own precision |
+//! | CSV | an empty cell | the same; `inf`, `-inf` |
+//! | Parquet | NaN | the column's own type; a column of whole numbers with gaps becomes double |
+
+use super::channel::ChannelKind;
+use super::{QueryError, Table, TableColumn, TelemetryFile};
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, FloatType, Int32Type, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+use std::io::Write as _;
+use std::sync::Arc;
+
+/// How a table is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// One object: `units` and `data` by channel.
+    Json,
+    /// A header line, then a line a row.
+    Csv,
+    /// One row group, zstd.
+    Parquet,
+}
+
+impl Format {
+    /// Media type.
+    pub const fn content_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::Csv => "text/csv; charset=utf-8",
+            Self::Parquet => "application/vnd.apache.parquet",
+        }
+    }
+}
+
+/// A table and the run that it is of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunTable {
+    /// Id.
+    pub run: String,
+    /// What was asked.
+    pub table: Table,
+}
+
+/// One run: JSON is an object, CSV and Parquet have the columns of the table.
+///
+/// # Errors
+/// Parquet refuses.
+pub fn one(table: &RunTable, format: Format) -> Result<Vec<u8>, QueryError> {
+    match format {
+        Format::Json => {
+            let mut out = Vec::new();
+            json(&mut out, table);
+            out.push(b'\n');
+            Ok(out)
+        }
+        Format::Csv => Ok(csv(std::slice::from_ref(table), false)),
+        Format::Parquet => parquet(std::slice::from_ref(table), false),
+    }
+}
+
+/// Several runs that were asked for the same channels: JSON `items`, an object a run; CSV and Parquet below each other, with a first
+/// column `run`.
+///
+/// # Errors
+/// Parquet refuses.
+pub fn several(tables: &[RunTable], format: Format) -> Result<Vec<u8>, QueryError> {
+    match format {
+        Format::Json => {
+            let mut out = b"{\"items\":[".to_vec();
+            for (at, table) in tables.iter().enumerate() {
+                if at > 0 {
+                    out.push(b',');
+                }
+                json(&mut out, table);
+            }
+            out.extend_from_slice(b"]}\n");
+            Ok(out)
+        }
+        Format::Csv => Ok(csv(tables, true)),
+        Format::Parquet => parquet(tables, true),
+    }
+}
+
+fn text(out: &mut Vec<u8>, value: &str) {
+    serde_json::to_writer(out, value).expect("a string is JSON, and memory takes it");
+}
+
+/// A finite number, as short as it can be.
+fn number(out: &mut Vec<u8>, kind: ChannelKind, value: f64) {
+    let written = match kind {
+        ChannelKind::F32 => serde_json::to_writer(out, &(value as f32)),
+        ChannelKind::I32 | ChannelKind::I64 | ChannelKind::Bool => serde_json::to_writer(out, &(value as i64)),
+        _ => serde_json::to_writer(out, &value),
+    };
+    written.expect("a number is JSON, and memory takes it");
+}
+
+fn json(out: &mut Vec<u8>, RunTable { run, table }: &RunTable) {
+    out.extend_from_slice(b"{\"run\":");
+    text(out, run);
+    let facts = format!(
+        ",\"source_rows\":{},\"rows\":{},\"decimated\":{},\"units\":{{",
+        table.source_rows,
+        table.rows(),
+        table.decimated
+    );
+    out.extend_from_slice(facts.as_bytes());
+    for (at, column) in table.columns.iter().enumerate() {
+        if at > 0 {
+            out.push(b',');
+        }
+        text(out, &column.channel.name);
+        out.push(b':');
+        text(out, &column.channel.unit);
+    }
+    out.extend_from_slice(b"},\"data\":{");
+    for (at, column) in table.columns.iter().enumerate() {
+        if at > 0 {
+            out.push(b',');
+        }
+        text(out, &column.channel.name);
+        out.extend_from_slice(b":[");
+        for (at, value) in column.values.iter().enumerate() {
+            if at > 0 {
+                out.push(b',');
+            }
+            if value.is_finite() {
+                number(out, column.channel.kind, *value);
+            } else {
+                out.extend_from_slice(b"null");
+            }
+        }
+        out.push(b']');
+    }
+    out.extend_from_slice(b"}}");
+}
+
+/// All rows of all columns of a file as CSV.
+///
+/// # Errors
+/// The file is damaged, or `out` refuses.
+pub fn whole_csv(file: &TelemetryFile, out: &mut impl std::io::Write) -> Result<(), QueryError> {
+    let columns: Vec<_> = file
+        .channels()
+        .iter()
+        .filter(|channel| channel.kind.is_number())
+        .collect();
+    let names: Vec<&str> = columns.iter().map(|channel| channel.name.as_str()).collect();
+    let mut text = names.join(",").into_bytes();
+    text.push(b'\n');
+    file.for_each_block(&names, |block| {
+        for row in 0..block.first().map_or(0, Vec::len) {
+            for (at, (values, channel)) in block.iter().zip(&columns).enumerate() {
+                if at > 0 {
+                    text.push(b',');
+                }
+                cell(&mut text, channel.kind, values[row]);
+            }
+            text.push(b'\n');
+        }
+        let written = out.write_all(&text);
+        text.clear();
+        written.map_err(|source| QueryError::Output { source })
+    })
+}
+
+fn cell(out: &mut Vec<u8>, kind: ChannelKind, value: f64) {
+    if value.is_finite() {
+        number(out, kind, value);
+    } else if value.is_infinite() {
+        out.extend_from_slice(if value > 0.0 { b"inf" } else { b"-inf" });
+    }
+}
+
+fn csv(tables: &[RunTable], with_run: bool) -> Vec<u8> {
+    let mut out = Vec::new();
+    let Some(first) = tables.first() else { return out };
+    let names = first.table.columns.iter().map(|column| column.channel.name.as_str());
+    let names: Vec<&str> = with_run.then_some("run").into_iter().chain(names).collect();
+    out.extend_from_slice(names.join(",").as_bytes());
+    out.push(b'\n');
+    for RunTable { run, table } in tables {
+        for row in 0..table.rows() {
+            if with_run {
+                out.extend_from_slice(run.as_bytes());
+            }
+            for (at, column) in table.columns.iter().enumerate() {
+                if at > 0 || with_run {
+                    out.push(b',');
+                }
+                cell(&mut out, column.channel.kind, column.values[row]);
+            }
+            out.push(b'\n');
+        }
+    }
+    out
+}
+
+/// Type in a Parquet answer.
+fn physical(columns: &[&TableColumn]) -> Physical {
+    let gaps = || {
+        columns
+            .iter()
+            .any(|column| column.values.iter().any(|value| value.is_nan()))
+    };
+    match columns[0].channel.kind {
+        ChannelKind::F32 => Physical::FLOAT,
+        ChannelKind::I32 | ChannelKind::Bool if !gaps() => Physical::INT32,
+        ChannelKind::I64 if !gaps() => Physical::INT64,
+        _ => Physical::DOUBLE,
+    }
+}
+
+fn parquet(tables: &[RunTable], with_run: bool) -> Result<Vec<u8>, QueryError> {
+    let Some(first) = tables.first() else {
+        return Ok(Vec::new());
+    };
+    let columns: Vec<Vec<&TableColumn>> = (0..first.table.columns.len())
+        .map(|at| tables.iter().filter_map(|table| table.table.columns.get(at)).collect())
+        .collect();
+    let mut fields = Vec::new();
+    if with_run {
+        let field = Type::primitive_type_builder("run", Physical::BYTE_ARRAY);
+        fields.push((field, Some(LogicalType::String)));
+    }
+    for columns in &columns {
+        fields.push((
+            Type::primitive_type_builder(&columns[0].channel.name, physical(columns)),
+            None,
+        ));
+    }
+    let fields = fields
+        .into_iter()
+        .map(|(field, logical)| {
+            let field = field.with_repetition(Repetition::REQUIRED).with_logical_type(logical);
+            field.build().map(Arc::new)
+        })
+        .collect::<Result<_, ParquetError>>()?;
+    let schema = Arc::new(Type::group_type_builder("telemetry").with_fields(fields).build()?);
+    let units: serde_json::Map<String, serde_json::Value> = first
+        .table
+        .columns
+        .iter()
+        .map(|TableColumn { channel, .. }| {
+            let words = serde_json::json!({ "unit": channel.unit, "description": channel.description });
+            (channel.name.clone(), words)
+        })
+        .collect();
+    let units = serde_json::Value::Object(units).to_string();
+    let properties = WriterProperties::builder()
+        .set_created_by(format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")))
+        .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
+        .set_key_value_metadata(Some(vec![KeyValue::new("rotortwin.columns".to_owned(), units)]))
+        .build();
+    let mut out = Vec::new();
+    let mut writer = SerializedFileWriter::new(&mut out, schema, Arc::new(properties))?;
+    let mut group = writer.next_row_group()?;
+    let lacks = || ParquetError::General("the schema lacks a column".to_owned());
+    if with_run {
+        let mut column = group.next_column()?.ok_or_else(lacks)?;
+        for RunTable { run, table } in tables {
+            let name = ByteArray::from(run.as_str());
+            let values = vec![name; table.rows()];
+            column.typed::<ByteArrayType>().write_batch(&values, None, None)?;
+        }
+        column.close()?;
+    }
+    for columns in &columns {
+        let mut column = group.next_column()?.ok_or_else(lacks)?;
+        let values = columns.iter().flat_map(|column| column.values.iter().copied());
+        match physical(columns) {
+            Physical::FLOAT => {
+                let values: Vec<f32> = values.map(|value| value as f32).collect();
+                column.typed::<FloatType>().write_batch(&values, None, None)?
+            }
+            Physical::INT32 => {
+                let values: Vec<i32> = values.map(|value| value as i32).collect();
+                column.typed::<Int32Type>().write_batch(&values, None, None)?
+            }
+            Physical::INT64 => {
+                let values: Vec<i64> = values.map(|value| value as i64).collect();
+                column.typed::<Int64Type>().write_batch(&values, None, None)?
+            }
+            _ => {
+                let values: Vec<f64> = values.collect();
+                column.typed::<DoubleType>().write_batch(&values, None, None)?
+            }
+        };
+        column.close()?;
+    }
+    group.close()?;
+    writer.close()?;
+    out.flush().map_err(|error| ParquetError::General(error.to_string()))?;
+    Ok(out)
+}

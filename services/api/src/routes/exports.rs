@@ -1,0 +1,152 @@
+//! Whole runs in one file of a format that other programs read.
+//!
+//! MCAP and Parquet are files of the run. ULog and CSV are written into a file of the data folder's `exports`, which loses its name as soon as it
+//! is open for sending: it goes with the answer. What a server that was killed left there is removed by a later export.
+
+use crate::App;
+use crate::problem::Problem;
+use axum::body::Body;
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::{Path, Query, Request, State};
+use axum::http::{HeaderValue, header};
+use axum::response::Response;
+use rotortwin_store::export::{self, ExportFormat};
+use rotortwin_store::query::QueryError;
+use rotortwin_store::run_folder::TELEMETRY_FILE;
+use serde::Deserialize;
+use std::fs::File;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use tower_http::services::ServeFile;
+use utoipa::{IntoParams, ToSchema};
+
+/// No export takes so long: what is older was left by a server that died.
+const LEFT_BEHIND: Duration = Duration::from_secs(3600);
+
+/// What to write.
+#[derive(Debug, Clone, Copy, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ExportName {
+    /// PX4's log format: Flight Review, PlotJuggler, pyulog.
+    Ulog,
+    /// Foxglove, Lichtblick.
+    Mcap,
+    /// pandas, Polars, DuckDB.
+    Parquet,
+    /// Everything else.
+    Csv,
+}
+
+impl From<ExportName> for ExportFormat {
+    fn from(name: ExportName) -> Self {
+        match name {
+            ExportName::Ulog => Self::Ulog,
+            ExportName::Mcap => Self::Mcap,
+            ExportName::Parquet => Self::Parquet,
+            ExportName::Csv => Self::Csv,
+        }
+    }
+}
+
+/// Which format.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(crate) struct ExportQuery {
+    /// What to write.
+    #[param(inline)]
+    format: ExportName,
+}
+
+/// A file that is removed when this is dropped; who has it open can still read it.
+struct Unnamed(PathBuf);
+
+impl Drop for Unnamed {
+    fn drop(&mut self) {
+        if let Err(error) = std::fs::remove_file(&self.0) {
+            tracing::warn!(path = %self.0.display(), %error, "an export cannot be removed");
+        }
+    }
+}
+
+/// The whole run as one file; with range requests. The same run gives the same bytes each time.
+#[utoipa::path(get, path = "/api/v1/runs/{id}/export", tag = "telemetry", params(("id" = String, Path), ExportQuery), responses(
+    (status = 200, description = "the file", content(
+        (Vec<u8> = "application/octet-stream"), (Vec<u8> = "application/vnd.apache.parquet"), (String = "text/csv"))),
+    (status = 206, description = "the range", content(
+        (Vec<u8> = "application/octet-stream"), (Vec<u8> = "application/vnd.apache.parquet"), (String = "text/csv"))),
+    (status = 400, description = "no such format", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 416, description = "there is no such range"),
+    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn export(
+    State(app): State<Arc<App>>,
+    id: Result<Path<String>, PathRejection>,
+    query: Result<Query<ExportQuery>, QueryRejection>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let Query(query) = query?;
+    let format = ExportFormat::from(query.format);
+    let run = super::runs::find(&app, id).await?;
+    let source = super::telemetry::file_of(&app, &run, format.file().unwrap_or(TELEMETRY_FILE)).await?;
+    // Removed when this function is left; the answer has the file open by then.
+    let made = match format.file() {
+        Some(_) => None,
+        None => Some(write(&app, source.clone(), format).await?),
+    };
+    let path = made.as_ref().map_or(&source, |Unnamed(path)| path);
+    let response = ServeFile::new(path)
+        .try_call(request)
+        .await
+        .map_err(|error| Problem::internal(&error))?;
+    let mut response = response.map(Body::new);
+    if response.status().is_success() {
+        let headers = response.headers_mut();
+        // Of a file that was written just now; it says nothing about the run.
+        headers.remove(header::LAST_MODIFIED);
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(format.content_type()));
+        let disposition = format!("attachment; filename=\"{}.{}\"", run.id, format.extension());
+        if let Ok(value) = HeaderValue::from_str(&disposition) {
+            headers.insert(header::CONTENT_DISPOSITION, value);
+        }
+    }
+    Ok(response)
+}
+
+async fn write(app: &App, source: PathBuf, format: ExportFormat) -> Result<Unnamed, Problem> {
+    static NUMBER: AtomicU64 = AtomicU64::new(0);
+    let folder = app.folder.path().join("exports");
+    let name = format!("{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
+    let written = super::telemetry::blocking(move || {
+        let io = |path: PathBuf| move |source| QueryError::Io { path, source };
+        std::fs::create_dir_all(&folder).map_err(io(folder.clone()))?;
+        remove_old(&folder);
+        let path = folder.join(name);
+        let file = File::create_new(&path).map_err(io(path.clone()))?;
+        let made = Unnamed(path);
+        match export::export(&source, format, &file) {
+            Err(QueryError::Output { source }) if source.kind() == std::io::ErrorKind::StorageFull => Ok(None),
+            Err(error) => Err(error),
+            Ok(()) => Ok(Some(made)),
+        }
+    });
+    written
+        .await?
+        .ok_or_else(|| Problem::disk_full("the export cannot be written: the disk of the data folder is full"))
+}
+
+fn remove_old(folder: &std::path::Path) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.filter_map(Result::ok) {
+        let age = entry.metadata().and_then(|metadata| metadata.modified()).ok();
+        if age
+            .and_then(|at| at.elapsed().ok())
+            .is_some_and(|age| age > LEFT_BEHIND)
+        {
+            drop(Unnamed(entry.path()));
+        }
+    }
+}

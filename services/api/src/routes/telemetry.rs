@@ -1,0 +1,290 @@
+//! Telemetry of runs that have ended: channels, intervals, as many rows as a picture needs.
+//!
+//! The files are read and decoded on threads of their own, at most [`AT_ONCE`] queries at a time.
+
+use crate::App;
+use crate::problem::Problem;
+use crate::store::RunRow;
+use axum::Json;
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, header};
+use axum::response::{IntoResponse, Response};
+use rotortwin_store::query::{
+    self, ChannelKind, DEFAULT_POINTS, Format, MOST_VALUES, QueryError, TelemetryFile, render::RunTable,
+};
+use rotortwin_store::run_folder::TELEMETRY_FILE;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+use utoipa::{IntoParams, ToSchema};
+
+/// Queries that are answered at the same time; others wait.
+const AT_ONCE: usize = 4;
+/// Runs of one comparison.
+const MOST_RUNS: usize = 100;
+
+static QUERIES: Semaphore = Semaphore::const_new(AT_ONCE);
+
+/// How an answer is written.
+#[derive(Debug, Clone, Copy, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum AnswerFormat {
+    /// `units` and `data` by channel; no value is `null`.
+    Json,
+    /// A header line, then a line a row; no value is an empty cell.
+    Csv,
+    /// For pandas, Polars, DuckDB; no value is NaN.
+    Parquet,
+}
+
+impl AnswerFormat {
+    /// What was asked for by name, or by `Accept`; JSON otherwise.
+    fn of(named: Option<Self>, headers: &HeaderMap) -> Format {
+        let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok());
+        match (named, accept) {
+            (Some(Self::Json), _) => Format::Json,
+            (Some(Self::Csv), _) => Format::Csv,
+            (Some(Self::Parquet), _) => Format::Parquet,
+            (None, Some(accept)) if accept.starts_with("text/csv") => Format::Csv,
+            (None, Some(accept)) if accept.starts_with("application/vnd.apache.parquet") => Format::Parquet,
+            (None, _) => Format::Json,
+        }
+    }
+}
+
+/// A channel of a run.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct ChannelInfo {
+    /// Unique in the run.
+    name: String,
+    /// As people write it (`m/s`); `1` for fractions and codes.
+    unit: String,
+    /// What it means.
+    description: String,
+    /// `f64`, `f32`, `i32`, `i64`, `bool`; `text` and `other` cannot be asked for.
+    #[schema(value_type = String)]
+    kind: ChannelKind,
+}
+
+/// Channels of a run.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Channels {
+    /// Samples of each.
+    rows: u64,
+    /// In the order of the file.
+    items: Vec<ChannelInfo>,
+}
+
+/// What was recorded of a run.
+#[utoipa::path(get, path = "/api/v1/runs/{id}/channels", tag = "telemetry", params(("id" = String, Path)), responses(
+    (status = 200, description = "its channels", body = Channels),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn channels(
+    State(app): State<Arc<App>>,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Json<Channels>, Problem> {
+    let run = super::runs::find(&app, id).await?;
+    let path = file_of(&app, &run, TELEMETRY_FILE).await?;
+    let answer = blocking(move || {
+        let file = TelemetryFile::open(&path)?;
+        let items = file.channels().iter().cloned();
+        let items = items.map(|channel| ChannelInfo {
+            name: channel.name,
+            unit: channel.unit,
+            description: channel.description,
+            kind: channel.kind,
+        });
+        Ok(Channels {
+            rows: file.rows(),
+            items: items.collect(),
+        })
+    });
+    Ok(Json(answer.await?))
+}
+
+/// Which channels, when, and how many rows.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(crate) struct Selection {
+    /// Names with commas between them; one `*` in a name stands for anything (`duty_*`). The time is always given.
+    #[param(example = "roll_rad,duty_*")]
+    channels: String,
+    /// First time that counts, s; from the start without it.
+    from_s: Option<f64>,
+    /// Last time that counts, s; to the end without it.
+    to_s: Option<f64>,
+    /// Most rows of the answer, from 2; 2000 without it. If the interval has more, each two rows stand for a bucket of samples: least and
+    /// largest value in the order in which they came.
+    #[param(minimum = 2)]
+    points: Option<usize>,
+    /// By default what `Accept` says, or JSON.
+    #[param(inline)]
+    format: Option<AnswerFormat>,
+}
+
+impl Selection {
+    fn query(&self) -> query::Query {
+        query::Query {
+            channels: names(&self.channels),
+            from_s: self.from_s,
+            to_s: self.to_s,
+            points: self.points.unwrap_or(DEFAULT_POINTS),
+        }
+    }
+}
+
+fn names(list: &str) -> Vec<String> {
+    let names = list.split(',').map(str::trim).filter(|name| !name.is_empty());
+    names.map(str::to_owned).collect()
+}
+
+/// Samples of one run.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Telemetry {
+    /// Id.
+    run: String,
+    /// Samples in the interval.
+    source_rows: u64,
+    /// Rows of the answer.
+    rows: u64,
+    /// There are fewer rows than samples.
+    decimated: bool,
+    /// Unit by channel.
+    #[schema(value_type = Object)]
+    units: serde_json::Value,
+    /// Values by channel, `time_s` first; `null`: none.
+    #[schema(value_type = Object)]
+    data: serde_json::Value,
+}
+
+/// Samples of several runs.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct ManyTelemetry {
+    /// In the order in which the runs were named.
+    items: Vec<Telemetry>,
+}
+
+/// Samples of a run, decimated so that a picture shows the same.
+#[utoipa::path(get, path = "/api/v1/runs/{id}/telemetry", tag = "telemetry", params(("id" = String, Path), Selection), responses(
+    (status = 200, description = "the samples", content(
+        (Telemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
+    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "no such channel; no interval; too many values", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn telemetry(
+    State(app): State<Arc<App>>,
+    id: Result<Path<String>, PathRejection>,
+    selection: Result<Query<Selection>, QueryRejection>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let Query(selection) = selection?;
+    let run = super::runs::find(&app, id).await?;
+    let path = file_of(&app, &run, TELEMETRY_FILE).await?;
+    let format = AnswerFormat::of(selection.format, &headers);
+    let body = blocking(move || {
+        let table = TelemetryFile::open(&path)?.query(&selection.query())?;
+        query::render::one(&RunTable { run: run.id, table }, format)
+    });
+    Ok(([(header::CONTENT_TYPE, format.content_type())], body.await?).into_response())
+}
+
+/// Which runs.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(crate) struct Runs {
+    /// Ids with commas between them, at most 100.
+    runs: String,
+}
+
+/// The same channels of several runs, to be compared: JSON has an object a run, CSV and Parquet a first column `run`.
+#[utoipa::path(get, path = "/api/v1/telemetry", tag = "telemetry", params(Runs, Selection), responses(
+    (status = 200, description = "the samples", content(
+        (ManyTelemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
+    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "one has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "no such channel; no interval; too many runs or values", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn compare(
+    State(app): State<Arc<App>>,
+    runs: Result<Query<Runs>, QueryRejection>,
+    selection: Result<Query<Selection>, QueryRejection>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (Query(runs), Query(selection)) = (runs?, selection?);
+    let ids = names(&runs.runs);
+    if ids.is_empty() || ids.len() > MOST_RUNS {
+        return Err(Problem::unprocessable(format!(
+            "`runs` names {} runs; expected 1 to {MOST_RUNS}",
+            ids.len()
+        )));
+    }
+    let mut files = Vec::with_capacity(ids.len());
+    for id in ids {
+        let run = super::runs::find(&app, Ok(Path(id))).await?;
+        let path = file_of(&app, &run, TELEMETRY_FILE).await?;
+        files.push((run.id, path));
+    }
+    let format = AnswerFormat::of(selection.format, &headers);
+    let body = blocking(move || {
+        let query = selection.query();
+        let (mut tables, mut values) = (Vec::with_capacity(files.len()), 0);
+        for (run, path) in files {
+            let table = TelemetryFile::open(&path)?.query(&query)?;
+            values += (table.rows() * table.columns.len()) as u64;
+            if values > MOST_VALUES {
+                return Err(QueryError::TooMany { values });
+            }
+            tables.push(RunTable { run, table });
+        }
+        query::render::several(&tables, format)
+    });
+    Ok(([(header::CONTENT_TYPE, format.content_type())], body.await?).into_response())
+}
+
+/// Where a file of a run that has ended is.
+pub(super) async fn file_of(app: &App, run: &RunRow, name: &str) -> Result<PathBuf, Problem> {
+    if !run.status.is_final() {
+        return Err(Problem::conflict(format!(
+            "run {} is {}; its {name} is there once it has ended",
+            run.id,
+            run.status.as_str()
+        )));
+    }
+    let missing = || Problem::not_found(format!("run {} ended without {name}", run.id));
+    let path = app
+        .folder
+        .path()
+        .join(run.folder.as_ref().ok_or_else(missing)?)
+        .join(name);
+    match tokio::fs::try_exists(&path).await {
+        Ok(true) => Ok(path),
+        _ => Err(missing()),
+    }
+}
+
+/// Does what reads files away from the threads that serve, not too often at once.
+pub(super) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, QueryError> + Send + 'static,
+) -> Result<T, Problem> {
+    let permit = QUERIES.acquire().await.map_err(|error| Problem::internal(&error))?;
+    let done = tokio::task::spawn_blocking(move || {
+        let result = work();
+        drop(permit);
+        result
+    });
+    done.await.map_err(|error| Problem::internal(&error))?.map_err(|error| {
+        if error.is_of_the_file() {
+            Problem::internal(&error)
+        } else {
+            Problem::unprocessable(error.to_string())
+        }
+    })
+}
