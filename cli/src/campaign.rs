@@ -275,6 +275,7 @@ fn fly_one(args: &Args, campaign: &Campaign, index: u64) -> ExitCode {
         link_name: "in-process".to_owned(),
         pace: Pace::Fast,
         run_id: 1,
+        live_hz: None,
     };
     let mut link = session::in_process_link();
     match session::fly(&scenario, &config, &mut link, &folder, &mut |_| (), &mut || None) {

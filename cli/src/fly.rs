@@ -99,6 +99,9 @@ pub(crate) struct Args {
     /// Print each event of the run as a JSON line, nothing else; end when the standard input does
     #[arg(long, conflicts_with = "json")]
     pub(crate) events: bool,
+    /// With --events: also samples of the telemetry, so many a second of simulated time, at most 100 a second of wall clock
+    #[arg(long, value_name = "HZ", requires = "events", value_parser = rotortwin_sim::process::parse_rate)]
+    pub(crate) live: Option<f64>,
 }
 
 impl Args {
@@ -222,6 +225,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         },
         pace: args.pace.into(),
         run_id: new_run_id(),
+        live_hz: args.live,
     };
     let mut board = None;
     let result = match (address, board_line) {
@@ -569,6 +573,9 @@ fn parts(
             "real-time"
         },
     );
+    if let Some(rate_hz) = args.live {
+        sim.option("--live", rate_hz.to_string());
+    }
     if args.whole_documents() {
         sim.option("--documents", folder.path().join(DOCUMENTS_FILE));
     }
@@ -646,7 +653,7 @@ impl Screen {
                 }
             }
             RunEvent::Recording { .. } => self.bar.set_message("writing the run folder"),
-            RunEvent::Finished => {}
+            RunEvent::Finished | RunEvent::Sample(_) => {}
         }
     }
 

@@ -444,6 +444,7 @@ fn fly_reference(
         link_name: "in-process".to_owned(),
         pace: Pace::Fast,
         run_id: 1,
+        live_hz: None,
     };
     let folder = RunFolder::create(folder).map_err(|error| error.to_string())?;
     let mut link = session::in_process_link();

@@ -200,7 +200,7 @@ impl FlightWatch {
                 self.stage = Stage::Flight;
                 self.last_step = progress.step.checked_sub(1);
             }
-            RunEvent::Change(_) => self.stage = Stage::Flight,
+            RunEvent::Change(_) | RunEvent::Sample(_) => self.stage = Stage::Flight,
             RunEvent::Recording { steps } => {
                 self.stage = Stage::Recording;
                 self.last_step = steps.checked_sub(1);

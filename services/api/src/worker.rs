@@ -32,6 +32,8 @@ const HEARTBEAT: Duration = Duration::from_millis(250);
 const ATTEMPTS: i64 = 3;
 /// A flight that was asked to end may take this long before it is killed.
 const GRACE: Duration = Duration::from_millis(900);
+/// Live samples a second of simulated time; the flight itself bounds what comes a second of wall clock.
+const LIVE_HZ: &str = "100";
 /// No flight may take longer than this in wall time.
 const LONGEST: Duration = Duration::from_secs(6 * 3600);
 
@@ -47,6 +49,7 @@ pub(crate) async fn work(app: Arc<App>) {
             Ok(Some((run, token))) => {
                 app.hub.wake(&run.id);
                 fly_claimed(&app, &run, &token).await;
+                app.hub.end_live(&run.id);
                 app.hub.wake(&run.id);
                 continue;
             }
@@ -191,7 +194,7 @@ fn start(app: &App, run: &RunRow, folder: &Path) -> std::io::Result<Child> {
     std::fs::write(&documents, &run.documents)?;
     let words = std::fs::File::create(parent.join(format!("fly-{}.log", run.attempts)))?;
     Command::new(&app.config.program)
-        .args(["fly", "--documents", "--events"])
+        .args(["fly", "--documents", "--events", "--live", LIVE_HZ])
         .args([
             "--seed",
             &run.seed.to_string(),
@@ -235,6 +238,7 @@ async fn watch(app: &App, run: &RunRow, token: &str, child: &mut Child) -> Reaso
     loop {
         tokio::select! {
             line = lines.next_line() => match line {
+                Ok(Some(line)) if app.hub.take_live(&run.id, &line) => {}
                 Ok(Some(line)) => {
                     let Ok(value) = serde_json::from_str::<serde_json::Value>(&line) else { continue };
                     let kind = value.get("event").and_then(serde_json::Value::as_str).unwrap_or("message").to_owned();

@@ -12,6 +12,8 @@ pub enum RunEvent {
     Progress(Progress),
     /// Something worth a line happened.
     Change(Change),
+    /// A row of the telemetry, for people who look on (`--live`).
+    Sample(LiveSample),
     /// The flight is over and its folder is being written.
     Recording {
         /// Complete steps.
@@ -19,6 +21,17 @@ pub enum RunEvent {
     },
     /// The folder is written. The summary in it says how the run ended.
     Finished,
+}
+
+/// A row of the telemetry.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LiveSample {
+    /// Step number, from 0.
+    pub step: u64,
+    /// Simulated time at the start of the step, s.
+    pub sim_time_s: f64,
+    /// A value for each of `rotortwin_store::telemetry_columns`, in their order; none where there is no finite one.
+    pub values: Vec<Option<f64>>,
 }
 
 /// How far the flight is, and what it shows.

@@ -9,10 +9,12 @@
 //! * [`recorder`]: samples into the telemetry spool, and the events that a supervisor shows.
 //! * [`conditions`]: what is wrong with which rotor at which step, in words.
 //! * [`events`]: those events, one JSON object a line on standard output.
+//! * [`live`]: samples of the telemetry among them, for people who look on.
 //! * [`process`]: what the process does with its arguments and signals.
 
 pub mod conditions;
 pub mod events;
+pub mod live;
 pub mod process;
 pub mod recorder;
 pub mod session;

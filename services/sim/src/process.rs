@@ -55,6 +55,9 @@ pub struct Args {
     /// Effective configuration, in place of what the scenario file says: the text of a run's summary
     #[arg(long, value_name = "FILE")]
     pub documents: Option<PathBuf>,
+    /// Tell samples of the telemetry as events, so many a second of simulated time
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
+    pub live: Option<f64>,
     /// Take requests on standard input; its end means that the supervisor is dead
     #[arg(long, hide = true)]
     pub supervised: bool,
@@ -65,6 +68,17 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
         "fast" => Ok(Pace::Fast),
         "real-time" => Ok(Pace::RealTime),
         _ => Err("expected fast or real-time".to_owned()),
+    }
+}
+
+/// A rate of samples, Hz: more than 0, at most one a step.
+///
+/// # Errors
+/// One clause: what was expected.
+pub fn parse_rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if rate > 0.0 && rate <= 400.0 => Ok(rate),
+        _ => Err("expected a number of Hz above 0, at most 400".to_owned()),
     }
 }
 
@@ -127,6 +141,7 @@ fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Resul
         link_name: args.link.transport().to_owned(),
         pace: args.pace,
         run_id: args.run_id,
+        live_hz: args.live,
     };
     let timing = LinkTiming {
         join: Duration::from_millis(args.join_timeout),

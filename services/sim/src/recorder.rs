@@ -2,6 +2,7 @@
 
 use crate::conditions::ConditionSchedule;
 use crate::events::{Change, Progress, RunEvent};
+use crate::live::LiveSampler;
 use rotortwin_campaign::flight::{FlightObserver, Sample, StopReason};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_store::StoreError;
@@ -26,6 +27,8 @@ pub struct Recorder<'a> {
     last_progress: Instant,
     last_label: i32,
     last_sequential: Option<i32>,
+    live: Option<LiveSampler>,
+    rotor_count: usize,
 }
 
 impl<'a> Recorder<'a> {
@@ -47,7 +50,16 @@ impl<'a> Recorder<'a> {
             last_progress: Instant::now(),
             last_label: 0,
             last_sequential: None,
+            live: None,
+            rotor_count: 0,
         }
+    }
+
+    /// Also tells samples: `rate_hz` a second of simulated time.
+    pub fn with_live(mut self, rate_hz: f64, rotor_count: usize) -> Self {
+        self.live = Some(LiveSampler::new(rate_hz, rotor_count));
+        self.rotor_count = rotor_count;
+        self
     }
 
     /// Completes the spool.
@@ -110,6 +122,13 @@ impl FlightObserver for Recorder<'_> {
         let conditions = self.conditions.at(sample.sensors.stamp.step);
         fill_row(&mut self.row, sample, conditions);
         self.spool.push(&self.row).map_err(|error| error.to_string())?;
+        if let Some(event) = self
+            .live
+            .as_mut()
+            .and_then(|live| live.sample(&self.row, self.rotor_count))
+        {
+            (self.emit)(event);
+        }
         self.report_changes(sample);
         self.report_progress(sample)
     }

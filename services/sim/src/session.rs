@@ -33,6 +33,8 @@ pub struct SessionConfig {
     pub pace: Pace,
     /// Identity of this execution, never 0.
     pub run_id: u64,
+    /// Samples that are told a second of simulated time; `None`: none.
+    pub live_hz: Option<f64>,
 }
 
 /// Our own controller and FDI engine, called in this process.
@@ -78,6 +80,9 @@ pub fn fly(
     emit(RunEvent::Waiting);
     let setup = run_setup(scenario, &simulation, config.run_id);
     let mut recorder = Recorder::new(spool, scenario.duration_steps(), conditions, emit, stop);
+    if let Some(rate_hz) = config.live_hz {
+        recorder = recorder.with_live(rate_hz, simulation.rotor_count());
+    }
     let outcome = flight::fly(&mut simulation, link, &setup, config.pace, &mut recorder);
     recorder.finish()?;
     emit(RunEvent::Recording { steps: outcome.steps });

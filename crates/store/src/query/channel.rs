@@ -38,6 +38,22 @@ pub enum ChannelKind {
     Other,
 }
 
+impl From<crate::telemetry::Column> for Channel {
+    fn from(column: crate::telemetry::Column) -> Self {
+        Self {
+            name: column.name,
+            unit: column.unit,
+            description: column.description,
+            kind: match column.kind {
+                crate::telemetry::Kind::F64 => ChannelKind::F64,
+                crate::telemetry::Kind::F32 => ChannelKind::F32,
+                crate::telemetry::Kind::I32 => ChannelKind::I32,
+                crate::telemetry::Kind::U64 => ChannelKind::I64,
+            },
+        }
+    }
+}
+
 impl ChannelKind {
     /// It can be asked for.
     pub const fn is_number(self) -> bool {

@@ -145,16 +145,7 @@ impl TelemetryFile {
 
     /// Place of a channel that holds numbers.
     fn number_channel(&self, name: &str) -> Result<usize, QueryError> {
-        let at = self
-            .channels
-            .iter()
-            .position(|channel| channel.name == name)
-            .ok_or_else(|| QueryError::unknown(name, &self.channels))?;
-        if self.channels[at].kind.is_number() {
-            Ok(at)
-        } else {
-            Err(QueryError::NotNumbers { name: name.to_owned() })
-        }
+        number_channel(&self.channels, name)
     }
 
     /// Answers a query.
@@ -218,24 +209,9 @@ impl TelemetryFile {
         Ok(places)
     }
 
-    /// The channel of this name, or all channels of numbers that fit a pattern; at least one.
+    /// Places of a channel or of all that fit a pattern.
     fn matching(&self, name: &str) -> Result<Vec<usize>, QueryError> {
-        let Some((head, tail)) = name.split_once('*') else {
-            return Ok(vec![self.number_channel(name)?]);
-        };
-        let fits = |channel: &Channel| {
-            channel.kind.is_number()
-                && channel.name.len() >= head.len() + tail.len()
-                && channel.name.starts_with(head)
-                && channel.name.ends_with(tail)
-        };
-        let places: Vec<usize> = (0..self.channels.len())
-            .filter(|at| fits(&self.channels[*at]))
-            .collect();
-        if places.is_empty() {
-            return Err(QueryError::unknown(name, &self.channels));
-        }
-        Ok(places)
+        matching(&self.channels, name)
     }
 
     /// Row groups that the interval touches, with the rows of each that lie in it.
@@ -334,6 +310,39 @@ impl TelemetryFile {
             reason: reason.to_owned(),
         }
     }
+}
+
+fn number_channel(channels: &[Channel], name: &str) -> Result<usize, QueryError> {
+    let at = channels
+        .iter()
+        .position(|channel| channel.name == name)
+        .ok_or_else(|| QueryError::unknown(name, channels))?;
+    if channels[at].kind.is_number() {
+        Ok(at)
+    } else {
+        Err(QueryError::NotNumbers { name: name.to_owned() })
+    }
+}
+
+/// Places of the channel of this name, or of all channels of numbers that fit a pattern with one `*`; at least one.
+///
+/// # Errors
+/// There is none, or it holds no numbers.
+pub fn matching(channels: &[Channel], name: &str) -> Result<Vec<usize>, QueryError> {
+    let Some((head, tail)) = name.split_once('*') else {
+        return Ok(vec![number_channel(channels, name)?]);
+    };
+    let fits = |channel: &Channel| {
+        channel.kind.is_number()
+            && channel.name.len() >= head.len() + tail.len()
+            && channel.name.starts_with(head)
+            && channel.name.ends_with(tail)
+    };
+    let places: Vec<usize> = (0..channels.len()).filter(|at| fits(&channels[*at])).collect();
+    if places.is_empty() {
+        return Err(QueryError::unknown(name, channels));
+    }
+    Ok(places)
 }
 
 /// Least and largest time of a row group, if the file says them.

@@ -4,6 +4,7 @@ mod artifacts;
 mod events;
 mod exports;
 mod library;
+mod live;
 mod runs;
 mod server;
 mod telemetry;
@@ -54,6 +55,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(telemetry::telemetry))
         .routes(routes!(telemetry::compare))
         .routes(routes!(exports::export))
+        .routes(routes!(live::live))
         .routes(routes!(library::scenarios))
         .routes(routes!(library::scenario))
         .routes(routes!(library::validate))

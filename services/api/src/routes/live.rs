@@ -1,0 +1,315 @@
+//! Live telemetry: a WebSocket on which samples come while a run flies.
+//!
+//! ```text
+//!  rotortwin fly --events --live ─ lines ─▶ worker ─▶ hub ─ broadcast ─▶ one task a watcher ─▶ WebSocket
+//! ```
+//! The flight waits for nobody: a watcher that is too slow loses samples and is told how many. Nothing of it is stored; what was recorded is
+//! in the telemetry once the run has ended.
+
+use crate::App;
+use crate::problem::Problem;
+use crate::store::RunRow;
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Path, Query, State};
+use axum::response::Response;
+use rotortwin_plant::{Documents, Scenario};
+use rotortwin_sim::events::LiveSample;
+use rotortwin_store::query::{Channel, matching};
+use rotortwin_store::telemetry_columns;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::broadcast::{Receiver, error::RecvError};
+use tokio::time::Instant;
+use utoipa::{IntoParams, ToSchema};
+
+/// Samples a second, if nobody asks for another number.
+const DEFAULT_RATE_HZ: f64 = 20.0;
+/// A sample in 100 s.
+const LOWEST_RATE_HZ: f64 = 0.01;
+/// The flight tells no more.
+const HIGHEST_RATE_HZ: f64 = 100.0;
+/// What a client says is not longer.
+const LONGEST_MESSAGE: usize = 64 << 10;
+/// How often it is looked whether the run has ended, should nobody tell.
+const LOOK: Duration = Duration::from_secs(2);
+
+/// What to send; a client may also say it later, as a JSON message.
+#[derive(Debug, Clone, Default, Deserialize, Serialize, ToSchema, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Subscription {
+    /// Names with commas between them; one `*` in a name stands for anything (`duty_*`). All without it.
+    #[param(example = "roll_rad,duty_*")]
+    channels: Option<String>,
+    /// Most samples a second of wall clock, up to 100; 20 without it.
+    #[param(minimum = 0.01, maximum = 100)]
+    rate_hz: Option<f64>,
+}
+
+/// What comes: JSON text messages, told apart by `type`.
+#[derive(Serialize, ToSchema)]
+#[serde(tag = "type", rename_all = "lowercase")]
+#[expect(dead_code, reason = "for the OpenAPI document: the messages are written by hand")]
+pub(crate) enum LiveMessage {
+    /// What will be sent; again after each change of it.
+    Start {
+        /// Id.
+        run: String,
+        /// How the run stands.
+        status: String,
+        /// `name` and `unit` of each channel.
+        #[schema(value_type = Vec<Object>)]
+        channels: Vec<Value>,
+        /// Most samples a second of wall clock.
+        rate_hz: f64,
+    },
+    /// A row.
+    Sample {
+        /// Simulated time.
+        time_s: f64,
+        /// Step number. It falls back if the run is flown again.
+        step: u64,
+        /// Value by channel; `null`: none.
+        #[schema(value_type = Object)]
+        values: Value,
+    },
+    /// The client was too slow for some samples.
+    Lost {
+        /// How many since the last such message.
+        count: u64,
+    },
+    /// A message of the client makes no sense; all stays as it was.
+    Error {
+        /// One sentence.
+        detail: String,
+    },
+    /// Nothing more will come.
+    End {
+        /// How the run stands.
+        status: String,
+        /// Samples that were sent.
+        samples: u64,
+        /// Samples that the client was too slow for.
+        lost: u64,
+    },
+}
+
+/// What is sent to one client.
+struct Selection {
+    channels: Vec<Channel>,
+    picked: Vec<usize>,
+    rate_hz: f64,
+}
+
+impl Selection {
+    fn new(rotors: usize) -> Self {
+        let channels: Vec<Channel> = telemetry_columns(rotors).into_iter().map(Channel::from).collect();
+        Self {
+            picked: (0..channels.len()).collect(),
+            channels,
+            rate_hz: DEFAULT_RATE_HZ,
+        }
+    }
+
+    /// Takes what a client wants; if that makes no sense, nothing of it.
+    fn change(&mut self, wish: &Subscription) -> Result<(), String> {
+        let rate_hz = wish.rate_hz.unwrap_or(self.rate_hz);
+        if !(LOWEST_RATE_HZ..=HIGHEST_RATE_HZ).contains(&rate_hz) {
+            return Err(format!(
+                "`rate_hz` is {rate_hz}; expected a number from {LOWEST_RATE_HZ} to {HIGHEST_RATE_HZ}"
+            ));
+        }
+        if let Some(names) = &wish.channels {
+            let mut picked = Vec::new();
+            for name in names.split(',').map(str::trim).filter(|name| !name.is_empty()) {
+                for place in matching(&self.channels, name).map_err(|error| error.to_string())? {
+                    if !picked.contains(&place) {
+                        picked.push(place);
+                    }
+                }
+            }
+            self.picked = picked;
+        }
+        self.rate_hz = rate_hz;
+        Ok(())
+    }
+
+    fn start(&self, run: &RunRow) -> Value {
+        let channels = self.picked.iter().map(|place| {
+            let channel = &self.channels[*place];
+            json!({ "name": channel.name, "unit": channel.unit })
+        });
+        json!({
+            "type": "start", "run": run.id, "status": run.status.as_str(),
+            "channels": channels.collect::<Vec<_>>(), "rate_hz": self.rate_hz,
+        })
+    }
+
+    fn sample(&self, sample: &LiveSample) -> Value {
+        let values = self.picked.iter().map(|place| {
+            let value = sample.values.get(*place).copied().flatten();
+            (self.channels[*place].name.clone(), json!(value))
+        });
+        let values: serde_json::Map<String, Value> = values.collect();
+        json!({ "type": "sample", "time_s": sample.sim_time_s, "step": sample.step, "values": values })
+    }
+}
+
+/// Live telemetry by WebSocket: `start`, then `sample` while the run flies, then `end`. A client that is too slow gets `lost`.
+#[utoipa::path(get, path = "/api/v1/runs/{id}/live", tag = "telemetry", params(("id" = String, Path), Subscription), responses(
+    (status = 101, description = "a WebSocket on which JSON text messages come", body = LiveMessage),
+    (status = 400, description = "no WebSocket was asked for, or a parameter is none", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "no such channel, no such rate", body = Problem, content_type = "application/problem+json"),
+    (status = 426, description = "no WebSocket was asked for", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn live(
+    State(app): State<Arc<App>>,
+    id: Result<Path<String>, PathRejection>,
+    wish: Result<Query<Subscription>, QueryRejection>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Result<Response, Problem> {
+    let Query(wish) = wish?;
+    let run = super::runs::find(&app, id).await?;
+    let mut selection = Selection::new(rotors(&run)?);
+    selection.change(&wish).map_err(Problem::unprocessable)?;
+    let upgrade = upgrade.map_err(|rejection| {
+        let mut problem = Problem::bad_request(format!("{}; expected a WebSocket", rejection.body_text()));
+        problem.status = rejection.status().as_u16();
+        problem
+    })?;
+    // Before it is looked whether the run has ended: an end in between is seen.
+    let samples = app.hub.watch_live(&run.id);
+    let watcher = Watcher {
+        app,
+        run,
+        selection,
+        sent: 0,
+        lost: 0,
+        due: Instant::now(),
+    };
+    Ok(upgrade
+        .max_message_size(LONGEST_MESSAGE)
+        .on_upgrade(move |socket| watcher.serve(socket, samples)))
+}
+
+/// Rotors of the run's vehicle: they decide which channels there are.
+fn rotors(run: &RunRow) -> Result<usize, Problem> {
+    Documents::from_toml("the recorded scenario", &run.documents)
+        .and_then(|documents| Scenario::from_documents(&documents))
+        .map(|scenario| scenario.vehicle().rotor_count())
+        .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
+}
+
+struct Watcher {
+    app: Arc<App>,
+    run: RunRow,
+    selection: Selection,
+    sent: u64,
+    lost: u64,
+    /// Earlier samples are passed over.
+    due: Instant,
+}
+
+/// The client is gone.
+struct Gone;
+
+impl Watcher {
+    async fn serve(mut self, mut socket: WebSocket, samples: Receiver<Arc<LiveSample>>) {
+        if self.tell(&mut socket, samples).await.is_ok() {
+            let end = json!({
+                "type": "end", "status": self.run.status.as_str(), "samples": self.sent, "lost": self.lost,
+            });
+            if send(&mut socket, &end).await.is_ok() {
+                // The client hears a close, or has closed itself.
+                drop(socket.send(Message::Close(None)).await);
+            }
+        }
+    }
+
+    /// Sends samples until the run or the server ends.
+    async fn tell(&mut self, socket: &mut WebSocket, mut samples: Receiver<Arc<LiveSample>>) -> Result<(), Gone> {
+        let mut ending = self.app.ending.subscribe();
+        let mut look = tokio::time::interval(LOOK);
+        send(socket, &self.selection.start(&self.run)).await?;
+        loop {
+            tokio::select! {
+                sample = samples.recv() => match sample {
+                    Ok(sample) => self.pass_on(socket, &sample).await?,
+                    Err(RecvError::Lagged(count)) => {
+                        self.lost += count;
+                        send(socket, &json!({ "type": "lost", "count": count })).await?;
+                    }
+                    Err(RecvError::Closed) => {
+                        if self.has_ended().await {
+                            return Ok(());
+                        }
+                        // It was queued again.
+                        samples = self.app.hub.watch_live(&self.run.id);
+                    }
+                },
+                message = socket.recv() => match message {
+                    Some(Ok(Message::Text(text))) => self.hear(socket, text.as_str()).await?,
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => return Err(Gone),
+                    Some(Ok(_)) => {}
+                },
+                _ = look.tick() => if self.has_ended().await {
+                    return Ok(());
+                },
+                _ = ending.changed() => return Ok(()),
+            }
+        }
+    }
+
+    async fn pass_on(&mut self, socket: &mut WebSocket, sample: &LiveSample) -> Result<(), Gone> {
+        let now = Instant::now();
+        if now < self.due {
+            return Ok(());
+        }
+        let period = Duration::from_secs_f64(1.0 / self.selection.rate_hz);
+        // In step with the rate, unless it has fallen behind.
+        self.due = if now < self.due + period {
+            self.due + period
+        } else {
+            now + period
+        };
+        self.sent += 1;
+        send(socket, &self.selection.sample(sample)).await
+    }
+
+    async fn hear(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
+        let wish = serde_json::from_str::<Subscription>(text).map_err(|error| error.to_string());
+        match wish.and_then(|wish| self.selection.change(&wish)) {
+            Ok(()) => {
+                self.due = Instant::now();
+                send(socket, &self.selection.start(&self.run)).await
+            }
+            Err(detail) => send(socket, &json!({ "type": "error", "detail": detail })).await,
+        }
+    }
+
+    /// Nothing more will come of this run.
+    async fn has_ended(&mut self) -> bool {
+        match self.app.store.get(&self.run.id).await {
+            Ok(Some(run)) => {
+                self.run = run;
+                self.run.status.is_final()
+            }
+            // Deleted.
+            Ok(None) => true,
+            Err(error) => {
+                tracing::error!(%error, "a run cannot be looked up for a watcher");
+                false
+            }
+        }
+    }
+}
+
+async fn send(socket: &mut WebSocket, message: &Value) -> Result<(), Gone> {
+    let sent = socket.send(Message::text(message.to_string())).await;
+    sent.map_err(|_closed| Gone)
+}
