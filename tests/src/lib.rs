@@ -9,6 +9,7 @@
 //! * [`process`]: the processes of a run, found and disturbed through the kernel;
 //! * [`random`]: seeded choices of moments and victims.
 //! * [`server`]: a server under test, and requests to it;
+//! * [`websocket`]: what a server tells by WebSocket.
 //! * [`python`]: Python with the client and what its tests need.
 //! * [`certificates`]: certificates of a test;
 //! * [`hosts`]: several hosts on one machine.
@@ -27,5 +28,6 @@ pub mod random;
 pub mod scratch;
 pub mod server;
 mod skip;
+pub mod websocket;
 
 pub use skip::skip;

@@ -133,13 +133,22 @@ impl Server {
         }
     }
 
+    /// A connection on which nothing was said yet.
+    ///
+    /// # Panics
+    /// The server does not listen.
+    pub fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.address).expect("it listens");
+        stream.set_read_timeout(Some(LIMIT)).expect("a time-out");
+        stream
+    }
+
     /// Sends a request and gives the open connection (HTTP/1.0: what comes is not cut into chunks).
     ///
     /// # Panics
     /// The server does not take it.
     pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> TcpStream {
-        let mut stream = TcpStream::connect(&self.address).expect("it listens");
-        stream.set_read_timeout(Some(LIMIT)).expect("a time-out");
+        let mut stream = self.connect();
         let mut text = format!("{method} {path} HTTP/1.0\r\ncontent-length: {}\r\n", body.len());
         for (name, value) in headers {
             text += &format!("{name}: {value}\r\n");

@@ -1,12 +1,18 @@
-//! Telemetry over HTTP, held against the Parquet file of the run as a reader of rows sees it.
+//! Telemetry over HTTP, live and as whole runs, held against the Parquet file of the run as a reader of rows sees it.
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
+use rotortwin_tests::program::Call;
+use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::Server;
+use rotortwin_tests::websocket::WebSocket;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::io::Read as _;
 use std::path::Path;
+use std::process::Command;
 
 /// All values of a run's file, read row by row: no code of the server's.
 fn recorded(data: &Path, id: &str) -> BTreeMap<String, Vec<f64>> {
@@ -164,4 +170,226 @@ fn scenario_a_run_that_flies_has_no_telemetry_yet() {
         202
     );
     server.ended(&id);
+}
+
+#[test]
+fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start(&data);
+    let id = server.submit(&json!({ "scenario": "short-hover", "pace": "real-time", "set": ["duration_s=3"] }));
+    let address = format!("/api/v1/runs/{id}/live");
+    let mut live = WebSocket::open(
+        &server,
+        &format!("{address}?channels=roll_rad,true_position_down_m&rate_hz=50"),
+    )
+    .expect("it is opened");
+    // Another one asks for less, then changes its mind, and says something that makes no sense in between.
+    let mut other = WebSocket::open(&server, &format!("{address}?channels=yaw_rad&rate_hz=2")).expect("it is opened");
+    assert_eq!(
+        other.next().expect("a start")["channels"],
+        json!([{ "name": "yaw_rad", "unit": "rad" }])
+    );
+    other.say(&json!({ "channels": "yew_rad" }));
+    other.say(&json!({ "channels": "duty_*", "rate_hz": 10 }));
+
+    let start = live.next().expect("a start");
+    assert_eq!(
+        (&start["type"], &start["rate_hz"]),
+        (&json!("start"), &json!(50.0)),
+        "{start}"
+    );
+    let messages = live.rest();
+    let (end, samples) = messages.split_last().expect("an end");
+    assert_eq!((&end["type"], &end["status"]), (&json!("end"), &json!("done")), "{end}");
+    assert_eq!(
+        (end["samples"].as_u64(), &end["lost"]),
+        (Some(samples.len() as u64), &json!(0))
+    );
+    // 50 a second for 3 s; how many depends on the machine, and that they are not all of them was asked for.
+    assert!((10..=151).contains(&samples.len()), "{}", samples.len());
+    let file = recorded(&data, &id);
+    let mut last = None;
+    for sample in samples {
+        let step = sample["step"].as_u64().expect("a step");
+        assert!(Some(step) > last.replace(step), "samples come in order");
+        let row = usize::try_from(step).expect("a step");
+        let value = |name: &str| sample["values"][name].as_f64().expect("a number");
+        assert_eq!(value("roll_rad") as f32, file["roll_rad"][row] as f32);
+        assert_eq!(value("true_position_down_m"), file["true_position_down_m"][row]);
+        assert_eq!(sample["values"].as_object().map(serde_json::Map::len), Some(2));
+    }
+
+    let heard = other.rest();
+    let first = |kind: &str| heard.iter().find(|message| message["type"] == kind);
+    assert!(
+        first("error").is_some_and(|error| error["detail"].to_string().contains("yaw_rad")),
+        "{heard:?}"
+    );
+    assert_eq!(
+        first("start").map(|start| start["channels"].as_array().map(Vec::len)),
+        Some(Some(6))
+    );
+    assert!(heard.iter().any(|message| message["values"].get("duty_6").is_some()));
+    assert!(heard.last().is_some_and(|end| end["type"] == "end"));
+
+    // Samples stand nowhere: no event tells of them.
+    let mut events = String::new();
+    let mut stream = server.send("GET", &format!("/api/v1/runs/{id}/events"), &[], "");
+    stream.read_to_string(&mut events).expect("events");
+    assert!(
+        events.contains("event: ended") || events.contains("event:ended"),
+        "{events}"
+    );
+    assert!(!events.contains("sample"));
+
+    // A run that has ended: a start and an end. What makes no sense is refused before.
+    let messages = WebSocket::open(&server, &address).expect("it is opened").rest();
+    assert_eq!(
+        messages.iter().map(|message| &message["type"]).collect::<Vec<_>>(),
+        ["start", "end"]
+    );
+    for (path, status) in [
+        (format!("{address}?rate_hz=0"), 422),
+        (format!("{address}?rate_hz=1e-300"), 422),
+        (format!("{address}?channels=nothing_like_it"), 422),
+        (format!("{address}?speed=9"), 400),
+        ("/api/v1/runs/none/live".to_owned(), 404),
+    ] {
+        let refusal = WebSocket::open(&server, &path).map(|_| ()).expect_err("it is refused");
+        assert_eq!(refusal.0, status, "{path}: {}", refusal.1);
+    }
+    assert_eq!(server.ask("GET", &address, &[], "").status, 400);
+}
+
+#[test]
+fn scenario_a_watcher_that_does_not_listen_holds_no_flight_up() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let id = server.submit(&json!({ "scenario": "short-hover", "pace": "real-time", "set": ["duration_s=4"] }));
+    let address = format!("/api/v1/runs/{id}/live?rate_hz=100");
+    // All channels, never read.
+    let deaf: Vec<WebSocket> = (0..20)
+        .filter_map(|_| WebSocket::open(&server, &address).ok())
+        .collect();
+    assert_eq!(deaf.len(), 20);
+    let run = server.ended(&id);
+    assert_eq!(run["status"], "done", "{run}");
+    let wall_s = run["summary"]["wall_s"].as_f64().expect("a time");
+    // The pace is that of the wall clock; a flight that waited for them would never have ended.
+    assert!(wall_s < 30.0, "{wall_s}");
+    drop(deaf);
+}
+
+/// Prints what PX4's own reader finds in a log: samples and some values of each topic, facts, lines.
+const READ_WITH_PYULOG: &str = r"
+import json, sys
+from pyulog import ULog
+log = ULog(sys.argv[1])
+def some(values): return [float(v) for v in values[:3]] + [float(values[-1])]
+print(json.dumps({
+    'corrupt': log.file_corruption, 'last_us': int(log.last_timestamp),
+    'rows': {t.name: len(t.data['timestamp']) for t in log.data_list},
+    'topics': {t.name: {key: some(values) for key, values in t.data.items()} for t in log.data_list},
+    'facts': log.msg_info_dict, 'lines': [m.message for m in log.logged_messages]}).replace('NaN', 'null'))
+";
+
+#[test]
+fn val_a_whole_run_as_ulog_is_what_px4s_own_reader_reads() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start(&data);
+    let id = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
+    let run = server.ended(&id);
+    let export = |format: &str, headers: &[(&str, &str)]| {
+        server.ask("GET", &format!("/api/v1/runs/{id}/export?format={format}"), headers, "")
+    };
+    let folder = data.join("runs").join(&id).join("1");
+
+    // Over HTTP and from the command line the same bytes; a part is a part of the whole; nothing is left behind.
+    let ulog = export("ulog", &[]);
+    assert!(
+        ulog.status == 200 && ulog.headers.contains(&format!("{id}.ulg")),
+        "{}",
+        ulog.headers
+    );
+    let out = scratch.path("run.ulg");
+    let words = |out: &Path, format: &str| {
+        let mut words: Vec<OsString> = vec!["export".into(), folder.clone().into(), "--format".into()];
+        words.extend([format.into(), "--out".into(), out.into()]);
+        words
+    };
+    Call::new(&scratch, words(&out, "ulog")).run().expect_code(0);
+    assert!(std::fs::read(&out).expect("it is there") == ulog.body);
+    Call::new(&scratch, words(&out, "ulog")).run().expect_code(2);
+    let part = export("ulog", &[("range", "bytes=1000-1999")]);
+    assert!(part.status == 206 && part.body == ulog.body[1000..2000]);
+    assert_eq!(export("mcap", &[("range", "bytes=1-4")]).body, b"MCAP");
+    assert!(export("parquet", &[]).body == std::fs::read(folder.join("telemetry.parquet")).expect("it is there"));
+    assert_eq!(
+        std::fs::read_dir(data.join("exports")).map(Iterator::count).ok(),
+        Some(0)
+    );
+
+    let file = recorded(&data, &id);
+    let csv = String::from_utf8(export("csv", &[]).body).expect("text");
+    let mut lines = csv.lines();
+    let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    assert_eq!((names.len(), lines.clone().count()), (file.len(), file["time_s"].len()));
+    for (row, line) in lines.enumerate().step_by(100) {
+        for (name, cell) in names.iter().zip(line.split(',')) {
+            let (value, written) = (cell.parse().unwrap_or(f64::NAN), file[*name][row]);
+            let same = value == written || value as f32 == written as f32 && f64::from(written as f32) == written;
+            assert!(
+                same || value.is_nan() && written.is_nan(),
+                "{name} row {row}: {cell}, {written}"
+            );
+        }
+    }
+    assert_eq!(export("avi", &[]).status, 400);
+
+    let Some(programs) = environment("python-pyulog", &["pyulog==1.3.0"]) else {
+        return;
+    };
+    let output = Command::new(programs.join("python"))
+        .args(["-c", READ_WITH_PYULOG])
+        .arg(&out)
+        .output()
+        .expect("Python starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let read: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let rows = file["time_s"].len();
+    assert_eq!(
+        (&read["corrupt"], read["last_us"].as_u64()),
+        (&json!(false), Some((rows as u64 - 1) * 2500))
+    );
+    let counts = read["rows"].as_object().expect("topics");
+    assert!(
+        counts.len() == 13 && counts.values().all(|count| *count == rows),
+        "{counts:?}"
+    );
+    assert_eq!(read["facts"]["rotortwin_run_hash"], run["run_hash"]);
+    assert!(read["lines"].to_string().contains("truth: no rotor is faulty"));
+    for (topic, field, column) in [
+        ("sensor_combined", "gyro_rad[2]", "yaw_rate_rad_s"),
+        ("sensor_combined", "accelerometer_m_s2[0]", "accel_x_m_s2"),
+        ("vehicle_local_position", "z", "position_down_m"),
+        ("vehicle_local_position_setpoint", "z", "reference_down_m"),
+        ("actuator_motors", "control[5]", "duty_6"),
+        ("battery_status", "voltage_v", "battery_voltage_v"),
+        ("rotortwin_truth", "thrust_n[2]", "true_thrust_3_n"),
+        ("rotortwin_truth", "state_of_charge", "true_state_of_charge"),
+        ("rotortwin_fdi", "residual_yaw_nms[4]", "residual_5_yaw_nms"),
+        ("rotortwin_fdi", "verdict_sequential", "verdict_sequential"),
+    ] {
+        let written = &file[column];
+        let expected = [written[0], written[1], written[2], written[rows - 1]];
+        let found = read["topics"][topic][field]
+            .as_array()
+            .unwrap_or_else(|| panic!("{topic} {field}"));
+        for (found, expected) in found.iter().zip(expected) {
+            let same = found.as_f64().map_or(expected.is_nan(), |found| found == expected);
+            assert!(same, "{topic} {field}: {found}, {expected}");
+        }
+    }
 }

@@ -270,14 +270,14 @@ pub(crate) fn number(json: &serde_json::Value, key: &str) -> Result<f64> {
 }
 
 /// Median, lowest and highest of a few measurements.
-struct Spread {
+pub(crate) struct Spread {
     median: f64,
     lowest: f64,
     highest: f64,
 }
 
 impl Spread {
-    fn of(mut values: Vec<f64>) -> Self {
+    pub(crate) fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         Self {
             median: values[values.len() / 2],

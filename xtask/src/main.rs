@@ -11,6 +11,7 @@ mod firmware;
 mod peers;
 mod px4;
 mod stack;
+mod telemetry_bench;
 mod thumb;
 
 const USAGE: &str = "usage: cargo xtask TASK
@@ -26,6 +27,7 @@ const USAGE: &str = "usage: cargo xtask TASK
   bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link
   bench --side-by-side
                     flights side by side against one after another
+  bench --telemetry answers of the server to queries for telemetry
   bench --peers [ENVIRONMENTS]
                     crazyflow, RotorPy and gym-pybullet-drones beside ours, each in a throw-away Python environment (or in
                     ENVIRONMENTS/PACKAGE, made before)";
@@ -57,6 +59,7 @@ fn run_task() -> Result<()> {
         ["bench"] => bench::run(&root, false),
         ["bench", "--quick"] => bench::run(&root, true),
         ["bench", "--side-by-side"] => bench::side_by_side_only(&root),
+        ["bench", "--telemetry"] => telemetry_bench::run(&root),
         ["bench", "--peers"] => peers::run(&root, None, 5.0),
         ["bench", "--peers", environments] => peers::run(&root, Some(Path::new(environments)), 5.0),
         _ => bail!("{USAGE}"),
