@@ -14,11 +14,15 @@ use rotortwin_campaign::study::{Campaign, report, results, tables};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use std::num::NonZeroUsize;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Instant;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Between two lines of progress.
+const EVENT_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Arguments of `rotortwin campaign`.
 #[derive(Debug, Parser)]
@@ -53,9 +57,23 @@ pub(crate) struct Args {
     /// Only read the file, try its flights and say what they are
     #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
     check: bool,
+    /// Fly only these shards of 32 flights, FIRST..END, and leave them as they are: they are put together elsewhere
+    #[arg(long, value_name = "FIRST..END", value_parser = shard_range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
+    shards: Option<Range<u64>>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     json: bool,
+    /// With --json: print the progress as JSON lines before; end when the standard input does
+    #[arg(long, requires = "json", conflicts_with_all = ["flight", "hunt", "check"])]
+    events: bool,
+}
+
+fn shard_range(text: &str) -> Result<Range<u64>, String> {
+    let refuse = || "expected FIRST..END, such as 0..4, with FIRST below END".to_owned();
+    let (first, end) = text.split_once("..").ok_or_else(refuse)?;
+    let number = |text: &str| text.parse::<u64>().map_err(|_no| refuse());
+    let range = number(first)?..number(end)?;
+    if range.is_empty() { Err(refuse()) } else { Ok(range) }
 }
 
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
@@ -108,6 +126,9 @@ fn fly_all(args: &Args, campaign: &Campaign) -> ExitCode {
     if let Err(sentence) = runner::check_same_program(campaign, &OneByOne, &folder) {
         return output::bad_input(sentence);
     }
+    if args.events {
+        crate::fly::end_with_standard_input();
+    }
     match fly_missing(args, campaign, &folder).and_then(|flown| finish(args, campaign, &folder, &flown)) {
         Ok(code) => code,
         Err(sentence) => output::failed(sentence),
@@ -127,19 +148,24 @@ fn fly_missing(args: &Args, campaign: &Campaign, folder: &CampaignFolder) -> Res
     let options = RunOptions {
         threads: args.threads.unwrap_or_else(available_threads),
         limit: args.limit,
+        shards: args.shards.clone(),
     };
-    let plan = runner::plan(folder, options.limit);
+    let plan = runner::plan(folder, &options);
     let stop = stop_flag()?;
     let bar = progress_bar(args.json, plan.wanted_flights, plan.present_flights);
     let (flights, steps) = (AtomicU64::new(0), AtomicU64::new(0));
     let (failed, alarms) = (AtomicU64::new(0), AtomicU64::new(0));
     let start = Instant::now();
+    let told = Mutex::new(start);
     let progress = |done: Progress| {
-        flights.fetch_add(done.flights, Ordering::Relaxed);
+        let ended = flights.fetch_add(done.flights, Ordering::Relaxed) + done.flights;
         steps.fetch_add(done.steps, Ordering::Relaxed);
         let failed = failed.fetch_add(done.failed, Ordering::Relaxed) + done.failed;
         let alarms = alarms.fetch_add(done.false_alarms, Ordering::Relaxed) + done.false_alarms;
         bar.inc(done.flights);
+        if args.events {
+            tell(&told, plan.present_flights + ended, plan.wanted_flights, failed, alarms);
+        }
         bar.set_message(if stop.load(Ordering::Relaxed) {
             "stopping: the flights in the air land".to_owned()
         } else {
@@ -155,6 +181,19 @@ fn fly_missing(args: &Args, campaign: &Campaign, folder: &CampaignFolder) -> Res
         threads: options.threads,
         start,
     })
+}
+
+/// A JSON line now and then.
+fn tell(told: &Mutex<Instant>, flights: u64, of: u64, failed: u64, false_alarms: u64) {
+    let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+    if told.elapsed() < EVENT_INTERVAL && flights < of {
+        return;
+    }
+    *told = Instant::now();
+    let event = serde_json::json!({
+        "event": "progress", "flights": flights, "of": of, "failed": failed, "false_alarms": false_alarms
+    });
+    output::line(&event.to_string());
 }
 
 fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
@@ -173,6 +212,26 @@ fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
 }
 
 fn finish(args: &Args, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
+    if args.shards.is_some() {
+        let complete = flown.end == RunEnd::Complete;
+        if args.json {
+            output::line(
+                &serde_json::json!({ "flights": flown.flights, "steps": flown.steps, "complete": complete })
+                    .to_string(),
+            );
+        } else {
+            output::line(&format!(
+                "{} flights flown; shards in {}",
+                flown.flights,
+                folder.path().display()
+            ));
+        }
+        return Ok(if complete {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::from(rotortwin_process::EXIT_FAILED)
+        });
+    }
     let totals = results::collect(campaign, folder)?;
     results::write_summary(campaign, folder, &totals)?;
     let page = report::render(campaign, &totals, rotortwin_store::REPORT_CSS);

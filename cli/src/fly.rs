@@ -27,6 +27,9 @@ use std::time::Duration;
 /// In the run folder: scenario, vehicle, models and blades as flown, for the plant's process.
 const DOCUMENTS_FILE: &str = "documents.toml";
 
+/// How long parts that are started by hand are waited for where nothing is said.
+const EXTERNAL_JOIN_TIMEOUT_MS: u64 = 600_000;
+
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
@@ -267,7 +270,7 @@ pub(crate) fn load(args: &Args) -> Result<Scenario, ConfigError> {
 }
 
 /// Who started this holds our standard input open as long as it lives: its end is a wish to stop.
-fn end_with_standard_input() {
+pub(crate) fn end_with_standard_input() {
     std::thread::spawn(|| {
         let ended = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         tracing::debug!(?ended, "the standard input has ended");
@@ -502,19 +505,7 @@ fn fly_in_processes(
     let external: BTreeSet<External> = args.external.iter().copied().collect();
     let parts = parts(args, config, address, folder, &external);
     if !external.is_empty() {
-        eprintln!(
-            "Waiting for {} to join:",
-            external.iter().map(|who| who.name()).collect::<Vec<_>>().join(" and ")
-        );
-        for who in &external {
-            eprintln!(
-                "  rotortwin {} --link {} --run-id {:016x} --step-timeout {}",
-                who.name(),
-                address.for_peers(&host_name()),
-                config.run_id,
-                args.step_timeout
-            );
-        }
+        invite(args, config, address, &external);
     }
     let start = std::time::Instant::now();
     let silence_limit = PeerOptions::new(
@@ -553,9 +544,11 @@ fn parts(
     folder: &RunFolder,
     external: &BTreeSet<External>,
 ) -> Vec<Part> {
-    let join_timeout = args
-        .join_timeout
-        .unwrap_or(if external.is_empty() { 10_000 } else { 600_000 });
+    let join_timeout = args.join_timeout.unwrap_or(if external.is_empty() {
+        10_000
+    } else {
+        EXTERNAL_JOIN_TIMEOUT_MS
+    });
     let mut common = ArgList::default();
     common.option("--run-id", format!("{:016x}", config.run_id));
     common
@@ -605,6 +598,38 @@ impl ArgList {
     fn option(&mut self, name: &str, value: impl Into<OsString>) -> &mut Self {
         self.0.extend([name.into(), value.into()]);
         self
+    }
+}
+
+/// Says with which commands the parts join that are not started here.
+fn invite(args: &Args, config: &SessionConfig, address: &LinkAddress, external: &BTreeSet<External>) {
+    let link = address.for_peers(&host_name()).to_string();
+    let run_id = format!("{:016x}", config.run_id);
+    let command = |who: &External| {
+        let name = who.name();
+        format!(
+            "rotortwin {name} --link {link} --run-id {run_id} --step-timeout {}",
+            args.step_timeout
+        )
+    };
+    if args.events {
+        let peers: Vec<_> = external
+            .iter()
+            .map(|who| {
+                serde_json::json!({
+                    "role": who.name(), "link": link, "run_id": run_id, "step_timeout_ms": args.step_timeout,
+                    "join_timeout_ms": args.join_timeout.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS),
+                    "messages": rotortwin_wire::PROTOCOL_VERSION, "command": command(who),
+                })
+            })
+            .collect();
+        output::line(&serde_json::json!({ "event": "join", "peers": peers }).to_string());
+        return;
+    }
+    let names: Vec<&str> = external.iter().map(|who| who.name()).collect();
+    eprintln!("Waiting for {} to join:", names.join(" and "));
+    for who in external {
+        eprintln!("  {}", command(who));
     }
 }
 

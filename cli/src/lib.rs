@@ -25,6 +25,7 @@ mod router;
 mod serve;
 mod show;
 mod supervise;
+mod token;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -83,6 +84,10 @@ enum Command {
     Runs(remote::JobArgs),
     /// Does a server or router answer? Exit code 0 if so
     Health(health::Args),
+    /// Who may use a server: create, list, revoke
+    Token(token::Args),
+    /// Do jobs for the servers that share a Postgres database, on this or another host
+    Worker(serve::WorkerArgs),
     /// Train a classifier and write its file
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
@@ -124,6 +129,8 @@ pub fn run() -> ExitCode {
         Command::Serve(args) => serve::run(&args),
         Command::Runs(args) => remote::jobs(&cli.server, "runs", &args),
         Command::Health(args) => health::run(&args),
+        Command::Token(args) => token::run(&args),
+        Command::Worker(args) => serve::work(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),

@@ -8,8 +8,9 @@
 //! * [`program`]: the program under test, runs of it, what they print and leave;
 //! * [`process`]: the processes of a run, found and disturbed through the kernel;
 //! * [`random`]: seeded choices of moments and victims.
-//! * [`server`]: a server under test, and requests to it;
-//! * [`websocket`]: what a server tells by WebSocket.
+//! * [`server`]: a server under test, its workers, and requests to it;
+//! * [`websocket`]: what a server tells by WebSocket;
+//! * [`postgres`]: a Postgres of one's own;
 //! * [`python`]: Python with the client and what its tests need.
 //! * [`certificates`]: certificates of a test;
 //! * [`hosts`]: several hosts on one machine.
@@ -21,6 +22,7 @@
 
 pub mod certificates;
 pub mod hosts;
+pub mod postgres;
 pub mod process;
 pub mod program;
 pub mod python;

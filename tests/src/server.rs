@@ -41,13 +41,74 @@ pub struct Server {
     address: String,
 }
 
+fn library() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../config")
+}
+
+/// Starts a part of the server; the first line that it prints.
+fn start(command: &mut Command) -> (Child, String) {
+    let mut child = command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    let mut line = String::new();
+    let stdout = child.stdout.take().expect("it is piped");
+    BufReader::new(stdout).read_line(&mut line).expect("it says something");
+    (child, line)
+}
+
+fn command(what: &str, data: &Path, more: &[&str]) -> Command {
+    let mut command = Command::new(program());
+    command
+        .arg(what)
+        .arg("--data")
+        .arg(data)
+        .args(more)
+        .env_remove("DATABASE_URL");
+    command
+}
+
+/// `rotortwin worker`, killed when it is dropped.
+#[derive(Debug)]
+pub struct Worker(Child);
+
+impl Worker {
+    /// Starts it with more arguments.
+    ///
+    /// # Panics
+    /// It does not say that it works.
+    pub fn start(data: &Path, more: &[&str]) -> Self {
+        let (child, line) = start(&mut command("worker", data, more));
+        assert!(line.starts_with("Working"), "{line}");
+        Self(child)
+    }
+
+    /// `kill -9`.
+    ///
+    /// # Panics
+    /// The kernel refuses.
+    pub fn kill(&mut self) {
+        self.0.kill().expect("it can be killed");
+        self.0.wait().expect("it can be waited for");
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.kill().and_then(|()| self.0.wait().map(|_| ())) {
+            eprintln!("a worker cannot be killed: {error}");
+        }
+    }
+}
+
 impl Server {
     /// Starts it on a free port with `data` as its folder and the project's library.
     ///
     /// # Panics
     /// It does not say where it serves.
     pub fn start(data: &Path) -> Self {
-        Self::start_at(data, "127.0.0.1:0")
+        Self::start_at("127.0.0.1:0", data, &["--workers", "2"])
     }
 
     /// Starts it again where it was, after [`kill`](Self::kill).
@@ -55,29 +116,30 @@ impl Server {
     /// # Panics
     /// It does not say where it serves.
     pub fn start_again(&mut self, data: &Path) {
-        *self = Self::start_at(data, &self.address);
+        *self = Self::start_at(&self.address, data, &["--workers", "2"]);
     }
 
-    fn start_at(data: &Path, listen: &str) -> Self {
-        let library = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config");
-        let mut child = Command::new(program())
-            .args(["serve", "--listen", listen, "--workers", "2", "--data"])
-            .arg(data)
-            .arg("--library")
-            .arg(library)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the program starts");
-        let mut line = String::new();
-        let stdout = child.stdout.take().expect("it is piped");
-        BufReader::new(stdout).read_line(&mut line).expect("it says something");
+    /// Starts it at an address with more arguments.
+    ///
+    /// # Panics
+    /// It does not say where it serves.
+    pub fn start_at(address: &str, data: &Path, more: &[&str]) -> Self {
+        let (child, line) = start(
+            command("serve", data, more)
+                .args(["--listen", address, "--library"])
+                .arg(library()),
+        );
         let address = line.trim().rsplit("http://").next().unwrap_or_default().to_owned();
         assert!(address.starts_with("127.0.0.1:"), "{line}");
         Self { child, address }
     }
 
-    /// Its URL.
+    /// Where it listens.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// For programs.
     pub fn url(&self) -> String {
         format!("http://{}", self.address)
     }
@@ -177,7 +239,15 @@ impl Server {
     /// # Panics
     /// It is not accepted.
     pub fn submit(&self, body: &Value) -> String {
-        let answer = self.ask("POST", "/api/v1/runs", &[], &body.to_string());
+        self.submit_to("runs", body)
+    }
+
+    /// Submits a job that must be accepted; its id.
+    ///
+    /// # Panics
+    /// It is not accepted.
+    pub fn submit_to(&self, collection: &str, body: &Value) -> String {
+        let answer = self.ask("POST", &format!("/api/v1/{collection}"), &[], &body.to_string());
         assert_eq!(answer.status, 202, "{}", String::from_utf8_lossy(&answer.body));
         answer.json()["id"].as_str().expect("an id").to_owned()
     }
@@ -187,14 +257,23 @@ impl Server {
     /// # Panics
     /// It does not end.
     pub fn ended(&self, id: &str) -> Value {
-        let mut run = Value::Null;
-        let path = format!("/api/v1/runs/{id}");
-        wait_until(Duration::from_secs(120), || {
-            run = self.get(&path);
-            !matches!(run["status"].as_str(), Some("queued" | "running"))
+        self.ended_in("runs", id)
+    }
+
+    /// Waits until a job has ended; the job.
+    ///
+    /// # Panics
+    /// It does not end.
+    pub fn ended_in(&self, collection: &str, id: &str) -> Value {
+        let mut job = Value::Null;
+        let path = format!("/api/v1/{collection}/{id}");
+        wait_until(Duration::from_secs(180), || {
+            std::thread::sleep(Duration::from_millis(20));
+            job = self.get(&path);
+            !matches!(job["status"].as_str(), Some("queued" | "running"))
         })
-        .unwrap_or_else(|| panic!("{run}"));
-        run
+        .unwrap_or_else(|| panic!("{job}"));
+        job
     }
 }
 

@@ -133,7 +133,7 @@ fn scenario_a_canceled_run_ends_and_keeps_what_it_has() {
     assert_eq!(server.ask("POST", &format!("{path}/cancel"), &[], "").status, 409);
     assert_eq!(server.ask("DELETE", &path, &[], "").status, 204);
     assert_eq!(server.ask("GET", &path, &[], "").status, 404);
-    assert!(!scratch.path("data").join("runs").join(&id).exists());
+    assert!(!scratch.path("data").join("jobs").join(&id).exists());
 }
 
 /// Attempts of a run that has begun to fly.

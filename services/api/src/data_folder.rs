@@ -1,6 +1,6 @@
-//! The folder that holds everything: `rotortwin.sqlite`, `runs/ID/N` (one folder an attempt), `lock`.
+//! The folder that holds everything: `rotortwin.sqlite`, `jobs/ID/N` (one folder an attempt), `lock`.
 //!
-//! One server at a time: the lock is held as long as the process lives, and goes with it however it dies.
+//! One process at a time: the lock is held as long as the process lives, and goes with it however it dies.
 
 use rustix::fs::{FlockOperation, flock};
 use std::fs::File;
@@ -20,7 +20,7 @@ impl DataFolder {
     /// It cannot be written, or another server has it; one sentence.
     pub(crate) fn open(path: &Path) -> Result<Self, String> {
         let told = |error: std::io::Error| format!("{}: cannot be used as data folder: {error}", path.display());
-        std::fs::create_dir_all(path.join("runs")).map_err(told)?;
+        std::fs::create_dir_all(path).map_err(told)?;
         let path = path.canonicalize().map_err(told)?;
         let lock = File::options()
             .create(true)
@@ -43,13 +43,8 @@ impl DataFolder {
         &self.path
     }
 
-    /// The database's URL.
-    pub(crate) fn database_url(&self) -> String {
-        format!("sqlite://{}?mode=rwc", self.path.join("rotortwin.sqlite").display())
-    }
-
-    /// Folder of an attempt, relative to the data folder.
-    pub(crate) fn attempt(id: &str, attempt: i64) -> String {
-        format!("runs/{id}/{attempt}")
+    /// The database's file.
+    pub(crate) fn database(&self) -> PathBuf {
+        self.path.join("rotortwin.sqlite")
     }
 }

@@ -1,98 +1,241 @@
-//! The HTTP server of rotortwin: takes jobs from afar, flies them, and exposes runs and results.
+//! The HTTP server of rotortwin: takes jobs from afar, does them, and exposes runs and results.
 //!
 //! ```text
-//!  HTTP ─▶ routes ─▶ store (SQLite) ◀─ workers ─▶ rotortwin fly ─▶ sim, controller, fdi
-//!            │           ▲                │
-//!            └── hub: "look again" ───────┘          runs/ID/ATTEMPT/: report.html, telemetry.parquet, run.mcap, summary.json
+//!  HTTP ─▶ routes ─▶ database (SQLite, Postgres) ◀─ workers ─▶ rotortwin fly ─▶ sim, controller, fdi
+//!            │           ▲                │  │
+//!            └── hub: "look again" ───────┘  └─▶ artifacts (folder, S3): jobs/ID/ATTEMPT/out/: report.html, telemetry.parquet, run.mcap, …
 //! ```
-//! An answer 202 means that the run is on disk; from then on it ends as done, failed or canceled, whatever dies in between. What is said
-//! about a run (state, events) is read from the database alone, so that it survives a restart and nobody misses an event.
+//! An answer 202 means that the job is on disk; from then on it ends as done, failed or canceled, whatever dies in between. What is said
+//! about a job (state, events) is read from the database alone, so that it survives a restart and nobody misses an event.
 //!
-//! Binds to loopback addresses only: it has no authentication yet.
+//! It listens to other hosts only with a certificate and a token ([`tokens`]).
 
+mod access;
+mod artifacts;
 mod clock;
 mod data_folder;
-mod hub;
+mod jobs;
 mod library;
 mod problem;
 mod routes;
-mod store;
+mod tls;
+pub mod tokens;
 mod worker;
 
+use crate::access::Rate;
+use crate::artifacts::Artifacts;
 use crate::data_folder::DataFolder;
-use crate::hub::Hub;
+use crate::jobs::database::Database;
+use crate::jobs::queue::FairShare;
 use crate::library::Library;
-use crate::store::Store;
+use crate::tls::TlsListener;
+use crate::worker::{Meeting, Workshop};
 use std::net::SocketAddr;
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio_rustls::TlsAcceptor;
 
 pub use problem::Problem;
 pub use routes::openapi_document;
 
-/// Flights that were begun may take this long to be put back into the queue when the server ends.
+/// Jobs that were begun may take this long to be put back into the queue when the process ends.
 const END_GRACE: Duration = Duration::from_secs(5);
 
-/// What the server needs to know.
+/// Where jobs and their files are, and how many are done at the same time: the same for a server and for a worker.
 #[derive(Debug, Clone)]
-pub struct ServeConfig {
-    /// Where it listens; loopback only.
-    pub listen: SocketAddr,
-    /// Database and run folders; one server each.
+pub struct WorkConfig {
+    /// Database (SQLite), files or their cache; one process each.
     pub data: PathBuf,
-    /// Scenarios and vehicles, laid out as `config/` of the project.
-    pub library: PathBuf,
-    /// Runs that are flown at the same time.
+    /// `postgres://…`; none: SQLite in the data folder.
+    pub database_url: Option<String>,
+    /// A folder or `s3://BUCKET[/PREFIX]` that all hosts share; none: the data folder.
+    pub artifacts: Option<String>,
+    /// Jobs that are done at the same time.
     pub workers: usize,
+    /// Places of other hosts' runs that are taken at the same time, and the roles: `controller`, `fdi`.
+    pub seats: usize,
+    /// See `seats`.
+    pub roles: Vec<String>,
+    /// Jobs of one tenant that run at the same time, at most.
+    pub most_running: u32,
+    /// The plants of runs over zenoh listen here: `tcp/10.0.0.2:0`.
+    pub zenoh_listen: String,
+    /// All processes of runs over zenoh connect to this router instead.
+    pub zenoh_router: Option<String>,
     /// The `rotortwin` program.
     pub program: PathBuf,
+    /// Of this process, for people.
+    pub name: String,
 }
 
-/// Everything that routes and workers share.
+/// What the server needs to know beside that.
+#[derive(Debug, Clone)]
+pub struct ServeConfig {
+    /// Where it listens; other than loopback only with a certificate and a token.
+    pub listen: SocketAddr,
+    /// Certificate chain and private key (PEM): HTTPS.
+    pub tls: Option<(PathBuf, PathBuf)>,
+    /// Requests of a tenant per second.
+    pub rate: NonZeroU32,
+    /// Bytes of a tenant's files, at most.
+    pub most_bytes: u64,
+    /// A flight takes at most so long, s of simulated time.
+    pub longest_flight_s: f64,
+    /// Pages of these origins may use the API from a browser; none: only its own.
+    pub cors_origins: Vec<String>,
+    /// Scenarios and vehicles, laid out as `config/` of the project.
+    pub library: PathBuf,
+    /// Jobs of one tenant that wait or run, at most.
+    pub most_open: u32,
+    /// The rest.
+    pub work: WorkConfig,
+}
+
+/// Everything that routes share.
 #[derive(Debug)]
 pub(crate) struct App {
     pub(crate) config: ServeConfig,
-    pub(crate) folder: DataFolder,
     pub(crate) library: Library,
-    pub(crate) store: Store,
-    pub(crate) hub: Arc<Hub>,
-    /// Becomes true when the server ends.
-    pub(crate) ending: watch::Sender<bool>,
+    pub(crate) database: Database,
+    pub(crate) artifacts: Artifacts,
+    pub(crate) shop: Arc<Workshop>,
+    pub(crate) rate: Rate,
+}
+
+impl App {
+    /// The process ends.
+    pub(crate) fn is_ending(&self) -> bool {
+        *self.shop.ending.borrow()
+    }
+}
+
+/// Does jobs for the servers that share its database.
+pub struct Worker {
+    shop: Arc<Workshop>,
+    config: WorkConfig,
+    _folder: DataFolder,
+}
+
+impl Worker {
+    /// Opens data folder, database and artifact store. A SQLite database has no other process, so that what was begun in it is queued again.
+    ///
+    /// # Errors
+    /// One sentence: what, where, what was expected.
+    pub async fn open(config: WorkConfig) -> Result<Self, String> {
+        // For TLS to databases and buckets; an error says that there is one already.
+        let _chosen = rustls::crypto::ring::default_provider().install_default();
+        let folder = DataFolder::open(&config.data)?;
+        let database = match &config.database_url {
+            Some(url) => Database::open_postgres(url).await?,
+            None => Database::open_file(&folder.database()).await?,
+        };
+        let (root, bucket) = match config.artifacts.as_deref() {
+            None => (folder.path().to_owned(), None),
+            Some(address) if address.contains("://") => (folder.path().join("cache"), Some(address)),
+            Some(path) => (PathBuf::from(path), None),
+        };
+        let artifacts = Artifacts::open(&root, bucket)?;
+        artifacts.ping().await.map_err(|error| {
+            format!(
+                "--artifacts {}: cannot be reached: {error}",
+                config.artifacts.as_deref().unwrap_or("(data folder)")
+            )
+        })?;
+        worker::requeue(&database, !database.is_shared())
+            .await
+            .map_err(|error| format!("the queue cannot be read: {error}"))?;
+        let shop = Arc::new(Workshop {
+            database,
+            artifacts,
+            program: config.program.clone(),
+            name: config.name.clone(),
+            share: FairShare {
+                most_running: i64::from(config.most_running),
+            },
+            zenoh: match &config.zenoh_router {
+                Some(router) => Meeting::Router(router.clone()),
+                None => Meeting::Listen(config.zenoh_listen.clone()),
+            },
+            threads: (std::thread::available_parallelism().map_or(1, usize::from) / config.workers.max(1)).max(1),
+            ending: watch::channel(false).0,
+        });
+        Ok(Self {
+            shop,
+            config,
+            _folder: folder,
+        })
+    }
+
+    fn start(&self) -> JoinSet<()> {
+        let mut tasks = JoinSet::new();
+        for _ in 0..self.config.workers {
+            tasks.spawn(worker::work(Arc::clone(&self.shop)));
+        }
+        for _ in 0..self.config.seats {
+            tasks.spawn(worker::sit(Arc::clone(&self.shop), self.config.roles.clone()));
+        }
+        tasks.spawn(worker::look_after_claims(Arc::clone(&self.shop)));
+        tasks
+    }
+
+    async fn end(&self, mut tasks: JoinSet<()>) {
+        self.shop.ending.send_replace(true);
+        let all = async { while tasks.join_next().await.is_some() {} };
+        if tokio::time::timeout(END_GRACE, all).await.is_err() {
+            tracing::warn!("some jobs did not end in time; they will be begun again");
+        }
+        self.shop.database.close().await;
+    }
+
+    /// Works until `stop` is ready; jobs that run then go back into the queue.
+    pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) {
+        let tasks = self.start();
+        stop.await;
+        self.end(tasks).await;
+    }
 }
 
 /// A server that listens and works.
 pub struct Server {
     app: Arc<App>,
+    worker: Worker,
     listener: TcpListener,
+    acceptor: Option<TlsAcceptor>,
     address: SocketAddr,
 }
 
 impl Server {
-    /// Opens folder, database and socket, and queues again what a server that died had begun.
+    /// Opens folder, database and socket.
     ///
     /// # Errors
     /// One sentence: what, where, what was expected.
     pub async fn open(config: ServeConfig) -> Result<Self, String> {
-        if !config.listen.ip().is_loopback() {
+        let acceptor = match &config.tls {
+            Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
+            None => None,
+        };
+        let open = !config.listen.ip().is_loopback();
+        if open && acceptor.is_none() {
             return Err(format!(
-                "--listen {}: other hosts could submit work without a token; expected a loopback address such as 127.0.0.1:8400",
+                "--listen {}: tokens would cross the network in the clear; expected --tls-cert and --tls-key, or a loopback address such as \
+                 127.0.0.1:8400",
                 config.listen
             ));
         }
         let library = Library::open(&config.library)?;
-        let folder = DataFolder::open(&config.data)?;
-        let store = Store::open(&folder.database_url())
-            .await
-            .map_err(|error| format!("{}: the database cannot be opened: {error}", folder.path().display()))?;
-        let abandoned = store
-            .requeue_abandoned(i64::MAX)
-            .await
-            .map_err(|error| format!("the queue cannot be read: {error}"))?;
-        for id in &abandoned {
-            tracing::info!(run = id, "a server that died had begun this run: queued again");
+        let worker = Worker::open(config.work.clone()).await?;
+        let has_tokens = worker.shop.database.has_tokens().await;
+        if open && !has_tokens.map_err(|error| format!("the tokens cannot be read: {error}"))? {
+            return Err(format!(
+                "--listen {}: other hosts could submit work without a token; make one with `rotortwin token create NAME`, or expected a \
+                 loopback address such as 127.0.0.1:8400",
+                config.listen
+            ));
         }
         let listener = TcpListener::bind(config.listen)
             .await
@@ -101,46 +244,49 @@ impl Server {
             .local_addr()
             .map_err(|error| format!("the address cannot be read: {error}"))?;
         let app = Arc::new(App {
+            rate: Rate::new(config.rate),
             config,
-            folder,
             library,
-            store,
-            hub: Arc::new(Hub::default()),
-            ending: watch::channel(false).0,
+            database: worker.shop.database.clone(),
+            artifacts: worker.shop.artifacts.clone(),
+            shop: Arc::clone(&worker.shop),
         });
-        Ok(Self { app, listener, address })
+        Ok(Self {
+            app,
+            worker,
+            listener,
+            acceptor,
+            address,
+        })
     }
 
-    /// Where it listens.
-    pub fn address(&self) -> SocketAddr {
-        self.address
+    /// Where it is found.
+    pub fn url(&self) -> String {
+        let scheme = if self.acceptor.is_some() { "https" } else { "http" };
+        format!("{scheme}://{}", self.address)
     }
 
-    /// Serves until `stop` is ready; runs that are flown then go back into the queue.
+    /// Serves until `stop` is ready; jobs that run then go back into the queue.
     ///
     /// # Errors
     /// The socket fails.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<(), String> {
-        let mut workers = tokio::task::JoinSet::new();
-        for _ in 0..self.app.config.workers {
-            workers.spawn(worker::work(Arc::clone(&self.app)));
-        }
-        workers.spawn(worker::look_after_claims(Arc::clone(&self.app)));
-        let app = Arc::clone(&self.app);
+        let tasks = self.worker.start();
+        let shop = Arc::clone(&self.worker.shop);
         let ended = async move {
             stop.await;
-            app.ending.send_replace(true);
+            shop.ending.send_replace(true);
         };
-        let served = axum::serve(self.listener, routes::router(Arc::clone(&self.app)))
-            .with_graceful_shutdown(ended)
-            .await
-            .map_err(|error| format!("the server failed: {error}"));
-        self.app.ending.send_replace(true);
-        let all = async { while workers.join_next().await.is_some() {} };
-        if tokio::time::timeout(END_GRACE, all).await.is_err() {
-            tracing::warn!("some flights did not end in time; the next start flies them again");
-        }
-        self.app.store.close().await;
+        let router = routes::router(Arc::clone(&self.app));
+        let served = match self.acceptor {
+            None => axum::serve(self.listener, router).with_graceful_shutdown(ended).await,
+            Some(acceptor) => {
+                let listener = TlsListener::new(self.listener, acceptor, self.address);
+                axum::serve(listener, router).with_graceful_shutdown(ended).await
+            }
+        };
+        let served = served.map_err(|error| format!("the server failed: {error}"));
+        self.worker.end(tasks).await;
         served
     }
 }

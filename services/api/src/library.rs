@@ -1,12 +1,17 @@
 //! Scenarios and vehicles that the server has: a folder laid out as `config/` of the project. A submission names them; it cannot make
 //! the server read another file.
 
+use crate::artifacts::{Artifacts, files_below};
 use crate::problem::Problem;
 use rotortwin_plant::Scenario;
+use std::io;
 use std::path::{Component, Path, PathBuf};
 
 /// Keys of a scenario that are paths of files.
 const PATHS: [&str; 3] = ["vehicle", "fdi", "effect_files"];
+
+/// A file of a library is a document; what is larger is none.
+const LARGEST_FILE: u64 = 16 << 20;
 
 /// The folder.
 #[derive(Debug, Clone)]
@@ -89,7 +94,60 @@ impl Library {
         Scenario::parse(text, self.root.join("scenarios")).map_err(|error| self.refusal(&error))
     }
 
-    fn refusal(&self, error: &dyn std::fmt::Display) -> Problem {
+    /// Whether every path in a document stays in the library; `name` and `description` are words.
+    ///
+    /// # Errors
+    /// 422.
+    pub(crate) fn check_paths(document: &toml::Table) -> Result<(), Problem> {
+        document
+            .iter()
+            .filter(|(key, _)| !["name", "description"].contains(&key.as_str()))
+            .try_for_each(|(_, value)| every_path_inside(value))
+    }
+
+    /// Where it is.
+    pub(crate) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Puts a copy of the library into the artifact store, under the hash of all that is in it, and gives its key: a job that is done on
+    /// another host, or tomorrow, reads what was there when it was submitted.
+    ///
+    /// # Errors
+    /// A file cannot be read or written.
+    pub(crate) async fn snapshot(&self, artifacts: &Artifacts) -> io::Result<String> {
+        let mut hash = xxhash_rust::xxh3::Xxh3::new();
+        let mut files = Vec::new();
+        for file in files_below(&self.root)? {
+            if file.size > LARGEST_FILE {
+                continue;
+            }
+            let bytes = std::fs::read(self.root.join(&file.path))?;
+            hash.update(file.path.as_bytes());
+            hash.update(&(bytes.len() as u64).to_le_bytes());
+            hash.update(&bytes);
+            files.push((file.path, bytes));
+        }
+        let key = format!("library/{:032x}", hash.digest128());
+        let marker = "snapshot.complete";
+        if artifacts.file(&key, marker).await?.is_some() {
+            return Ok(key);
+        }
+        // The marker last: a copy that was cut off is made again.
+        files.push((marker.to_owned(), b"complete\n".to_vec()));
+        for (path, bytes) in files {
+            let target = artifacts.place(&key).join(&path);
+            let beside = target.with_extension(crate::jobs::queue::new_id());
+            std::fs::create_dir_all(target.parent().unwrap_or(&target))?;
+            std::fs::write(&beside, bytes)?;
+            std::fs::rename(&beside, &target)?;
+        }
+        artifacts.publish(&key).await?;
+        Ok(key)
+    }
+
+    /// A refusal without the server's paths.
+    pub(crate) fn refusal(&self, error: &dyn std::fmt::Display) -> Problem {
         let root = format!("{}/", self.root.display());
         Problem::unprocessable(error.to_string().replace(&root, ""))
     }

@@ -40,6 +40,21 @@ impl Problem {
         )
     }
 
+    /// 401: nobody knows who asks.
+    pub fn unauthorized(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::UNAUTHORIZED, "unauthorized", "A token is needed", detail)
+    }
+
+    /// 403: he may not.
+    pub fn forbidden(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::FORBIDDEN,
+            "forbidden",
+            "The token does not allow this",
+            detail,
+        )
+    }
+
     /// 404.
     pub fn not_found(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::NOT_FOUND, "not-found", "There is no such thing", detail)
@@ -66,6 +81,16 @@ impl Problem {
             StatusCode::UNPROCESSABLE_ENTITY,
             "unprocessable",
             "The request makes no run",
+            detail,
+        )
+    }
+
+    /// 429: more than is allowed.
+    pub fn too_many(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::TOO_MANY_REQUESTS,
+            "too-many",
+            "More than is allowed",
             detail,
         )
     }

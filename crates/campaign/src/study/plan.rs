@@ -153,7 +153,15 @@ impl Campaign {
     /// Reads the campaign at `path` and everything that it names, and tries its flights: every value of every axis, the ends of every
     /// range, and a sample of the flights (all of a small campaign).
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let file = TomlFile::read(path)?;
+        Self::of(TomlFile::read(path)?, path)
+    }
+
+    /// As [`Campaign::load`], of a text that would stand at `path`.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
+        Self::of(TomlFile::from_text(&path.display().to_string(), text)?, path)
+    }
+
+    fn of(file: TomlFile, path: &Path) -> Result<Self, ConfigError> {
         let document = CampaignDocument::read(&file)?;
         let scenario_path = path.parent().unwrap_or(Path::new("")).join(&document.scenario);
         if !scenario_path.is_file() {

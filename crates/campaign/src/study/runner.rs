@@ -16,12 +16,14 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// How to fly.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Threads.
     pub threads: NonZeroUsize,
     /// Fly only the shards that begin before this flight.
     pub limit: Option<u64>,
+    /// Fly only these shards; the others are flown elsewhere.
+    pub shards: Option<std::ops::Range<u64>>,
 }
 
 /// What has been flown since the start, told after every few flights.
@@ -58,13 +60,16 @@ pub struct Plan {
 }
 
 /// What is to be done.
-pub fn plan(folder: &CampaignFolder, limit: Option<u64>) -> Plan {
-    let shards = limit.map_or(folder.shard_count(), |limit| {
-        folder.shard_count().min(limit.div_ceil(SHARD_FLIGHTS))
-    });
+pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
+    let all = folder.shard_count();
+    let end = options
+        .limit
+        .map_or(all, |limit| all.min(limit.div_ceil(SHARD_FLIGHTS)));
+    let asked = options.shards.clone().unwrap_or(0..all);
+    let shards = asked.start.min(end)..asked.end.min(end);
     let size = |shard: u64| folder.shard_range(shard).end - folder.shard_range(shard).start;
-    let missing: Vec<u64> = (0..shards).filter(|shard| !folder.has_shard(*shard)).collect();
-    let wanted: u64 = (0..shards).map(size).sum();
+    let missing: Vec<u64> = shards.clone().filter(|shard| !folder.has_shard(*shard)).collect();
+    let wanted: u64 = shards.map(size).sum();
     Plan {
         present_flights: wanted - missing.iter().map(|shard| size(*shard)).sum::<u64>(),
         wanted_flights: wanted,
@@ -111,7 +116,7 @@ pub fn run(
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<RunEnd, String> {
-    let missing = plan(folder, options.limit).missing;
+    let missing = plan(folder, options).missing;
     let lanes = (engine.lanes() as u64).clamp(1, SHARD_FLIGHTS);
     let groups_per_shard = SHARD_FLIGHTS.div_ceil(lanes) as usize;
     let jobs = missing.len() * groups_per_shard;

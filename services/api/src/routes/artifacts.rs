@@ -1,23 +1,24 @@
-//! Files of a run: report, telemetry, MCAP, summary, logs of its processes.
+//! Files of a job: report, telemetry, MCAP, summary, logs of its processes.
 
+use super::jobs::Shared;
 use crate::App;
+use crate::access::Caller;
+use crate::jobs::Job;
 use crate::problem::Problem;
 use axum::Json;
 use axum::body::Body;
 use axum::extract::rejection::PathRejection;
-use axum::extract::{Path, Request, State};
+use axum::extract::{Path, Request};
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use std::path::{Component, PathBuf};
-use std::sync::Arc;
 use tower_http::services::ServeFile;
 use utoipa::ToSchema;
 
-/// A file of a run.
+/// A file of a job.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Artifact {
-    /// Path in the run's folder.
+    /// Path in the job's folder.
     path: String,
     /// Bytes.
     size: u64,
@@ -25,7 +26,7 @@ pub(crate) struct Artifact {
     href: String,
 }
 
-/// Files of a run.
+/// Files of a job.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Artifacts {
     items: Vec<Artifact>,
@@ -38,34 +39,36 @@ pub(crate) struct Artifacts {
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn list(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<Json<Artifacts>, Problem> {
-    let run = super::runs::find(&app, id).await?;
-    let mut items = Vec::new();
-    if let Some(folder) = &run.folder {
-        let root = app.folder.path().join(folder);
-        let mut open = vec![root.clone()];
-        while let Some(folder) = open.pop() {
-            let Ok(entries) = std::fs::read_dir(&folder) else {
-                continue;
-            };
-            for entry in entries.filter_map(Result::ok) {
-                let path = entry.path();
-                let Ok(metadata) = entry.metadata() else { continue };
-                if metadata.is_dir() {
-                    open.push(path);
-                } else if let Some(relative) = path.strip_prefix(&root).ok().and_then(|path| path.to_str()) {
-                    items.push(Artifact {
-                        path: relative.to_owned(),
-                        size: metadata.len(),
-                        href: format!("/api/v1/runs/{}/artifacts/{relative}", run.id),
-                    });
-                }
-            }
-        }
-    }
-    items.sort_by(|a, b| a.path.cmp(&b.path));
+    let run = super::runs::find(&app, &caller, id).await?;
+    of(&app, &run).await
+}
+
+/// The files of a job.
+///
+/// # Errors
+/// 500: the store does not answer.
+pub(super) async fn of(app: &App, job: &Job) -> Result<Json<Artifacts>, Problem> {
+    let files = match &job.folder {
+        None => Vec::new(),
+        Some(folder) => app
+            .artifacts
+            .list(folder)
+            .await
+            .map_err(|error| Problem::internal(&error))?,
+    };
+    let collection = job.new.kind.collection();
+    let items = files
+        .into_iter()
+        .map(|file| Artifact {
+            href: format!("/api/v1/{collection}/{}/artifacts/{}", job.id, file.path),
+            path: file.path,
+            size: file.size,
+        })
+        .collect();
     Ok(Json(Artifacts { items }))
 }
 
@@ -81,25 +84,32 @@ pub(crate) async fn list(
         (status = 416, description = "there is no such range")
     ))]
 pub(crate) async fn get(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     path: Result<Path<(String, String)>, PathRejection>,
     request: Request,
 ) -> Result<Response, Problem> {
     let Path((id, name)) = path?;
-    let run = super::runs::find(&app, Ok(Path(id))).await?;
-    let missing = || Problem::not_found(format!("run {} has no file '{name}'", run.id));
-    let relative = PathBuf::from(&name);
-    if !relative.components().all(|part| matches!(part, Component::Normal(_))) {
-        return Err(missing());
-    }
-    let root = app.folder.path().join(run.folder.as_ref().ok_or_else(missing)?);
-    let file = root.join(&relative).canonicalize().ok().ok_or_else(missing)?;
-    if !file.starts_with(&root) || !file.is_file() {
-        return Err(missing());
-    }
-    // A run's files never change once it has ended: its attempt and their size say which they are.
+    let run = super::runs::find(&app, &caller, Ok(Path(id))).await?;
+    one(&app, &run, &name, request).await
+}
+
+/// A file of a job.
+///
+/// # Errors
+/// 404.
+pub(super) async fn one(app: &App, job: &Job, name: &str, request: Request) -> Result<Response, Problem> {
+    let missing = || Problem::not_found(format!("{} {} has no file '{name}'", job.new.kind.as_str(), job.id));
+    let folder = job.folder.as_ref().ok_or_else(missing)?;
+    let file = app
+        .artifacts
+        .file(folder, name)
+        .await
+        .map_err(|error| Problem::internal(&error))?;
+    let file = file.ok_or_else(missing)?;
+    // A job's files never change once it has ended: its attempt and their size say which they are.
     let size = file.metadata().map_err(|error| Problem::internal(&error))?.len();
-    let etag = format!("\"{}-{}-{size:x}\"", run.id, run.attempts);
+    let etag = format!("\"{}-{}-{size:x}\"", job.id, job.attempts);
     let same = |value: &HeaderValue| {
         value
             .to_str()

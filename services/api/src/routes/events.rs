@@ -1,12 +1,15 @@
-//! Events of a run as they happen (server-sent events).
+//! Events of a job as they happen (server-sent events).
 
+use super::jobs::Shared;
 use crate::App;
+use crate::access::Caller;
+use crate::jobs::{Event as JobEvent, Job};
 use crate::problem::Problem;
-use crate::store::EventRow;
+use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
-use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse as _, Response};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -32,7 +35,7 @@ pub(crate) struct StreamEvent {
 
 /// All events of a run, from the first or after `Last-Event-ID`, without gaps; ends after `ended`.
 ///
-/// Kinds: `queued`, `started`, `waiting`, `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
+/// Kinds: `queued`, `started`, `waiting`, `join` (parts from elsewhere are waited for), `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/events", tag = "runs",
     params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "number of the last event that was seen")),
     responses(
@@ -41,11 +44,20 @@ pub(crate) struct StreamEvent {
         (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn events(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
-) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
-    let run = super::runs::find(&app, id).await?;
+) -> Result<Response, Problem> {
+    let run = super::runs::find(&app, &caller, id).await?;
+    of(&app, &run, &headers)
+}
+
+/// The events of a job as a stream.
+///
+/// # Errors
+/// 400: `Last-Event-ID` is no number.
+pub(super) fn of(app: &Arc<App>, job: &Job, headers: &HeaderMap) -> Result<Response, Problem> {
     let last = match headers.get("last-event-id") {
         None => 0,
         Some(value) => value
@@ -57,23 +69,23 @@ pub(crate) async fn events(
     };
     let watcher = Watcher {
         // Subscribed before the first look: what comes between is seen by one or the other.
-        news: app.hub.watch(&run.id),
-        ending: app.ending.subscribe(),
-        app,
-        id: run.id,
+        news: app.database.hub.watch(&job.id),
+        ending: app.shop.ending.subscribe(),
+        app: Arc::clone(app),
+        id: job.id.clone(),
         last,
         ready: VecDeque::new(),
         ended: false,
     };
     let keep_alive = KeepAlive::new().interval(Duration::from_secs(15));
-    Ok(Sse::new(futures_of(watcher)).keep_alive(keep_alive))
+    Ok(Sse::new(futures_of(watcher)).keep_alive(keep_alive).into_response())
 }
 
 struct Watcher {
     app: Arc<App>,
     id: String,
     last: i64,
-    ready: VecDeque<EventRow>,
+    ready: VecDeque<JobEvent>,
     ended: bool,
     news: watch::Receiver<u64>,
     ending: watch::Receiver<bool>,
@@ -81,7 +93,7 @@ struct Watcher {
 
 impl Watcher {
     /// The next event; `None`: there will be no more.
-    async fn next(&mut self) -> Option<EventRow> {
+    async fn next(&mut self) -> Option<JobEvent> {
         loop {
             if let Some(event) = self.ready.pop_front() {
                 self.last = event.seq;
@@ -92,7 +104,7 @@ impl Watcher {
                 return None;
             }
             self.news.mark_unchanged();
-            match self.app.store.events_after(&self.id, self.last, BATCH).await {
+            match self.app.database.events_after(&self.id, self.last, BATCH).await {
                 Ok(events) if events.is_empty() => {}
                 Ok(events) => {
                     self.ready = events.into();
@@ -104,12 +116,12 @@ impl Watcher {
                 }
             }
             // A watcher that comes back after the end: nothing will ever be new.
-            match self.app.store.get(&self.id).await {
+            match self.app.database.get(&self.id).await {
                 Ok(Some(run)) if !run.status.is_final() => {}
                 _ => {
                     let late = self
                         .app
-                        .store
+                        .database
                         .events_after(&self.id, self.last, BATCH)
                         .await
                         .unwrap_or_default();
@@ -122,7 +134,7 @@ impl Watcher {
             }
             tokio::select! {
                 changed = self.news.changed() => if changed.is_err() {
-                    self.news = self.app.hub.watch(&self.id);
+                    self.news = self.app.database.hub.watch(&self.id);
                 },
                 _ = self.ending.changed() => {}
                 // Another process may have written.

@@ -4,6 +4,7 @@
 //! is open for sending: it goes with the answer. What a server that was killed left there is removed by a later export.
 
 use crate::App;
+use crate::access::Caller;
 use crate::problem::Problem;
 use axum::body::Body;
 use axum::extract::rejection::{PathRejection, QueryRejection};
@@ -84,13 +85,14 @@ impl Drop for Unnamed {
 ))]
 pub(crate) async fn export(
     State(app): State<Arc<App>>,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
     query: Result<Query<ExportQuery>, QueryRejection>,
     request: Request,
 ) -> Result<Response, Problem> {
     let Query(query) = query?;
     let format = ExportFormat::from(query.format);
-    let run = super::runs::find(&app, id).await?;
+    let run = super::runs::find(&app, &caller, id).await?;
     let source = super::telemetry::file_of(&app, &run, format.file().unwrap_or(TELEMETRY_FILE)).await?;
     // Removed when this function is left; the answer has the file open by then.
     let made = match format.file() {
@@ -118,7 +120,7 @@ pub(crate) async fn export(
 
 async fn write(app: &App, source: PathBuf, format: ExportFormat) -> Result<Unnamed, Problem> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
-    let folder = app.folder.path().join("exports");
+    let folder = app.artifacts.place("exports");
     let name = format!("{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
     let written = super::telemetry::blocking(move || {
         let io = |path: PathBuf| move |source| QueryError::Io { path, source };

@@ -7,8 +7,9 @@
 //! in the telemetry once the run has ended.
 
 use crate::App;
+use crate::access::Caller;
+use crate::jobs::Job;
 use crate::problem::Problem;
-use crate::store::RunRow;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -138,7 +139,7 @@ impl Selection {
         Ok(())
     }
 
-    fn start(&self, run: &RunRow) -> Value {
+    fn start(&self, run: &Job) -> Value {
         let channels = self.picked.iter().map(|place| {
             let channel = &self.channels[*place];
             json!({ "name": channel.name, "unit": channel.unit })
@@ -169,12 +170,13 @@ impl Selection {
 ))]
 pub(crate) async fn live(
     State(app): State<Arc<App>>,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
     wish: Result<Query<Subscription>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
     let Query(wish) = wish?;
-    let run = super::runs::find(&app, id).await?;
+    let run = super::runs::find(&app, &caller, id).await?;
     let mut selection = Selection::new(rotors(&run)?);
     selection.change(&wish).map_err(Problem::unprocessable)?;
     let upgrade = upgrade.map_err(|rejection| {
@@ -183,7 +185,7 @@ pub(crate) async fn live(
         problem
     })?;
     // Before it is looked whether the run has ended: an end in between is seen.
-    let samples = app.hub.watch_live(&run.id);
+    let samples = app.database.hub.watch_live(&run.id);
     let watcher = Watcher {
         app,
         run,
@@ -198,8 +200,8 @@ pub(crate) async fn live(
 }
 
 /// Rotors of the run's vehicle: they decide which channels there are.
-fn rotors(run: &RunRow) -> Result<usize, Problem> {
-    Documents::from_toml("the recorded scenario", &run.documents)
+fn rotors(run: &Job) -> Result<usize, Problem> {
+    Documents::from_toml("the recorded scenario", &super::runs::flight_of(run)?.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map(|scenario| scenario.vehicle().rotor_count())
         .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
@@ -207,7 +209,7 @@ fn rotors(run: &RunRow) -> Result<usize, Problem> {
 
 struct Watcher {
     app: Arc<App>,
-    run: RunRow,
+    run: Job,
     selection: Selection,
     sent: u64,
     lost: u64,
@@ -233,7 +235,7 @@ impl Watcher {
 
     /// Sends samples until the run or the server ends.
     async fn tell(&mut self, socket: &mut WebSocket, mut samples: Receiver<Arc<LiveSample>>) -> Result<(), Gone> {
-        let mut ending = self.app.ending.subscribe();
+        let mut ending = self.app.shop.ending.subscribe();
         let mut look = tokio::time::interval(LOOK);
         send(socket, &self.selection.start(&self.run)).await?;
         loop {
@@ -249,7 +251,7 @@ impl Watcher {
                             return Ok(());
                         }
                         // It was queued again.
-                        samples = self.app.hub.watch_live(&self.run.id);
+                        samples = self.app.database.hub.watch_live(&self.run.id);
                     }
                 },
                 message = socket.recv() => match message {
@@ -294,7 +296,7 @@ impl Watcher {
 
     /// Nothing more will come of this run.
     async fn has_ended(&mut self) -> bool {
-        match self.app.store.get(&self.run.id).await {
+        match self.app.database.get(&self.run.id).await {
             Ok(Some(run)) => {
                 self.run = run;
                 self.run.status.is_final()

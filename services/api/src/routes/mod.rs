@@ -1,25 +1,33 @@
 //! The addresses of the API, version 1, and the OpenAPI document that describes them.
 
 mod artifacts;
+mod campaigns;
+mod collection;
 mod events;
 mod exports;
+mod jobs;
 mod library;
 mod live;
 mod runs;
 mod server;
+mod table;
 mod telemetry;
+
+pub(crate) use collection::collection;
 
 use crate::App;
 use crate::problem::Problem;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
-use axum::http::{HeaderName, Method, Uri};
+use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
 use std::sync::Arc;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
+use tower_http::cors::CorsLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 use tower_http::trace::TraceLayer;
 use utoipa::OpenApi;
+use utoipa::openapi::{Content, Ref, ResponseBuilder};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -35,6 +43,7 @@ const LARGEST_BODY: usize = 2 << 20;
     tags(
         (name = "runs", description = "Flights: submit, list, watch, stop, compare"),
         (name = "telemetry", description = "What was recorded: channels, intervals, decimated so that a picture is true"),
+        (name = "campaigns", description = "Many flights with statistics"),
         (name = "library", description = "Scenarios and vehicles that the server has"),
         (name = "server", description = "How the server is")
     )
@@ -48,6 +57,8 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(runs::cancel))
         .routes(routes!(runs::fork))
         .routes(routes!(runs::verify))
+        .routes(routes!(runs::ticket))
+        .routes(routes!(table::table))
         .routes(routes!(events::events))
         .routes(routes!(artifacts::list))
         .routes(routes!(artifacts::get))
@@ -56,6 +67,12 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(telemetry::compare))
         .routes(routes!(exports::export))
         .routes(routes!(live::live))
+        .routes(routes!(campaigns::submit, campaigns::campaigns::list))
+        .routes(routes!(campaigns::campaigns::get, campaigns::campaigns::delete))
+        .routes(routes!(campaigns::campaigns::cancel))
+        .routes(routes!(campaigns::campaigns::events))
+        .routes(routes!(campaigns::campaigns::files))
+        .routes(routes!(campaigns::campaigns::file))
         .routes(routes!(library::scenarios))
         .routes(routes!(library::scenario))
         .routes(routes!(library::validate))
@@ -68,11 +85,42 @@ fn described() -> OpenApiRouter<Arc<App>> {
 
 /// The OpenAPI 3.1 document, as served at `/api/v1/openapi.json`.
 pub fn openapi_document() -> String {
-    let (_, api) = described().split_for_parts();
+    let (_, mut api) = described().split_for_parts();
+    add_refusals_of_access(&mut api);
     // The router's way to say "the rest of the path"; OpenAPI has none.
     let mut text = api.to_pretty_json().unwrap_or_default().replace("{*path}", "{path}");
     text.push('\n');
     text
+}
+
+/// What every address below `/api/` can answer before its own function is asked.
+fn add_refusals_of_access(api: &mut utoipa::openapi::OpenApi) {
+    for (path, item) in &mut api.paths.paths {
+        if !path.starts_with("/api/") {
+            continue;
+        }
+        let operations = [&mut item.get, &mut item.post, &mut item.delete, &mut item.put];
+        for operation in operations.into_iter().flatten() {
+            for (status, description) in [
+                ("401", "no token, or one that is worth nothing"),
+                ("403", "the token does not allow this"),
+                ("429", "more than is allowed"),
+            ] {
+                let content = Content::builder()
+                    .schema(Some(Ref::from_schema_name("Problem")))
+                    .build();
+                let response = ResponseBuilder::new()
+                    .description(description)
+                    .content("application/problem+json", content)
+                    .build();
+                operation
+                    .responses
+                    .responses
+                    .entry(status.to_owned())
+                    .or_insert(response.into());
+            }
+        }
+    }
 }
 
 /// Everything that is served.
@@ -89,12 +137,40 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/api/v1/openapi.json", axum::routing::get(server::openapi))
         .fallback(no_such_address)
         .method_not_allowed_fallback(wrong_method)
+        .layer(axum::middleware::from_fn_with_state(
+            Arc::clone(&app),
+            crate::access::authorize,
+        ))
         .layer(DefaultBodyLimit::max(LARGEST_BODY))
+        .layer(cors(&app))
         .layer(CompressionLayer::new().compress_when(compressible))
         .layer(PropagateRequestIdLayer::new(request_id.clone()))
         .layer(TraceLayer::new_for_http())
         .layer(SetRequestIdLayer::new(request_id, MakeRequestUuid))
         .with_state(app)
+}
+
+/// Off unless origins are named.
+fn cors(app: &App) -> CorsLayer {
+    let origins: Vec<HeaderValue> = app
+        .config
+        .cors_origins
+        .iter()
+        .filter_map(|origin| HeaderValue::from_str(origin).ok())
+        .collect();
+    if origins.is_empty() {
+        return CorsLayer::new();
+    }
+    CorsLayer::new()
+        .allow_origin(origins)
+        .allow_methods([Method::GET, Method::POST, Method::DELETE])
+        .allow_headers([
+            header::AUTHORIZATION,
+            header::CONTENT_TYPE,
+            HeaderName::from_static("idempotency-key"),
+            HeaderName::from_static("last-event-id"),
+        ])
+        .expose_headers([header::LOCATION, header::ETAG, HeaderName::from_static("x-request-id")])
 }
 
 async fn no_such_address(uri: Uri) -> Problem {

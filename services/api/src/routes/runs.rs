@@ -1,26 +1,27 @@
-//! Runs: submit, list, get, cancel, delete, fork, verify.
+//! Runs: submit, list, get, cancel, delete, fork, verify, join.
 
+use super::jobs::{self, ListQuery, Shared, Terms};
 use crate::App;
+use crate::access::Caller;
 use crate::clock::now_ms;
+use crate::jobs::spec::{Flight, Link, Pace, Place, Spec, join_timeout};
+use crate::jobs::{Job, JobKind, NewJob, Status};
 use crate::problem::Problem;
-use crate::store::{NewRun, RunRow, RunStatus, Submitted};
 use axum::Json;
 use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
-use axum::extract::{Path, Query, State};
-use axum::http::{HeaderMap, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::extract::{Path, Query};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
 use rotortwin_plant::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::ToSchema;
 
-/// A page has this many runs at most.
-const LARGEST_PAGE: i64 = 1000;
-/// The API key of a submission is not longer.
-const LONGEST_KEY: usize = 200;
+const KIND: JobKind = JobKind::Run;
+/// Peers from outside are waited for at most this long, ms.
+const LONGEST_JOIN_MS: u64 = 3_600_000;
 
 /// A flight to be flown.
-#[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Submission {
     /// Name of one of the server's scenarios; or give `text`.
@@ -48,47 +49,36 @@ pub(crate) struct Submission {
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
+    /// Who flies: ours beside the plant, ours on a worker that offers it, or somebody else's that joins with the run's ticket.
+    #[serde(default)]
+    controller: Place,
+    /// Who detects: as for the controller.
+    #[serde(default)]
+    fdi: Place,
+    /// Parts that are not beside the plant are waited for this long, ms.
+    #[serde(default = "join_timeout")]
+    #[schema(minimum = 1, maximum = 3_600_000)]
+    join_timeout_ms: u64,
+    /// It fails when an attempt takes longer, s of wall time; by default 6 h.
+    #[serde(default)]
+    #[schema(minimum = 1, maximum = 86_400)]
+    max_wall_s: Option<u64>,
+    /// It is refused when the flight would take longer, s of simulated time.
+    #[serde(default)]
+    max_sim_s: Option<f64>,
 }
 
-#[derive(Debug, Default, Clone, Copy, Deserialize, Serialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Link {
-    /// Function calls in one process.
-    InProcess,
-    /// Three processes, shared memory.
-    #[default]
-    Iceoryx2,
-    /// Three processes, TCP.
-    Zenoh,
-}
-
-impl Link {
-    fn as_str(self) -> &'static str {
-        match self {
-            Self::InProcess => "in-process",
-            Self::Iceoryx2 => "iceoryx2",
-            Self::Zenoh => "zenoh",
-        }
-    }
-}
-
-#[derive(Debug, Default, Clone, Copy, Deserialize, Serialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Pace {
-    /// As fast as possible.
-    #[default]
-    Fast,
-    /// 400 steps per second of wall clock.
-    RealTime,
-}
-
-impl Pace {
-    fn as_str(self) -> &'static str {
-        match self {
-            Self::Fast => "fast",
-            Self::RealTime => "real-time",
-        }
-    }
+/// What lists show of a run.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Facts {
+    vehicle: String,
+    seed: String,
+    link: Link,
+    pace: Pace,
+    #[serde(default)]
+    controller: Place,
+    #[serde(default)]
+    fdi: Place,
 }
 
 /// A run.
@@ -100,14 +90,20 @@ pub(crate) struct Run {
     name: String,
     /// Of the vehicle.
     vehicle: String,
+    /// On whose account.
+    tenant: String,
     /// How it stands.
-    status: RunStatus,
+    status: Status,
     /// Of all noise.
     seed: u64,
     /// How the processes are connected.
-    link: String,
-    /// `fast` or `real-time`.
-    pace: String,
+    link: Link,
+    /// How fast.
+    pace: Pace,
+    /// Who flies.
+    controller: Place,
+    /// Who detects.
+    fdi: Place,
     /// Larger goes first.
     priority: i64,
     /// The run that it was forked from.
@@ -120,8 +116,12 @@ pub(crate) struct Run {
     finished_ms: Option<i64>,
     /// How often it was begun.
     attempts: i64,
+    /// Who has or had it.
+    worker: Option<String>,
     /// Somebody wants it stopped.
     cancel_requested: bool,
+    /// Bytes of its files.
+    bytes: i64,
     /// Over all samples: equal for equal scenario, seed and program, whatever the link.
     run_hash: Option<String>,
     /// Why it failed, one sentence.
@@ -131,30 +131,32 @@ pub(crate) struct Run {
     summary: Option<serde_json::Value>,
 }
 
-impl Run {
-    fn of(row: RunRow, whole: bool) -> Self {
-        let summary = row
-            .summary
-            .filter(|_| whole)
-            .and_then(|text| serde_json::from_str(&text).ok());
+impl From<Job> for Run {
+    fn from(job: Job) -> Self {
+        let facts: Facts = serde_json::from_str(&job.new.facts).unwrap_or_default();
         Self {
-            id: row.id,
-            name: row.name,
-            vehicle: row.vehicle,
-            status: row.status,
-            seed: row.seed,
-            link: row.link,
-            pace: row.pace,
-            priority: row.priority,
-            parent: row.parent,
-            submitted_ms: row.submitted_ms,
-            started_ms: row.started_ms,
-            finished_ms: row.finished_ms,
-            attempts: row.attempts,
-            cancel_requested: row.cancel_requested,
-            run_hash: row.run_hash,
-            error: row.error,
-            summary,
+            id: job.id,
+            name: job.new.name,
+            vehicle: facts.vehicle,
+            tenant: job.new.tenant,
+            status: job.status,
+            seed: facts.seed.parse().unwrap_or(0),
+            link: facts.link,
+            pace: facts.pace,
+            controller: facts.controller,
+            fdi: facts.fdi,
+            priority: job.new.priority,
+            parent: job.new.parent,
+            submitted_ms: job.submitted_ms,
+            started_ms: job.started_ms,
+            finished_ms: job.finished_ms,
+            attempts: job.attempts,
+            worker: job.worker,
+            cancel_requested: job.cancel_requested,
+            bytes: job.bytes,
+            run_hash: job.run_hash,
+            error: job.error,
+            summary: job.result.and_then(|text| serde_json::from_str(&text).ok()),
         }
     }
 }
@@ -165,22 +167,6 @@ pub(crate) struct RunPage {
     items: Vec<Run>,
     /// `cursor` of the next page; absent on the last one.
     next: Option<String>,
-}
-
-/// Which runs.
-#[derive(Debug, Deserialize, IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Filter {
-    /// Only runs in this state.
-    status: Option<RunStatus>,
-    /// Only runs of this scenario.
-    name: Option<String>,
-    /// `next` of the page before.
-    cursor: Option<String>,
-    /// Runs a page, 1 to 1000.
-    #[param(minimum = 1, maximum = 1000, default = 50)]
-    limit: Option<i64>,
 }
 
 /// The scenario that a request means.
@@ -233,120 +219,131 @@ fn submitted_scenario(app: &App, body: &Submission) -> Result<Scenario, Problem>
         (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     headers: HeaderMap,
     body: Result<Json<Submission>, JsonRejection>,
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
-    accept(&app, &headers, body, None).await
+    let scenario = submitted_scenario(&app, &body)?;
+    accept(
+        &app,
+        &caller,
+        &headers,
+        jobs::request_hash(&body),
+        body,
+        &scenario,
+        None,
+    )
+    .await
 }
 
 async fn accept(
-    app: &Arc<App>,
+    app: &App,
+    caller: &Caller,
     headers: &HeaderMap,
+    request_hash: String,
     body: Submission,
-    parent: Option<(String, Scenario)>,
+    scenario: &Scenario,
+    parent: Option<String>,
 ) -> Result<Response, Problem> {
-    if *app.ending.borrow() {
-        return Err(Problem::unavailable("the server is ending"));
-    }
-    if !(-100..=100).contains(&body.priority) {
+    let terms = Terms {
+        priority: body.priority,
+        max_wall_s: body.max_wall_s,
+    };
+    let wall_limit_ms = terms.check()?;
+    check_places(&body)?;
+    let documents = scenario.documents();
+    let duration = documents.scenario.duration_s;
+    let longest = app.config.longest_flight_s;
+    if duration > longest {
         return Err(Problem::unprocessable(format!(
-            "`priority` is {}; expected -100 to 100",
-            body.priority
+            "the flight takes {duration} s of simulated time; this server flies at most {longest} s (`--longest-flight`)"
         )));
     }
-    let idempotency_key = idempotency_key(headers)?;
-    let canonical = serde_json::json!({ "body": body, "parent": parent.as_ref().map(|(id, _)| id) }).to_string();
-    let (parent, scenario) = match parent {
-        Some((id, scenario)) => (Some(id), scenario),
-        None => (None, submitted_scenario(app, &body)?),
-    };
-    let seed = body.seed.unwrap_or_else(|| scenario.seed());
-    rotortwin_plant::Simulation::new(&scenario, seed).map_err(|error| Problem::unprocessable(error.to_string()))?;
-    let new = NewRun {
-        name: scenario.name().to_owned(),
-        vehicle: scenario.documents().vehicle.name.clone(),
-        priority: body.priority,
-        documents: scenario.documents().to_toml(),
-        seed,
-        link: body.link.as_str().to_owned(),
-        pace: body.pace.as_str().to_owned(),
-        parent,
-        idempotency_key,
-        request_hash: format!("{:032x}", xxhash_rust::xxh3::xxh3_128(canonical.as_bytes())),
-    };
-    match app.store.submit(new).await? {
-        Submitted::New(row) => {
-            app.hub.queue.notify_one();
-            let location = format!("/api/v1/runs/{}", row.id);
-            Ok((
-                StatusCode::ACCEPTED,
-                [(header::LOCATION, location)],
-                Json(Run::of(row, true)),
-            )
-                .into_response())
-        }
-        Submitted::Before(row) => Ok((StatusCode::OK, Json(Run::of(row, true))).into_response()),
-        Submitted::Other => Err(Problem::conflict(
-            "another body was submitted under this Idempotency-Key; expected the same body, or a new key",
-        )),
+    if let Some(most) = body.max_sim_s.filter(|most| duration > *most) {
+        return Err(Problem::unprocessable(format!(
+            "the flight takes {duration} s of simulated time; expected at most `max_sim_s` = {most}"
+        )));
     }
+    let seed = body.seed.unwrap_or_else(|| scenario.seed());
+    rotortwin_plant::Simulation::new(scenario, seed).map_err(|error| Problem::unprocessable(error.to_string()))?;
+    let spec = Flight {
+        documents: documents.to_toml(),
+        seed: seed.to_string(),
+        link: body.link,
+        pace: body.pace,
+        controller: body.controller,
+        fdi: body.fdi,
+        join_timeout_ms: body.join_timeout_ms,
+    };
+    let facts = Facts {
+        vehicle: documents.vehicle.name.clone(),
+        seed: seed.to_string(),
+        link: body.link,
+        pace: body.pace,
+        controller: body.controller,
+        fdi: body.fdi,
+    };
+    let new = NewJob {
+        kind: KIND,
+        name: scenario.name().to_owned(),
+        tenant: caller.tenant.clone(),
+        priority: body.priority,
+        spec: json(&Spec::Flight(spec))?,
+        facts: json(&facts)?,
+        parent,
+        idempotency_key: jobs::idempotency_key(headers)?,
+        request_hash,
+        wall_limit_ms,
+        parts: Vec::new(),
+    };
+    jobs::accept(app, new, Run::from).await
 }
 
-fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
-    let Some(value) = headers.get("idempotency-key") else {
-        return Ok(None);
-    };
-    match value.to_str() {
-        Ok(text) if (1..=LONGEST_KEY).contains(&text.len()) => Ok(Some(text.to_owned())),
-        _ => Err(Problem::bad_request(format!(
-            "Idempotency-Key: expected 1 to {LONGEST_KEY} printable ASCII characters"
-        ))),
+fn json(value: &impl Serialize) -> Result<String, Problem> {
+    serde_json::to_string(value).map_err(|error| Problem::internal(&error))
+}
+
+/// Parts elsewhere are reached over zenoh only.
+fn check_places(body: &Submission) -> Result<(), Problem> {
+    if !(1..=LONGEST_JOIN_MS).contains(&body.join_timeout_ms) {
+        return Err(Problem::unprocessable(format!(
+            "`join_timeout_ms` is {}; expected 1 to {LONGEST_JOIN_MS}",
+            body.join_timeout_ms
+        )));
     }
+    for (name, place) in [("controller", body.controller), ("fdi", body.fdi)] {
+        if place != Place::Beside && body.link != Link::Zenoh {
+            return Err(Problem::unprocessable(format!(
+                "`{name}` is not beside the plant, and `link` is {}; expected `link: zenoh`",
+                body.link.as_str()
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Runs, latest first.
-#[utoipa::path(get, path = "/api/v1/runs", tag = "runs", params(Filter), responses(
+#[utoipa::path(get, path = "/api/v1/runs", tag = "runs", params(ListQuery), responses(
     (status = 200, description = "a page", body = RunPage),
     (status = 400, description = "a filter that is none", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn list(
-    State(app): State<Arc<App>>,
-    filter: Result<Query<Filter>, QueryRejection>,
+    app: Shared,
+    caller: Caller,
+    query: Result<Query<ListQuery>, QueryRejection>,
 ) -> Result<Json<RunPage>, Problem> {
-    let Query(filter) = filter?;
-    let limit = filter.limit.unwrap_or(50);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(Problem::bad_request(format!(
-            "`limit` is {limit}; expected 1 to {LARGEST_PAGE}"
-        )));
-    }
-    let mut rows = app
-        .store
-        .list(
-            filter.status,
-            filter.name.as_deref(),
-            filter.cursor.as_deref(),
-            limit + 1,
-        )
-        .await?;
-    let more = rows.len() as i64 > limit;
-    rows.truncate(usize::try_from(limit).unwrap_or(usize::MAX));
-    let next = rows.last().filter(|_| more).map(|row| row.id.clone());
+    let (jobs, next) = jobs::page(&app, &caller, KIND, query).await?;
     Ok(Json(RunPage {
-        items: rows.into_iter().map(|row| Run::of(row, false)).collect(),
+        items: jobs.into_iter().map(Run::from).collect(),
         next,
     }))
 }
 
 /// The run of this id.
-pub(crate) async fn find(app: &App, id: Result<Path<String>, PathRejection>) -> Result<RunRow, Problem> {
-    let Path(id) = id?;
-    app.store
-        .get(&id)
-        .await?
-        .ok_or_else(|| Problem::not_found(format!("there is no run {id}")))
+pub(super) async fn find(app: &App, caller: &Caller, id: Result<Path<String>, PathRejection>) -> Result<Job, Problem> {
+    jobs::find(app, caller, KIND, id).await
 }
 
 /// A run with its summary.
@@ -356,10 +353,11 @@ pub(crate) async fn find(app: &App, id: Result<Path<String>, PathRejection>) -> 
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn get(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<Json<Run>, Problem> {
-    Ok(Json(Run::of(find(&app, id).await?, true)))
+    Ok(Json(find(&app, &caller, id).await?.into()))
 }
 
 /// Deletes a run that has ended, with its files.
@@ -370,24 +368,12 @@ pub(crate) async fn get(
     (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn delete(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<StatusCode, Problem> {
-    let run = find(&app, id).await?;
-    if !app.store.delete(&run.id).await? {
-        return Err(Problem::conflict(format!(
-            "the run is {}; cancel it before it is deleted",
-            run.status.as_str()
-        )));
-    }
-    let folder = app.folder.path().join("runs").join(&run.id);
-    match tokio::fs::remove_dir_all(&folder).await {
-        Ok(()) => {}
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-        Err(error) => tracing::warn!(run = run.id, %error, "its files cannot be deleted"),
-    }
-    app.hub.wake(&run.id);
-    Ok(StatusCode::NO_CONTENT)
+    let run = find(&app, &caller, id).await?;
+    jobs::delete(&app, &run).await
 }
 
 /// Stops a run: a queued one at once, a running one within about a second. What it has flown is kept.
@@ -398,23 +384,12 @@ pub(crate) async fn delete(
     (status = 409, description = "it has ended already", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn cancel(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<(StatusCode, Json<Run>), Problem> {
-    let run = find(&app, id).await?;
-    if run.status.is_final() {
-        return Err(Problem::conflict(format!(
-            "the run has ended already: {}",
-            run.status.as_str()
-        )));
-    }
-    let row = app
-        .store
-        .cancel(&run.id)
-        .await?
-        .ok_or_else(|| Problem::not_found(format!("there is no run {}", run.id)))?;
-    app.hub.wake(&row.id);
-    Ok((StatusCode::ACCEPTED, Json(Run::of(row, true))))
+    let run = find(&app, &caller, id).await?;
+    Ok((StatusCode::ACCEPTED, Json(jobs::cancel(&app, &run).await?.into())))
 }
 
 /// What is to be different in a fork.
@@ -448,33 +423,55 @@ pub(crate) struct Fork {
     (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn fork(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
     body: Result<Json<Fork>, JsonRejection>,
 ) -> Result<Response, Problem> {
-    let run = find(&app, id).await?;
+    let run = find(&app, &caller, id).await?;
     let Json(body) = body?;
-    let mut documents = recorded(&run)?.documents().clone();
+    let spec = flight_of(&run)?;
+    let mut documents = recorded(&spec)?.documents().clone();
     if body.healthy {
         documents.scenario.fault.clear();
         documents.scenario.sensor_fault.clear();
     }
     let scenario = Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))?;
     let submission = Submission {
-        // Of no meaning but for the comparison of bodies under one key.
-        scenario: body.healthy.then(|| "healthy".to_owned()),
-        seed: Some(body.seed.unwrap_or(run.seed)),
-        link: serde_json::from_value(run.link.clone().into()).map_err(|error| Problem::internal(&error))?,
-        pace: serde_json::from_value(run.pace.clone().into()).map_err(|error| Problem::internal(&error))?,
+        scenario: None,
+        text: None,
+        set: Vec::new(),
+        documents: None,
+        seed: Some(match body.seed {
+            Some(seed) => seed,
+            None => spec.seed.parse().map_err(|error| Problem::internal(&error))?,
+        }),
+        link: spec.link,
+        pace: spec.pace,
         priority: body.priority,
-        ..Submission::default()
+        controller: spec.controller,
+        fdi: spec.fdi,
+        join_timeout_ms: spec.join_timeout_ms,
+        max_wall_s: u64::try_from(run.new.wall_limit_ms / 1000).ok(),
+        max_sim_s: None,
     };
-    accept(&app, &headers, submission, Some((run.id, scenario))).await
+    let hash = jobs::request_hash(&(&run.id, &body));
+    accept(&app, &caller, &headers, hash, submission, &scenario, Some(run.id)).await
 }
 
-fn recorded(run: &RunRow) -> Result<Scenario, Problem> {
-    Documents::from_toml("the recorded scenario", &run.documents)
+pub(super) fn flight_of(run: &Job) -> Result<Flight, Problem> {
+    match serde_json::from_str(&run.new.spec) {
+        Ok(Spec::Flight(flight)) => Ok(flight),
+        Ok(Spec::Task(_)) => Err(Problem::unprocessable("the run is no flight")),
+        Err(error) => Err(Problem::unprocessable(format!(
+            "this version cannot read what another one accepted: {error}"
+        ))),
+    }
+}
+
+fn recorded(flight: &Flight) -> Result<Scenario, Problem> {
+    Documents::from_toml("the recorded scenario", &flight.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
 }
@@ -501,20 +498,28 @@ pub(crate) struct Verification {
     (status = 422, description = "this version cannot fly it", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn verify(
-    State(app): State<Arc<App>>,
+    app: Shared,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<Json<Verification>, Problem> {
-    let run = find(&app, id).await?;
-    let (Some(recorded_hash), Some(folder), RunStatus::Done) = (run.run_hash.clone(), &run.folder, run.status) else {
+    let run = find(&app, &caller, id).await?;
+    let (Some(recorded_hash), Some(folder), Status::Done) = (run.run_hash.clone(), &run.folder, run.status) else {
         return Err(Problem::conflict(format!(
             "the run is {}; only a run that was done can be flown again and compared",
             run.status.as_str()
         )));
     };
+    // The whole folder: `replay` reads the documents in the summary.
+    let summary = app
+        .artifacts
+        .file(folder, "summary.json")
+        .await
+        .map_err(|error| Problem::internal(&error))?
+        .ok_or_else(|| Problem::not_found(format!("the files of run {} are gone", run.id)))?;
     let start = now_ms();
-    let output = tokio::process::Command::new(&app.config.program)
+    let output = tokio::process::Command::new(&app.config.work.program)
         .args(["replay", "--json"])
-        .arg(app.folder.path().join(folder))
+        .arg(summary.parent().unwrap_or(&summary))
         .kill_on_drop(true)
         .output()
         .await
@@ -538,4 +543,59 @@ pub(crate) async fn verify(
         again,
         wall_ms: now_ms() - start,
     }))
+}
+
+/// How one part of a run joins it from elsewhere.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(crate) struct Ticket {
+    /// `controller` or `fdi`.
+    role: String,
+    /// Where the plant is met: `zenoh:connect=tcp/HOST:PORT`.
+    link: String,
+    /// 16 hex digits; part of all topics of the run.
+    run_id: String,
+    /// Version of the messages of `proto/` that the plant speaks.
+    messages: u32,
+    /// The plant waits this long for all parts to join, ms from the event `join`.
+    join_timeout_ms: u64,
+    /// The plant waits this long for the answer of a part that lives, ms.
+    step_timeout_ms: u64,
+    /// What starts our own part there.
+    command: String,
+}
+
+/// The tickets of a run.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(crate) struct Tickets {
+    peers: Vec<Ticket>,
+}
+
+/// How parts from elsewhere join a run: endpoint, run id, message version, time-outs. There once the plant waits (event `join`).
+#[utoipa::path(get, path = "/api/v1/runs/{id}/ticket", tag = "runs", operation_id = "ticket", params(("id" = String, Path)), responses(
+    (status = 200, description = "how they join", body = Tickets),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "nobody is waited for, or not yet", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn ticket(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Json<Tickets>, Problem> {
+    let run = find(&app, &caller, id).await?;
+    let facts: Facts = serde_json::from_str(&run.new.facts).unwrap_or_default();
+    if facts.controller == Place::Beside && facts.fdi == Place::Beside {
+        return Err(Problem::conflict(
+            "all parts of this run are started beside its plant; submit it with `controller` or `fdi` = `external`",
+        ));
+    }
+    let text = run.ticket.ok_or_else(|| {
+        Problem::conflict(format!(
+            "the run is {}, and its plant does not wait for anybody; ask again after the event `join`",
+            run.status.as_str()
+        ))
+    })?;
+    serde_json::from_str(&text)
+        .map(Json)
+        .map_err(|error| Problem::internal(&error))
 }

@@ -1,6 +1,9 @@
 //! How the server is: health, readiness, metrics, the front page.
 
 use crate::App;
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::jobs::store::Filter;
 use crate::problem::Problem;
 use axum::extract::State;
 use axum::http::header;
@@ -20,10 +23,10 @@ pub(crate) async fn healthz() -> &'static str {
     (status = 503, description = "the server ends, or its database does not answer", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<&'static str, Problem> {
-    if *app.ending.borrow() {
+    if app.is_ending() {
         return Err(Problem::unavailable("the server is ending"));
     }
-    app.store
+    app.database
         .ping()
         .await
         .map_err(|error| Problem::unavailable(format!("the database does not answer: {error}")))?;
@@ -33,37 +36,45 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<&'static str, 
 /// Numbers for Prometheus.
 #[utoipa::path(get, path = "/metrics", tag = "server", responses((status = 200, description = "Prometheus text format", body = String)))]
 pub(crate) async fn metrics(State(app): State<Arc<App>>) -> Result<impl IntoResponse, Problem> {
-    let mut text = String::from("# HELP rotortwin_runs Runs by state.\n# TYPE rotortwin_runs gauge\n");
-    for (status, count) in app.store.count().await? {
-        writeln!(text, "rotortwin_runs{{status=\"{status}\"}} {count}").map_err(|error| Problem::internal(&error))?;
+    let mut text = String::from("# HELP rotortwin_jobs Jobs by kind and state.\n# TYPE rotortwin_jobs gauge\n");
+    for (kind, status, count) in app.database.count().await? {
+        writeln!(text, "rotortwin_jobs{{kind=\"{kind}\",status=\"{status}\"}} {count}")
+            .map_err(|error| Problem::internal(&error))?;
     }
-    let workers = app.config.workers;
+    let workers = app.config.work.workers;
     write!(
         text,
-        "# HELP rotortwin_workers Runs that are flown at the same time at most.\n# TYPE rotortwin_workers gauge\nrotortwin_workers {workers}\n"
+        "# HELP rotortwin_workers Jobs that this process does at the same time at most.\n# TYPE rotortwin_workers gauge\nrotortwin_workers {workers}\n"
     )
     .map_err(|error| Problem::internal(&error))?;
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text))
 }
 
 /// A list of the runs, for people: each with its report.
-pub(crate) async fn front(State(app): State<Arc<App>>) -> Result<Html<String>, Problem> {
+pub(crate) async fn front(State(app): State<Arc<App>>, caller: Caller) -> Result<Html<String>, Problem> {
     let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
     let mut rows = String::new();
-    for run in app.store.list(None, None, None, 100).await? {
-        let name = escape(&run.name);
+    let filter = Filter {
+        kind: Some(JobKind::Run),
+        tenant: caller.tenant_filter(),
+        ..Filter::default()
+    };
+    for run in app.database.list(&filter, 100).await? {
+        let facts: serde_json::Value = serde_json::from_str(&run.new.facts).unwrap_or_default();
+        let fact = |key: &str| escape(facts[key].as_str().unwrap_or_default());
+        let name = escape(&run.new.name);
         let (id, status) = (&run.id, run.status.as_str());
-        let name = if run.summary.is_some() {
+        let name = if run.bytes > 0 {
             format!("<a href=\"/api/v1/runs/{id}/artifacts/report.html\">{name}</a>")
         } else {
             name
         };
-        let vehicle = escape(&run.vehicle);
         let note = escape(run.error.as_deref().or(run.run_hash.as_deref()).unwrap_or(""));
         write!(
             rows,
-            "<tr><td>{name}<td>{vehicle}<td>{}<td class={status}>{status}<td><a href=\"/api/v1/runs/{id}\">{id}</a><td>{note}</tr>",
-            run.seed
+            "<tr><td>{name}<td>{}<td>{}<td class={status}>{status}<td><a href=\"/api/v1/runs/{id}\">{id}</a><td>{note}</tr>",
+            fact("vehicle"),
+            fact("seed")
         )
         .map_err(|error| Problem::internal(&error))?;
     }

@@ -3,8 +3,9 @@
 //! The files are read and decoded on threads of their own, at most [`AT_ONCE`] queries at a time.
 
 use crate::App;
+use crate::access::Caller;
+use crate::jobs::Job;
 use crate::problem::Problem;
-use crate::store::RunRow;
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query, State};
@@ -86,9 +87,10 @@ pub(crate) struct Channels {
 ))]
 pub(crate) async fn channels(
     State(app): State<Arc<App>>,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<Json<Channels>, Problem> {
-    let run = super::runs::find(&app, id).await?;
+    let run = super::runs::find(&app, &caller, id).await?;
     let path = file_of(&app, &run, TELEMETRY_FILE).await?;
     let answer = blocking(move || {
         let file = TelemetryFile::open(&path)?;
@@ -180,12 +182,13 @@ pub(crate) struct ManyTelemetry {
 ))]
 pub(crate) async fn telemetry(
     State(app): State<Arc<App>>,
+    caller: Caller,
     id: Result<Path<String>, PathRejection>,
     selection: Result<Query<Selection>, QueryRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let Query(selection) = selection?;
-    let run = super::runs::find(&app, id).await?;
+    let run = super::runs::find(&app, &caller, id).await?;
     let path = file_of(&app, &run, TELEMETRY_FILE).await?;
     let format = AnswerFormat::of(selection.format, &headers);
     let body = blocking(move || {
@@ -214,6 +217,7 @@ pub(crate) struct Runs {
 ))]
 pub(crate) async fn compare(
     State(app): State<Arc<App>>,
+    caller: Caller,
     runs: Result<Query<Runs>, QueryRejection>,
     selection: Result<Query<Selection>, QueryRejection>,
     headers: HeaderMap,
@@ -228,7 +232,7 @@ pub(crate) async fn compare(
     }
     let mut files = Vec::with_capacity(ids.len());
     for id in ids {
-        let run = super::runs::find(&app, Ok(Path(id))).await?;
+        let run = super::runs::find(&app, &caller, Ok(Path(id))).await?;
         let path = file_of(&app, &run, TELEMETRY_FILE).await?;
         files.push((run.id, path));
     }
@@ -250,7 +254,7 @@ pub(crate) async fn compare(
 }
 
 /// Where a file of a run that has ended is.
-pub(super) async fn file_of(app: &App, run: &RunRow, name: &str) -> Result<PathBuf, Problem> {
+pub(super) async fn file_of(app: &App, run: &Job, name: &str) -> Result<PathBuf, Problem> {
     if !run.status.is_final() {
         return Err(Problem::conflict(format!(
             "run {} is {}; its {name} is there once it has ended",
@@ -259,15 +263,13 @@ pub(super) async fn file_of(app: &App, run: &RunRow, name: &str) -> Result<PathB
         )));
     }
     let missing = || Problem::not_found(format!("run {} ended without {name}", run.id));
-    let path = app
-        .folder
-        .path()
-        .join(run.folder.as_ref().ok_or_else(missing)?)
-        .join(name);
-    match tokio::fs::try_exists(&path).await {
-        Ok(true) => Ok(path),
-        _ => Err(missing()),
-    }
+    let folder = run.folder.as_ref().ok_or_else(missing)?;
+    let file = app
+        .artifacts
+        .file(folder, name)
+        .await
+        .map_err(|error| Problem::internal(&error))?;
+    file.ok_or_else(missing)
 }
 
 /// Does what reads files away from the threads that serve, not too often at once.

@@ -1,11 +1,11 @@
-//! Wakes those who wait: workers for a run in the queue, watchers for an event. Nothing is sent here but "look again", so that nobody can
+//! Wakes those who wait: workers for a job in the queue, watchers for an event. Nothing is sent here but "look again", so that nobody can
 //! miss anything: what there is stands in the database.
 //!
 //! Live samples are the exception: they stand nowhere, and who is too slow for them loses some.
 
 use rotortwin_sim::events::{LiveSample, RunEvent};
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Notify, broadcast, watch};
 
 /// Samples that wait for a slow watcher before it loses the oldest: some seconds.
@@ -16,22 +16,31 @@ const LIVE_LINE: &str = r#"{"event":"sample""#;
 /// Wakes workers and watchers.
 #[derive(Debug, Default)]
 pub(crate) struct Hub {
-    /// One permit a queued run.
+    /// One permit a queued job.
     pub(crate) queue: Notify,
-    runs: Mutex<HashMap<String, watch::Sender<u64>>>,
+    jobs: Mutex<HashMap<String, watch::Sender<u64>>>,
     live: Mutex<HashMap<String, broadcast::Sender<Arc<LiveSample>>>>,
 }
 
 impl Hub {
-    /// Tells the watchers of a run to look again.
+    /// Tells the watchers of a job to look again.
     pub(crate) fn wake(&self, id: &str) {
-        let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(sender) = runs.get(id) {
+        let mut jobs = self.lock();
+        if let Some(sender) = jobs.get(id) {
             sender.send_modify(|count| *count += 1);
             if sender.receiver_count() == 0 {
-                runs.remove(id);
+                jobs.remove(id);
             }
         }
+    }
+
+    /// Tells everybody to look again.
+    pub(crate) fn wake_all(&self) {
+        self.lock().retain(|_, sender| {
+            sender.send_modify(|count| *count += 1);
+            sender.receiver_count() > 0
+        });
+        self.queue.notify_one();
     }
 
     /// Takes a line of a flight's standard output if it is a live sample, and hands it to who looks on; `false`: it is something else.
@@ -65,11 +74,15 @@ impl Hub {
         self.live.lock().unwrap_or_else(PoisonError::into_inner).remove(id);
     }
 
-    /// Changes whenever there is something new about a run.
+    /// Changes whenever there is something new about a job.
     pub(crate) fn watch(self: &Arc<Self>, id: &str) -> watch::Receiver<u64> {
-        let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
-        runs.entry(id.to_owned())
+        self.lock()
+            .entry(id.to_owned())
             .or_insert_with(|| watch::channel(0).0)
             .subscribe()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashMap<String, watch::Sender<u64>>> {
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,0 +1,154 @@
+//! Who asks, and whether he may.
+//!
+//! As long as no token was ever made, everybody on this host may do everything on the account `local`, and the server listens to nobody
+//! else. From the first token on, every address under `/api/` needs `Authorization: Bearer TOKEN`.
+
+use crate::App;
+use crate::jobs::{Job, LOCAL_TENANT};
+use crate::problem::Problem;
+use crate::tokens::{Scope, Token};
+use axum::extract::{FromRequestParts, Request, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, Method, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse as _, Response};
+use governor::clock::{Clock as _, DefaultClock};
+use governor::state::keyed::HashMapStateStore;
+use governor::{Quota, RateLimiter};
+use std::convert::Infallible;
+use std::num::NonZeroU32;
+use std::sync::Arc;
+
+/// Who asks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Caller {
+    /// On whose account.
+    pub(crate) tenant: String,
+    /// He sees everybody's jobs.
+    pub(crate) sees_all: bool,
+}
+
+impl Caller {
+    /// The only one there is where nobody needs a token.
+    fn local() -> Self {
+        Self {
+            tenant: LOCAL_TENANT.to_owned(),
+            sees_all: true,
+        }
+    }
+
+    /// Whether he may see a job. Somebody else's is as if it were not there.
+    pub(crate) fn sees(&self, job: &Job) -> bool {
+        self.sees_all || job.new.tenant == self.tenant
+    }
+
+    /// Whose jobs a list shows; `None`: all.
+    pub(crate) fn tenant_filter(&self) -> Option<&str> {
+        (!self.sees_all).then_some(self.tenant.as_str())
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Caller {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        // What is public shows nobody's jobs.
+        Ok(parts.extensions.get::<Self>().cloned().unwrap_or(Self {
+            tenant: String::new(),
+            sees_all: false,
+        }))
+    }
+}
+
+/// Requests of a tenant per second.
+#[derive(Debug)]
+pub(crate) struct Rate(RateLimiter<String, HashMapStateStore<String>, DefaultClock>);
+
+impl Rate {
+    /// So many per second, and twice as many at once.
+    pub(crate) fn new(per_second: NonZeroU32) -> Self {
+        let burst = per_second.saturating_mul(NonZeroU32::MIN.saturating_add(1));
+        let quota = Quota::per_second(per_second).allow_burst(burst);
+        Self(RateLimiter::hashmap_with_clock(quota, DefaultClock::default()))
+    }
+
+    fn check(&self, tenant: &str) -> Result<(), u64> {
+        self.0
+            .check_key(&tenant.to_owned())
+            .map_err(|not_until| not_until.wait_time_from(DefaultClock::default().now()).as_secs() + 1)
+    }
+}
+
+/// Lets through who may.
+pub(crate) async fn authorize(State(app): State<Arc<App>>, mut request: Request, next: Next) -> Response {
+    let path = request.uri().path();
+    // For watchdogs and scrapers; they tell of nobody's jobs.
+    if matches!(path, "/healthz" | "/readyz") || (path.starts_with("/api/v1/openapi.json")) {
+        return next.run(request).await;
+    }
+    let caller = match caller(&app, request.method(), request.headers()).await {
+        Ok(caller) => caller,
+        Err(problem) => {
+            let challenge = problem.status == 401;
+            let mut response = problem.into_response();
+            if challenge {
+                response.headers_mut().insert(
+                    header::WWW_AUTHENTICATE,
+                    header::HeaderValue::from_static("Bearer realm=\"rotortwin\""),
+                );
+            }
+            return response;
+        }
+    };
+    if let Err(seconds) = app.rate.check(&caller.tenant) {
+        let mut response = Problem::too_many(format!(
+            "'{}' asks more often than the server allows; expected a pause of {seconds} s",
+            caller.tenant
+        ))
+        .into_response();
+        response.headers_mut().insert(header::RETRY_AFTER, seconds.into());
+        return response;
+    }
+    request.extensions_mut().insert(caller);
+    next.run(request).await
+}
+
+async fn caller(app: &App, method: &Method, headers: &HeaderMap) -> Result<Caller, Problem> {
+    let Some(value) = headers.get(header::AUTHORIZATION) else {
+        if app.database.has_tokens().await? {
+            return Err(Problem::unauthorized("expected a header `Authorization: Bearer TOKEN`"));
+        }
+        return Ok(Caller::local());
+    };
+    let refused =
+        || Problem::unauthorized("the token is unknown, revoked or has expired; `rotortwin token` makes another one");
+    let text = value
+        .to_str()
+        .ok()
+        .and_then(|text| text.split_once(' '))
+        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
+        .map(|(_, token)| token.trim())
+        .ok_or_else(|| Problem::unauthorized("expected a header `Authorization: Bearer TOKEN`"))?;
+    let token = app.database.token(text).await?.ok_or_else(refused)?;
+    permit(&token, method)?;
+    Ok(Caller {
+        sees_all: token.scopes.contains(&Scope::Admin),
+        tenant: token.tenant,
+    })
+}
+
+fn permit(token: &Token, method: &Method) -> Result<(), Problem> {
+    let needed = if matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS) {
+        Scope::Read
+    } else {
+        Scope::Write
+    };
+    if token.scopes.contains(&needed) || token.scopes.contains(&Scope::Admin) {
+        return Ok(());
+    }
+    Err(Problem::forbidden(format!(
+        "the token '{}' has no scope `{}`",
+        token.name,
+        needed.as_str()
+    )))
+}

@@ -1,0 +1,317 @@
+//! Files of jobs: a local folder, or a bucket that several hosts share.
+//!
+//! | Where | A worker writes | A reader reads |
+//! |---|---|---|
+//! | local folder (default: the data folder) | in place | in place |
+//! | `s3://BUCKET[/PREFIX]` | beside, then uploads | a copy in the cache, fetched when it is first asked for |
+//!
+//! Keys look like paths: `jobs/ID/ATTEMPT/out/report.html`. A job's files never change once it has ended, so a cached copy is never stale.
+
+use object_store::aws::AmazonS3Builder;
+use object_store::path::Path as Key;
+use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload};
+use std::io;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+use tokio::io::AsyncWriteExt as _;
+
+/// Larger files are uploaded in parts of this size.
+const PART: usize = 8 << 20;
+
+/// Files of jobs.
+#[derive(Debug, Clone)]
+pub(crate) struct Artifacts {
+    /// Where they are, or copies of them.
+    root: PathBuf,
+    bucket: Option<Bucket>,
+}
+
+#[derive(Debug, Clone)]
+struct Bucket {
+    store: Arc<dyn ObjectStore>,
+    prefix: String,
+}
+
+/// A file of a job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct File {
+    /// Path below the job's folder.
+    pub(crate) path: String,
+    /// Bytes.
+    pub(crate) size: u64,
+}
+
+impl Artifacts {
+    /// `root`: the folder, or where copies are kept. `address`: none, or `s3://BUCKET[/PREFIX]` with the credentials in the environment
+    /// (`AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`, `AWS_ENDPOINT`, `AWS_ALLOW_HTTP`).
+    ///
+    /// # Errors
+    /// One sentence.
+    pub(crate) fn open(root: &Path, address: Option<&str>) -> Result<Self, String> {
+        let bucket = match address {
+            None => None,
+            Some(address) => Some(Bucket::open(address)?),
+        };
+        std::fs::create_dir_all(root)
+            .map_err(|error| format!("{}: cannot be used for files: {error}", root.display()))?;
+        Ok(Self {
+            root: root.to_owned(),
+            bucket,
+        })
+    }
+
+    /// Where a worker writes files that are to get this key.
+    pub(crate) fn place(&self, key: &str) -> PathBuf {
+        self.root.join(key)
+    }
+
+    /// Makes everything below a key durable and visible to all hosts; bytes.
+    ///
+    /// # Errors
+    /// A file cannot be read or written.
+    pub(crate) async fn publish(&self, key: &str) -> io::Result<u64> {
+        let files = files_below(&self.place(key))?;
+        for file in &files {
+            let path = self.place(key).join(&file.path);
+            match &self.bucket {
+                // An accepted result survives a power cut.
+                None => tokio::fs::File::open(&path).await?.sync_all().await?,
+                Some(bucket) => bucket.upload(&format!("{key}/{}", file.path), &path).await?,
+            }
+        }
+        Ok(files.iter().map(|file| file.size).sum())
+    }
+
+    /// A local path of a file; `None`: there is none, or the path leads elsewhere.
+    ///
+    /// # Errors
+    /// It is there and cannot be read.
+    pub(crate) async fn file(&self, key: &str, relative: &str) -> io::Result<Option<PathBuf>> {
+        let plain = |path: &str| {
+            !path.is_empty()
+                && Path::new(path)
+                    .components()
+                    .all(|part| matches!(part, Component::Normal(_)))
+        };
+        if !plain(relative) || !plain(key) {
+            return Ok(None);
+        }
+        let root = self.place(key);
+        let path = root.join(relative);
+        if let Some(bucket) = &self.bucket
+            && !path.is_file()
+            && !bucket.download(&format!("{key}/{relative}"), &path).await?
+        {
+            return Ok(None);
+        }
+        // A link cannot lead out of the folder.
+        let (Ok(root), Ok(real)) = (root.canonicalize(), path.canonicalize()) else {
+            return Ok(None);
+        };
+        Ok(Some(real).filter(|real| real.starts_with(&root) && real.is_file()))
+    }
+
+    /// All files below a key, in order.
+    ///
+    /// # Errors
+    /// The store does not answer.
+    pub(crate) async fn list(&self, key: &str) -> io::Result<Vec<File>> {
+        match &self.bucket {
+            None => files_below(&self.place(key)),
+            Some(bucket) => bucket.list(key).await,
+        }
+    }
+
+    /// Deletes everything below a key.
+    ///
+    /// # Errors
+    /// The store does not answer.
+    pub(crate) async fn delete(&self, key: &str) -> io::Result<()> {
+        if let Some(bucket) = &self.bucket {
+            for file in bucket.list(key).await? {
+                bucket
+                    .store
+                    .delete(&bucket.key(&format!("{key}/{}", file.path)))
+                    .await
+                    .map_err(io::Error::other)?;
+            }
+        }
+        match tokio::fs::remove_dir_all(self.place(key)).await {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether the store can be reached.
+    ///
+    /// # Errors
+    /// It cannot.
+    pub(crate) async fn ping(&self) -> io::Result<()> {
+        match &self.bucket {
+            None => std::fs::metadata(&self.root).map(|_| ()),
+            Some(bucket) => match bucket.store.head(&bucket.key("ping")).await {
+                Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(()),
+                Err(error) => Err(io::Error::other(error)),
+            },
+        }
+    }
+}
+
+impl Bucket {
+    fn open(address: &str) -> Result<Self, String> {
+        let rest = address
+            .strip_prefix("s3://")
+            .filter(|rest| !rest.is_empty() && !rest.starts_with('/'))
+            .ok_or_else(|| format!("--artifacts {address}: expected s3://BUCKET or s3://BUCKET/PREFIX"))?;
+        let (name, prefix) = rest.split_once('/').unwrap_or((rest, ""));
+        let store = AmazonS3Builder::from_env()
+            .with_bucket_name(name)
+            .build()
+            .map_err(|error| format!("--artifacts {address}: {error}"))?;
+        Ok(Self {
+            store: Arc::new(store),
+            prefix: prefix.trim_matches('/').to_owned(),
+        })
+    }
+
+    fn key(&self, key: &str) -> Key {
+        Key::from(format!("{}/{key}", self.prefix))
+    }
+
+    async fn upload(&self, key: &str, path: &Path) -> io::Result<()> {
+        let size = tokio::fs::metadata(path).await?.len();
+        let key = self.key(key);
+        if size <= PART as u64 {
+            let bytes = tokio::fs::read(path).await?;
+            self.store
+                .put(&key, PutPayload::from(bytes))
+                .await
+                .map_err(io::Error::other)?;
+            return Ok(());
+        }
+        let mut file = tokio::fs::File::open(path).await?;
+        let mut writer = object_store::buffered::BufWriter::with_capacity(Arc::clone(&self.store), key, PART);
+        tokio::io::copy(&mut file, &mut writer).await?;
+        writer.shutdown().await
+    }
+
+    /// `false`: there is none.
+    async fn download(&self, key: &str, path: &Path) -> io::Result<bool> {
+        let answer = match self.store.get(&self.key(key)).await {
+            Ok(answer) => answer,
+            Err(object_store::Error::NotFound { .. }) => return Ok(false),
+            Err(error) => return Err(io::Error::other(error)),
+        };
+        let folder = path.parent().unwrap_or(path);
+        tokio::fs::create_dir_all(folder).await?;
+        // Beside it first: nobody sees half a file.
+        let beside = folder.join(format!(".{}", crate::jobs::queue::new_id()));
+        let mut file = tokio::fs::File::create(&beside).await?;
+        let mut stream = answer.into_stream();
+        while let Some(bytes) = futures_util::StreamExt::next(&mut stream).await {
+            file.write_all(&bytes.map_err(io::Error::other)?).await?;
+        }
+        file.flush().await?;
+        tokio::fs::rename(&beside, path).await?;
+        Ok(true)
+    }
+
+    async fn list(&self, key: &str) -> io::Result<Vec<File>> {
+        let prefix = self.key(key);
+        let mut stream = self.store.list(Some(&prefix));
+        let mut files = Vec::new();
+        while let Some(entry) = futures_util::StreamExt::next(&mut stream).await {
+            let entry = entry.map_err(io::Error::other)?;
+            let path = entry.location.as_ref();
+            let relative = path
+                .strip_prefix(prefix.as_ref())
+                .unwrap_or(path)
+                .trim_start_matches('/');
+            files.push(File {
+                path: relative.to_owned(),
+                size: entry.size,
+            });
+        }
+        files.sort_by(|a, b| a.path.cmp(&b.path));
+        Ok(files)
+    }
+}
+
+/// Plain files below a folder, in order; none if it is not there.
+pub(crate) fn files_below(root: &Path) -> io::Result<Vec<File>> {
+    let mut files = Vec::new();
+    let mut open = vec![root.to_owned()];
+    while let Some(folder) = open.pop() {
+        let entries = match std::fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            Err(error) => return Err(error),
+        };
+        for entry in entries {
+            let entry = entry?;
+            let (path, kind) = (entry.path(), entry.file_type()?);
+            if kind.is_dir() {
+                open.push(path);
+            } else if kind.is_file()
+                && let Some(relative) = path.strip_prefix(root).ok().and_then(Path::to_str)
+            {
+                files.push(File {
+                    path: relative.to_owned(),
+                    size: entry.metadata()?.len(),
+                });
+            }
+        }
+    }
+    files.sort_by(|a, b| a.path.cmp(&b.path));
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn val_files_stay_in_their_folder() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let artifacts = Artifacts::open(folder.path(), None).expect("it opens");
+        let place = artifacts.place("jobs/a/1/out");
+        std::fs::create_dir_all(place.join("sub")).expect("made");
+        std::fs::write(place.join("sub/b.txt"), "four").expect("written");
+        std::fs::write(folder.path().join("secret"), "x").expect("written");
+        std::os::unix::fs::symlink(folder.path().join("secret"), place.join("link")).expect("linked");
+        assert_eq!(artifacts.publish("jobs/a/1/out").await.expect("published"), 4);
+        let listed = artifacts.list("jobs/a/1/out").await.expect("listed");
+        assert_eq!(
+            listed,
+            [File {
+                path: "sub/b.txt".to_owned(),
+                size: 4
+            }]
+        );
+        let file = |relative: &'static str| {
+            let artifacts = artifacts.clone();
+            async move { artifacts.file("jobs/a/1/out", relative).await.expect("readable") }
+        };
+        assert!(file("sub/b.txt").await.is_some());
+        for bad in [
+            "",
+            "sub",
+            "nowhere",
+            "../../../../secret",
+            "/etc/passwd",
+            "link",
+            "sub/../../x",
+        ] {
+            assert_eq!(file(bad).await, None, "{bad}");
+        }
+        artifacts.delete("jobs/a").await.expect("deleted");
+        assert!(!place.exists());
+    }
+
+    #[test]
+    fn val_addresses() {
+        for bad in ["s3://", "s3:///x", "http://x", "bucket"] {
+            assert!(Bucket::open(bad).is_err(), "{bad}");
+        }
+    }
+}

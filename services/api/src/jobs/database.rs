@@ -1,0 +1,252 @@
+//! The database: SQLite in the data folder, or a Postgres that several servers and workers share. One set of statements serves both; what
+//! differs stands here.
+
+use crate::jobs::hub::Hub;
+use sqlx::any::AnyPoolOptions;
+use sqlx::migrate::{Migrate as _, Migration, MigrationType, Migrator};
+use sqlx::{AnyPool, AssertSqlSafe, SqlStr};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Postgres: whoever looks after jobs listens here; the payload is a job's id, or empty for the queue.
+pub(crate) const CHANNEL: &str = "rotortwin_job";
+
+/// Postgres: live samples, `ID LINE`.
+const LIVE_CHANNEL: &str = "rotortwin_live";
+/// Postgres takes no longer notices than 8000 bytes.
+const LONGEST_NOTICE: usize = 7900;
+
+/// Which of the two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Dialect {
+    Sqlite,
+    Postgres,
+}
+
+/// The database, open.
+#[derive(Debug, Clone)]
+pub(crate) struct Database {
+    pub(crate) pool: AnyPool,
+    dialect: Dialect,
+    /// Those who wait in this process.
+    pub(crate) hub: Arc<Hub>,
+}
+
+impl Database {
+    /// Opens SQLite in a file, and brings it to the present schema; a copy of what was there stays beside it.
+    ///
+    /// # Errors
+    /// One sentence.
+    pub(crate) async fn open_file(path: &Path) -> Result<Self, String> {
+        let told =
+            |error: &dyn std::fmt::Display| format!("{}: the database cannot be opened: {error}", path.display());
+        let url = format!("sqlite://{}?mode=rwc", path.display());
+        let database = Self::connect(&url, Dialect::Sqlite)
+            .await
+            .map_err(|error| told(&error))?;
+        database.back_up(path).await.map_err(|error| told(&error))?;
+        database.migrate().await.map_err(|error| told(&error))?;
+        Ok(database)
+    }
+
+    /// Connects to Postgres, and brings it to the present schema.
+    ///
+    /// # Errors
+    /// One sentence; the password is not in it.
+    pub(crate) async fn open_postgres(url: &str) -> Result<Self, String> {
+        if !(url.starts_with("postgres://") || url.starts_with("postgresql://")) {
+            return Err("DATABASE_URL: expected postgres://USER:PASSWORD@HOST/DATABASE; without it SQLite in the data folder is used".to_owned());
+        }
+        let shown = url.rsplit('@').next().unwrap_or_default();
+        let told =
+            |error: &dyn std::fmt::Display| format!("DATABASE_URL: the database at {shown} cannot be used: {error}");
+        let database = Self::connect(url, Dialect::Postgres)
+            .await
+            .map_err(|error| told(&error))?;
+        database.migrate().await.map_err(|error| told(&error))?;
+        let hub = Arc::clone(&database.hub);
+        tokio::spawn(listen(url.to_owned(), hub));
+        Ok(database)
+    }
+
+    async fn connect(url: &str, dialect: Dialect) -> Result<Self, sqlx::Error> {
+        sqlx::any::install_default_drivers();
+        let pool = AnyPoolOptions::new()
+            .max_connections(12)
+            .acquire_timeout(Duration::from_secs(10))
+            .after_connect(move |connection, _| {
+                Box::pin(async move {
+                    use sqlx::Executor as _;
+                    // An accepted job survives a power cut: FULL, not NORMAL. (Postgres: synchronous_commit is on by default.)
+                    let settings = match dialect {
+                        Dialect::Sqlite => {
+                            "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 10000; PRAGMA foreign_keys = ON;"
+                        }
+                        Dialect::Postgres => "SET lock_timeout = '10s'; SET statement_timeout = '30s'; SET client_min_messages = warning;",
+                    };
+                    connection.execute(settings).await.map(|_| ())
+                })
+            })
+            .connect(url)
+            .await?;
+        Ok(Self {
+            pool,
+            dialect,
+            hub: Arc::new(Hub::default()),
+        })
+    }
+
+    async fn migrate(&self) -> Result<(), sqlx::Error> {
+        migrations(self.dialect)
+            .run(&self.pool)
+            .await
+            .map_err(|error| sqlx::Error::Configuration(Box::new(error)))
+    }
+
+    /// Copies a database that has an older schema to `NAME.before-VERSION`.
+    async fn back_up(&self, path: &Path) -> Result<(), sqlx::Error> {
+        let mut connection = self.pool.acquire().await?;
+        connection
+            .ensure_migrations_table("_sqlx_migrations")
+            .await
+            .map_err(|error| sqlx::Error::Configuration(Box::new(error)))?;
+        let applied = connection
+            .list_applied_migrations("_sqlx_migrations")
+            .await
+            .map_err(|error| sqlx::Error::Configuration(Box::new(error)))?;
+        let pending = migrations(self.dialect)
+            .iter()
+            .map(|migration| migration.version)
+            .find(|version| applied.iter().all(|old| old.version != *version));
+        let Some(version) = pending.filter(|_| !applied.is_empty()) else {
+            return Ok(());
+        };
+        let copy = format!("{}.before-{version}", path.display());
+        if Path::new(&copy).exists() {
+            return Ok(());
+        }
+        tracing::info!(copy, "the database has an older schema: it is copied, then changed");
+        sqlx::query("VACUUM INTO $1")
+            .bind(copy)
+            .execute(&mut *connection)
+            .await
+            .map(|_| ())
+    }
+
+    /// A statement with `@NOW` (ms since 1970 by the database's clock, so that hosts need not agree) and `@SKIP` (rows that another one has
+    /// just taken are passed over) in this database's words.
+    pub(crate) fn sql(&self, text: &str) -> AssertSqlSafe<String> {
+        let (now, skip) = match self.dialect {
+            Dialect::Sqlite => ("CAST(unixepoch('subsec') * 1000 AS INTEGER)", ""),
+            Dialect::Postgres => (
+                "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)",
+                "FOR UPDATE OF j SKIP LOCKED",
+            ),
+        };
+        AssertSqlSafe(text.replace("@NOW", now).replace("@SKIP", skip))
+    }
+
+    /// Tells other processes, once the transaction is committed, to look at a job again, or at the queue (no id).
+    pub(super) async fn tell(
+        &self,
+        transaction: &mut sqlx::Transaction<'_, sqlx::Any>,
+        id: &str,
+    ) -> Result<(), sqlx::Error> {
+        if self.dialect == Dialect::Postgres {
+            sqlx::query("SELECT pg_notify($1, $2)")
+                .bind(CHANNEL)
+                .bind(id)
+                .execute(&mut **transaction)
+                .await?;
+        }
+        Ok(())
+    }
+
+    /// Shows servers in other processes a live sample; nobody misses one that does not come through.
+    pub(crate) async fn tell_live(&self, id: &str, line: &str) {
+        if line.len() + id.len() >= LONGEST_NOTICE {
+            return;
+        }
+        let told = sqlx::query("SELECT pg_notify($1, $2)")
+            .bind(LIVE_CHANNEL)
+            .bind(format!("{id} {line}"))
+            .execute(&self.pool)
+            .await;
+        if let Err(error) = told {
+            tracing::debug!(%error, "a live sample cannot be told");
+        }
+    }
+
+    /// Whether other processes write here too.
+    pub(crate) fn is_shared(&self) -> bool {
+        self.dialect == Dialect::Postgres
+    }
+
+    /// Whether it answers.
+    ///
+    /// # Errors
+    /// It does not.
+    pub(crate) async fn ping(&self) -> Result<(), sqlx::Error> {
+        sqlx::query("SELECT 1").execute(&self.pool).await.map(|_| ())
+    }
+
+    /// Ends all connections.
+    pub(crate) async fn close(&self) {
+        self.pool.close().await;
+    }
+}
+
+/// Passes on what other processes say, as long as the process lives; what is said while the connection is down is made up for by waking all.
+async fn listen(url: String, hub: Arc<Hub>) {
+    loop {
+        match sqlx::postgres::PgListener::connect(&url).await {
+            Ok(mut listener) => {
+                if let Err(error) = listener.listen_all([CHANNEL, LIVE_CHANNEL]).await {
+                    tracing::warn!(%error, "other processes' words cannot be listened to");
+                }
+                hub.wake_all();
+                // `None`: the connection was lost and is being made again.
+                while let Ok(Some(notice)) = listener.try_recv().await {
+                    if notice.channel() == LIVE_CHANNEL {
+                        if let Some((id, line)) = notice.payload().split_once(' ') {
+                            hub.take_live(id, line);
+                        }
+                        continue;
+                    }
+                    match notice.payload() {
+                        "" => hub.queue.notify_one(),
+                        id => hub.wake(id),
+                    }
+                }
+            }
+            Err(error) => tracing::warn!(%error, "other processes' words cannot be listened to"),
+        }
+        tokio::time::sleep(Duration::from_secs(1)).await;
+    }
+}
+
+/// Every schema there has been, in order. A file that was released is never changed: another one follows it.
+fn migrations(dialect: Dialect) -> Migrator {
+    let files: &[(i64, &'static str, &'static str)] = match dialect {
+        Dialect::Sqlite => &[
+            (1, "runs", include_str!("../../migrations/sqlite/0001_runs.sql")),
+            (2, "jobs", include_str!("../../migrations/sqlite/0002_jobs.sql")),
+        ],
+        Dialect::Postgres => &[(1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql"))],
+    };
+    Migrator::with_migrations(
+        files
+            .iter()
+            .map(|(version, name, text)| {
+                Migration::new(
+                    *version,
+                    (*name).into(),
+                    MigrationType::Simple,
+                    SqlStr::from_static(text),
+                    false,
+                )
+            })
+            .collect(),
+    )
+}

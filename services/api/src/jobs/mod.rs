@@ -1,0 +1,237 @@
+//! Jobs: whatever takes time and leaves a result. A flight is one, a campaign and a diagnosis are others.
+//!
+//! ```text
+//!  submit ─▶ queued ──claim──▶ running ──finish──▶ done, failed, canceled
+//!               ▲                 │
+//!               └── release, lost claim (again after a pause, ATTEMPTS times in all)
+//! ```
+//! All that is said about a job stands in the database ([`store`]); [`hub`] only wakes those who look there.
+
+pub(crate) mod database;
+pub(crate) mod hub;
+pub(crate) mod queue;
+pub(crate) mod seats;
+pub(crate) mod spec;
+pub(crate) mod store;
+mod table;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Whose job it is where nobody has named himself.
+pub(crate) const LOCAL_TENANT: &str = "local";
+
+/// How a job stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Status {
+    /// Accepted; waits for a worker.
+    Queued,
+    /// A worker has it.
+    Running,
+    /// It is complete.
+    Done,
+    /// It ended early; `error` says why.
+    Failed,
+    /// Somebody stopped it.
+    Canceled,
+}
+
+impl Status {
+    /// As it stands in the database.
+    pub(crate) const fn as_str(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Done => "done",
+            Self::Failed => "failed",
+            Self::Canceled => "canceled",
+        }
+    }
+
+    fn parse(text: &str) -> Self {
+        match text {
+            "queued" => Self::Queued,
+            "running" => Self::Running,
+            "done" => Self::Done,
+            "canceled" => Self::Canceled,
+            _ => Self::Failed,
+        }
+    }
+
+    /// Nothing more will happen to it.
+    pub(crate) const fn is_final(self) -> bool {
+        matches!(self, Self::Done | Self::Failed | Self::Canceled)
+    }
+}
+
+/// What a job is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum JobKind {
+    /// One flight.
+    Run,
+    /// Many flights, with statistics.
+    Campaign,
+    /// Some of a campaign's flights.
+    CampaignShard,
+    /// A flight log that is imported.
+    Log,
+    /// A model held against a log.
+    Comparison,
+    /// Which effects a model lacks.
+    Diagnosis,
+    /// A version of a model.
+    Model,
+    /// A classifier that is trained.
+    Classifier,
+    /// Tables of the paper.
+    Reproduction,
+}
+
+impl JobKind {
+    /// All of them, for look-ups.
+    const ALL: [Self; 9] = [
+        Self::Run,
+        Self::Campaign,
+        Self::CampaignShard,
+        Self::Log,
+        Self::Comparison,
+        Self::Diagnosis,
+        Self::Model,
+        Self::Classifier,
+        Self::Reproduction,
+    ];
+
+    /// As it stands in the database.
+    pub(crate) const fn as_str(self) -> &'static str {
+        match self {
+            Self::Run => "run",
+            Self::Campaign => "campaign",
+            Self::CampaignShard => "campaign-shard",
+            Self::Log => "log",
+            Self::Comparison => "comparison",
+            Self::Diagnosis => "diagnosis",
+            Self::Model => "model",
+            Self::Classifier => "classifier",
+            Self::Reproduction => "reproduction",
+        }
+    }
+
+    /// Where jobs of this kind are found: `/api/v1/COLLECTION`.
+    pub(crate) const fn collection(self) -> &'static str {
+        match self {
+            Self::Run => "runs",
+            Self::Campaign => "campaigns",
+            Self::CampaignShard => "campaign-shards",
+            Self::Log => "logs",
+            Self::Comparison => "comparisons",
+            Self::Diagnosis => "diagnoses",
+            Self::Model => "models",
+            Self::Classifier => "classifiers",
+            Self::Reproduction => "reproductions",
+        }
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.as_str() == text)
+    }
+}
+
+/// A job as it is submitted.
+#[derive(Debug, Clone)]
+pub(crate) struct NewJob {
+    /// What it is.
+    pub(crate) kind: JobKind,
+    /// Of the scenario, of the campaign, …
+    pub(crate) name: String,
+    /// On whose account.
+    pub(crate) tenant: String,
+    /// Larger goes first among the jobs of a tenant.
+    pub(crate) priority: i64,
+    /// JSON ([`spec::Spec`]).
+    pub(crate) spec: String,
+    /// JSON: what lists show.
+    pub(crate) facts: String,
+    /// The job that it is forked from.
+    pub(crate) parent: Option<String>,
+    /// The client's name for this submission.
+    pub(crate) idempotency_key: Option<String>,
+    /// Of the submitted body.
+    pub(crate) request_hash: String,
+    /// It is stopped when one attempt takes longer, ms.
+    pub(crate) wall_limit_ms: i64,
+    /// Its parts: it is begun when all of them are done.
+    pub(crate) parts: Vec<NewJob>,
+}
+
+/// A job.
+#[derive(Debug, Clone)]
+pub(crate) struct Job {
+    /// Time-ordered: later jobs have larger ids.
+    pub(crate) id: String,
+    /// How it stands.
+    pub(crate) status: Status,
+    /// As submitted; `parts` is empty.
+    pub(crate) new: NewJob,
+    /// The job that waits for this one.
+    pub(crate) part_of: Option<String>,
+    /// Parts that are not done.
+    pub(crate) waits_for: i64,
+    /// ms since 1970, of the database's clock, as all times.
+    pub(crate) submitted_ms: i64,
+    /// Start of the last attempt.
+    pub(crate) started_ms: Option<i64>,
+    /// End.
+    pub(crate) finished_ms: Option<i64>,
+    /// How often it was begun.
+    pub(crate) attempts: i64,
+    /// How often an attempt failed by itself.
+    pub(crate) failures: i64,
+    /// Who has or had it.
+    pub(crate) worker: Option<String>,
+    /// Somebody wants it stopped.
+    pub(crate) cancel_requested: bool,
+    /// JSON: how peers from outside join.
+    pub(crate) ticket: Option<String>,
+    /// Of the attempt that counts, in the artifact store.
+    pub(crate) folder: Option<String>,
+    /// Of its files.
+    pub(crate) bytes: i64,
+    /// Over all samples of a flight.
+    pub(crate) run_hash: Option<String>,
+    /// Why it failed.
+    pub(crate) error: Option<String>,
+    /// JSON.
+    pub(crate) result: Option<String>,
+    /// JSON: the numbers of the result, flat.
+    pub(crate) metrics: Option<String>,
+}
+
+/// One event of a job.
+#[derive(Debug, Clone)]
+pub(crate) struct Event {
+    /// From 1, without gaps.
+    pub(crate) seq: i64,
+    /// What happened.
+    pub(crate) kind: String,
+    /// JSON.
+    pub(crate) data: String,
+}
+
+/// What a worker says at the end.
+#[derive(Debug, Clone)]
+pub(crate) struct Outcome {
+    /// A final status.
+    pub(crate) status: Status,
+    /// Its files, in the artifact store.
+    pub(crate) folder: Option<String>,
+    /// Of its files.
+    pub(crate) bytes: i64,
+    /// Over all samples of a flight.
+    pub(crate) run_hash: Option<String>,
+    /// Why it failed.
+    pub(crate) error: Option<String>,
+    /// JSON.
+    pub(crate) result: Option<String>,
+}

@@ -1,0 +1,463 @@
+//! The queue: submit, claim, end.
+//!
+//! A job is claimed with a token. Whoever writes about a job that runs gives the token; a worker that was presumed dead, and whose job was
+//! queued again, has a token that no longer fits, and its words change nothing.
+//!
+//! Statements write before they read: two transactions that read before they write cannot both go on in SQLite, and in Postgres the row that
+//! was written is held until the end, so that events are numbered without gaps.
+
+use super::table::{Transaction, job_of, metrics_of};
+use super::{Job, NewJob, Outcome, Status};
+use crate::clock::now_ms;
+use crate::jobs::database::Database;
+use sqlx::Row as _;
+use std::time::Duration;
+
+/// Whether a submission made a job.
+#[derive(Debug)]
+pub(crate) enum Submitted {
+    /// It did.
+    New(Box<Job>),
+    /// The same was submitted before under this key.
+    Before(Box<Job>),
+    /// Something else was.
+    Other,
+}
+
+/// How many jobs a tenant may have running at the same time where nothing else is said.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FairShare {
+    /// Jobs of one tenant that run at the same time.
+    pub(crate) most_running: i64,
+}
+
+impl Database {
+    /// Puts a job and its parts into the queue; they are on disk when this returns.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn submit(&self, new: &NewJob) -> Result<Submitted, sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let id = new_id();
+        if !self.insert(&mut transaction, &id, new, None).await? {
+            let row = sqlx::query("SELECT * FROM job WHERE tenant = $1 AND kind = $2 AND idempotency_key = $3")
+                .bind(&new.tenant)
+                .bind(new.kind.as_str())
+                .bind(&new.idempotency_key)
+                .fetch_one(&mut *transaction)
+                .await?;
+            let before = job_of(&row)?;
+            return Ok(if before.new.request_hash == new.request_hash {
+                Submitted::Before(Box::new(before))
+            } else {
+                Submitted::Other
+            });
+        }
+        for part in &new.parts {
+            self.insert(&mut transaction, &new_id(), part, Some(&id)).await?;
+        }
+        self.tell(&mut transaction, "").await?;
+        let row = sqlx::query("SELECT * FROM job WHERE id = $1")
+            .bind(&id)
+            .fetch_one(&mut *transaction)
+            .await?;
+        let job = job_of(&row)?;
+        transaction.commit().await?;
+        for _ in 0..=new.parts.len() {
+            self.hub.queue.notify_one();
+        }
+        Ok(Submitted::New(Box::new(job)))
+    }
+
+    /// `false`: there is one under this key.
+    async fn insert(
+        &self,
+        transaction: &mut Transaction<'_>,
+        id: &str,
+        new: &NewJob,
+        part_of: Option<&str>,
+    ) -> Result<bool, sqlx::Error> {
+        let inserted = sqlx::query(self.sql(
+            "INSERT INTO job (id, kind, name, tenant, status, priority, spec, facts, parent, part_of, waits_for, idempotency_key, \
+             request_hash, submitted_ms, wall_limit_ms) \
+             VALUES ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10, $11, $12, @NOW, $13) \
+             ON CONFLICT (tenant, kind, idempotency_key) DO NOTHING",
+        ))
+        .bind(id)
+        .bind(new.kind.as_str())
+        .bind(&new.name)
+        .bind(&new.tenant)
+        .bind(new.priority)
+        .bind(&new.spec)
+        .bind(&new.facts)
+        .bind(&new.parent)
+        .bind(part_of)
+        .bind(new.parts.len() as i64)
+        .bind(&new.idempotency_key)
+        .bind(&new.request_hash)
+        .bind(new.wall_limit_ms)
+        .execute(&mut **transaction)
+        .await?
+        .rows_affected();
+        if inserted > 0 {
+            self.append(transaction, id, "queued", "{}").await?;
+        }
+        Ok(inserted > 0)
+    }
+
+    /// Takes a queued job, if there is one: of the tenant with the fewest running jobs, there the most urgent, there the oldest. The token
+    /// stands for the claim.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn claim(
+        &self,
+        worker: &str,
+        lease: Duration,
+        share: FairShare,
+    ) -> Result<Option<(Job, String)>, sqlx::Error> {
+        let token = new_id();
+        let mut transaction = self.pool.begin().await?;
+        let row = sqlx::query(self.sql(
+            "UPDATE job SET status = 'running', claim = $1, claim_until_ms = @NOW + $2, started_ms = @NOW, attempts = attempts + 1, \
+             worker = $3 WHERE status = 'queued' AND id = (SELECT j.id FROM job j LEFT JOIN \
+               (SELECT tenant, COUNT(*) AS running FROM job WHERE status = 'running' GROUP BY tenant) r ON r.tenant = j.tenant \
+               WHERE j.status = 'queued' AND j.waits_for = 0 AND j.not_before_ms <= @NOW AND COALESCE(r.running, 0) < $4 \
+               ORDER BY COALESCE(r.running, 0), j.priority DESC, j.id LIMIT 1 @SKIP) RETURNING *",
+        ))
+        .bind(&token)
+        .bind(lease.as_millis() as i64)
+        .bind(worker)
+        .bind(share.most_running)
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some(row) = row else {
+            return Ok(None);
+        };
+        let job = job_of(&row)?;
+        let data = serde_json::json!({ "attempt": job.attempts, "worker": worker }).to_string();
+        self.append(&mut transaction, &job.id, "started", &data).await?;
+        transaction.commit().await?;
+        self.hub.wake(&job.id);
+        Ok(Some((job, token)))
+    }
+
+    /// Says that the worker lives. `None`: the claim is lost; else whether somebody wants the job stopped.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn heartbeat(&self, id: &str, token: &str, lease: Duration) -> Result<Option<bool>, sqlx::Error> {
+        let row =
+            sqlx::query(self.sql(
+                "UPDATE job SET claim_until_ms = @NOW + $1 WHERE id = $2 AND claim = $3 RETURNING cancel_requested",
+            ))
+            .bind(lease.as_millis() as i64)
+            .bind(id)
+            .bind(token)
+            .fetch_optional(&self.pool)
+            .await?;
+        row.map(|row| row.try_get::<i64, _>("cancel_requested").map(|wanted| wanted != 0))
+            .transpose()
+    }
+
+    /// Adds an event of a claimed job; `false`: the claim is lost and nothing was added.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn event(&self, id: &str, token: &str, kind: &str, data: &str) -> Result<bool, sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        if !holds(&mut transaction, id, token).await? {
+            return Ok(false);
+        }
+        self.append(&mut transaction, id, kind, data).await?;
+        transaction.commit().await?;
+        self.hub.wake(id);
+        Ok(true)
+    }
+
+    /// Writes down how peers from outside join a claimed run; `false`: the claim is lost.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn set_ticket(&self, id: &str, token: &str, ticket: Option<&str>) -> Result<bool, sqlx::Error> {
+        let written = sqlx::query("UPDATE job SET ticket = $1 WHERE id = $2 AND claim = $3")
+            .bind(ticket)
+            .bind(id)
+            .bind(token)
+            .execute(&self.pool)
+            .await?
+            .rows_affected();
+        Ok(written > 0)
+    }
+
+    /// Ends a claimed job; `false`: the claim is lost and nothing was written.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn finish(&self, id: &str, token: &str, outcome: &Outcome) -> Result<bool, sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let row = sqlx::query(self.sql(
+            "UPDATE job SET status = $1, folder = $2, bytes = $3, run_hash = $4, error = $5, result = $6, metrics = $7, \
+             finished_ms = @NOW, claim = NULL, claim_until_ms = NULL, ticket = NULL WHERE id = $8 AND claim = $9 RETURNING *",
+        ))
+        .bind(outcome.status.as_str())
+        .bind(&outcome.folder)
+        .bind(outcome.bytes)
+        .bind(&outcome.run_hash)
+        .bind(&outcome.error)
+        .bind(&outcome.result)
+        .bind(outcome.result.as_deref().and_then(metrics_of))
+        .bind(id)
+        .bind(token)
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some(row) = row else {
+            return Ok(false);
+        };
+        let job = job_of(&row)?;
+        self.append(&mut transaction, id, "ended", &ended(&job)).await?;
+        let mut others = vec![id.to_owned()];
+        if let Some(whole) = &job.part_of {
+            others.extend(self.part_ended(&mut transaction, whole, &job).await?);
+        }
+        self.tell(&mut transaction, "").await?;
+        transaction.commit().await?;
+        for id in others {
+            self.hub.wake(&id);
+        }
+        self.hub.queue.notify_one();
+        Ok(true)
+    }
+
+    /// The whole can begin, or is lost with its part; whom that concerns.
+    async fn part_ended(
+        &self,
+        transaction: &mut Transaction<'_>,
+        whole: &str,
+        part: &Job,
+    ) -> Result<Vec<String>, sqlx::Error> {
+        if part.status == Status::Done {
+            sqlx::query("UPDATE job SET waits_for = waits_for - 1 WHERE id = $1")
+                .bind(whole)
+                .execute(&mut **transaction)
+                .await?;
+            let data = serde_json::json!({ "part": part.id, "name": part.new.name }).to_string();
+            self.append(transaction, whole, "part", &data).await?;
+            return Ok(vec![whole.to_owned()]);
+        }
+        let why = format!(
+            "its part {} ({}) {}: {}",
+            part.new.name,
+            part.id,
+            if part.status == Status::Canceled {
+                "was canceled"
+            } else {
+                "failed"
+            },
+            part.error.as_deref().unwrap_or("no reason is known")
+        );
+        let mut others = Vec::new();
+        let row = sqlx::query(self.sql(
+            "UPDATE job SET status = $1, error = $2, finished_ms = @NOW WHERE id = $3 AND status = 'queued' RETURNING *",
+        ))
+        .bind(part.status.as_str())
+        .bind(&why)
+        .bind(whole)
+        .fetch_optional(&mut **transaction)
+        .await?;
+        if let Some(row) = row {
+            self.append(transaction, whole, "ended", &ended(&job_of(&row)?)).await?;
+            others.push(whole.to_owned());
+            others.extend(self.cancel_parts(transaction, whole).await?);
+        }
+        Ok(others)
+    }
+
+    async fn cancel_parts(&self, transaction: &mut Transaction<'_>, whole: &str) -> Result<Vec<String>, sqlx::Error> {
+        sqlx::query("UPDATE job SET cancel_requested = 1 WHERE part_of = $1 AND status IN ('queued', 'running')")
+            .bind(whole)
+            .execute(&mut **transaction)
+            .await?;
+        let rows = sqlx::query(self.sql(
+            "UPDATE job SET status = 'canceled', finished_ms = @NOW, error = 'canceled with the whole' \
+             WHERE part_of = $1 AND status = 'queued' RETURNING *",
+        ))
+        .bind(whole)
+        .fetch_all(&mut **transaction)
+        .await?;
+        let mut ids = Vec::new();
+        for row in rows {
+            let job = job_of(&row)?;
+            self.append(transaction, &job.id, "ended", &ended(&job)).await?;
+            ids.push(job.id);
+        }
+        Ok(ids)
+    }
+
+    /// Puts a claimed job back into the queue: it `failed` and is begun after a pause, or its worker ends and somebody else begins it at
+    /// once. `false`: the claim is lost.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn release(
+        &self,
+        id: &str,
+        token: &str,
+        why: &str,
+        failed: Option<Duration>,
+    ) -> Result<bool, sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let written = sqlx::query(self.sql(
+            "UPDATE job SET status = 'queued', claim = NULL, claim_until_ms = NULL, ticket = NULL, not_before_ms = @NOW + $1, \
+             failures = failures + $2 WHERE id = $3 AND claim = $4",
+        ))
+        .bind(failed.unwrap_or_default().as_millis() as i64)
+        .bind(i64::from(failed.is_some()))
+        .bind(id)
+        .bind(token)
+        .execute(&mut *transaction)
+        .await?
+        .rows_affected();
+        if written == 0 {
+            return Ok(false);
+        }
+        let data = serde_json::json!({ "why": why }).to_string();
+        self.append(&mut transaction, id, "requeued", &data).await?;
+        self.tell(&mut transaction, "").await?;
+        transaction.commit().await?;
+        self.hub.wake(id);
+        self.hub.queue.notify_one();
+        Ok(true)
+    }
+
+    /// Queues again every job whose worker has said nothing for longer than its lease; `everything`: all that
+    /// run, because nobody else can have them. A job that was begun `attempts` times has most likely killed its workers: it ends as failed.
+    /// Their ids.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn requeue_abandoned(&self, everything: bool, attempts: i64) -> Result<Vec<String>, sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let rows = sqlx::query(self.sql(
+            "UPDATE job SET status = CASE WHEN cancel_requested = 1 THEN 'canceled' WHEN attempts >= $1 THEN 'failed' ELSE 'queued' END, \
+             error = CASE WHEN cancel_requested = 1 THEN 'canceled; its worker was gone' WHEN attempts >= $2 THEN \
+               'its worker was gone at every attempt' ELSE error END, \
+             finished_ms = CASE WHEN cancel_requested = 1 OR attempts >= $3 THEN @NOW ELSE NULL END, \
+             claim = NULL, claim_until_ms = NULL, ticket = NULL \
+             WHERE status = 'running' AND claim_until_ms < (CASE WHEN $4 = 1 THEN 9000000000000000 ELSE @NOW END) RETURNING *",
+        ))
+        .bind(attempts)
+        .bind(attempts)
+        .bind(attempts)
+        .bind(i64::from(everything))
+        .fetch_all(&mut *transaction)
+        .await?;
+        let (mut ids, mut others) = (Vec::new(), Vec::new());
+        for row in rows {
+            let job = job_of(&row)?;
+            if job.status.is_final() {
+                self.append(&mut transaction, &job.id, "ended", &ended(&job)).await?;
+                if let Some(whole) = &job.part_of {
+                    others.extend(self.part_ended(&mut transaction, whole, &job).await?);
+                }
+            } else {
+                self.append(&mut transaction, &job.id, "requeued", r#"{"why":"its worker is gone"}"#)
+                    .await?;
+            }
+            ids.push(job.id);
+        }
+        if !ids.is_empty() {
+            self.tell(&mut transaction, "").await?;
+        }
+        transaction.commit().await?;
+        for id in ids.iter().chain(&others) {
+            self.hub.wake(id);
+            self.hub.queue.notify_one();
+        }
+        Ok(ids)
+    }
+
+    /// Wants a job stopped: a queued one is canceled at once with its parts, a running one is told to its worker. `None`: there is none.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn cancel(&self, id: &str) -> Result<Option<Job>, sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let row = sqlx::query(self.sql(
+            "UPDATE job SET status = 'canceled', cancel_requested = 1, finished_ms = @NOW, error = 'canceled before it began' \
+             WHERE id = $1 AND status = 'queued' RETURNING *",
+        ))
+        .bind(id)
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let mut others = Vec::new();
+        if let Some(row) = row {
+            let job = job_of(&row)?;
+            self.append(&mut transaction, id, "ended", &ended(&job)).await?;
+            others = self.cancel_parts(&mut transaction, id).await?;
+            if let Some(whole) = &job.part_of {
+                others.extend(self.part_ended(&mut transaction, whole, &job).await?);
+            }
+        } else {
+            sqlx::query("UPDATE job SET cancel_requested = 1 WHERE id = $1 AND status = 'running'")
+                .bind(id)
+                .execute(&mut *transaction)
+                .await?;
+            self.tell(&mut transaction, id).await?;
+        }
+        transaction.commit().await?;
+        self.hub.wake(id);
+        for id in others {
+            self.hub.wake(&id);
+        }
+        self.get(id).await
+    }
+
+    /// Deletes a job that has ended, and its parts; `None`: it has not ended, or there is none. Otherwise all ids that are gone.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn delete(&self, id: &str) -> Result<Option<Vec<String>>, sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let deleted = sqlx::query("DELETE FROM job WHERE id = $1 AND status IN ('done', 'failed', 'canceled')")
+            .bind(id)
+            .execute(&mut *transaction)
+            .await?
+            .rows_affected();
+        if deleted == 0 {
+            return Ok(None);
+        }
+        let rows = sqlx::query("DELETE FROM job WHERE part_of = $1 RETURNING id")
+            .bind(id)
+            .fetch_all(&mut *transaction)
+            .await?;
+        let mut ids = vec![id.to_owned()];
+        for row in rows {
+            ids.push(row.try_get("id")?);
+        }
+        self.tell(&mut transaction, id).await?;
+        transaction.commit().await?;
+        self.hub.wake(id);
+        Ok(Some(ids))
+    }
+}
+
+/// Whether the claim is still this one's; the row is held until the transaction ends.
+async fn holds(transaction: &mut Transaction<'_>, id: &str, token: &str) -> Result<bool, sqlx::Error> {
+    let held = sqlx::query("UPDATE job SET claim = claim WHERE id = $1 AND claim = $2")
+        .bind(id)
+        .bind(token)
+        .execute(&mut **transaction)
+        .await?
+        .rows_affected();
+    Ok(held > 0)
+}
+
+fn ended(job: &Job) -> String {
+    serde_json::json!({ "status": job.status, "run_hash": job.run_hash, "error": job.error }).to_string()
+}
+
+/// 12 hex digits of ms, 20 random ones: later ids are larger.
+pub(crate) fn new_id() -> String {
+    format!("{:012x}{:020x}", now_ms(), rand::random::<u128>() & ((1 << 80) - 1))
+}

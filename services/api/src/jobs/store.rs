@@ -1,0 +1,149 @@
+//! What is read of jobs and events.
+
+use super::table::{SHORT, job_of};
+use super::{Event, Job, JobKind, Status};
+use crate::jobs::database::Database;
+use sqlx::Row as _;
+
+/// Which jobs of a list.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Filter<'a> {
+    /// Only of this kind; by default of every kind but parts of others.
+    pub(crate) kind: Option<JobKind>,
+    /// Only of this tenant.
+    pub(crate) tenant: Option<&'a str>,
+    /// Only in this state.
+    pub(crate) status: Option<Status>,
+    /// Only of this name.
+    pub(crate) name: Option<&'a str>,
+    /// Only those forked from this one.
+    pub(crate) parent: Option<&'a str>,
+    /// Only older ones.
+    pub(crate) before: Option<&'a str>,
+}
+
+impl Database {
+    /// A job; `None`: there is none of this id.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn get(&self, id: &str) -> Result<Option<Job>, sqlx::Error> {
+        let row = sqlx::query("SELECT * FROM job WHERE id = $1")
+            .bind(id)
+            .fetch_optional(&self.pool)
+            .await?;
+        row.as_ref().map(job_of).transpose()
+    }
+
+    /// Jobs, latest first, without specification and result.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn list(&self, filter: &Filter<'_>, limit: i64) -> Result<Vec<Job>, sqlx::Error> {
+        self.select(SHORT, filter, limit).await?.iter().map(job_of).collect()
+    }
+
+    /// Jobs, latest first, with the numbers of their results.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn list_metrics(&self, filter: &Filter<'_>, limit: i64) -> Result<Vec<Job>, sqlx::Error> {
+        let columns = SHORT.replace("NULL AS metrics", "metrics");
+        self.select(&columns, filter, limit).await?.iter().map(job_of).collect()
+    }
+
+    async fn select(
+        &self,
+        columns: &str,
+        filter: &Filter<'_>,
+        limit: i64,
+    ) -> Result<Vec<sqlx::any::AnyRow>, sqlx::Error> {
+        // Only the conditions that there are, so that the database can use its indices.
+        let mut conditions = vec!["part_of IS NULL".to_owned()];
+        let mut values: Vec<&str> = Vec::new();
+        for (condition, value) in [
+            ("kind =", filter.kind.map(JobKind::as_str)),
+            ("tenant =", filter.tenant),
+            ("status =", filter.status.map(Status::as_str)),
+            ("name =", filter.name),
+            ("parent =", filter.parent),
+            ("id <", filter.before),
+        ] {
+            if let Some(value) = value {
+                values.push(value);
+                conditions.push(format!("{condition} ${}", values.len()));
+            }
+        }
+        let text = format!(
+            "SELECT {columns} FROM job WHERE {} ORDER BY id DESC LIMIT {limit}",
+            conditions.join(" AND ")
+        );
+        let mut query = sqlx::query(self.sql(&text));
+        for value in values {
+            query = query.bind(value.to_owned());
+        }
+        query.fetch_all(&self.pool).await
+    }
+
+    /// Parts of a job, in order.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn parts(&self, id: &str) -> Result<Vec<Job>, sqlx::Error> {
+        let text = format!("SELECT {SHORT} FROM job WHERE part_of = $1 ORDER BY id");
+        let rows = sqlx::query(self.sql(&text)).bind(id).fetch_all(&self.pool).await?;
+        rows.iter().map(job_of).collect()
+    }
+
+    /// Number of jobs of each kind and status.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn count(&self) -> Result<Vec<(String, String, i64)>, sqlx::Error> {
+        let rows =
+            sqlx::query("SELECT kind, status, COUNT(*) AS jobs FROM job GROUP BY kind, status ORDER BY kind, status")
+                .fetch_all(&self.pool)
+                .await?;
+        rows.iter()
+            .map(|row| Ok((row.try_get("kind")?, row.try_get("status")?, row.try_get("jobs")?)))
+            .collect()
+    }
+
+    /// What a tenant has: jobs that wait or run, and bytes of files.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn account(&self, tenant: &str) -> Result<(i64, i64), sqlx::Error> {
+        let row = sqlx::query(
+            "SELECT CAST(COALESCE(SUM(CASE WHEN status IN ('queued', 'running') THEN 1 ELSE 0 END), 0) AS BIGINT) AS open, \
+             CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS bytes FROM job WHERE tenant = $1",
+        )
+        .bind(tenant)
+        .fetch_one(&self.pool)
+        .await?;
+        Ok((row.try_get("open")?, row.try_get("bytes")?))
+    }
+
+    /// Events of a job after `seq`, in order, at most `limit`.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn events_after(&self, id: &str, seq: i64, limit: i64) -> Result<Vec<Event>, sqlx::Error> {
+        let rows =
+            sqlx::query("SELECT seq, kind, data FROM job_event WHERE job_id = $1 AND seq > $2 ORDER BY seq LIMIT $3")
+                .bind(id)
+                .bind(seq)
+                .bind(limit)
+                .fetch_all(&self.pool)
+                .await?;
+        rows.iter()
+            .map(|row| {
+                Ok(Event {
+                    seq: row.try_get("seq")?,
+                    kind: row.try_get("kind")?,
+                    data: row.try_get("data")?,
+                })
+            })
+            .collect()
+    }
+}

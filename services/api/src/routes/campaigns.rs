@@ -1,0 +1,211 @@
+//! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
+
+use super::jobs::{self, JobView, Shared, Terms};
+use crate::App;
+use crate::access::Caller;
+use crate::jobs::spec::{Content, Input, Spec, Task};
+use crate::jobs::{JobKind, NewJob};
+use crate::library::Library;
+use crate::problem::Problem;
+use crate::worker::task::THREADS;
+use axum::Json;
+use axum::extract::rejection::JsonRejection;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use rotortwin_campaign::study::Campaign;
+use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::sync::Arc;
+use utoipa::ToSchema;
+
+super::collection!(
+    campaigns,
+    crate::jobs::JobKind::Campaign,
+    "campaign",
+    "/api/v1/campaigns",
+    "/api/v1/campaigns/{id}",
+    "/api/v1/campaigns/{id}/cancel",
+    "/api/v1/campaigns/{id}/events",
+    "/api/v1/campaigns/{id}/artifacts",
+    "/api/v1/campaigns/{id}/artifacts/{*path}"
+);
+
+/// A campaign has at most this many parts.
+const MOST_PARTS: u64 = 64;
+/// Where a task finds the library.
+const LIBRARY: &str = "library";
+/// The file of a campaign that came as a text.
+const SUBMITTED: &str = "submitted-campaign.toml";
+
+/// Many flights: grids and random draws over anything that a scenario can say, with statistics of the detectors.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CampaignSubmission {
+    /// Name of one of the server's campaigns; or give `text`.
+    #[serde(default)]
+    campaign: Option<String>,
+    /// A campaign document (TOML), as it would stand in the library's `campaigns`.
+    #[serde(default)]
+    text: Option<String>,
+    /// From −100 to 100; larger goes first.
+    #[serde(default)]
+    #[schema(minimum = -100, maximum = 100)]
+    priority: i64,
+    /// An attempt at a part fails when it takes longer, s of wall time; by default 6 h.
+    #[serde(default)]
+    #[schema(minimum = 1, maximum = 86_400)]
+    max_wall_s: Option<u64>,
+}
+
+/// Submits a campaign.
+#[utoipa::path(post, path = "/api/v1/campaigns", tag = "campaigns", operation_id = "submit_campaign", request_body = CampaignSubmission,
+    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the campaign that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "address of the campaign"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such campaign", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be flown", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "too many jobs", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn submit(
+    app: Shared,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Result<Json<CampaignSubmission>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    let terms = Terms {
+        priority: body.priority,
+        max_wall_s: body.max_wall_s,
+    };
+    let wall_limit_ms = terms.check()?;
+    let document = find(&app, &body)?;
+    let checked = Arc::clone(&app);
+    let text = document.text.clone();
+    // It tries its flights, which takes a moment.
+    let campaign = tokio::task::spawn_blocking(move || read(&checked, &text))
+        .await
+        .map_err(|error| Problem::internal(&error))??;
+    let library = app
+        .library
+        .snapshot(&app.artifacts)
+        .await
+        .map_err(|error| Problem::internal(&error))?;
+    let new = |kind: JobKind, name: String, task: Task, facts: serde_json::Value| -> Result<NewJob, Problem> {
+        Ok(NewJob {
+            kind,
+            name,
+            tenant: caller.tenant.clone(),
+            priority: body.priority,
+            spec: serde_json::to_string(&Spec::Task(task)).map_err(|error| Problem::internal(&error))?,
+            facts: facts.to_string(),
+            parent: None,
+            idempotency_key: None,
+            request_hash: String::new(),
+            wall_limit_ms,
+            parts: Vec::new(),
+        })
+    };
+    let name = &campaign.document().name;
+    let shards = campaign.flights().div_ceil(SHARD_FLIGHTS);
+    let of_a_part = shards.div_ceil(MOST_PARTS).max(1);
+    let parts: Vec<NewJob> = (0..shards.div_ceil(of_a_part))
+        .map(|part| {
+            let (first, end) = (part * of_a_part, ((part + 1) * of_a_part).min(shards));
+            let task = task(&library, &document.text, Some((first, end)));
+            let flights = (end * SHARD_FLIGHTS).min(campaign.flights()) - first * SHARD_FLIGHTS;
+            let facts = json!({ "first_flight": first * SHARD_FLIGHTS, "flights": flights });
+            new(JobKind::CampaignShard, format!("{name} {first}..{end}"), task, facts)
+        })
+        .collect::<Result<_, _>>()?;
+    let facts = json!({ "flights": campaign.flights(), "seed": campaign.document().seed, "parts": parts.len() });
+    let mut whole = new(
+        JobKind::Campaign,
+        name.clone(),
+        task(&library, &document.text, None),
+        facts,
+    )?;
+    whole.idempotency_key = jobs::idempotency_key(&headers)?;
+    whole.request_hash = jobs::request_hash(&body);
+    whole.parts = parts;
+    jobs::accept(&app, whole, JobView::from).await
+}
+
+struct Document {
+    text: String,
+}
+
+fn find(app: &App, body: &CampaignSubmission) -> Result<Document, Problem> {
+    let text = match (&body.campaign, &body.text) {
+        (Some(name), None) => app.library.text("campaigns", name)?,
+        (None, Some(text)) => text.clone(),
+        _ => {
+            return Err(Problem::unprocessable(
+                "expected either `campaign`, the name of one of the server's campaigns, or `text`, a campaign document",
+            ));
+        }
+    };
+    let table: toml::Table = toml::from_str(&text)
+        .map_err(|error| Problem::unprocessable(format!("the campaign is no TOML: {}", error.message())))?;
+    Library::check_paths(&table)?;
+    Ok(Document { text })
+}
+
+/// Reads and tries a campaign as if it stood in the library.
+fn read(app: &App, text: &str) -> Result<Campaign, Problem> {
+    Campaign::parse(text, &app.library.root().join("campaigns").join(SUBMITTED))
+        .map_err(|error| app.library.refusal(&error))
+}
+
+fn task(library: &str, text: &str, shards: Option<(u64, u64)>) -> Task {
+    let file = format!("{LIBRARY}/campaigns/{SUBMITTED}");
+    let mut args: Vec<String> = [
+        "campaign",
+        &file,
+        "--out",
+        "out",
+        "--json",
+        "--events",
+        "--threads",
+        THREADS,
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let mut inputs = vec![
+        Input {
+            path: LIBRARY.to_owned(),
+            content: Content::Folder(library.to_owned()),
+        },
+        Input {
+            path: file,
+            content: Content::Text(text.to_owned()),
+        },
+    ];
+    let discard = match shards {
+        Some((first, end)) => {
+            args.extend(["--shards".to_owned(), format!("{first}..{end}")]);
+            vec!["campaign.lock".to_owned()]
+        }
+        None => {
+            inputs.push(Input {
+                path: "out".to_owned(),
+                content: Content::Parts,
+            });
+            vec!["campaign.lock".to_owned(), "shards".to_owned()]
+        }
+    };
+    Task {
+        args,
+        inputs,
+        result: None,
+        discard,
+    }
+}

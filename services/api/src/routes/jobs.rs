@@ -1,0 +1,328 @@
+//! What all kinds of jobs share: accept, find, list, cancel, delete.
+
+use crate::App;
+use crate::access::Caller;
+use crate::jobs::queue::Submitted;
+use crate::jobs::store::Filter;
+use crate::jobs::{Job, JobKind, NewJob, Status};
+use crate::problem::Problem;
+use axum::Json;
+use axum::extract::Path;
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use utoipa::{IntoParams, ToSchema};
+
+/// A page has this many jobs at most.
+pub(super) const LARGEST_PAGE: i64 = 1000;
+/// The key of a submission is not longer.
+const LONGEST_KEY: usize = 200;
+/// An attempt takes at most this long, s.
+pub(super) const LONGEST_WALL_S: u64 = 24 * 3600;
+/// An attempt takes at most this long where nothing is said, s.
+const USUAL_WALL_S: u64 = 6 * 3600;
+
+/// A job that is no run: a campaign, a diagnosis, …
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct JobView {
+    /// Later jobs have larger ids.
+    id: String,
+    /// What it is.
+    kind: JobKind,
+    /// Of the campaign, of the log, …
+    name: String,
+    /// On whose account.
+    tenant: String,
+    /// How it stands.
+    status: Status,
+    /// Larger goes first among the jobs of a tenant.
+    priority: i64,
+    /// What was asked for, in short.
+    #[schema(value_type = Object)]
+    facts: serde_json::Value,
+    /// The job that it was made from.
+    parent: Option<String>,
+    /// Parts that are not done.
+    waits_for: i64,
+    /// ms since 1970, UTC.
+    submitted_ms: i64,
+    /// ms since 1970, UTC.
+    started_ms: Option<i64>,
+    /// ms since 1970, UTC.
+    finished_ms: Option<i64>,
+    /// How often it was begun.
+    attempts: i64,
+    /// Who has or had it.
+    worker: Option<String>,
+    /// Somebody wants it stopped.
+    cancel_requested: bool,
+    /// Bytes of its files.
+    bytes: i64,
+    /// Why it failed, one sentence.
+    error: Option<String>,
+    /// What came out. Not in lists.
+    #[schema(value_type = Option<Object>)]
+    result: Option<serde_json::Value>,
+}
+
+impl From<Job> for JobView {
+    fn from(job: Job) -> Self {
+        Self {
+            id: job.id,
+            kind: job.new.kind,
+            name: job.new.name,
+            tenant: job.new.tenant,
+            status: job.status,
+            priority: job.new.priority,
+            facts: serde_json::from_str(&job.new.facts).unwrap_or_default(),
+            parent: job.new.parent,
+            waits_for: job.waits_for,
+            submitted_ms: job.submitted_ms,
+            started_ms: job.started_ms,
+            finished_ms: job.finished_ms,
+            attempts: job.attempts,
+            worker: job.worker,
+            cancel_requested: job.cancel_requested,
+            bytes: job.bytes,
+            error: job.error,
+            result: job.result.and_then(|text| serde_json::from_str(&text).ok()),
+        }
+    }
+}
+
+/// A page, latest first.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct JobPage {
+    items: Vec<JobView>,
+    /// `cursor` of the next page; absent on the last one.
+    next: Option<String>,
+}
+
+/// Which jobs.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ListQuery {
+    /// Only those in this state.
+    pub(super) status: Option<Status>,
+    /// Only those of this name.
+    pub(super) name: Option<String>,
+    /// Only those made from this one.
+    pub(super) parent: Option<String>,
+    /// `next` of the page before.
+    pub(super) cursor: Option<String>,
+    /// Items a page, 1 to 1000.
+    #[param(minimum = 1, maximum = 1000, default = 50)]
+    pub(super) limit: Option<i64>,
+}
+
+impl ListQuery {
+    pub(super) fn filter<'a>(&'a self, caller: &'a Caller, kind: JobKind) -> Filter<'a> {
+        Filter {
+            kind: Some(kind),
+            tenant: caller.tenant_filter(),
+            status: self.status,
+            name: self.name.as_deref(),
+            parent: self.parent.as_deref(),
+            before: self.cursor.as_deref(),
+        }
+    }
+}
+
+/// What every submission can say beside its subject.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Terms {
+    /// Larger goes first.
+    pub(super) priority: i64,
+    /// An attempt takes at most this long, s of wall time.
+    pub(super) max_wall_s: Option<u64>,
+}
+
+impl Terms {
+    /// # Errors
+    /// 422: out of range.
+    pub(super) fn check(&self) -> Result<i64, Problem> {
+        if !(-100..=100).contains(&self.priority) {
+            return Err(Problem::unprocessable(format!(
+                "`priority` is {}; expected -100 to 100",
+                self.priority
+            )));
+        }
+        let wall = self.max_wall_s.unwrap_or(USUAL_WALL_S);
+        if !(1..=LONGEST_WALL_S).contains(&wall) {
+            return Err(Problem::unprocessable(format!(
+                "`max_wall_s` is {wall}; expected 1 to {LONGEST_WALL_S}"
+            )));
+        }
+        Ok(i64::try_from(wall * 1000).unwrap_or(i64::MAX))
+    }
+}
+
+/// The hash of a submission, by which a repeated one is known.
+pub(super) fn request_hash(body: &impl Serialize) -> String {
+    let text = serde_json::to_string(body).unwrap_or_default();
+    format!("{:032x}", xxhash_rust::xxh3::xxh3_128(text.as_bytes()))
+}
+
+/// The client's name for a submission.
+///
+/// # Errors
+/// 400.
+pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+    let Some(value) = headers.get("idempotency-key") else {
+        return Ok(None);
+    };
+    match value.to_str() {
+        Ok(text) if (1..=LONGEST_KEY).contains(&text.len()) => Ok(Some(text.to_owned())),
+        _ => Err(Problem::bad_request(format!(
+            "Idempotency-Key: expected 1 to {LONGEST_KEY} printable ASCII characters"
+        ))),
+    }
+}
+
+/// Puts a job into the queue: 202 with its address, or 200 with the one that is there under this key.
+///
+/// # Errors
+/// 409, 429, 503, 507.
+pub(super) async fn accept<V: Serialize>(
+    app: &App,
+    new: NewJob,
+    view: impl FnOnce(Job) -> V,
+) -> Result<Response, Problem> {
+    if app.is_ending() {
+        return Err(Problem::unavailable("the server is ending"));
+    }
+    let (open, bytes) = app.database.account(&new.tenant).await?;
+    if bytes >= i64::try_from(app.config.most_bytes).unwrap_or(i64::MAX) {
+        return Err(Problem::disk_full(format!(
+            "'{}' has {bytes} bytes of files; expected less than {}: delete jobs that are done with",
+            new.tenant, app.config.most_bytes
+        )));
+    }
+    if open + 1 + new.parts.len() as i64 > i64::from(app.config.most_open) {
+        return Err(Problem::too_many(format!(
+            "'{}' has {open} jobs that wait or run; expected at most {} with this one's {}",
+            new.tenant,
+            app.config.most_open,
+            1 + new.parts.len()
+        )));
+    }
+    match app.database.submit(&new).await? {
+        Submitted::New(job) => {
+            let location = format!("/api/v1/{}/{}", new.kind.collection(), job.id);
+            Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(view(*job))).into_response())
+        }
+        Submitted::Before(job) => Ok((StatusCode::OK, Json(view(*job))).into_response()),
+        Submitted::Other => Err(Problem::conflict(
+            "another body was submitted under this Idempotency-Key; expected the same body, or a new key",
+        )),
+    }
+}
+
+/// The job of this id.
+///
+/// # Errors
+/// 400, 404.
+pub(super) async fn find(
+    app: &App,
+    caller: &Caller,
+    kind: JobKind,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Job, Problem> {
+    let Path(id) = id?;
+    app.database
+        .get(&id)
+        .await?
+        .filter(|job| job.new.kind == kind && caller.sees(job))
+        .ok_or_else(|| Problem::not_found(format!("there is no {} {id}", kind.as_str())))
+}
+
+/// A page of jobs.
+///
+/// # Errors
+/// 400.
+pub(super) async fn page(
+    app: &App,
+    caller: &Caller,
+    kind: JobKind,
+    query: Result<axum::extract::Query<ListQuery>, QueryRejection>,
+) -> Result<(Vec<Job>, Option<String>), Problem> {
+    let axum::extract::Query(query) = query?;
+    let limit = query.limit.unwrap_or(50);
+    if !(1..=LARGEST_PAGE).contains(&limit) {
+        return Err(Problem::bad_request(format!(
+            "`limit` is {limit}; expected 1 to {LARGEST_PAGE}"
+        )));
+    }
+    let mut jobs = app.database.list(&query.filter(caller, kind), limit + 1).await?;
+    let more = jobs.len() as i64 > limit;
+    jobs.truncate(usize::try_from(limit).unwrap_or(usize::MAX));
+    let next = jobs.last().filter(|_| more).map(|job| job.id.clone());
+    Ok((jobs, next))
+}
+
+/// A page of jobs that are no runs.
+///
+/// # Errors
+/// 400.
+pub(super) async fn page_of_views(
+    app: &App,
+    caller: &Caller,
+    kind: JobKind,
+    query: Result<axum::extract::Query<ListQuery>, QueryRejection>,
+) -> Result<Json<JobPage>, Problem> {
+    let (jobs, next) = page(app, caller, kind, query).await?;
+    Ok(Json(JobPage {
+        items: jobs.into_iter().map(JobView::from).collect(),
+        next,
+    }))
+}
+
+/// Wants a job stopped.
+///
+/// # Errors
+/// 404, 409.
+pub(super) async fn cancel(app: &App, job: &Job) -> Result<Job, Problem> {
+    let gone = || Problem::not_found(format!("there is no {} {}", job.new.kind.as_str(), job.id));
+    if job.status.is_final() {
+        return Err(Problem::conflict(format!(
+            "the {} has ended already: {}",
+            job.new.kind.as_str(),
+            job.status.as_str()
+        )));
+    }
+    app.database.cancel(&job.id).await?.ok_or_else(gone)
+}
+
+/// Deletes a job that has ended, with its parts and files.
+///
+/// # Errors
+/// 409.
+pub(super) async fn delete(app: &App, job: &Job) -> Result<StatusCode, Problem> {
+    let Some(ids) = app.database.delete(&job.id).await? else {
+        return Err(Problem::conflict(format!(
+            "the {} is {}; cancel it before it is deleted",
+            job.new.kind.as_str(),
+            job.status.as_str()
+        )));
+    };
+    let mut keys: Vec<String> = ids.iter().map(|id| format!("jobs/{id}")).collect();
+    // Runs of version 1 of the database lie elsewhere.
+    keys.extend(
+        job.folder
+            .as_ref()
+            .and_then(|folder| folder.strip_prefix("runs/"))
+            .map(|_| format!("runs/{}", job.id)),
+    );
+    for key in keys {
+        if let Err(error) = app.artifacts.delete(&key).await {
+            tracing::warn!(key, %error, "files of a deleted job cannot be deleted");
+        }
+    }
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// `App` behind routes.
+pub(super) type Shared = axum::extract::State<Arc<App>>;

@@ -1,0 +1,208 @@
+//! API tokens: `rtw_ID_SECRET`. The database holds the SHA-256 of the whole; the token itself is shown once and is nowhere.
+
+use crate::jobs::database::Database;
+use sha2::{Digest as _, Sha256};
+use sqlx::Row as _;
+use std::fmt::Write as _;
+use std::path::Path;
+use std::str::FromStr;
+
+/// What somebody may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Scope {
+    /// See his tenant's jobs and the library.
+    Read,
+    /// Submit, cancel, delete.
+    Write,
+    /// See and do everything of every tenant.
+    Admin,
+}
+
+impl Scope {
+    /// As on the command line.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Write => "write",
+            Self::Admin => "admin",
+        }
+    }
+}
+
+impl FromStr for Scope {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        [Self::Read, Self::Write, Self::Admin]
+            .into_iter()
+            .find(|scope| scope.as_str() == text)
+            .ok_or_else(|| format!("'{text}' is no scope; expected read, write or admin"))
+    }
+}
+
+/// A token as the database knows it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Token {
+    /// Public part.
+    pub id: String,
+    /// Whose, for people.
+    pub name: String,
+    /// On whose account its jobs are.
+    pub tenant: String,
+    /// What it may do.
+    pub scopes: Vec<Scope>,
+    /// ms since 1970.
+    pub created_ms: i64,
+    /// It is worth nothing from here on; `None`: it does not expire.
+    pub expires_ms: Option<i64>,
+    /// It was taken back.
+    pub revoked_ms: Option<i64>,
+}
+
+/// A token to be made.
+#[derive(Debug, Clone)]
+pub struct NewToken {
+    /// Whose, for people.
+    pub name: String,
+    /// On whose account its jobs are.
+    pub tenant: String,
+    /// What it may do.
+    pub scopes: Vec<Scope>,
+    /// How long it is worth something, ms; `None`: it does not expire.
+    pub valid_ms: Option<i64>,
+}
+
+/// Opens the database of a server for work on its tokens, whether the server runs or not.
+///
+/// # Errors
+/// One sentence.
+pub async fn open(data: &Path, database_url: Option<&str>) -> Result<Tokens, String> {
+    let database = match database_url {
+        Some(url) => Database::open_postgres(url).await?,
+        None => {
+            std::fs::create_dir_all(data)
+                .map_err(|error| format!("{}: cannot be used as data folder: {error}", data.display()))?;
+            Database::open_file(&data.join("rotortwin.sqlite")).await?
+        }
+    };
+    Ok(Tokens(database))
+}
+
+/// The tokens of a server.
+pub struct Tokens(Database);
+
+impl Tokens {
+    /// Makes a token; what to hand out, for the only time.
+    ///
+    /// # Errors
+    /// The database.
+    pub async fn create(&self, new: &NewToken) -> Result<String, String> {
+        let id = format!("{:016x}", rand::random::<u64>());
+        let text = format!(
+            "rtw_{id}_{:032x}{:032x}",
+            rand::random::<u128>(),
+            rand::random::<u128>()
+        );
+        let scopes: Vec<&str> = new.scopes.iter().map(|scope| scope.as_str()).collect();
+        sqlx::query(self.0.sql(
+            "INSERT INTO token (id, name, tenant, hash, scopes, created_ms, expires_ms) \
+             VALUES ($1, $2, $3, $4, $5, @NOW, CASE WHEN $6 > 0 THEN @NOW + $7 ELSE NULL END)",
+        ))
+        .bind(&id)
+        .bind(&new.name)
+        .bind(&new.tenant)
+        .bind(hash(&text))
+        .bind(scopes.join(" "))
+        .bind(new.valid_ms.unwrap_or(0))
+        .bind(new.valid_ms.unwrap_or(0))
+        .execute(&self.0.pool)
+        .await
+        .map_err(|error| format!("the token cannot be written: {error}"))?;
+        Ok(text)
+    }
+
+    /// All tokens, the oldest first.
+    ///
+    /// # Errors
+    /// The database.
+    pub async fn list(&self) -> Result<Vec<Token>, String> {
+        let told = |error: sqlx::Error| format!("the tokens cannot be read: {error}");
+        let rows = sqlx::query("SELECT * FROM token ORDER BY created_ms, id")
+            .fetch_all(&self.0.pool)
+            .await
+            .map_err(told)?;
+        rows.iter().map(token_of).collect::<Result<_, _>>().map_err(told)
+    }
+
+    /// Takes a token back; `false`: there is none of this id.
+    ///
+    /// # Errors
+    /// The database.
+    pub async fn revoke(&self, id: &str) -> Result<bool, String> {
+        sqlx::query(
+            self.0
+                .sql("UPDATE token SET revoked_ms = @NOW WHERE id = $1 AND revoked_ms IS NULL"),
+        )
+        .bind(id)
+        .execute(&self.0.pool)
+        .await
+        .map(|done| done.rows_affected() > 0)
+        .map_err(|error| format!("the token cannot be written: {error}"))
+    }
+}
+
+impl Database {
+    /// The token that this text is, if it is worth something now.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn token(&self, text: &str) -> Result<Option<Token>, sqlx::Error> {
+        let row = sqlx::query(self.sql(
+            "SELECT * FROM token WHERE hash = $1 AND revoked_ms IS NULL AND (expires_ms IS NULL OR expires_ms > @NOW)",
+        ))
+        .bind(hash(text))
+        .fetch_optional(&self.pool)
+        .await?;
+        row.as_ref().map(token_of).transpose()
+    }
+
+    /// Whether there ever was a token: from then on everybody needs one, also when all have expired.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn has_tokens(&self) -> Result<bool, sqlx::Error> {
+        let row = sqlx::query("SELECT id FROM token LIMIT 1")
+            .fetch_optional(&self.pool)
+            .await?;
+        Ok(row.is_some())
+    }
+}
+
+fn token_of(row: &sqlx::any::AnyRow) -> Result<Token, sqlx::Error> {
+    let scopes: String = row.try_get("scopes")?;
+    Ok(Token {
+        id: row.try_get("id")?,
+        name: row.try_get("name")?,
+        tenant: row.try_get("tenant")?,
+        scopes: scopes.split(' ').filter_map(|word| word.parse().ok()).collect(),
+        created_ms: row.try_get("created_ms")?,
+        expires_ms: row.try_get("expires_ms")?,
+        revoked_ms: row.try_get("revoked_ms")?,
+    })
+}
+
+/// The secret has 256 random bits: no salt and no slow hash is needed.
+fn hash(text: &str) -> String {
+    Sha256::digest(text.as_bytes())
+        .iter()
+        .fold(String::with_capacity(64), |mut hex, byte| {
+            // Writing to a text cannot fail.
+            let _written = write!(hex, "{byte:02x}");
+            hex
+        })
+}
+
+/// Whether a moment, ms since 1970, has passed.
+pub fn has_passed(at_ms: i64) -> bool {
+    at_ms <= crate::clock::now_ms()
+}

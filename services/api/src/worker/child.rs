@@ -1,0 +1,201 @@
+//! A process that does a job: its events, signs of life to the database, its end.
+
+use super::{LEASE, Workshop};
+use crate::jobs::Job;
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+use tokio::io::{AsyncBufReadExt as _, BufReader};
+use tokio::process::{Child, Command};
+use tokio::time::Instant;
+
+/// Signs of life, and looks for a wish to cancel.
+const HEARTBEAT: Duration = Duration::from_millis(250);
+/// A process that was asked to end may take this long before it is killed.
+const GRACE: Duration = Duration::from_millis(900);
+/// An event is tried to be written so long.
+const EVENT_PATIENCE: Duration = Duration::from_secs(10);
+/// Between two live samples that servers in other processes are told.
+const LIVE_NOTICE: Duration = Duration::from_millis(100);
+/// What a process may say that is no event, bytes.
+const MOST_WORDS: usize = 64 << 20;
+
+/// Why a process ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reason {
+    /// By itself.
+    Itself,
+    /// Somebody wanted the job stopped.
+    Canceled,
+    /// It took too long.
+    TooLong,
+    /// The claim is somebody else's.
+    Lost,
+    /// This process ends.
+    WorkerEnds,
+}
+
+/// How a process ended.
+pub(super) struct End {
+    pub(super) reason: Reason,
+    pub(super) status: Option<ExitStatus>,
+    /// What it said beside its events.
+    pub(super) words: String,
+}
+
+/// What is to be done with a line of events before it is written down.
+pub(super) trait Listener {
+    /// `false`: it is not for the database.
+    async fn event(&mut self, kind: &str, event: &Value) -> bool;
+}
+
+/// For a process that says nothing special.
+pub(super) struct Everything;
+
+impl Listener for Everything {
+    async fn event(&mut self, _: &str, _: &Value) -> bool {
+        true
+    }
+}
+
+/// Starts a process in a group of its own, with its complaints in a file.
+pub(super) fn start(mut command: Command, complaints: &Path) -> std::io::Result<Child> {
+    command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(std::fs::File::create(complaints)?)
+        .process_group(0)
+        .kill_on_drop(true)
+        .spawn()
+}
+
+/// Reads a process until it has ended, and ends it if somebody wants that.
+pub(super) async fn watch(
+    shop: &Workshop,
+    job: &Job,
+    token: &str,
+    mut child: Child,
+    listener: &mut impl Listener,
+) -> End {
+    let mut end = End {
+        reason: Reason::Itself,
+        status: None,
+        words: String::new(),
+    };
+    let Some(stdout) = child.stdout.take() else {
+        return end;
+    };
+    // Open until this ends: the process takes its closing for our death.
+    let _stdin = child.stdin.take();
+    let mut lines = BufReader::new(stdout).lines();
+    let mut heartbeat = tokio::time::interval(HEARTBEAT);
+    let mut ending = shop.ending.subscribe();
+    let limit = Duration::from_millis(u64::try_from(job.new.wall_limit_ms).unwrap_or(0));
+    let (mut kill_at, begun, mut told) = (None::<Instant>, Instant::now(), Instant::now());
+    loop {
+        tokio::select! {
+            line = lines.next_line() => match line {
+                Ok(Some(line)) if shop.database.hub.take_live(&job.id, &line) => {
+                    if shop.database.is_shared() && told.elapsed() >= LIVE_NOTICE {
+                        told = Instant::now();
+                        shop.database.tell_live(&job.id, &line).await;
+                    }
+                }
+                Ok(Some(line)) => {
+                    let event = serde_json::from_str::<Value>(&line).ok();
+                    let kind = event.as_ref().and_then(|event| event.get("event")).and_then(Value::as_str);
+                    match (kind, &event) {
+                        (Some(kind), Some(event)) => {
+                            if listener.event(kind, event).await && !write_event(shop, job, token, kind, &line).await {
+                                end.reason = Reason::Lost;
+                            }
+                        }
+                        _ if end.words.len() + line.len() < MOST_WORDS => {
+                            end.words.push_str(&line);
+                            end.words.push('\n');
+                        }
+                        _ => {}
+                    }
+                }
+                Ok(None) | Err(_) => break,
+            },
+            _ = heartbeat.tick() => match shop.database.heartbeat(&job.id, token, LEASE).await {
+                Ok(Some(true)) if end.reason == Reason::Itself => end.reason = Reason::Canceled,
+                Ok(Some(_)) => {}
+                Ok(None) => end.reason = Reason::Lost,
+                Err(error) => tracing::error!(job = job.id, %error, "a sign of life cannot be written"),
+            },
+            _ = ending.changed() => {}
+        }
+        if end.reason == Reason::Itself && *ending.borrow() {
+            end.reason = Reason::WorkerEnds;
+        }
+        if end.reason == Reason::Itself && begun.elapsed() > limit {
+            end.reason = Reason::TooLong;
+        }
+        if end.reason != Reason::Itself {
+            let now = Instant::now();
+            match kill_at {
+                None => {
+                    signal(&child, Signal::TERM, false);
+                    kill_at = Some(now + GRACE);
+                }
+                Some(at) if now >= at => signal(&child, Signal::KILL, true),
+                Some(_) => {}
+            }
+        }
+    }
+    shop.database.hub.end_live(&job.id);
+    match child.wait().await {
+        Ok(status) => end.status = Some(status),
+        Err(error) => tracing::error!(job = job.id, %error, "a process cannot be waited for"),
+    }
+    end
+}
+
+/// `false`: the claim is lost. A database that is away for a moment costs no event.
+async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) -> bool {
+    let begun = Instant::now();
+    loop {
+        match shop.database.event(&job.id, token, kind, line).await {
+            Ok(held) => return held,
+            Err(error) if begun.elapsed() < EVENT_PATIENCE => {
+                tracing::warn!(job = job.id, %error, "an event cannot be written; trying again");
+                tokio::time::sleep(Duration::from_millis(250)).await;
+            }
+            Err(error) => {
+                tracing::error!(job = job.id, %error, "an event cannot be written");
+                return true;
+            }
+        }
+    }
+}
+
+/// To the process, or to its whole group.
+pub(super) fn signal(child: &Child, signal: Signal, group: bool) {
+    let Some(pid) = child.id().and_then(|id| Pid::from_raw(id.cast_signed())) else {
+        return;
+    };
+    let sent = if group {
+        kill_process_group(pid, signal)
+    } else {
+        kill_process(pid, signal)
+    };
+    if let Err(error) = sent {
+        tracing::debug!(%error, "the process has ended already");
+    }
+}
+
+/// The last line of a file of complaints.
+pub(super) fn last_words(complaints: &Path) -> String {
+    let text = std::fs::read_to_string(complaints).unwrap_or_default();
+    text.lines()
+        .rev()
+        .find(|line| !line.trim().is_empty())
+        .unwrap_or("it said nothing")
+        .chars()
+        .take(500)
+        .collect()
+}

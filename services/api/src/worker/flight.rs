@@ -1,0 +1,190 @@
+//! A flight: `rotortwin fly`, which starts plant, controller and FDI engine, or waits for those that join from elsewhere.
+
+use super::child::{self, Listener, Reason};
+use super::{Ended, Meeting, Workshop, files_key};
+use crate::jobs::spec::{Flight, Link, Place};
+use crate::jobs::{Job, Outcome, Status};
+use rotortwin_store::summary::{Status as FlightStatus, Summary, load_summary};
+use serde_json::Value;
+use std::path::Path;
+use tokio::process::Command;
+
+/// Live samples a second of simulated time; the flight itself bounds what comes a second of wall clock.
+const LIVE_HZ: &str = "100";
+/// Where the complaints of the flight's processes are, beside its files.
+const COMPLAINTS: &str = "fly.log";
+
+pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, folder: &Path) -> Ended {
+    let out = shop.artifacts.place(&files_key(job));
+    let complaints = folder.join(COMPLAINTS);
+    let child = command(shop, spec, folder, &out).and_then(|command| child::start(command, &complaints));
+    let child = match child {
+        Ok(child) => child,
+        Err(error) => return Ended::Failed(format!("the flight could not be started: {error}")),
+    };
+    let mut desk = Desk { shop, job, token, spec };
+    let end = child::watch(shop, job, token, child, &mut desk).await;
+    match end.reason {
+        Reason::Lost => return Ended::Lost,
+        Reason::WorkerEnds => return Ended::WorkerEnds,
+        Reason::Itself | Reason::Canceled | Reason::TooLong => {}
+    }
+    let too_long = || {
+        format!(
+            "it took longer than {} s of wall time and was stopped",
+            job.new.wall_limit_ms / 1000
+        )
+    };
+    let Ok(summary) = load_summary(&out) else {
+        return match end.reason {
+            Reason::Canceled => Ended::Outcome(Outcome {
+                status: Status::Canceled,
+                folder: None,
+                bytes: 0,
+                run_hash: None,
+                error: Some("canceled before it had flown".to_owned()),
+                result: None,
+            }),
+            Reason::TooLong => Ended::Outcome(super::failed(job, too_long())),
+            _ => Ended::Failed(format!(
+                "the flight ended without a result: {}",
+                child::last_words(&complaints)
+            )),
+        };
+    };
+    if let (FlightStatus::Failed, Some(failure)) = (summary.status, &summary.failure)
+        && end.reason == Reason::Itself
+        && job.failures + 1 < super::ATTEMPTS
+        && is_worth_another_try(spec, &failure.peer)
+        && failure.silence_ms > 0
+    {
+        return Ended::Failed(failure.sentence.clone());
+    }
+    let bytes = match shop.artifacts.publish(&files_key(job)).await {
+        Ok(bytes) => bytes,
+        Err(error) => return Ended::Failed(format!("the flight's files cannot be kept: {error}")),
+    };
+    let mut outcome = outcome(&summary, files_key(job), bytes);
+    if end.reason == Reason::TooLong {
+        outcome.status = Status::Failed;
+        outcome.error = Some(too_long());
+        outcome.run_hash = None;
+    }
+    Ended::Outcome(outcome)
+}
+
+/// One of our own processes fell silent. Somebody else's that does is a result.
+fn is_worth_another_try(spec: &Flight, peer: &str) -> bool {
+    match peer {
+        "controller" => spec.controller != Place::External,
+        "fdi" => spec.fdi != Place::External,
+        "plant" => true,
+        _ => false,
+    }
+}
+
+fn outcome(summary: &Summary, folder: String, bytes: u64) -> Outcome {
+    let status = match summary.status {
+        FlightStatus::Done => Status::Done,
+        FlightStatus::Failed => Status::Failed,
+        FlightStatus::Canceled => Status::Canceled,
+    };
+    Outcome {
+        status,
+        folder: Some(folder),
+        bytes: i64::try_from(bytes).unwrap_or(i64::MAX),
+        run_hash: Some(summary.run_hash.clone()).filter(|_| status == Status::Done),
+        error: summary.failure.as_ref().map(|failure| failure.sentence.clone()),
+        result: Some(summary.to_json()),
+    }
+}
+
+fn command(shop: &Workshop, spec: &Flight, folder: &Path, out: &Path) -> std::io::Result<Command> {
+    let documents = folder.join("documents.toml");
+    std::fs::write(&documents, &spec.documents)?;
+    let mut command = Command::new(&shop.program);
+    command
+        .args(["fly", "--documents", "--events", "--live", LIVE_HZ])
+        .args(["--seed", &spec.seed])
+        .args(["--link", spec.link.as_str()])
+        .args(["--pace", spec.pace.as_str()]);
+    let others: Vec<&str> = roles(spec)
+        .filter(|(_, place)| *place != Place::Beside)
+        .map(|(role, _)| role)
+        .collect();
+    if !others.is_empty() {
+        command
+            .args(["--external", &others.join(",")])
+            .args(["--join-timeout", &spec.join_timeout_ms.to_string()]);
+    }
+    if spec.link == Link::Zenoh {
+        match &shop.zenoh {
+            Meeting::Listen(endpoint) => command.args(["--listen", &with_port(endpoint)?]),
+            Meeting::Router(endpoint) => command.args(["--connect", endpoint]),
+        };
+    }
+    command.arg("--out").arg(out).arg("--").arg(&documents);
+    Ok(command)
+}
+
+/// An endpoint with port 0 gets one that nobody listens on now. (Somebody may take it before the plant does: the flight is tried again.)
+fn with_port(endpoint: &str) -> std::io::Result<String> {
+    let Some(start) = endpoint.strip_suffix(":0") else {
+        return Ok(endpoint.to_owned());
+    };
+    let host = start.split_once('/').map_or(start, |(_, host)| host);
+    let port = std::net::TcpListener::bind(format!("{host}:0"))?.local_addr()?.port();
+    Ok(format!("{start}:{port}"))
+}
+
+fn roles(spec: &Flight) -> impl Iterator<Item = (&'static str, Place)> {
+    [("controller", spec.controller), ("fdi", spec.fdi)].into_iter()
+}
+
+/// Hands out the tickets once the plant waits.
+struct Desk<'a> {
+    shop: &'a Workshop,
+    job: &'a Job,
+    token: &'a str,
+    spec: &'a Flight,
+}
+
+impl Listener for Desk<'_> {
+    async fn event(&mut self, kind: &str, event: &Value) -> bool {
+        match kind {
+            "join" => {
+                self.hand_out(event).await;
+                true
+            }
+            _ => true,
+        }
+    }
+}
+
+impl Desk<'_> {
+    async fn hand_out(&self, event: &Value) {
+        let ticket = |role: &str| {
+            event["peers"]
+                .as_array()
+                .into_iter()
+                .flatten()
+                .find(|peer| peer["role"] == role)
+                .map(Value::to_string)
+        };
+        let database = &self.shop.database;
+        let seats: Vec<(&str, String)> = roles(self.spec)
+            .filter(|(_, place)| *place == Place::Worker)
+            .filter_map(|(role, _)| Some((role, ticket(role)?)))
+            .collect();
+        let written = match database
+            .set_ticket(&self.job.id, self.token, Some(&event.to_string()))
+            .await
+        {
+            Ok(held) if held && !seats.is_empty() => database.offer_seats(&self.job.id, self.token, &seats).await,
+            other => other,
+        };
+        if let Err(error) = written {
+            tracing::error!(job = self.job.id, %error, "the run's tickets cannot be written; nobody will join");
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! Workers: each takes one job at a time from the queue and does it in processes of its own, `rotortwin fly` or another command.
+//!
+//! ```text
+//!  queue ──claim──▶ worker ──spawns──▶ rotortwin fly ──spawns──▶ sim, controller, fdi
+//!                     │ ◀── events, a JSON line each ──┘
+//!                     └──▶ files ─▶ artifact store; then events, outcome (with the claim's token) ─▶ database
+//! ```
+//! * Each attempt has a folder of its own, so that a worker that was presumed dead cannot overwrite another's files.
+//! * A process ends when its standard input closes: none outlives a worker that was killed.
+//! * What leaves no result, or blames one of our own processes, is tried again, [`ATTEMPTS`] times in all. The same seed gives the same
+//!   bits, so a second execution is harmless.
+
+mod child;
+mod flight;
+mod seat;
+pub(crate) mod task;
+
+use crate::artifacts::Artifacts;
+use crate::jobs::database::Database;
+use crate::jobs::queue::FairShare;
+use crate::jobs::spec::Spec;
+use crate::jobs::{Job, Outcome, Status};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// How long a claim holds without a sign of life.
+const LEASE: Duration = Duration::from_secs(15);
+/// How often a job is begun that fails by itself.
+const ATTEMPTS: i64 = 3;
+/// How often a job is begun whose workers die: it may be what kills them.
+const ATTEMPTS_OF_DEAD_WORKERS: i64 = 25;
+/// An idle worker looks at the queue at least this often, whether it was woken or not.
+const LOOK: Duration = Duration::from_secs(2);
+/// A worker tries so long to write down how a job ended.
+const LAST_WORD: Duration = Duration::from_secs(60);
+
+/// What workers need.
+#[derive(Debug)]
+pub(crate) struct Workshop {
+    /// The queue.
+    pub(crate) database: Database,
+    /// Where files go.
+    pub(crate) artifacts: Artifacts,
+    /// The `rotortwin` program.
+    pub(crate) program: PathBuf,
+    /// Of this process, for people.
+    pub(crate) name: String,
+    /// How much a tenant may run at the same time.
+    pub(crate) share: FairShare,
+    /// How processes on other hosts reach a plant that is started here.
+    pub(crate) zenoh: Meeting,
+    /// Threads of one job.
+    pub(crate) threads: usize,
+    /// Becomes true when the process ends.
+    pub(crate) ending: watch::Sender<bool>,
+}
+
+/// Where the processes of a run meet that are not on one host.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Meeting {
+    /// The plant listens here, on a free port if it is 0: `tcp/10.0.0.2:0`.
+    Listen(String),
+    /// All connect to this router: `tcp/router:7447`.
+    Router(String),
+}
+
+/// How an attempt ended.
+enum Ended {
+    Outcome(Outcome),
+    /// Nobody is to blame but us: try again.
+    Failed(String),
+    /// The claim is somebody else's now.
+    Lost,
+    /// The process ends: somebody else begins the job again.
+    WorkerEnds,
+}
+
+/// Does jobs until the process ends.
+pub(crate) async fn work(shop: Arc<Workshop>) {
+    let mut ending = shop.ending.subscribe();
+    while !*ending.borrow() {
+        match shop.database.claim(&shop.name, LEASE, shop.share).await {
+            Ok(Some((job, token))) => {
+                tracing::info!(
+                    job = job.id,
+                    kind = job.new.kind.as_str(),
+                    attempt = job.attempts,
+                    "begun"
+                );
+                let ended = attempt(&shop, &job, &token).await;
+                write_down(&shop, &job, &token, ended).await;
+                continue;
+            }
+            Ok(None) => {}
+            Err(error) => tracing::error!(%error, "a worker cannot read the queue"),
+        }
+        tokio::select! {
+            () = shop.database.hub.queue.notified() => {}
+            _ = ending.changed() => {}
+            () = tokio::time::sleep(LOOK) => {}
+        }
+    }
+}
+
+/// Takes seats of runs that are flown elsewhere until the process ends.
+pub(crate) async fn sit(shop: Arc<Workshop>, roles: Vec<String>) {
+    let mut ending = shop.ending.subscribe();
+    while !*ending.borrow() {
+        match shop.database.take_seat(&roles).await {
+            Ok(Some(seat)) => {
+                seat::serve(&shop, &seat).await;
+                continue;
+            }
+            Ok(None) => {}
+            Err(error) => tracing::error!(%error, "seats cannot be looked for"),
+        }
+        tokio::select! {
+            () = shop.database.hub.queue.notified() => {}
+            _ = ending.changed() => {}
+            () = tokio::time::sleep(LOOK / 4) => {}
+        }
+    }
+}
+
+/// Queues again what workers have left that say nothing any more.
+pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
+    let mut ending = shop.ending.subscribe();
+    while !*ending.borrow() {
+        if let Err(error) = requeue(&shop.database, false).await {
+            tracing::error!(%error, "abandoned jobs cannot be looked for");
+        }
+        tokio::select! {
+            _ = ending.changed() => {}
+            () = tokio::time::sleep(LEASE / 3) => {}
+        }
+    }
+}
+
+/// Queues abandoned jobs again; `everything`: all that run, because nobody else works here.
+///
+/// # Errors
+/// The database.
+pub(crate) async fn requeue(database: &Database, everything: bool) -> Result<(), sqlx::Error> {
+    for id in database.requeue_abandoned(everything, ATTEMPTS_OF_DEAD_WORKERS).await? {
+        tracing::warn!(job = id, "its worker is gone: queued again");
+    }
+    Ok(())
+}
+
+/// Key of an attempt's folder in the artifact store.
+pub(crate) fn attempt_key(job: &Job) -> String {
+    format!("jobs/{}/{}", job.id, job.attempts)
+}
+
+/// Key of the files that an attempt leaves.
+fn files_key(job: &Job) -> String {
+    format!("{}/out", attempt_key(job))
+}
+
+async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
+    // There can only be such a folder if a worker was killed between claiming and beginning; nobody else writes there.
+    let folder = shop.artifacts.place(&attempt_key(job));
+    if let Err(error) = fresh_folder(&folder) {
+        return Ended::Failed(format!("{}: cannot be made: {error}", folder.display()));
+    }
+    match serde_json::from_str(&job.new.spec) {
+        Ok(Spec::Flight(spec)) => flight::fly(shop, job, token, &spec, &folder).await,
+        Ok(Spec::Task(spec)) => task::perform(shop, job, token, &spec, &folder).await,
+        Err(error) => Ended::Outcome(failed(
+            job,
+            format!("this version of rotortwin does not understand the job: {error}"),
+        )),
+    }
+}
+
+fn fresh_folder(folder: &std::path::Path) -> std::io::Result<()> {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder)?;
+    }
+    std::fs::create_dir_all(folder)
+}
+
+async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
+    let begun = tokio::time::Instant::now();
+    loop {
+        let written = match &ended {
+            Ended::Lost => Ok(false),
+            Ended::Failed(why) if job.failures + 1 < ATTEMPTS => {
+                let pause = Duration::from_millis(500) * 4_u32.pow(u32::try_from(job.failures).unwrap_or(0));
+                shop.database.release(&job.id, token, why, Some(pause)).await
+            }
+            Ended::Failed(why) => {
+                let outcome = failed(job, format!("{why} ({} attempts)", job.failures + 1));
+                shop.database.finish(&job.id, token, &outcome).await
+            }
+            Ended::WorkerEnds => {
+                shop.database
+                    .release(&job.id, token, "its worker was stopped", None)
+                    .await
+            }
+            Ended::Outcome(outcome) => shop.database.finish(&job.id, token, outcome).await,
+        };
+        match written {
+            Ok(true) => return,
+            Ok(false) => {
+                tracing::warn!(job = job.id, "another worker has this job: its result counts");
+                let key = attempt_key(job);
+                if let Err(error) = shop.artifacts.delete(&key).await {
+                    tracing::warn!(key, %error, "files of an attempt that does not count cannot be deleted");
+                }
+                return;
+            }
+            Err(error) if begun.elapsed() < LAST_WORD => {
+                tracing::error!(job = job.id, %error, "the end of a job cannot be written; trying again");
+                tokio::time::sleep(Duration::from_millis(500)).await;
+            }
+            // The claim runs out and the job is begun again: nothing is lost.
+            Err(error) => {
+                tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be begun again");
+                return;
+            }
+        }
+    }
+}
+
+fn failed(job: &Job, error: String) -> Outcome {
+    Outcome {
+        status: Status::Failed,
+        folder: Some(files_key(job)),
+        bytes: 0,
+        run_hash: None,
+        error: Some(error),
+        result: None,
+    }
+}

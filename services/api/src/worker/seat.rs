@@ -1,0 +1,80 @@
+//! A seat: `rotortwin controller` or `rotortwin fdi` for a run that is flown on another host.
+
+use super::Workshop;
+use super::child::{last_words, signal};
+use crate::jobs::seats::Seat;
+use rustix::process::Signal;
+use serde_json::Value;
+use std::process::Stdio;
+use std::time::Duration;
+use tokio::process::Command;
+
+/// A process that was asked to end may take this long.
+const GRACE: Duration = Duration::from_secs(1);
+
+/// Starts the process and waits for its end. Whatever becomes of it, the plant notices and says who is missing.
+pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
+    let Ok(ticket) = serde_json::from_str::<Value>(&seat.ticket) else {
+        tracing::error!(run = seat.job, "its ticket cannot be read");
+        return;
+    };
+    let text = |key: &str| ticket[key].as_str().unwrap_or_default().to_owned();
+    let complaints = shop.artifacts.place(&format!("seats/{}-{}.log", seat.job, seat.role));
+    let child = complaints
+        .parent()
+        .map_or(Ok(()), std::fs::create_dir_all)
+        .and_then(|()| std::fs::File::create(&complaints))
+        .and_then(|file| {
+            Command::new(&shop.program)
+                .arg(&seat.role)
+                .args(["--link", &text("link")])
+                .args(["--run-id", &text("run_id")])
+                .args(["--step-timeout", &ticket["step_timeout_ms"].to_string()])
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                .stderr(file)
+                .process_group(0)
+                .kill_on_drop(true)
+                .spawn()
+        });
+    let mut child = match child {
+        Ok(child) => child,
+        Err(error) => {
+            tracing::error!(run = seat.job, role = seat.role, %error, "a seat was taken, and its process cannot be started");
+            return;
+        }
+    };
+    tracing::info!(run = seat.job, role = seat.role, "seat taken");
+    let mut ending = shop.ending.subscribe();
+    let ended = tokio::select! {
+        ended = child.wait() => ended,
+        () = ends(&mut ending) => {
+            signal(&child, Signal::TERM, false);
+            match tokio::time::timeout(GRACE, child.wait()).await {
+                Ok(ended) => ended,
+                Err(_) => child.kill().await.and(child.wait().await),
+            }
+        }
+    };
+    match ended {
+        Ok(status) if status.success() => tracing::info!(run = seat.job, role = seat.role, "seat left"),
+        Ok(status) => {
+            tracing::warn!(run = seat.job, role = seat.role, %status, why = last_words(&complaints), "seat left early");
+        }
+        Err(error) => {
+            tracing::error!(run = seat.job, role = seat.role, %error, "a seat's process cannot be waited for")
+        }
+    }
+    if let Err(error) = std::fs::remove_file(&complaints) {
+        tracing::debug!(%error, "a seat's log cannot be removed");
+    }
+}
+
+/// Ready once the process ends.
+async fn ends(ending: &mut tokio::sync::watch::Receiver<bool>) {
+    while !*ending.borrow_and_update() {
+        if ending.changed().await.is_err() {
+            return;
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Any other command of `rotortwin`: campaign, diagnosis, training.
+
+use super::child::{self, Everything, Reason};
+use super::{Ended, Workshop, files_key};
+use crate::jobs::spec::{Content, Task};
+use crate::jobs::{Job, Outcome, Status};
+use std::io;
+use std::path::Path;
+use tokio::process::Command;
+
+/// Where its complaints are, beside its files.
+const COMPLAINTS: &str = "task.log";
+/// In arguments: as many threads as this worker gives to one job.
+pub(crate) const THREADS: &str = "{threads}";
+/// Exit code of a command whose input is bad: another try would end alike.
+const BAD_INPUT: i32 = 2;
+
+pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, spec: &Task, folder: &Path) -> Ended {
+    let complaints = folder.join(COMPLAINTS);
+    if let Err(error) = lay_out(shop, job, spec, folder).await {
+        return Ended::Failed(format!("what the job needs cannot be laid out: {error}"));
+    }
+    let mut command = Command::new(&shop.program);
+    let threads = shop.threads.to_string();
+    command
+        .args(
+            spec.args
+                .iter()
+                .map(|word| if word == THREADS { &threads } else { word }),
+        )
+        .current_dir(folder);
+    let child = match child::start(command, &complaints) {
+        Ok(child) => child,
+        Err(error) => return Ended::Failed(format!("the job could not be started: {error}")),
+    };
+    let end = child::watch(shop, job, token, child, &mut Everything).await;
+    match end.reason {
+        Reason::Lost => return Ended::Lost,
+        Reason::WorkerEnds => return Ended::WorkerEnds,
+        Reason::Itself | Reason::Canceled | Reason::TooLong => {}
+    }
+    let code = end.status.and_then(|status| status.code());
+    let (status, error) = match (end.reason, code) {
+        (Reason::Canceled, _) => (Status::Canceled, Some("canceled".to_owned())),
+        (Reason::TooLong, _) => (
+            Status::Failed,
+            Some(format!(
+                "it took longer than {} s of wall time and was stopped",
+                job.new.wall_limit_ms / 1000
+            )),
+        ),
+        (_, Some(0)) => (Status::Done, None),
+        (_, Some(BAD_INPUT)) => (Status::Failed, Some(child::last_words(&complaints))),
+        _ => return Ended::Failed(child::last_words(&complaints)),
+    };
+    let out = folder.join("out");
+    for name in &spec.discard {
+        let path = out.join(name);
+        let removed = if path.is_dir() {
+            std::fs::remove_dir_all(&path)
+        } else {
+            std::fs::remove_file(&path)
+        };
+        if let Err(error) = removed {
+            tracing::debug!(job = job.id, name, %error, "nothing to discard");
+        }
+    }
+    let result = match &spec.result {
+        None => Some(end.words),
+        Some(name) => std::fs::read_to_string(out.join(name)).ok(),
+    };
+    let result = result.filter(|text| serde_json::from_str::<serde_json::Value>(text).is_ok());
+    if status == Status::Done && result.is_none() {
+        return Ended::Failed("it ended without a result".to_owned());
+    }
+    match shop.artifacts.publish(&files_key(job)).await {
+        Ok(bytes) => Ended::Outcome(Outcome {
+            status,
+            folder: Some(files_key(job)),
+            bytes: i64::try_from(bytes).unwrap_or(i64::MAX),
+            run_hash: None,
+            error,
+            result,
+        }),
+        Err(error) => Ended::Failed(format!("the job's files cannot be kept: {error}")),
+    }
+}
+
+async fn lay_out(shop: &Workshop, job: &Job, spec: &Task, folder: &Path) -> io::Result<()> {
+    for input in &spec.inputs {
+        let path = folder.join(&input.path);
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent)?;
+        }
+        match &input.content {
+            Content::Text(text) => std::fs::write(&path, text)?,
+            Content::File(key) => {
+                let (parent, name) = key.rsplit_once('/').unwrap_or(("", key));
+                let file = shop.artifacts.file(parent, name).await?;
+                let file = file.ok_or_else(|| io::Error::other(format!("{key} is gone")))?;
+                std::fs::copy(file, &path)?;
+            }
+            Content::Folder(key) => copy_folder(shop, key, &path).await?,
+            Content::Parts => {
+                for part in shop.database.parts(&job.id).await.map_err(io::Error::other)? {
+                    let key = part.folder.ok_or_else(|| io::Error::other("a part has left nothing"))?;
+                    copy_folder(shop, &key, &path).await?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+async fn copy_folder(shop: &Workshop, key: &str, to: &Path) -> io::Result<()> {
+    for file in shop.artifacts.list(key).await? {
+        let source = shop.artifacts.file(key, &file.path).await?;
+        let source = source.ok_or_else(|| io::Error::other(format!("{key}/{} is gone", file.path)))?;
+        let target = to.join(&file.path);
+        if let Some(parent) = target.parent() {
+            std::fs::create_dir_all(parent)?;
+        }
+        std::fs::copy(source, target)?;
+    }
+    Ok(())
+}

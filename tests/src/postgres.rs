@@ -1,0 +1,175 @@
+//! A Postgres of one's own, in a scratch folder; stopped when it is dropped.
+
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// It starts and stops within this.
+const LIMIT: Duration = Duration::from_secs(30);
+
+/// A Postgres.
+#[derive(Debug)]
+pub struct Postgres {
+    programs: PathBuf,
+    folder: PathBuf,
+    port: u16,
+    child: Option<Child>,
+}
+
+impl Postgres {
+    /// Makes and starts one in `folder`; `None`: there is no Postgres on this machine, and the test is counted as skipped.
+    ///
+    /// # Panics
+    /// It is there and does not start.
+    pub fn start(folder: &Path) -> Option<Self> {
+        let Some(programs) = programs() else {
+            crate::skip::skip("Postgres is not installed");
+            return None;
+        };
+        let port = TcpListener::bind("127.0.0.1:0")
+            .and_then(|listener| listener.local_addr())
+            .expect("a port is free")
+            .port();
+        let folder = folder.join("postgres");
+        std::fs::create_dir_all(&folder).expect("it can be made");
+        let mut postgres = Self {
+            programs,
+            folder,
+            port,
+            child: None,
+        };
+        if rustix::process::geteuid().is_root() {
+            // Postgres refuses to run as root, and its user must reach the folder.
+            let mut path = postgres.folder.clone();
+            let owned = Command::new("chown").arg("-R").arg("postgres").arg(&path).status();
+            assert!(
+                owned.is_ok_and(|status| status.success()),
+                "the folder can be given to Postgres"
+            );
+            while path.pop() && path.starts_with(std::env::temp_dir()) && path != std::env::temp_dir() {
+                let opened = Command::new("chmod").arg("a+x").arg(&path).status();
+                assert!(
+                    opened.is_ok_and(|status| status.success()),
+                    "the folder can be opened to Postgres"
+                );
+            }
+        }
+        let data = postgres.folder.join("data");
+        let made = postgres
+            .command("initdb")
+            .args(["-A", "trust", "-U", "rotortwin", "--no-sync", "-D"])
+            .arg(&data)
+            .stdout(Stdio::null())
+            .status();
+        assert!(made.is_ok_and(|status| status.success()), "initdb works");
+        postgres.up();
+        Some(postgres)
+    }
+
+    fn command(&self, program: &str) -> Command {
+        let program = self.programs.join(program);
+        let mut command = if rustix::process::geteuid().is_root() {
+            let mut command = Command::new("setpriv");
+            command
+                .args(["--reuid", "postgres", "--regid", "postgres", "--clear-groups", "--"])
+                .arg(program);
+            command
+        } else {
+            Command::new(program)
+        };
+        command.current_dir(&self.folder).stdin(Stdio::null());
+        command
+    }
+
+    /// Starts it (again) and waits until it answers.
+    ///
+    /// # Panics
+    /// It does not.
+    pub fn up(&mut self) {
+        let log = std::fs::File::create(self.folder.with_extension("log")).expect("a log");
+        let data = self.folder.join("data");
+        let child = self
+            .command("postgres")
+            .arg("-D")
+            .arg(&data)
+            .args(["-p", &self.port.to_string(), "-h", "127.0.0.1", "-k", ""])
+            .stdout(Stdio::null())
+            .stderr(log)
+            .spawn()
+            .expect("it starts");
+        self.child = Some(child);
+        let begun = Instant::now();
+        loop {
+            let answers = self
+                .command("pg_isready")
+                .args([
+                    "-q",
+                    "-h",
+                    "127.0.0.1",
+                    "-p",
+                    &self.port.to_string(),
+                    "-U",
+                    "rotortwin",
+                    "-d",
+                    "postgres",
+                ])
+                .status()
+                .is_ok_and(|status| status.success());
+            if answers {
+                return;
+            }
+            assert!(begun.elapsed() < LIMIT, "Postgres answers");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Kills every process of it with SIGKILL.
+    ///
+    /// # Panics
+    /// The kernel refuses.
+    pub fn kill(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            child.kill().expect("it can be killed");
+            child.wait().expect("it can be waited for");
+        }
+        // Its helpers notice; the shared memory is free once they are gone.
+        let word = self.folder.join("data").display().to_string();
+        crate::process::wait_until(LIMIT, || {
+            let rest = crate::process::Process::with_word(&word);
+            for process in &rest {
+                process.signal(rustix::process::Signal::KILL);
+            }
+            rest.is_empty()
+        })
+        .expect("its helpers end");
+    }
+
+    /// A connection for programs.
+    pub fn url(&self) -> String {
+        format!("postgres://rotortwin@127.0.0.1:{}/postgres", self.port)
+    }
+}
+
+impl Drop for Postgres {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.child.take()
+            && let Err(error) = child.kill().and_then(|()| child.wait().map(|_| ()))
+        {
+            eprintln!("Postgres cannot be killed: {error}");
+        }
+    }
+}
+
+/// The folder with `initdb`, where Debian puts it or on the path.
+fn programs() -> Option<PathBuf> {
+    let debian = std::fs::read_dir("/usr/lib/postgresql")
+        .into_iter()
+        .flatten()
+        .filter_map(Result::ok)
+        .map(|entry| entry.path().join("bin"));
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    debian
+        .chain(std::env::split_paths(&path))
+        .find(|folder| folder.join("initdb").is_file() && folder.join("postgres").is_file())
+}

@@ -1,0 +1,411 @@
+//! Jobs over several processes and databases: campaigns in parts, runs whose parts fly elsewhere, an older database, random kills.
+
+use rotortwin_tests::postgres::Postgres;
+use rotortwin_tests::process::Process;
+use rotortwin_tests::program::{Call, Link};
+use rotortwin_tests::random::Random;
+use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
+use rotortwin_tests::server::{Server, Worker};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// 80 short flights in 3 parts.
+const CAMPAIGN: &str = r#"
+name = "parts"
+description = "three parts"
+scenario = "../scenarios/short-hover.toml"
+seed = 5
+flights = 80
+
+[[axis]]
+name = "charge"
+key = "initial.state_of_charge"
+uniform = [0.5, 1.0]
+"#;
+
+fn shared(scratch: &Scratch, postgres: &Postgres, rest: &[&str]) -> Vec<String> {
+    let artifacts = scratch.path("artifacts").display().to_string();
+    ["--database-url", &postgres.url(), "--artifacts", &artifacts]
+        .iter()
+        .chain(rest)
+        .map(|word| (*word).to_owned())
+        .collect()
+}
+
+fn words(all: &[String]) -> Vec<&str> {
+    all.iter().map(String::as_str).collect()
+}
+
+#[test]
+fn scenario_a_campaign_in_parts_is_the_campaign_of_the_command_line() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let id = server.submit_to("campaigns", &json!({ "text": CAMPAIGN }));
+    let campaign = server.ended_in("campaigns", &id);
+    assert_eq!(campaign["status"], "done", "{campaign}");
+    assert_eq!(campaign["facts"]["parts"], 3, "{campaign}");
+
+    // The same file beside copies of what it names.
+    let config = scratch.path("config");
+    for folder in ["scenarios", "vehicles", "blades", "classifiers", "campaigns"] {
+        std::fs::create_dir_all(config.join(folder)).expect("made");
+        for entry in std::fs::read_dir(repository().join("config").join(folder)).expect("readable") {
+            let path = entry.expect("an entry").path();
+            std::fs::copy(&path, config.join(folder).join(path.file_name().expect("a name"))).expect("copied");
+        }
+    }
+    let file = config.join("campaigns/here.toml");
+    std::fs::write(&file, CAMPAIGN).expect("written");
+    let out = scratch.path("here");
+    let here = Call::new(
+        &scratch,
+        [
+            "campaign".into(),
+            file.into_os_string(),
+            "--json".into(),
+            "--out".into(),
+            out.into_os_string(),
+        ],
+    );
+    let here: Value = serde_json::from_str(&here.run().expect_code(0).stdout).expect("JSON");
+    assert_eq!(campaign["result"]["hash"], here["hash"]);
+    assert_eq!(campaign["result"]["flights"], 80);
+    let report = server.ask("GET", &format!("/api/v1/campaigns/{id}/artifacts/report.html"), &[], "");
+    assert_eq!(report.status, 200);
+
+    for (body, words) in [
+        (
+            json!({ "text": CAMPAIGN.replace("../scenarios/short-hover.toml", "/etc/hostname") }),
+            "leads out of the library",
+        ),
+        (
+            json!({ "text": CAMPAIGN.replace("uniform = [0.5, 1.0]", "values = [\"x\"]") }),
+            "charge",
+        ),
+        (json!({ "text": "name = 3" }), "name"),
+        (json!({ "text": "[" }), "TOML"),
+        (json!({}), "expected either"),
+    ] {
+        let answer = server.ask("POST", "/api/v1/campaigns", &[], &body.to_string());
+        let problem = answer.json();
+        assert_eq!(answer.status, 422, "{problem}");
+        assert!(
+            problem["detail"].as_str().is_some_and(|detail| detail.contains(words)),
+            "{problem}"
+        );
+    }
+}
+
+#[test]
+fn scenario_a_canceled_campaign_takes_its_parts_along() {
+    let scratch = Scratch::new();
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &["--workers", "0"]);
+    let id = server.submit_to("campaigns", &json!({ "text": CAMPAIGN }));
+    let answer = server.ask("POST", &format!("/api/v1/campaigns/{id}/cancel"), &[], "");
+    assert_eq!((answer.status, &answer.json()["status"]), (202, &json!("canceled")));
+    let metrics = server.ask("GET", "/metrics", &[], "");
+    let text = String::from_utf8_lossy(&metrics.body).into_owned();
+    assert!(
+        text.contains("kind=\"campaign-shard\",status=\"canceled\"} 3"),
+        "{text}"
+    );
+    assert_eq!(
+        server.ask("DELETE", &format!("/api/v1/campaigns/{id}"), &[], "").status,
+        204
+    );
+    let metrics = server.ask("GET", "/metrics", &[], "");
+    assert!(!String::from_utf8_lossy(&metrics.body).contains("campaign"));
+}
+
+#[test]
+fn scenario_parts_of_a_run_on_other_workers_give_the_same_run() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let arguments = shared(&scratch, &postgres, &["--workers", "0"]);
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("server"), &words(&arguments));
+    let arguments = shared(&scratch, &postgres, &["--workers", "1"]);
+    let _plant = Worker::start(&scratch.path("plant"), &words(&arguments));
+    let arguments = shared(&scratch, &postgres, &["--roles", "controller,fdi"]);
+    let _parts = Worker::start(&scratch.path("parts"), &words(&arguments));
+    let id = server.submit(&json!({
+        "scenario": "short-hover", "seed": 7, "link": "zenoh", "controller": "worker", "fdi": "worker"
+    }));
+    let run = server.ended(&id);
+    assert_eq!(run["status"], "done", "{run}");
+    let here = Call::fly(&scratch, Link::InProcess, &shipped_scenario("short-hover"), "here").with(["--seed", "7"]);
+    assert_eq!(run["run_hash"], here.run().expect_code(0).run_hash());
+}
+
+#[test]
+fn scenario_somebody_elses_controller_joins_with_the_ticket() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let refused = server.ask(
+        "POST",
+        "/api/v1/runs",
+        &[],
+        r#"{"scenario":"short-hover","controller":"external"}"#,
+    );
+    assert_eq!(refused.status, 422);
+    let id = server.submit(&json!({ "scenario": "short-hover", "seed": 7, "link": "zenoh", "controller": "external" }));
+    let path = format!("/api/v1/runs/{id}/ticket");
+    let begun = Instant::now();
+    let ticket = loop {
+        let answer = server.ask("GET", &path, &[], "");
+        if answer.status == 200 {
+            break answer.json()["peers"][0].clone();
+        }
+        assert!(begun.elapsed() < Duration::from_secs(30), "{}", answer.json());
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(
+        (&ticket["role"], &ticket["messages"]),
+        (&json!("controller"), &json!(1))
+    );
+    let text = |key: &str| ticket[key].as_str().expect("a text").to_owned();
+    let joined = Call::new(
+        &scratch,
+        [
+            "controller".into(),
+            "--link".into(),
+            text("link").into(),
+            "--run-id".into(),
+            text("run_id").into(),
+        ],
+    );
+    joined.run().expect_code(0);
+    let run = server.ended(&id);
+    assert_eq!(run["status"], "done", "{run}");
+    assert_eq!(server.ask("GET", &path, &[], "").status, 409);
+
+    let nobody = server.submit(&json!({
+        "scenario": "short-hover", "link": "zenoh", "controller": "external", "join_timeout_ms": 300
+    }));
+    let run = server.ended(&nobody);
+    assert_eq!(
+        (&run["status"], &run["attempts"]),
+        (&json!("failed"), &json!(1)),
+        "{run}"
+    );
+    assert!(
+        run["error"]
+            .as_str()
+            .is_some_and(|why| why.contains("controller did not join")),
+        "{run}"
+    );
+}
+
+#[test]
+fn val_a_database_of_the_first_version_is_copied_and_brought_forward() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    std::fs::create_dir_all(&data).expect("made");
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/server-version-1.sqlite");
+    std::fs::copy(fixture, data.join("rotortwin.sqlite")).expect("copied");
+    let server = Server::start(&data);
+    let runs = server.get("/api/v1/runs");
+    let runs = runs["items"].as_array().expect("runs");
+    assert_eq!(runs.len(), 2, "{runs:?}");
+    let done = &runs[1];
+    assert_eq!(
+        (&done["status"], &done["seed"], &done["vehicle"]),
+        (&json!("done"), &json!(7), &json!("DJI F550"))
+    );
+    // The other one was waiting: it is flown now.
+    let id = runs[0]["id"].as_str().expect("an id");
+    assert_eq!(server.ended(id)["status"], "done");
+    assert!(data.join("rotortwin.sqlite.before-2").is_file());
+}
+
+#[test]
+fn scenario_a_table_of_runs() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let ids: Vec<String> = (1..=3)
+        .map(|seed| server.submit(&json!({ "scenario": "short-hover", "seed": seed, "link": "in-process" })))
+        .collect();
+    let runs: Vec<Value> = ids.iter().map(|id| server.ended(id)).collect();
+    let names = server.get("/api/v1/table");
+    assert!(
+        names["rows"][0]
+            .as_array()
+            .is_some_and(|names| names.contains(&json!("steps"))),
+        "{names}"
+    );
+    let table = server.get("/api/v1/table?columns=steps,nonsense&name=short-hover");
+    let rows = table["rows"].as_array().expect("rows");
+    assert_eq!(rows.len(), 3);
+    for row in rows {
+        let run = runs.iter().find(|run| run["id"] == row[0]).expect("one of them");
+        assert_eq!(
+            (&row[4], &row[5], &row[6]),
+            (&run["run_hash"], &run["summary"]["steps"], &Value::Null)
+        );
+    }
+    let csv = server.ask("GET", "/api/v1/table?columns=steps&format=csv", &[], "");
+    assert_eq!(String::from_utf8_lossy(&csv.body).lines().count(), 4);
+    assert_eq!(server.ask("GET", "/api/v1/table?columns=,", &[], "").status, 400);
+}
+
+/// Kills of the kill tests; `ROTORTWIN_KILLS=300` for the long ones of docs/server.md.
+fn kills() -> u32 {
+    std::env::var("ROTORTWIN_KILLS").map_or(12, |text| text.parse().expect("a number"))
+}
+
+/// Somebody who submits under a key and does not take no for an answer. The id.
+fn submit_for_sure(address: &str, key: &str, seed: u64) -> String {
+    let body = json!({ "scenario": "short-hover", "seed": seed }).to_string();
+    let request = format!(
+        "POST /api/v1/runs HTTP/1.0\r\ncontent-type: application/json\r\nidempotency-key: {key}\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    let begun = Instant::now();
+    loop {
+        assert!(begun.elapsed() < Duration::from_secs(120), "nobody takes {key}");
+        let answer = TcpStream::connect(address).and_then(|mut stream| {
+            stream.set_read_timeout(Some(Duration::from_secs(20)))?;
+            stream.write_all(request.as_bytes())?;
+            let mut text = String::new();
+            stream.read_to_string(&mut text)?;
+            Ok(text)
+        });
+        if let Ok(answer) = answer
+            && (answer.starts_with("HTTP/1.0 202") || answer.starts_with("HTTP/1.0 200"))
+            && let Some((_, body)) = answer.split_once("\r\n\r\n")
+            && let Ok(run) = serde_json::from_str::<Value>(body)
+        {
+            return run["id"].as_str().expect("an id").to_owned();
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// What must hold whatever was killed: as many runs as keys, every one ended once, equal seeds with equal bits.
+fn nothing_lost_and_nothing_doubled(server: &Server, accepted: &BTreeMap<String, (String, u64)>) {
+    let mut hashes: BTreeMap<u64, Value> = BTreeMap::new();
+    let mut failed = 0;
+    for (key, (id, seed)) in accepted {
+        let run = server.ended(id);
+        if run["status"] == "failed" {
+            // Three attempts whose own processes were killed: said, not lost.
+            assert!(
+                run["error"]
+                    .as_str()
+                    .is_some_and(|why| why.contains("attempts") || why.contains("died")),
+                "{run}"
+            );
+            failed += 1;
+            continue;
+        }
+        assert_eq!(run["status"], "done", "{key}: {run}");
+        assert_eq!(
+            hashes.entry(*seed).or_insert_with(|| run["run_hash"].clone()),
+            &run["run_hash"],
+            "{key}"
+        );
+        let mut events = String::new();
+        server
+            .send("GET", &format!("/api/v1/runs/{id}/events"), &[], "")
+            .read_to_string(&mut events)
+            .expect("events");
+        assert_eq!(events.matches("event: ended").count(), 1, "{key}");
+    }
+    let mut runs = 0;
+    let mut cursor = String::new();
+    loop {
+        let page = server.get(&format!("/api/v1/runs?limit=1000{cursor}"));
+        runs += page["items"].as_array().map_or(0, Vec::len);
+        match page["next"].as_str() {
+            Some(next) => cursor = format!("&cursor={next}"),
+            None => break,
+        }
+    }
+    assert_eq!(runs, accepted.len());
+    eprintln!(
+        "{runs} runs accepted, {} done, {failed} failed, 0 lost, 0 doubled, 0 stuck",
+        runs - failed
+    );
+}
+
+#[test]
+fn scenario_random_kills_with_sqlite() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let arguments = ["--workers", "2"];
+    let mut server = Server::start_at("127.0.0.1:0", &data, &arguments);
+    let address = server.address().to_owned();
+    let mut random = Random::new(11);
+    let mut accepted = BTreeMap::new();
+    for round in 0..kills() {
+        for number in 0..2 {
+            let (key, seed) = (format!("{round}-{number}"), u64::from(round % 5));
+            accepted.insert(key.clone(), (submit_for_sure(&address, &key, seed), seed));
+        }
+        std::thread::sleep(Duration::from_millis(random.below(400)));
+        if random.below(3) == 0 {
+            kill_one_of_a_run(&mut random, &data);
+        } else {
+            server.kill();
+            server = Server::start_at(&address, &data, &arguments);
+        }
+    }
+    nothing_lost_and_nothing_doubled(&server, &accepted);
+}
+
+/// Kills a process that has a word of its folder in its command line: supervisor, plant, controller or FDI engine of some run.
+fn kill_one_of_a_run(random: &mut Random, folder: &Path) {
+    let processes: Vec<Process> = Process::with_word(&format!("{}/jobs", folder.display()));
+    if !processes.is_empty() {
+        let victim = random.below(processes.len() as u64);
+        processes[usize::try_from(victim).expect("few")].signal(rustix::process::Signal::KILL);
+    }
+}
+
+#[test]
+fn scenario_random_kills_with_postgres_and_workers() {
+    let scratch = Scratch::new();
+    let Some(mut postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let artifacts = scratch.path("artifacts");
+    let of_server = shared(&scratch, &postgres, &["--workers", "0"]);
+    let of_worker = shared(&scratch, &postgres, &["--workers", "1"]);
+    let mut server = Server::start_at("127.0.0.1:0", &scratch.path("server"), &words(&of_server));
+    let address = server.address().to_owned();
+    let folder = |number: usize| scratch.path(&format!("worker-{number}"));
+    let mut workers: Vec<Worker> = (0..2)
+        .map(|number| Worker::start(&folder(number), &words(&of_worker)))
+        .collect();
+    let mut random = Random::new(12);
+    let mut accepted = BTreeMap::new();
+    for round in 0..kills() {
+        for number in 0..2 {
+            let (key, seed) = (format!("{round}-{number}"), u64::from(round % 5));
+            accepted.insert(key.clone(), (submit_for_sure(&address, &key, seed), seed));
+        }
+        std::thread::sleep(Duration::from_millis(random.below(400)));
+        match random.below(4) {
+            0 => {
+                server.kill();
+                server = Server::start_at(&address, &scratch.path("server"), &words(&of_server));
+            }
+            1 => {
+                let number = usize::try_from(random.below(2)).expect("small");
+                workers[number].kill();
+                workers[number] = Worker::start(&folder(number), &words(&of_worker));
+            }
+            2 => {
+                postgres.kill();
+                postgres.up();
+            }
+            _ => kill_one_of_a_run(&mut random, &artifacts),
+        }
+    }
+    nothing_lost_and_nothing_doubled(&server, &accepted);
+}
