@@ -119,7 +119,11 @@ impl Postgres {
             if answers {
                 return;
             }
-            assert!(begun.elapsed() < LIMIT, "Postgres answers");
+            assert!(
+                begun.elapsed() < LIMIT,
+                "Postgres does not answer: {}",
+                std::fs::read_to_string(self.folder.with_extension("log")).unwrap_or_default()
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -129,20 +133,16 @@ impl Postgres {
     /// # Panics
     /// The kernel refuses.
     pub fn kill(&mut self) {
-        if let Some(mut child) = self.child.take() {
-            child.kill().expect("it can be killed");
-            child.wait().expect("it can be waited for");
+        let Some(mut child) = self.child.take() else { return };
+        // Its helpers hold the shared memory; nobody knows whose they are once it is gone.
+        let helpers = crate::process::Process::children(child.id());
+        child.kill().expect("it can be killed");
+        child.wait().expect("it can be waited for");
+        for (helper, _) in &helpers {
+            helper.signal(rustix::process::Signal::KILL);
         }
-        // Its helpers notice; the shared memory is free once they are gone.
-        let word = self.folder.join("data").display().to_string();
-        crate::process::wait_until(LIMIT, || {
-            let rest = crate::process::Process::with_word(&word);
-            for process in &rest {
-                process.signal(rustix::process::Signal::KILL);
-            }
-            rest.is_empty()
-        })
-        .expect("its helpers end");
+        crate::process::wait_until(LIMIT, || helpers.iter().all(|(helper, _)| !helper.is_alive()))
+            .expect("its helpers end");
     }
 
     /// A connection for programs.
@@ -153,11 +153,7 @@ impl Postgres {
 
 impl Drop for Postgres {
     fn drop(&mut self) {
-        if let Some(mut child) = self.child.take()
-            && let Err(error) = child.kill().and_then(|()| child.wait().map(|_| ()))
-        {
-            eprintln!("Postgres cannot be killed: {error}");
-        }
+        self.kill();
     }
 }
 

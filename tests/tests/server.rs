@@ -225,7 +225,7 @@ fn scenario_one_server_a_folder_and_no_strangers() {
             .join(" ")
     };
     assert!(serve("127.0.0.1:0").contains("another rotortwin server uses this data folder"));
-    assert!(serve("0.0.0.0:0").contains("without a token"));
+    assert!(serve("0.0.0.0:0").contains("in the clear"));
 }
 
 #[test]

@@ -172,11 +172,11 @@ fn scenario_somebody_elses_controller_joins_with_the_ticket() {
     let joined = Call::new(
         &scratch,
         [
-            "controller".into(),
-            "--link".into(),
-            text("link").into(),
-            "--run-id".into(),
-            text("run_id").into(),
+            "controller".to_owned(),
+            "--link".to_owned(),
+            text("link"),
+            "--run-id".to_owned(),
+            text("run_id"),
         ],
     );
     joined.run().expect_code(0);

@@ -16,7 +16,7 @@ use std::process::Command;
 
 /// All values of a run's file, read row by row: no code of the server's.
 fn recorded(data: &Path, id: &str) -> BTreeMap<String, Vec<f64>> {
-    let path = data.join("runs").join(id).join("1/telemetry.parquet");
+    let path = data.join("jobs").join(id).join("1/out/telemetry.parquet");
     let reader = SerializedFileReader::new(std::fs::File::open(path).expect("it is there")).expect("it is Parquet");
     let mut columns: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for row in reader.get_row_iter(None).expect("it has rows") {
@@ -304,7 +304,7 @@ fn val_a_whole_run_as_ulog_is_what_px4s_own_reader_reads() {
     let export = |format: &str, headers: &[(&str, &str)]| {
         server.ask("GET", &format!("/api/v1/runs/{id}/export?format={format}"), headers, "")
     };
-    let folder = data.join("runs").join(&id).join("1");
+    let folder = data.join("jobs").join(&id).join("1/out");
 
     // Over HTTP and from the command line the same bytes; a part is a part of the whole; nothing is left behind.
     let ulog = export("ulog", &[]);

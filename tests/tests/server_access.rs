@@ -1,0 +1,168 @@
+//! Who may use a server: tokens, scopes, tenants, HTTPS, limits.
+
+use rotortwin_tests::program::Call;
+use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::server::Server;
+use serde_json::{Value, json};
+use std::path::Path;
+
+const HOVER: &str = r#"{"scenario":"short-hover","link":"in-process"}"#;
+
+fn token(scratch: &Scratch, data: &Path, more: &[&str]) -> String {
+    let data = data.display().to_string();
+    let words: Vec<&str> = ["token", "create", "--data", &data]
+        .iter()
+        .chain(more)
+        .copied()
+        .collect();
+    Call::new(scratch, words).run().expect_code(0).stdout.trim().to_owned()
+}
+
+/// Method, address, body; what it said: status and problem or answer.
+fn ask(server: &Server, token: &str, method: &str, path: &str, body: &str) -> (u16, Value) {
+    let bearer = format!("Bearer {token}");
+    let headers: &[(&str, &str)] = if token.is_empty() {
+        &[]
+    } else {
+        &[("authorization", &bearer)]
+    };
+    let answer = server.ask(method, path, headers, body);
+    (answer.status, serde_json::from_slice(&answer.body).unwrap_or_default())
+}
+
+#[test]
+fn scenario_tokens_say_who_may_do_what_on_whose_account() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start(&data);
+    let before = ask(&server, "", "POST", "/api/v1/runs", HOVER);
+    assert_eq!(before.0, 202, "without tokens, this host may do everything");
+
+    // From the first token on, everybody needs one; the server runs on.
+    let reader = token(&scratch, &data, &["reader", "--tenant", "a", "--scopes", "read"]);
+    let writer = token(&scratch, &data, &["writer", "--tenant", "a"]);
+    let other = token(&scratch, &data, &["other", "--tenant", "b"]);
+    let admin = token(&scratch, &data, &["admin", "--scopes", "admin"]);
+    for path in ["/api/v1/runs", "/", "/metrics", "/api/v1/scenarios"] {
+        assert_eq!(ask(&server, "", "GET", path, "").0, 401, "{path}");
+    }
+    for path in ["/healthz", "/readyz", "/api/v1/openapi.json"] {
+        assert_eq!(ask(&server, "", "GET", path, "").0, 200, "{path}");
+    }
+    for nonsense in ["rtw_x_y", &writer[..writer.len() - 1], &format!("{writer}0")] {
+        let (status, problem) = ask(&server, nonsense, "GET", "/api/v1/runs", "");
+        assert_eq!(status, 401, "{problem}");
+    }
+    let (status, problem) = ask(&server, &reader, "POST", "/api/v1/runs", HOVER);
+    assert_eq!(status, 403);
+    assert!(
+        problem["detail"]
+            .as_str()
+            .is_some_and(|detail| detail.contains("`write`")),
+        "{problem}"
+    );
+
+    let (status, run) = ask(&server, &writer, "POST", "/api/v1/runs", HOVER);
+    assert_eq!((status, &run["tenant"]), (202, &json!("a")));
+    let path = format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"));
+    assert_eq!(ask(&server, &reader, "GET", &path, "").0, 200);
+    // Somebody else's is as if it were not there, whatever is asked.
+    for (method, more) in [
+        ("GET", ""),
+        ("DELETE", ""),
+        ("POST", "/cancel"),
+        ("GET", "/events"),
+        ("GET", "/artifacts"),
+    ] {
+        let (status, problem) = ask(&server, &other, method, &format!("{path}{more}"), "");
+        assert_eq!(status, 404, "{method} {more}: {problem}");
+    }
+    let items = |token: &str| {
+        ask(&server, token, "GET", "/api/v1/runs", "").1["items"]
+            .as_array()
+            .map(Vec::len)
+    };
+    assert_eq!(
+        (items(&reader), items(&other), items(&admin)),
+        (Some(1), Some(0), Some(2))
+    );
+
+    // The same key of two tenants are two runs.
+    for token in [&writer, &other] {
+        let bearer = format!("Bearer {token}");
+        let headers = [("authorization", bearer.as_str()), ("idempotency-key", "night")];
+        assert_eq!(server.ask("POST", "/api/v1/runs", &headers, HOVER).status, 202);
+    }
+
+    let id = writer.split('_').nth(1).expect("an id").to_owned();
+    let data = data.display().to_string();
+    let revoke = || Call::new(&scratch, ["token", "revoke", &id, "--data", &data]).run();
+    revoke().expect_code(0);
+    revoke().expect_code(2);
+    assert_eq!(ask(&server, &writer, "GET", &path, "").0, 401);
+    let list = Call::new(&scratch, ["token", "list", "--data", &data])
+        .run()
+        .expect_code(0)
+        .stdout;
+    assert!(list.contains("revoked") && list.contains("reader"), "{list}");
+    let secret = reader.rsplit('_').next().expect("a secret");
+    assert!(!list.contains(secret));
+    let database = std::fs::read(Path::new(&data).join("rotortwin.sqlite")).expect("readable");
+    let log = std::fs::read(Path::new(&data).join("rotortwin.sqlite-wal")).unwrap_or_default();
+    for bytes in [database, log] {
+        assert!(
+            !bytes.windows(secret.len()).any(|window| window == secret.as_bytes()),
+            "the secret is stored"
+        );
+    }
+}
+
+#[test]
+fn scenario_limits_are_said_in_one_sentence() {
+    let scratch = Scratch::new();
+    let limits = [
+        "--workers",
+        "0",
+        "--tenant-jobs",
+        "2",
+        "--longest-flight",
+        "60",
+        "--rate",
+        "20",
+    ];
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &limits);
+    let submit = |body: &str| {
+        let answer = server.ask("POST", "/api/v1/runs", &[], body);
+        (
+            answer.status,
+            answer.json()["detail"].as_str().unwrap_or_default().to_owned(),
+        )
+    };
+    let long = submit(r#"{"scenario":"short-hover","set":["duration_s=61"]}"#);
+    assert!(long.0 == 422 && long.1.contains("at most 60 s"), "{long:?}");
+    let own = submit(r#"{"scenario":"short-hover","max_sim_s":1}"#);
+    assert!(own.0 == 422 && own.1.contains("max_sim_s"), "{own:?}");
+    assert_eq!((submit(HOVER).0, submit(HOVER).0), (202, 202));
+    let third = submit(HOVER);
+    assert!(
+        third.0 == 429 && third.1.contains("2 jobs that wait or run"),
+        "{third:?}"
+    );
+    let mut last = server.ask("GET", "/api/v1/scenarios", &[], "");
+    for _ in 0..100 {
+        if last.status == 429 {
+            break;
+        }
+        last = server.ask("GET", "/api/v1/scenarios", &[], "");
+    }
+    assert!(
+        last.status == 429 && last.headers.to_ascii_lowercase().contains("retry-after"),
+        "{}",
+        last.headers
+    );
+    assert_eq!(
+        server.ask("GET", "/healthz", &[], "").status,
+        200,
+        "a watchdog is always answered"
+    );
+}
