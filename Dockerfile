@@ -27,6 +27,7 @@ RUN echo "rotortwin:x:10001:10001::/data:/usr/sbin/nologin" >> /etc/passwd \
  && echo "rotortwin:x:10001:" >> /etc/group \
  && mkdir /data /artifacts && chown 10001:10001 /data /artifacts
 COPY --from=binary --chmod=755 /out/rotortwin /usr/local/bin/rotortwin
+COPY --chmod=755 deploy/start.sh /usr/local/bin/start
 COPY config /usr/share/rotortwin/config
 COPY LICENSE-APACHE LICENSE-MIT /usr/share/doc/rotortwin/
 USER 10001:10001
@@ -34,5 +35,5 @@ WORKDIR /data
 EXPOSE 8400
 # Of `serve`; the compose file has those of the others.
 HEALTHCHECK --interval=10s --timeout=3s --start-period=20s --retries=3 CMD ["rotortwin", "health", "http://127.0.0.1:8400/readyz"]
-ENTRYPOINT ["rotortwin"]
+ENTRYPOINT ["start"]
 CMD ["serve", "--data", "/data", "--library", "/usr/share/rotortwin/config"]

@@ -8,7 +8,10 @@
 //! Needs root and iproute2.
 
 use crate::scratch::repository;
+use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 use std::ffi::OsString;
+use std::os::fd::AsFd as _;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -89,6 +92,19 @@ impl Hosts {
     /// Words to put before a command that is to run on a host.
     pub fn on(&self, host: usize) -> [OsString; 4] {
         ["ip", "netns", "exec", &self.name(host)].map(OsString::from)
+    }
+
+    /// Does something on a host: what `act` connects to and starts is there.
+    pub fn visit<T: Send>(&self, host: usize, act: impl FnOnce() -> T + Send) -> T {
+        let place = std::fs::File::open(Path::new("/var/run/netns").join(self.name(host))).expect("ip keeps it there");
+        std::thread::scope(|scope| {
+            let visitor = scope.spawn(move || {
+                let kind = LinkNameSpaceType::Network;
+                move_into_link_name_space(place.as_fd(), Some(kind)).expect("root may go there");
+                act()
+            });
+            visitor.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
     }
 
     /// Pulls the cable of a host.

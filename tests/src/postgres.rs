@@ -14,6 +14,7 @@ pub struct Postgres {
     programs: PathBuf,
     folder: PathBuf,
     port: u16,
+    listen: &'static str,
     child: Option<Child>,
 }
 
@@ -37,6 +38,7 @@ impl Postgres {
             programs,
             folder,
             port,
+            listen: "127.0.0.1",
             child: None,
         };
         if rustix::process::geteuid().is_root() {
@@ -93,7 +95,7 @@ impl Postgres {
             .command("postgres")
             .arg("-D")
             .arg(&data)
-            .args(["-p", &self.port.to_string(), "-h", "127.0.0.1", "-k", ""])
+            .args(["-p", &self.port.to_string(), "-h", self.listen, "-k", ""])
             .stdout(Stdio::null())
             .stderr(log)
             .spawn()
@@ -143,6 +145,27 @@ impl Postgres {
         }
         crate::process::wait_until(LIMIT, || helpers.iter().all(|(helper, _)| !helper.is_alive()))
             .expect("its helpers end");
+    }
+
+    /// From now on it answers at all addresses of its host, and trusts the hosts of a test.
+    ///
+    /// # Panics
+    /// It does not start again.
+    pub fn open_to_other_hosts(&mut self) {
+        self.kill();
+        let rules = self.folder.join("data/pg_hba.conf");
+        let mut file = std::fs::OpenOptions::new()
+            .append(true)
+            .open(&rules)
+            .expect("the rules are there");
+        std::io::Write::write_all(&mut file, b"host all all 10.77.0.0/24 trust\n").expect("they can be changed");
+        self.listen = "*";
+        self.up();
+    }
+
+    /// The same for programs of another host.
+    pub fn url_at(&self, address: &str) -> String {
+        self.url().replace("127.0.0.1", address)
     }
 
     /// A connection for programs.

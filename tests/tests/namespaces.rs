@@ -2,8 +2,12 @@
 
 use rotortwin_tests::certificates::certificates;
 use rotortwin_tests::hosts::Hosts;
+use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::program::{Call, Link, PATIENCE, Run, text};
-use rotortwin_tests::scratch::{Scratch, announced_flight, hover, short_flight};
+use rotortwin_tests::scratch::{Scratch, announced_flight, hover, shipped_scenario, short_flight};
+use rotortwin_tests::server::{Server, Worker};
+use serde_json::{Value, json};
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 
 const FLY: usize = 1;
@@ -122,4 +126,67 @@ fn scenario_a_pulled_cable_is_named() {
         );
         hosts.mend(victim);
     }
+}
+
+/// Server, database and the plant's worker on host 1; controller and FDI engine on host 2, whose cable is pulled in mid-run. The attempt
+/// fails and names who is missing; host 3 takes the seats, and the job ends with the hash of a flight in one process.
+#[test]
+fn scenario_a_job_outlives_a_pulled_cable() {
+    let Some(hosts) = Hosts::new(3) else { return };
+    let scratch = Scratch::new();
+    let call = Call::fly(&scratch, Link::InProcess, &shipped_scenario("short-hover"), "here").with(["--seed", "7"]);
+    let expected = call.run().expect_code(0).run_hash();
+    let Some(mut postgres) = hosts.visit(1, || Postgres::start(&scratch.path(""))) else {
+        return;
+    };
+    hosts.visit(1, || postgres.open_to_other_hosts());
+    let database = postgres.url_at(&Hosts::address(1));
+    let artifacts = scratch.path("artifacts").display().to_string();
+    let shared = ["--database-url", database.as_str(), "--artifacts", artifacts.as_str()];
+    let with = |more: &[&'static str]| -> Vec<&str> { shared.iter().copied().chain(more.iter().copied()).collect() };
+    let parts = |host: usize, name: &str| {
+        hosts.visit(host, || {
+            Worker::start(&scratch.path(name), &with(&["--roles", "controller,fdi"]))
+        })
+    };
+    let server = hosts.visit(1, || {
+        Server::start_at("127.0.0.1:0", &scratch.path("server"), &with(&["--workers", "0"]))
+    });
+    let listen = ["--workers", "1", "--zenoh-listen", "tcp/10.77.0.1:0"];
+    let _plant = hosts.visit(1, || Worker::start(&scratch.path("plant"), &with(&listen)));
+    let _near = parts(2, "near");
+    let events = hosts.visit(1, || {
+        let id = server.submit(&json!({
+            "scenario": "short-hover", "seed": 7, "link": "zenoh", "controller": "worker", "fdi": "worker", "pace": "real-time"
+        }));
+        let stream = server.send("GET", &format!("/api/v1/runs/{id}/events"), &[], "");
+        let mut events = BufReader::new(stream).lines().map_while(Result::ok);
+        // It flies.
+        let flies = events.find(|line| line.contains("\"sim_time_s\""));
+        assert!(flies.is_some(), "no progress was told");
+        (id, events)
+    });
+    let (id, mut events) = events;
+    hosts.cut(2);
+    let _far = parts(3, "far");
+    let mut why = None;
+    for line in events.by_ref() {
+        let data = line
+            .strip_prefix("data:")
+            .and_then(|data| serde_json::from_str::<Value>(data).ok());
+        if let Some(Value::String(sentence)) = data.map(|mut data| data["why"].take()) {
+            why = Some(sentence);
+            break;
+        }
+    }
+    let why = why.expect("the attempt that failed is told");
+    assert!(
+        why.contains("rotortwin-controller") || why.contains("rotortwin-fdi"),
+        "{why}"
+    );
+    let run = hosts.visit(1, || server.ended(&id));
+    assert_eq!(run["status"], "done", "{run}");
+    assert_eq!(run["run_hash"], Value::String(expected), "{run}");
+    hosts.visit(1, || drop(server));
+    drop(postgres);
 }
