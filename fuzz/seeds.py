@@ -1,5 +1,6 @@
 """Inputs to begin with, from files of the project: python3 seeds.py TARGET FOLDER"""
 
+import random
 import re
 import subprocess
 import sys
@@ -24,6 +25,9 @@ def scenario() -> dict[str, bytes]:
     """Every shipped scenario: its text, all its documents, and some settings."""
     seeds = {"set": b"\x03initial.state_of_charge=0.4\nduration_s=3.0\nseed=7"}
     program = ROOT / "target/release/rotortwin"
+    for number in range(32):
+        # Instructions: which documents, then place, deed and value.
+        seeds[f"changes-{number}"] = bytes([1]) + random.Random(number).randbytes(1 + 5 * (1 + number % 4))
     for file in (ROOT / "config/scenarios").glob("*.toml"):
         seeds[file.stem] = b"\x02" + file.read_bytes()
         if program.exists():

@@ -66,6 +66,19 @@ def test_scenario_telemetry_is_a_table(client: Client, done: Run) -> None:
     assert client.runs.telemetry(done.id, columns=[one]).column_names == [one]
 
 
+def test_scenario_channels_are_asked_for_by_name_and_interval(client: Client, done: Run) -> None:
+    channels = {channel.name: channel for channel in client.runs.channels(done.id)}
+    assert channels["roll_rad"].unit == "rad"
+    some = client.runs.samples(done.id, ["roll_rad", "duty_*"], from_s=1.0, to_s=2.0, points=50)
+    assert some.num_rows <= 50 and {"time_s", "roll_rad", "duty_1"} <= set(some.column_names)
+    times = some.column("time_s").to_pylist()
+    assert times == sorted(times) and times[0] >= 1.0 and times[-1] <= 2.0
+    two = client.runs.samples([done.id, done.id], ["roll_rad"], points=10)
+    assert two.column_names[0] == "run" and set(two.column("run").to_pylist()) == {done.id}
+    with pytest.raises(Unprocessable):
+        client.runs.samples(done.id, ["nothing"])
+
+
 def test_scenario_the_library_is_listed_and_scenarios_are_checked(client: Client) -> None:
     assert client.ready()
     assert "short-hover" in client.scenarios.list() and "f550" in client.vehicles.list()
@@ -74,6 +87,40 @@ def test_scenario_the_library_is_listed_and_scenarios_are_checked(client: Client
     assert client.scenarios.validate(text=text).valid
     refused = client.scenarios.validate("short-hover", set={"duration_s": -1})
     assert not refused.valid and refused.refusal is not None and "duration_s" in refused.refusal
+
+
+CAMPAIGN = """
+name = "small"
+description = "eight flights"
+scenario = "../scenarios/short-hover.toml"
+seed = 5
+flights = 8
+[[axis]]
+name = "charge"
+key = "initial.state_of_charge"
+uniform = [0.5, 1.0]
+"""
+
+
+def test_scenario_a_campaign_is_flown(client: Client, server: Server, tmp_path: Path) -> None:
+    job = client.campaigns.submit(text=CAMPAIGN)
+    done = client.campaigns.wait(job.id, check=True)
+    assert done.result["flights"] == 8 and done.kind == "campaign"
+    assert done.id in [one.id for one in client.campaigns.list()]
+    assert client.jobs("campaigns").get(done.id) == done
+    folder = client.campaigns.download_all(done.id, tmp_path / "campaign")
+    assert (folder / "report.html").exists()
+    with pytest.raises(Unprocessable, match="name"):
+        client.campaigns.submit(text="name = 3")
+    with pytest.raises(Conflict, match="beside"):
+        client.runs.ticket(client.runs.submit("short-hover", link="in-process").id)
+
+    async def again() -> None:
+        async with AsyncClient(server.url) as other:
+            twin = await other.campaigns.submit(text=CAMPAIGN)
+            assert (await other.campaigns.wait(twin.id)).result["hash"] == done.result["hash"]
+
+    asyncio.run(again())
 
 
 def test_scenario_a_file_of_this_machine_is_flown(client: Client) -> None:
@@ -217,6 +264,8 @@ def test_scenario_the_same_with_asyncio(server: Server, done: Run, tmp_path: Pat
             assert numbers == list(range(1, len(numbers) + 1))
             assert {run.id for run in runs} <= {run.id async for run in client.runs.list(page_size=1)}
             assert (await client.runs.telemetry(ended[0].id)).num_rows == len(await client.runs.telemetry_frame(ended[0].id))
+            assert "roll_rad" in [channel.name for channel in await client.runs.channels(ended[0].id)]
+            assert (await client.runs.samples(ended[0].id, ["roll_rad"], points=20)).num_rows <= 20
             assert (await client.runs.verify(ended[1].id)).same
             fork = await client.runs.fork(ended[1].id, healthy=True)
             assert (await client.runs.wait(fork.id)).status == "done"

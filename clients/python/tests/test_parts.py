@@ -20,7 +20,10 @@ from rotortwin._stream import SseParser, local_path
 #: Dataclasses and the schemas that they stand for; fields of their own.
 MODELS: dict[type, str] = {
     models.Run: "Run",
+    models.Job: "JobView",
+    models.Ticket: "Ticket",
     models.Artifact: "Artifact",
+    models.Channel: "ChannelInfo",
     models.Verification: "Verification",
     models.Validation: "Validation",
 }
@@ -46,22 +49,24 @@ def test_val_the_words_are_those_of_the_openapi_document() -> None:
         schema = schemas[name]
         return set(schema.get("enum", ())) or {word for one in schema["oneOf"] for word in one.get("enum", [one.get("const")])}
 
-    assert words("RunStatus") == set(typing.get_args(models.Status))
+    assert words("Status") == set(typing.get_args(models.Status))
     assert words("Link") == set(typing.get_args(models.Link))
+    assert words("Place") == set(typing.get_args(models.Place))
     assert words("Pace") == set(typing.get_args(models.Pace))
 
 
 def test_val_submit_offers_every_field_of_a_submission() -> None:
     import inspect
 
-    from rotortwin.aio import AsyncRuns
-    from rotortwin.client import Runs
+    from rotortwin import AsyncCampaigns, AsyncRuns, Campaigns, Runs
 
     schemas = document()["components"]["schemas"]
-    for cls in (Runs, AsyncRuns):
-        for method, schema in ((cls.submit, "Submission"), (cls.fork, "Fork")):
-            offered = inspect.signature(method).parameters.keys() - {"self", "id", "idempotency_key"}
-            assert offered == schemas[schema]["properties"].keys(), schema
+    submits: list[tuple[typing.Any, str]] = [(cls.submit, "Submission") for cls in (Runs, AsyncRuns)]
+    submits += [(cls.fork, "Fork") for cls in (Runs, AsyncRuns)]
+    submits += [(cls.submit, "CampaignSubmission") for cls in (Campaigns, AsyncCampaigns)]
+    for method, schema in submits:
+        offered = inspect.signature(method).parameters.keys() - {"self", "id", "idempotency_key"}
+        assert offered == schemas[schema]["properties"].keys(), schema
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 1000])

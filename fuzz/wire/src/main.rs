@@ -19,12 +19,22 @@ mod proto {
 }
 
 fuzz_target!(|data: &[u8]| {
-    let Some((&which, bytes)) = data.split_first() else { return };
+    let Some((&which, bytes)) = data.split_first() else {
+        return;
+    };
     let rotors = usize::from(which >> 4);
     match which & 15 {
         0 => frame::<proto::SensorFrame, _>(bytes, |m| frames::SensorFrame::try_from(m), |f| f.into()),
-        1 => frame::<proto::MotorCommand, _>(bytes, |m| frames::CommandFrame::from_proto(m, rotors), |f| f.to_proto(rotors)),
-        2 => frame::<proto::FdiReport, _>(bytes, |m| frames::FdiReport::from_proto(m, rotors), |f| f.to_proto(rotors)),
+        1 => frame::<proto::MotorCommand, _>(
+            bytes,
+            |m| frames::CommandFrame::from_proto(m, rotors),
+            |f| f.to_proto(rotors),
+        ),
+        2 => frame::<proto::FdiReport, _>(
+            bytes,
+            |m| frames::FdiReport::from_proto(m, rotors),
+            |f| f.to_proto(rotors),
+        ),
         3 => with::<proto::ControllerSetup>(bytes, controller),
         4 => with::<proto::FdiSetup>(bytes, fdi),
         5 => with::<proto::Setup>(bytes, |message| match &message.parameters {

@@ -8,8 +8,8 @@
         frame = client.runs.telemetry_frame(run.id)
 """
 
-from .aio import AsyncClient, AsyncJobs, AsyncLibrary, AsyncResource, AsyncRuns, AsyncScenarios
-from .client import Client, Jobs, Library, Resource, Runs, Scenarios
+from .aio import AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncResource, AsyncRuns, AsyncScenarios
+from .client import Campaigns, Client, Jobs, Library, Resource, Runs, Scenarios
 from .errors import (
     BadRequest,
     Conflict,
@@ -24,10 +24,11 @@ from .errors import (
     UnexpectedAnswer,
     Unprocessable,
 )
-from .models import Artifact, Event, Job, Run, Validation, Verification
+from .models import Artifact, Channel, Event, Job, Run, Ticket, Validation, Verification
 
 __all__ = [
     "Artifact",
+    "AsyncCampaigns",
     "AsyncClient",
     "AsyncJobs",
     "AsyncLibrary",
@@ -35,6 +36,8 @@ __all__ = [
     "AsyncRuns",
     "AsyncScenarios",
     "BadRequest",
+    "Campaigns",
+    "Channel",
     "Client",
     "Conflict",
     "ConnectionLost",
@@ -51,6 +54,7 @@ __all__ = [
     "Run",
     "Runs",
     "Scenarios",
+    "Ticket",
     "Unauthorized",
     "Unavailable",
     "UnexpectedAnswer",

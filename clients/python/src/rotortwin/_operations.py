@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, Union
 from ._exchange import Operation, Settings
 from ._stream import in_path
 from .errors import JobFailed, RotortwinError, UnexpectedAnswer
-from .models import Artifact, Event, Job, Json, Run, Validation, Verification, read
+from .models import Artifact, Channel, Event, Job, Json, Run, Ticket, Validation, Verification, read
 
 if TYPE_CHECKING:
     import pandas
@@ -102,6 +102,30 @@ class RunOperations(JobOperations[Run]):
         return read(Verification, answer.json())
 
 
+    def ticket(self, id: str) -> Operation[list[Ticket]]:
+        answer = yield from self.settings.call("GET", self.path(id, "ticket"))
+        return [read(Ticket, item) for item in answer.json()["peers"]]
+
+    def channels(self, id: str) -> Operation[list[Channel]]:
+        answer = yield from self.settings.call("GET", self.path(id, "channels"))
+        return [read(Channel, item) for item in answer.json()["items"]]
+
+    def samples(self, ids: str | Sequence[str], channels: Sequence[str], query: Mapping[str, Any]) -> Operation[bytes]:
+        params = {"channels": ",".join(channels), "format": "parquet", **query}
+        path = "/api/v1/telemetry"
+        if isinstance(ids, str):
+            path = self.path(ids, "telemetry")
+        else:
+            params["runs"] = ",".join(ids)
+        answer = yield from self.settings.call("GET", path, params=params)
+        return answer.content
+
+
+def job_operations(settings: Settings, kind: str) -> JobOperations[Job]:
+    """Of a kind of job that has no class of its own."""
+    return JobOperations(settings, kind, lambda data: read(Job, data))
+
+
 class LibraryOperations:
     """Scenarios and vehicles that the server has."""
 
@@ -144,6 +168,13 @@ def scenario_body(
         items = changes.items() if isinstance(changes, Mapping) else None
         body["set"] = list(changes) if items is None else [f"{key}={toml_value(value)}" for key, value in items]
     return body
+
+
+def campaign_body(campaign: str | Path | None, text: str | None) -> Json:
+    """Which campaign a request means."""
+    if isinstance(campaign, Path):
+        return {"text": campaign.read_text(encoding="utf-8")}
+    return {"campaign": campaign, "text": text}
 
 
 def toml_value(value: Any) -> str:

@@ -20,10 +20,12 @@ from ._operations import (
     Watcher,
     as_frame,
     as_table,
+    campaign_body,
+    job_operations,
     scenario_body,
 )
 from ._stream import Download, Follow, local_path
-from .models import Artifact, Event, Job, Link, Pace, Run, Status, Validation, Verification, read_job
+from .models import Artifact, Channel, Event, Job, Link, Pace, Place, Run, Status, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
@@ -153,6 +155,23 @@ class AsyncJobs(AsyncResource[Job]):
         return await self._do(self._operations.submit(body, idempotency_key))
 
 
+class AsyncCampaigns(AsyncResource[Job]):
+    """Many flights: grids and random draws, with statistics of the detectors."""
+
+    async def submit(
+        self,
+        campaign: str | Path | None = None,
+        *,
+        text: str | None = None,
+        priority: int = 0,
+        max_wall_s: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Submits a campaign: a name of the server's library, a `Path` of a file here, or a text."""
+        body = campaign_body(campaign, text) | {"priority": priority, "max_wall_s": max_wall_s}
+        return await self._do(self._operations.submit(body, idempotency_key))
+
+
 class AsyncRuns(AsyncResource[Run]):
     """Flights; see `rotortwin.client.Runs`."""
 
@@ -172,11 +191,18 @@ class AsyncRuns(AsyncResource[Run]):
         link: Link = "iceoryx2",
         pace: Pace = "fast",
         priority: int = 0,
+        controller: Place = "beside",
+        fdi: Place = "beside",
+        join_timeout_ms: int | None = None,
+        max_wall_s: int | None = None,
+        max_sim_s: float | None = None,
         idempotency_key: str | None = None,
     ) -> Run:
         """Submits a flight; when this returns it is on the server's disk, and will end."""
         body = scenario_body(scenario, text, documents, set)
-        body |= {"seed": seed, "link": link, "pace": pace, "priority": priority}
+        body |= {"seed": seed, "link": link, "pace": pace, "priority": priority, "controller": controller, "fdi": fdi}
+        limits = {"join_timeout_ms": join_timeout_ms, "max_wall_s": max_wall_s, "max_sim_s": max_sim_s}
+        body |= {key: value for key, value in limits.items() if value is not None}
         return await self._do(self._operations.submit(body, idempotency_key))
 
     async def fork(
@@ -203,6 +229,31 @@ class AsyncRuns(AsyncResource[Run]):
     async def telemetry_frame(self, id: str, columns: Sequence[str] | None = None) -> pandas.DataFrame:
         """Its samples, every step, as a pandas data frame."""
         return as_frame(await self.artifact(id, "telemetry.parquet"), columns)
+
+    async def ticket(self, id: str) -> Sequence[Ticket]:
+        """How parts from elsewhere join; there once the plant waits for them (event `join`)."""
+        return await self._do(self._operations.ticket(id))
+
+    async def channels(self, id: str) -> Sequence[Channel]:
+        """What was recorded of it."""
+        return await self._do(self._operations.channels(id))
+
+    async def samples(
+        self,
+        id: str | Sequence[str],
+        channels: Sequence[str],
+        *,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        points: int | None = None,
+    ) -> pyarrow.Table:
+        """Some channels in an interval, with as many rows as a picture needs: the server keeps least and largest value of each bucket.
+
+        id: of a run, or of several that are to be compared (then the first column is `run`). channels: names; one `*` stands for
+        anything (`duty_*`). points: most rows of a run, 2000 without it.
+        """
+        query = {"from_s": from_s, "to_s": to_s, "points": points}
+        return as_table(await self._do(self._operations.samples(id, channels, query)), None)
 
 
 class AsyncLibrary:
@@ -248,12 +299,13 @@ class AsyncClient:
         self._settings = Settings(url.rstrip("/"), token, ca, patience_s, timeout_s)
         self._http = httpx.AsyncClient(verify=self._settings.verify())
         self.runs = AsyncRuns(self)
+        self.campaigns = AsyncCampaigns(self, job_operations(self._settings, "campaigns"))
         self.scenarios = AsyncScenarios(self, "scenarios")
         self.vehicles = AsyncLibrary(self, "vehicles")
 
     def jobs(self, kind: str) -> AsyncJobs:
-        """Jobs of another kind, such as `campaigns`, `logs`, `comparisons`, `diagnoses`."""
-        return AsyncJobs(self, JobOperations(self._settings, kind, read_job))
+        """Jobs of another kind, such as `logs`, `comparisons`, `diagnoses`."""
+        return AsyncJobs(self, job_operations(self._settings, kind))
 
     async def ready(self) -> bool:
         """The server takes work; raises otherwise."""

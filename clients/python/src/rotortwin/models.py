@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, TypeVar
 
 from .errors import UnexpectedAnswer
 
@@ -15,6 +15,7 @@ Json = dict[str, Any]
 Status = Literal["queued", "running", "done", "failed", "canceled"]
 Link = Literal["in-process", "iceoryx2", "zenoh"]
 Pace = Literal["fast", "real-time"]
+Place = Literal["beside", "worker", "external"]
 
 _T = TypeVar("_T")
 
@@ -53,8 +54,17 @@ class Run:
     attempts: int
     #: Somebody wants it stopped.
     cancel_requested: bool
+    #: On whose account.
+    tenant: str = ""
+    #: Who flies, who detects: `beside` the plant, on a `worker`, `external`.
+    controller: str = "beside"
+    fdi: str = "beside"
     #: The run that it was forked from.
     parent: str | None = None
+    #: Who has or had it.
+    worker: str | None = None
+    #: Bytes of its files.
+    bytes: int = 0
     started_ms: int | None = None
     finished_ms: int | None = None
     #: Equal for equal scenario, seed and program, whatever the link.
@@ -72,26 +82,64 @@ class Run:
 
 @dataclass(frozen=True)
 class Job:
-    """A job of any other kind: what all of them have, and everything as it came in `raw`."""
+    """A job that is no run: a campaign, a diagnosis, … Times are ms since 1970, UTC."""
 
     id: str
+    #: What it is, such as `campaign`.
+    kind: str
+    #: Of the campaign, of the log, …
+    name: str
     status: Status
+    submitted_ms: int
+    #: How often it was begun.
+    attempts: int
+    #: Somebody wants it stopped.
+    cancel_requested: bool
+    #: Larger goes first among the jobs of a tenant.
+    priority: int = 0
+    #: On whose account.
+    tenant: str = ""
+    #: What was asked for, in short.
+    facts: Json = field(default_factory=dict)
+    #: The job that it was made from.
+    parent: str | None = None
+    #: Parts that are not done.
+    waits_for: int = 0
+    started_ms: int | None = None
+    finished_ms: int | None = None
+    #: Who has or had it.
+    worker: str | None = None
+    #: Bytes of its files.
+    bytes: int = 0
+    #: Why it failed, one sentence.
     error: str | None = None
-    raw: Json = field(default_factory=dict, repr=False)
+    #: What came out; not in lists.
+    result: Any = None
 
     @property
     def ended(self) -> bool:
         """It is done, failed or canceled."""
         return self.status in FINAL
 
-    def __getitem__(self, key: str) -> Any:
-        return self.raw[key]
 
+@dataclass(frozen=True)
+class Ticket:
+    """How a controller or an FDI engine from elsewhere joins a run."""
 
-def read_job(data: object) -> Job:
-    """A job from JSON."""
-    job = read(Job, data)
-    return Job(job.id, job.status, job.error, dict(cast(Mapping[str, Any], data)))
+    #: `controller` or `fdi`.
+    role: str
+    #: Where the plant is met: `zenoh:connect=tcp/HOST:PORT`.
+    link: str
+    #: 16 hex digits; part of all topics of the run.
+    run_id: str
+    #: Version of the messages of `proto/` that the plant speaks.
+    messages: int
+    #: The plant waits this long for all parts to join, ms from the event `join`.
+    join_timeout_ms: int
+    #: The plant waits this long for the answer of a part that lives, ms.
+    step_timeout_ms: int
+    #: What starts our own part there.
+    command: str
 
 
 @dataclass(frozen=True)
@@ -104,6 +152,20 @@ class Artifact:
     size: int
     #: Where to get it.
     href: str
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Something that was recorded of a run at every step."""
+
+    #: Unique in the run.
+    name: str
+    #: As people write it (`m/s`); `1` for fractions and codes.
+    unit: str
+    #: What it means.
+    description: str
+    #: `f64`, `f32`, `i32`, `i64`, `bool`; `text` and `other` cannot be asked for.
+    kind: str
 
 
 @dataclass(frozen=True)
@@ -147,7 +209,7 @@ class Event:
     @property
     def share(self) -> float | None:
         """How much of the job is behind it, 0 to 1, if this event says so."""
-        for done, of in (("step", "step_count"), ("done", "total")):
+        for done, of in (("step", "step_count"), ("flights", "of")):
             if isinstance(total := self.data.get(of), (int, float)) and total > 0:
                 return min(1.0, float(self.data.get(done, 0)) / float(total))
         return None
