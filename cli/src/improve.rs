@@ -40,6 +40,9 @@ pub(crate) struct Args {
     /// Write report.html and improvement.json into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Write the version that it ends with into this file, as 'rotortwin model export' does
+    #[arg(long = "final", value_name = "FILE")]
+    final_version: Option<PathBuf>,
     /// Print the result as JSON, nothing else; needs --yes
     #[arg(long, requires = "yes")]
     json: bool,
@@ -118,6 +121,11 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         && let Err(sentence) = report::write(folder, &improvement)
     {
         return output::failed(sentence);
+    }
+    if let Some(path) = &args.final_version
+        && let Err(error) = std::fs::write(path, improvement.model.to_toml())
+    {
+        return output::failed(format!("{}: cannot be written: {error}", path.display()));
     }
     if args.json {
         println!(

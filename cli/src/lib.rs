@@ -36,6 +36,9 @@ use std::process::ExitCode;
 struct Cli {
     #[command(flatten)]
     server: remote::ServerArgs,
+    /// End when the standard input does: whoever started this holds it open
+    #[arg(long, hide = true)]
+    end_with_stdin: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -104,6 +107,9 @@ pub fn run() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return refuse(&error),
     };
+    if cli.end_with_stdin {
+        fly::end_with_standard_input();
+    }
     if cli.server.server.is_some() {
         return remote::run(&cli.server, &cli.command);
     }

@@ -83,6 +83,9 @@ pub(crate) struct Args {
     /// Files of a tenant, GB, at most
     #[arg(long, value_name = "GB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     tenant_gigabytes: u64,
+    /// Largest flight log that is taken, MB
+    #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    largest_upload: u64,
     /// Longest flight that is taken, s of simulated time
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     longest_flight: u32,
@@ -158,6 +161,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         tls: args.tls_cert.clone().zip(args.tls_key.clone()),
         rate: args.rate,
         most_bytes: args.tenant_gigabytes * 1_000_000_000,
+        largest_upload: args.largest_upload * 1_000_000,
         longest_flight_s: f64::from(args.longest_flight),
         cors_origins: args.cors_origin.clone(),
         library: args.library.clone(),

@@ -84,6 +84,8 @@ pub struct ServeConfig {
     pub rate: NonZeroU32,
     /// Bytes of a tenant's files, at most.
     pub most_bytes: u64,
+    /// Bytes of an uploaded file, at most.
+    pub largest_upload: u64,
     /// A flight takes at most so long, s of simulated time.
     pub longest_flight_s: f64,
     /// Pages of these origins may use the API from a browser; none: only its own.

@@ -75,6 +75,16 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, "conflict", "It contradicts what is there", detail)
     }
 
+    /// 413: more bytes than the server takes.
+    pub fn too_large(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::PAYLOAD_TOO_LARGE,
+            "too-large",
+            "More than the server takes",
+            detail,
+        )
+    }
+
     /// 422: it can be read and cannot be flown.
     pub fn unprocessable(detail: impl Into<String>) -> Self {
         Self::new(

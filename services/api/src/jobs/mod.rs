@@ -81,26 +81,23 @@ pub(crate) enum JobKind {
     Comparison,
     /// Which effects a model lacks.
     Diagnosis,
-    /// A version of a model.
-    Model,
+    /// Compare, diagnose, add, compare again: versions of a model.
+    Improvement,
     /// A classifier that is trained.
     Classifier,
-    /// Tables of the paper.
-    Reproduction,
 }
 
 impl JobKind {
     /// All of them, for look-ups.
-    const ALL: [Self; 9] = [
+    const ALL: [Self; 8] = [
         Self::Run,
         Self::Campaign,
         Self::CampaignShard,
         Self::Log,
         Self::Comparison,
         Self::Diagnosis,
-        Self::Model,
+        Self::Improvement,
         Self::Classifier,
-        Self::Reproduction,
     ];
 
     /// As it stands in the database.
@@ -112,9 +109,8 @@ impl JobKind {
             Self::Log => "log",
             Self::Comparison => "comparison",
             Self::Diagnosis => "diagnosis",
-            Self::Model => "model",
+            Self::Improvement => "improvement",
             Self::Classifier => "classifier",
-            Self::Reproduction => "reproduction",
         }
     }
 
@@ -127,9 +123,8 @@ impl JobKind {
             Self::Log => "logs",
             Self::Comparison => "comparisons",
             Self::Diagnosis => "diagnoses",
-            Self::Model => "models",
+            Self::Improvement => "improvements",
             Self::Classifier => "classifiers",
-            Self::Reproduction => "reproductions",
         }
     }
 

@@ -1,6 +1,7 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
 
 use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::LIBRARY;
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::spec::{Content, Input, Spec, Task};
@@ -33,8 +34,6 @@ super::collection!(
 
 /// A campaign has at most this many parts.
 const MOST_PARTS: u64 = 64;
-/// Where a task finds the library.
-const LIBRARY: &str = "library";
 /// The file of a campaign that came as a text.
 const SUBMITTED: &str = "submitted-campaign.toml";
 

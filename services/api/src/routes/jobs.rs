@@ -316,6 +316,8 @@ pub(super) async fn delete(app: &App, job: &Job) -> Result<StatusCode, Problem> 
             .and_then(|folder| folder.strip_prefix("runs/"))
             .map(|_| format!("runs/{}", job.id)),
     );
+    let facts: serde_json::Value = serde_json::from_str(&job.new.facts).unwrap_or_default();
+    keys.extend(facts["upload"].as_str().map(str::to_owned));
     for key in keys {
         if let Err(error) = app.artifacts.delete(&key).await {
             tracing::warn!(key, %error, "files of a deleted job cannot be deleted");

@@ -2,16 +2,20 @@
 
 mod artifacts;
 mod campaigns;
+mod classifiers;
 mod collection;
 mod events;
 mod exports;
 mod jobs;
 mod library;
 mod live;
+mod logs;
 mod runs;
 mod server;
 mod table;
+mod tasks;
 mod telemetry;
+mod twin;
 
 pub(crate) use collection::collection;
 
@@ -30,6 +34,7 @@ use utoipa::OpenApi;
 use utoipa::openapi::{Content, Ref, ResponseBuilder};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
+use utoipa_swagger_ui::{Config, SwaggerUi};
 
 /// No request is larger.
 const LARGEST_BODY: usize = 2 << 20;
@@ -44,6 +49,11 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "runs", description = "Flights: submit, list, watch, stop, compare"),
         (name = "telemetry", description = "What was recorded: channels, intervals, decimated so that a picture is true"),
         (name = "campaigns", description = "Many flights with statistics"),
+        (name = "classifiers", description = "Networks, trained on the server"),
+        (name = "logs", description = "Flight logs: upload and import"),
+        (name = "comparisons", description = "A model held against flights"),
+        (name = "diagnoses", description = "Which physical effect a model lacks"),
+        (name = "improvements", description = "Compare, diagnose, add, compare again"),
         (name = "library", description = "Scenarios and vehicles that the server has"),
         (name = "server", description = "How the server is")
     )
@@ -73,6 +83,36 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(campaigns::campaigns::events))
         .routes(routes!(campaigns::campaigns::files))
         .routes(routes!(campaigns::campaigns::file))
+        .routes(routes!(classifiers::submit, classifiers::classifiers::list))
+        .routes(routes!(classifiers::classifiers::get, classifiers::classifiers::delete))
+        .routes(routes!(classifiers::classifiers::cancel))
+        .routes(routes!(classifiers::classifiers::events))
+        .routes(routes!(classifiers::classifiers::files))
+        .routes(routes!(classifiers::classifiers::file))
+        .routes(routes!(logs::submit, logs::logs::list))
+        .routes(routes!(logs::logs::get, logs::logs::delete))
+        .routes(routes!(logs::logs::cancel))
+        .routes(routes!(logs::logs::events))
+        .routes(routes!(logs::logs::files))
+        .routes(routes!(logs::logs::file))
+        .routes(routes!(twin::compare, twin::comparisons::list))
+        .routes(routes!(twin::comparisons::get, twin::comparisons::delete))
+        .routes(routes!(twin::comparisons::cancel))
+        .routes(routes!(twin::comparisons::events))
+        .routes(routes!(twin::comparisons::files))
+        .routes(routes!(twin::comparisons::file))
+        .routes(routes!(twin::diagnose, twin::diagnoses::list))
+        .routes(routes!(twin::diagnoses::get, twin::diagnoses::delete))
+        .routes(routes!(twin::diagnoses::cancel))
+        .routes(routes!(twin::diagnoses::events))
+        .routes(routes!(twin::diagnoses::files))
+        .routes(routes!(twin::diagnoses::file))
+        .routes(routes!(twin::improve, twin::improvements::list))
+        .routes(routes!(twin::improvements::get, twin::improvements::delete))
+        .routes(routes!(twin::improvements::cancel))
+        .routes(routes!(twin::improvements::events))
+        .routes(routes!(twin::improvements::files))
+        .routes(routes!(twin::improvements::file))
         .routes(routes!(library::scenarios))
         .routes(routes!(library::scenario))
         .routes(routes!(library::validate))
@@ -135,6 +175,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
     router
         .route("/", axum::routing::get(server::front))
         .route("/api/v1/openapi.json", axum::routing::get(server::openapi))
+        .merge(SwaggerUi::new("/api/v1/docs").config(Config::new(["/api/v1/openapi.json"])))
         .fallback(no_such_address)
         .method_not_allowed_fallback(wrong_method)
         .layer(axum::middleware::from_fn_with_state(

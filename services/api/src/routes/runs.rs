@@ -12,6 +12,7 @@ use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
+use rotortwin_plant::classifier::Classifier;
 use rotortwin_plant::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -33,6 +34,9 @@ pub(crate) struct Submission {
     /// All documents of a flight (TOML), as the summary of a run holds them: nothing is looked up in the library.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     documents: Option<String>,
+    /// Id of a classifier that was trained here: the network of the FDI engine, instead of the scenario's.
+    #[serde(default)]
+    classifier: Option<String>,
     /// Keys to set on the named scenario: `key=value`, such as `initial.state_of_charge=0.4`.
     #[serde(default)]
     set: Vec<String>,
@@ -202,6 +206,22 @@ fn submitted_scenario(app: &App, body: &Submission) -> Result<Scenario, Problem>
     }
 }
 
+async fn with_classifier(app: &App, caller: &Caller, scenario: &Scenario, id: &str) -> Result<Scenario, Problem> {
+    let job = super::tasks::done(app, caller, JobKind::Classifier, id).await?;
+    let name = super::classifiers::FILE;
+    let file = app
+        .artifacts
+        .file(job.folder.as_deref().unwrap_or_default(), name)
+        .await
+        .map_err(|error| Problem::internal(&error))?
+        .ok_or_else(|| Problem::not_found(format!("the file of classifier {id} is gone")))?;
+    let classifier = Classifier::read(&file).map_err(|error| app.library.refusal(&error))?;
+    let mut documents = scenario.documents().clone();
+    documents.scenario.fdi.network = Some(name.to_owned());
+    documents.classifier = Some(classifier);
+    Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))
+}
+
 /// Submits a flight.
 #[utoipa::path(post, path = "/api/v1/runs", tag = "runs", request_body = Submission,
     params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the run that is there")),
@@ -226,6 +246,10 @@ pub(crate) async fn submit(
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
     let scenario = submitted_scenario(&app, &body)?;
+    let scenario = match &body.classifier {
+        None => scenario,
+        Some(id) => with_classifier(&app, &caller, &scenario, id).await?,
+    };
     accept(
         &app,
         &caller,
@@ -443,6 +467,7 @@ pub(crate) async fn fork(
         text: None,
         set: Vec::new(),
         documents: None,
+        classifier: None,
         seed: Some(match body.seed {
             Some(seed) => seed,
             None => spec.seed.parse().map_err(|error| Problem::internal(&error))?,

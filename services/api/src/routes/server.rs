@@ -91,7 +91,7 @@ body { max-width: 70rem; margin: 2rem auto; padding: 0 1rem }
 table { border-collapse: collapse; width: 100% } td, th { text-align: left; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #8884 }
 td:nth-child(5), td:nth-child(6) { font: 12px ui-monospace, monospace } .done { color: #1a7f37 } .failed { color: #cf222e } .running { color: #0969da }
 </style><h1>rotortwin</h1>
-<p><a href="/api/v1/openapi.json">API</a> · <a href="/api/v1/scenarios">scenarios</a> · <a href="/api/v1/vehicles">vehicles</a> · <a href="/metrics">metrics</a></p>
+<p><a href="/api/v1/docs">API</a> · <a href="/api/v1/scenarios">scenarios</a> · <a href="/api/v1/vehicles">vehicles</a> · <a href="/metrics">metrics</a></p>
 <table><tr><th>Run<th>Vehicle<th>Seed<th>State<th>Id<th>Run hash or reason</tr>@ROWS@</table></html>
 "#;
 

@@ -87,6 +87,7 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, spec: &Task
 }
 
 async fn lay_out(shop: &Workshop, job: &Job, spec: &Task, folder: &Path) -> io::Result<()> {
+    std::fs::create_dir_all(folder.join("out"))?;
     for input in &spec.inputs {
         let path = folder.join(&input.path);
         if let Some(parent) = path.parent() {

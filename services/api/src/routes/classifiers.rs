@@ -1,0 +1,150 @@
+//! Classifiers: train. The file is an artifact, `classifier.json`; a run takes it by the job's id.
+
+use super::jobs::{JobView, Shared, Terms};
+use super::tasks::{Draft, LIBRARY, library};
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::jobs::spec::Task;
+use crate::problem::Problem;
+use crate::worker::task::THREADS;
+use axum::Json;
+use axum::extract::rejection::JsonRejection;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use utoipa::ToSchema;
+
+super::collection!(
+    classifiers,
+    crate::jobs::JobKind::Classifier,
+    "classifier",
+    "/api/v1/classifiers",
+    "/api/v1/classifiers/{id}",
+    "/api/v1/classifiers/{id}/cancel",
+    "/api/v1/classifiers/{id}/events",
+    "/api/v1/classifiers/{id}/artifacts",
+    "/api/v1/classifiers/{id}/artifacts/{*path}"
+);
+
+/// Its file.
+pub(super) const FILE: &str = "classifier.json";
+/// Data sets, at most.
+const MOST_SEEDS: u32 = 100;
+
+/// What the network reads and how it is trained.
+#[derive(Debug, Default, Clone, Copy, Deserialize, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Method {
+    /// As in the paper, for scenarios with `nominal_thrust = "static"`.
+    #[default]
+    Paper,
+    /// Rotor lag in the residuals, self-calibrated, Adam; for scenarios with `nominal_thrust = "lagged"`.
+    Improved,
+}
+
+/// A classifier to be trained.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Training {
+    /// What it reads and how it is trained.
+    #[serde(default)]
+    method: Method,
+    /// Name of one of the server's scenarios: vehicle, controller, sensors, detector settings.
+    #[serde(default = "reference_flight")]
+    scenario: String,
+    /// Data sets, one a seed.
+    #[serde(default = "five")]
+    #[schema(minimum = 1, maximum = 100)]
+    seeds: u32,
+    /// First seed; the others follow.
+    #[serde(default = "one")]
+    first_seed: u64,
+    /// From −100 to 100; larger goes first.
+    #[serde(default)]
+    #[schema(minimum = -100, maximum = 100)]
+    priority: i64,
+}
+
+fn reference_flight() -> String {
+    "reference-flight".to_owned()
+}
+
+const fn five() -> u32 {
+    5
+}
+
+const fn one() -> u64 {
+    1
+}
+
+/// Trains a classifier: the same seeds give the same bits.
+#[utoipa::path(post, path = "/api/v1/classifiers", tag = "classifiers", operation_id = "submit_classifier", request_body = Training,
+    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "its address"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such scenario", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be trained so", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn submit(
+    app: Shared,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Result<Json<Training>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    app.library.text("scenarios", &body.scenario)?;
+    if !(1..=MOST_SEEDS).contains(&body.seeds) {
+        return Err(Problem::unprocessable(format!(
+            "`seeds` is {}; expected 1 to {MOST_SEEDS}",
+            body.seeds
+        )));
+    }
+    let method = match body.method {
+        Method::Paper => "paper",
+        Method::Improved => "improved",
+    };
+    let args = [
+        "train",
+        "--out",
+        &format!("out/{FILE}"),
+        "--method",
+        method,
+        "--scenario",
+        &format!("{LIBRARY}/scenarios/{}.toml", body.scenario),
+        "--seeds",
+        &body.seeds.to_string(),
+        "--first-seed",
+        &body.first_seed.to_string(),
+        "--threads",
+        THREADS,
+        "--json",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let draft = Draft {
+        kind: JobKind::Classifier,
+        name: format!("{}-{method}", body.scenario),
+        facts: json!({ "method": method, "scenario": body.scenario, "seeds": body.seeds, "first_seed": body.first_seed }),
+        task: Task {
+            args,
+            inputs: vec![library(&app).await?],
+            result: None,
+            discard: Vec::new(),
+        },
+        terms: Terms {
+            priority: body.priority,
+            max_wall_s: None,
+        },
+        parent: None,
+    };
+    draft.submit(&app, &caller, &headers, &body).await
+}

@@ -1,0 +1,202 @@
+//! What submissions of tasks share: commands of `rotortwin` over the library, logs, runs and models.
+
+use super::jobs::{self, JobView, Terms};
+use crate::App;
+use crate::access::Caller;
+use crate::jobs::spec::{Content, Input, Spec, Task};
+use crate::jobs::{Job, JobKind, NewJob, Status};
+use crate::problem::Problem;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Where a task finds the library.
+pub(super) const LIBRARY: &str = "library";
+/// A submission names at most this many logs and runs.
+const MOST_LOGS: usize = 64;
+
+/// A task that is being put together.
+pub(super) struct Draft {
+    pub(super) kind: JobKind,
+    pub(super) name: String,
+    pub(super) facts: serde_json::Value,
+    pub(super) task: Task,
+    pub(super) terms: Terms,
+    pub(super) parent: Option<String>,
+}
+
+impl Draft {
+    /// Puts it into the queue.
+    ///
+    /// # Errors
+    /// 400, 409, 422, 429, 503, 507.
+    pub(super) async fn submit(
+        self,
+        app: &App,
+        caller: &Caller,
+        headers: &HeaderMap,
+        body: &impl Serialize,
+    ) -> Result<Response, Problem> {
+        let new = NewJob {
+            kind: self.kind,
+            name: self.name,
+            tenant: caller.tenant.clone(),
+            priority: self.terms.priority,
+            spec: serde_json::to_string(&Spec::Task(self.task)).map_err(|error| Problem::internal(&error))?,
+            facts: self.facts.to_string(),
+            parent: self.parent,
+            idempotency_key: jobs::idempotency_key(headers)?,
+            request_hash: jobs::request_hash(body),
+            wall_limit_ms: self.terms.check()?,
+            parts: Vec::new(),
+        };
+        jobs::accept(app, new, JobView::from).await
+    }
+}
+
+/// The library as it is now, for a task.
+///
+/// # Errors
+/// 500.
+pub(super) async fn library(app: &App) -> Result<Input, Problem> {
+    let key = app
+        .library
+        .snapshot(&app.artifacts)
+        .await
+        .map_err(|error| Problem::internal(&error))?;
+    Ok(Input {
+        path: LIBRARY.to_owned(),
+        content: Content::Folder(key),
+    })
+}
+
+/// Flights to hold a model against.
+#[derive(Debug, Clone, Default, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Flights {
+    /// Ids of imported logs; `ID@35:65` takes only these seconds.
+    #[serde(default)]
+    logs: Vec<String>,
+    /// Ids of runs that are done; `ID@35:65` takes only these seconds.
+    #[serde(default)]
+    runs: Vec<String>,
+}
+
+impl Flights {
+    /// Words for the command line, and the inputs that they mean.
+    ///
+    /// # Errors
+    /// 404: no such log or run. 409: it is not done. 422: none, too many, or no part of a log.
+    pub(super) async fn lay_out(&self, app: &App, caller: &Caller) -> Result<(Vec<String>, Vec<Input>), Problem> {
+        let count = self.logs.len() + self.runs.len();
+        if !(1..=MOST_LOGS).contains(&count) {
+            return Err(Problem::unprocessable(format!(
+                "{count} flights in `logs` and `runs`; expected 1 to {MOST_LOGS}"
+            )));
+        }
+        let (mut words, mut inputs) = (Vec::new(), Vec::new());
+        for (kind, texts) in [(JobKind::Log, &self.logs), (JobKind::Run, &self.runs)] {
+            for text in texts {
+                let (id, part) = match text.split_once('@') {
+                    Some((id, part)) => (id, Some(checked_part(part)?)),
+                    None => (text.as_str(), None),
+                };
+                let job = done(app, caller, kind, id).await?;
+                let folder = format!("{}/{}", kind.collection(), job.id);
+                let file = match kind {
+                    JobKind::Log => format!("{folder}/{}.parquet", super::logs::STEM),
+                    _ => folder.clone(),
+                };
+                words.push(part.map_or_else(|| file.clone(), |part| format!("{file}@{part}")));
+                inputs.push(Input {
+                    path: folder,
+                    content: Content::Folder(job.folder.unwrap_or_default()),
+                });
+            }
+        }
+        Ok((words, inputs))
+    }
+}
+
+/// Seconds `FROM:TO`, or the name of a segment.
+fn checked_part(part: &str) -> Result<&str, Problem> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "._-:".contains(c);
+    if !part.is_empty() && part.len() <= 64 && part.chars().all(plain) {
+        return Ok(part);
+    }
+    Err(Problem::unprocessable(format!(
+        "'{part}' is no part of a log; expected seconds such as 35:65, or the name of a segment"
+    )))
+}
+
+/// Which model.
+#[derive(Debug, Clone, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ModelChoice {
+    /// Name of one of the server's vehicles: its nominal model.
+    #[serde(default)]
+    vehicle: Option<String>,
+    /// Id of an improvement: the model that it ended with.
+    #[serde(default)]
+    improvement: Option<String>,
+    /// A version of a model, as `rotortwin model export` writes it (TOML).
+    #[serde(default)]
+    version: Option<String>,
+}
+
+impl ModelChoice {
+    /// The nominal model of a vehicle.
+    pub(super) fn is_a_vehicle(&self) -> bool {
+        self.vehicle.is_some()
+    }
+
+    /// The word for the command line, the inputs that it means, and a name.
+    ///
+    /// # Errors
+    /// 404, 409, 422.
+    pub(super) async fn lay_out(&self, app: &App, caller: &Caller) -> Result<(String, Vec<Input>, String), Problem> {
+        match (&self.vehicle, &self.improvement, &self.version) {
+            (Some(name), None, None) => {
+                app.library.text("vehicles", name)?;
+                let inputs = vec![library(app).await?];
+                Ok((format!("{LIBRARY}/vehicles/{name}.toml"), inputs, name.clone()))
+            }
+            (None, Some(id), None) => {
+                let job = done(app, caller, JobKind::Improvement, id).await?;
+                let file = super::twin::FINAL_MODEL;
+                let input = Input {
+                    path: file.to_owned(),
+                    content: Content::File(format!("{}/{file}", job.folder.unwrap_or_default())),
+                };
+                Ok((file.to_owned(), vec![input], job.new.name))
+            }
+            (None, None, Some(text)) => {
+                let input = Input {
+                    path: "version.toml".to_owned(),
+                    content: Content::Text(text.clone()),
+                };
+                Ok(("version.toml".to_owned(), vec![input], "version".to_owned()))
+            }
+            _ => Err(Problem::unprocessable(
+                "expected one of `vehicle`, `improvement`, `version` as the model",
+            )),
+        }
+    }
+}
+
+/// A job of this kind that is done.
+///
+/// # Errors
+/// 404, 409.
+pub(super) async fn done(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<Job, Problem> {
+    let job = jobs::find(app, caller, kind, Ok(axum::extract::Path(id.to_owned()))).await?;
+    if job.status != Status::Done {
+        return Err(Problem::conflict(format!(
+            "the {} {id} is {}; expected one that is done",
+            kind.as_str(),
+            job.status.as_str()
+        )));
+    }
+    Ok(job)
+}

@@ -1,0 +1,220 @@
+//! Models held against flights over HTTP, classifiers trained on the server: each is what the command line gives.
+
+use rotortwin_tests::program::Call;
+use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::server::{Answer, Server};
+use serde_json::{Value, json};
+
+/// Healthy propellers, in drag that the vehicle's model does not know.
+const HIDDEN_DRAG: [&str; 3] = [
+    "fault=[]",
+    "duration_s=60.0",
+    "effect=[{effect='rotor-drag',parameters={drag_n_s_m=0.25}}]",
+];
+
+fn done(server: &Server, collection: &str, body: &Value) -> (String, Value) {
+    let id = server.submit_to(collection, body);
+    let job = server.ended_in(collection, &id);
+    assert_eq!(job["status"], "done", "{collection}: {job}");
+    (id, job)
+}
+
+fn upload(server: &Server, query: &str, body: &[u8]) -> Answer {
+    // The harness sends texts; a log is one as CSV.
+    let text = String::from_utf8(body.to_vec()).expect("a CSV");
+    let headers = [("content-type", "application/octet-stream")];
+    server.ask("POST", &format!("/api/v1/logs?{query}"), &headers, &text)
+}
+
+#[test]
+fn scenario_from_an_upload_to_an_improved_model() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let (run, _) = done(
+        &server,
+        "runs",
+        &json!({ "scenario": "waypoints", "link": "in-process" }),
+    );
+
+    // A log of that run as somebody's CSV: exported, uploaded, imported.
+    let export = server.ask(
+        "GET",
+        &format!("/api/v1/runs/{run}/artifacts/telemetry.parquet"),
+        &[],
+        "",
+    );
+    assert_eq!(export.status, 200);
+    let log = upload(&server, "name=flight.csv", LOG.as_bytes());
+    assert_eq!(log.status, 202, "{}", log.json());
+    let id = log.json()["id"].as_str().expect("an id").to_owned();
+    let log = server.ended_in("logs", &id);
+    assert_eq!(log["status"], "failed", "{log}");
+    assert!(
+        log["error"].as_str().is_some_and(|why| why.contains("log.csv")),
+        "{log}"
+    );
+
+    let (comparison, job) = done(
+        &server,
+        "comparisons",
+        &json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [format!("{run}@20:60")] } }),
+    );
+    assert!(job["result"]["logs"].is_array(), "{job}");
+    let report = server.ask(
+        "GET",
+        &format!("/api/v1/comparisons/{comparison}/artifacts/report.html"),
+        &[],
+        "",
+    );
+    assert_eq!(report.status, 200);
+
+    for (body, status, words) in [
+        (
+            json!({ "model": { "vehicle": "f550" }, "flights": {} }),
+            422,
+            "expected 1 to",
+        ),
+        (
+            json!({ "model": { "vehicle": "f550" }, "flights": { "runs": ["none"] } }),
+            404,
+            "there is no run",
+        ),
+        (
+            json!({ "model": { "vehicle": "none" }, "flights": { "runs": [run] } }),
+            404,
+            "f550",
+        ),
+        (
+            json!({ "model": {}, "flights": { "runs": [run] } }),
+            422,
+            "expected one of",
+        ),
+        (
+            json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [format!("{run}@--out")] } }),
+            0,
+            "",
+        ),
+        (
+            json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [format!("{run}@/etc")] } }),
+            422,
+            "no part",
+        ),
+        (
+            json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [run] }, "effects": ["x"] }),
+            422,
+            "belong to a diagnosis",
+        ),
+    ] {
+        let answer = server.ask("POST", "/api/v1/comparisons", &[], &body.to_string());
+        if status == 0 {
+            // A word that looks like an option is still only the name of a part.
+            let id = answer.json()["id"].as_str().expect("an id").to_owned();
+            assert_eq!(server.ended_in("comparisons", &id)["status"], "failed");
+            continue;
+        }
+        let problem = answer.json();
+        assert_eq!(answer.status, status, "{problem}");
+        assert!(
+            problem["detail"].as_str().is_some_and(|detail| detail.contains(words)),
+            "{problem}"
+        );
+    }
+    for (query, status) in [
+        ("name=a.exe", 422),
+        ("name=../x.csv", 422),
+        ("", 400),
+        ("name=a.csv&rate_hz=0", 422),
+    ] {
+        assert_eq!(upload(&server, query, b"x").status, status, "{query}");
+    }
+    assert_eq!(upload(&server, "name=a.csv", b"").status, 422);
+}
+
+/// Not a log of anything.
+const LOG: &str = "time,colour\n0,red\n";
+
+#[test]
+fn scenario_a_missing_effect_is_named_and_added_over_http() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let (run, _) = done(
+        &server,
+        "runs",
+        &json!({ "scenario": "waypoints", "link": "in-process", "set": HIDDEN_DRAG }),
+    );
+    let flights = json!({ "runs": [run] });
+    let (_, diagnosis) = done(
+        &server,
+        "diagnoses",
+        &json!({ "model": { "vehicle": "f550" }, "flights": flights }),
+    );
+    let found = &diagnosis["result"]["effects"][0];
+    assert_eq!(
+        found["instance"]["effect"], "rotor-drag",
+        "{}",
+        diagnosis["result"]["sentence"]
+    );
+    let drag = found["parameters"][0]["value"].as_f64().expect("a number");
+    assert!((drag - 0.25).abs() < 0.01, "{drag}");
+    let (improvement, job) = done(
+        &server,
+        "improvements",
+        &json!({ "model": { "vehicle": "f550" }, "flights": flights }),
+    );
+    assert!(job["result"]["reason"].is_string(), "{}", job["result"]);
+    let model = server.ask(
+        "GET",
+        &format!("/api/v1/improvements/{improvement}/artifacts/model.toml"),
+        &[],
+        "",
+    );
+    assert!(String::from_utf8_lossy(&model.body).contains("rotor-drag"));
+    // What was learnt holds against the flight better than what was known.
+    let error = |model: Value| {
+        let (_, job) = done(&server, "comparisons", &json!({ "model": model, "flights": flights }));
+        job["result"]["logs"][0]["models"][0].clone()
+    };
+    let (before, after) = (
+        error(json!({ "vehicle": "f550" })),
+        error(json!({ "improvement": improvement })),
+    );
+    assert_ne!(before, after);
+}
+
+#[test]
+fn scenario_a_classifier_trained_over_http_is_that_of_the_command_line_and_flies() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let (id, _) = done(&server, "classifiers", &json!({ "seeds": 1 }));
+    let there = server.ask(
+        "GET",
+        &format!("/api/v1/classifiers/{id}/artifacts/classifier.json"),
+        &[],
+        "",
+    );
+    let out = scratch.path("here.json");
+    let words = ["train", "--seeds", "1", "--out", &out.display().to_string()].map(str::to_owned);
+    let scenario = [
+        "--scenario".to_owned(),
+        rotortwin_tests::scratch::shipped_scenario("reference-flight")
+            .display()
+            .to_string(),
+    ];
+    Call::new(&scratch, words).with(scenario).run().expect_code(0);
+    // Equal but for the path in the command that made it.
+    let weights = |bytes: &[u8]| {
+        let mut classifier: Value = serde_json::from_slice(bytes).expect("JSON");
+        let made = classifier["provenance"]["command"].take();
+        assert!(made.as_str().is_some_and(|command| command.contains("train")), "{made}");
+        classifier
+    };
+    assert!(weights(&std::fs::read(out).expect("it is there")) == weights(&there.body));
+    let (_, run) = done(
+        &server,
+        "runs",
+        &json!({ "scenario": "short-hover", "link": "in-process", "classifier": id }),
+    );
+    assert_eq!(run["status"], "done");
+    let problem = server.ask("POST", "/api/v1/classifiers", &[], r#"{"seeds":0}"#);
+    assert_eq!(problem.status, 422);
+}
