@@ -143,9 +143,7 @@ impl ZenohOptions {
             }
         };
         match &self.security {
-            Some(security) => security
-                .check(&self.endpoint, &self.attachment)
-                .map_err(|sentence| malformed(sentence))?,
+            Some(security) => security.check(&self.endpoint, &self.attachment).map_err(malformed)?,
             None if protocol == "tls" => {
                 return Err(malformed("tls needs the files of a certificate authority".to_owned()));
             }
