@@ -28,10 +28,10 @@ const EVENT_INTERVAL: Duration = Duration::from_millis(500);
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
     /// Campaign file, e.g. config/campaigns/detector-ideal.toml
-    campaign: PathBuf,
+    pub(crate) campaign: PathBuf,
     /// Folder of the campaign; one that holds a part of it is gone on with [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Threads [default: as many as the machine has]
     #[arg(long, value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
@@ -62,7 +62,7 @@ pub(crate) struct Args {
     shards: Option<Range<u64>>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
     /// With --json: print the progress as JSON lines before; end when the standard input does
     #[arg(long, requires = "json", conflicts_with_all = ["flight", "hunt", "check"])]
     events: bool,
@@ -74,6 +74,37 @@ fn shard_range(text: &str) -> Result<Range<u64>, String> {
     let number = |text: &str| text.parse::<u64>().map_err(|_no| refuse());
     let range = number(first)?..number(end)?;
     if range.is_empty() { Err(refuse()) } else { Ok(range) }
+}
+
+impl Args {
+    /// An option that a server cannot be asked for.
+    pub(crate) fn only_here(&self) -> Option<&'static str> {
+        let options = [
+            (self.threads.is_some(), "--threads"),
+            (self.limit.is_some(), "--limit"),
+            (self.flight.is_some(), "--flight"),
+            (self.hunt, "--hunt"),
+            (self.check, "--check"),
+            (self.shards.is_some(), "--shards"),
+            (self.events, "--events"),
+        ];
+        options.into_iter().find_map(|(given, name)| given.then_some(name))
+    }
+}
+
+/// Prints what a folder of another machine says, as if it had been flown here.
+pub(crate) fn print_fetched(args: &Args, campaign: &Campaign, path: &Path) -> Result<(), String> {
+    let folder = CampaignFolder::open(path, campaign)?;
+    let totals = results::collect(campaign, &folder)?;
+    let flown = Flown {
+        end: RunEnd::Complete,
+        flights: 0,
+        steps: 0,
+        threads: NonZeroUsize::MIN,
+        start: Instant::now(),
+    };
+    print_text(args, campaign, &folder, &totals, &flown);
+    Ok(())
 }
 
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
@@ -197,6 +228,7 @@ fn tell(told: &Mutex<Instant>, flights: u64, of: u64, failed: u64, false_alarms:
 }
 
 fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
+pub(crate) fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
     let target = if hidden {
         ProgressDrawTarget::hidden()
     } else {

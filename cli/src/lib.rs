@@ -85,6 +85,8 @@ enum Command {
     Serve(serve::Args),
     /// Runs of a server: list, get, events, cancel, delete, fetch
     Runs(remote::JobArgs),
+    /// Campaigns of a server: as runs
+    Campaigns(remote::JobArgs),
     /// Does a server or router answer? Exit code 0 if so
     Health(health::Args),
     /// Who may use a server: create, list, revoke
@@ -133,6 +135,7 @@ pub fn run() -> ExitCode {
         Command::Board(args) => board::run(&args),
         Command::Router(args) => router::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Campaigns(args) => remote::jobs(&cli.server, "campaigns", &args),
         Command::Runs(args) => remote::jobs(&cli.server, "runs", &args),
         Command::Health(args) => health::run(&args),
         Command::Token(args) => token::run(&args),

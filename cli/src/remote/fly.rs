@@ -2,6 +2,7 @@
 
 use super::events::{Event, Follow};
 use super::http::{Ask, Remote};
+use super::stop::Stop;
 use super::{RemoteError, ServerArgs, fetch, with_server};
 use crate::fly::{self, Args, LinkKind, PaceArg, Screen};
 use crate::output;
@@ -10,7 +11,6 @@ use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::load_summary;
 use serde_json::{Value, json};
 use std::process::ExitCode;
-use tokio::signal::unix::{Signal, SignalKind, signal};
 
 /// Runs the command.
 pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
@@ -169,27 +169,4 @@ fn unfinished(run: &Value, files: usize) -> String {
         .unwrap_or_default();
     let left = if files == 0 { "" } else { "; its files say no more" };
     format!("the run ended as {}{why}{left}", fetch::text(run, "status"))
-}
-
-/// Ctrl-C and SIGTERM.
-struct Stop {
-    interrupt: Signal,
-    terminate: Signal,
-}
-
-impl Stop {
-    fn new() -> Result<Self, RemoteError> {
-        let told = |error| RemoteError::Failed(format!("Ctrl-C cannot be handled: {error}"));
-        Ok(Self {
-            interrupt: signal(SignalKind::interrupt()).map_err(told)?,
-            terminate: signal(SignalKind::terminate()).map_err(told)?,
-        })
-    }
-
-    async fn wanted(&mut self) {
-        tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
-        }
-    }
 }

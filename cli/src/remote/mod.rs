@@ -9,12 +9,14 @@
 //! A scenario is read and checked here and sent with all its documents, so that the server flies what this machine means, whatever its
 //! library holds. A submission carries an idempotency key: trying again cannot make a second run.
 
+mod campaign;
 mod events;
 mod fetch;
 mod fly;
 mod http;
 mod jobs;
 mod results;
+mod stop;
 
 use crate::output;
 use clap::Parser;
@@ -48,9 +50,11 @@ pub(crate) fn run(server: &ServerArgs, command: &crate::Command) -> ExitCode {
         crate::Command::Fly(args) => fly::run(server, args),
         crate::Command::Show(args) => results::show(server, args),
         crate::Command::Replay(args) => results::replay(server, args),
+        crate::Command::Campaign(args) => campaign::run(server, args),
         crate::Command::Runs(args) => jobs(server, "runs", args),
+        crate::Command::Campaigns(args) => jobs(server, "campaigns", args),
         _ => output::bad_input(
-            "--server: this command works on this machine only; expected fly, show, replay or runs after --server URL",
+            "--server: this command works on this machine only; expected fly, campaign, show, replay, runs or campaigns after --server URL",
         ),
     }
 }

@@ -198,7 +198,8 @@ fn task(library: &str, text: &str, shards: Option<(u64, u64)>) -> Task {
                 path: "out".to_owned(),
                 content: Content::Parts,
             });
-            vec!["campaign.lock".to_owned(), "shards".to_owned()]
+            // The shards stay: from them alone a client can print the tables and go on.
+            vec!["campaign.lock".to_owned()]
         }
     };
     Task {
