@@ -227,7 +227,6 @@ fn tell(told: &Mutex<Instant>, flights: u64, of: u64, failed: u64, false_alarms:
     output::line(&event.to_string());
 }
 
-fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
 pub(crate) fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
     let target = if hidden {
         ProgressDrawTarget::hidden()

@@ -1,7 +1,7 @@
 //! `rotortwin --server URL …`: the same result as on this machine, whatever happens to the server meanwhile.
 
 use rotortwin_tests::program::{Call, Ended, Link};
-use rotortwin_tests::scratch::{Scratch, announced_flight, shipped_scenario, short_flight};
+use rotortwin_tests::scratch::{Scratch, announced_flight, repository, shipped_scenario, short_flight};
 use rotortwin_tests::server::Server;
 use rustix::process::Signal;
 use serde_json::{Value, json};
@@ -20,7 +20,7 @@ fn fly(scratch: &Scratch, server: &Server, scenario: &Path) -> Call {
 /// What stands between the head line and the facts: what both machines must print alike.
 fn table(ended: &Ended) -> Vec<&str> {
     let same = |line: &&str| {
-        !["Speed", "Files", "             report.html"]
+        !["Speed", "Files", "             report.html", "             campaign"]
             .iter()
             .any(|start| line.starts_with(start))
     };
@@ -164,6 +164,46 @@ fn scenario_what_cannot_be_done_is_one_sentence_and_leaves_nothing() {
         );
     }
     assert_eq!(server.get("/api/v1/runs")["items"], json!([]));
+}
+
+#[test]
+fn scenario_a_campaign_elsewhere_prints_what_it_prints_here() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let config = scratch.path("config");
+    std::fs::create_dir_all(config.join("campaigns")).expect("it can be made");
+    for folder in ["scenarios", "vehicles", "blades", "classifiers"] {
+        std::os::unix::fs::symlink(repository().join("config").join(folder), config.join(folder)).expect("linked");
+    }
+    let file = config.join("campaigns/small.toml");
+    let text = "name = 'small'\ndescription = 'two parts'\nscenario = '../scenarios/short-hover.toml'\nseed = 5\nflights = 40\n\
+                [[axis]]\nname = 'charge'\nkey = 'initial.state_of_charge'\nuniform = [0.5, 1.0]\n";
+    std::fs::write(&file, text).expect("it can be written");
+    let there = remote(&scratch, &server, ["campaign", "--out", "there"])
+        .with([&file])
+        .run()
+        .expect_code(0);
+    let here = Call::new(&scratch, ["campaign", "--out", "here"])
+        .with([&file])
+        .run()
+        .expect_code(0);
+    assert_eq!(table(&there), table(&here));
+    assert!(there.stdout.contains("40 of 40 flights"), "{}", there.stdout);
+    assert!(scratch.path("there/report.html").exists());
+
+    let listed = remote(&scratch, &server, ["campaigns", "list", "--json"])
+        .run()
+        .expect_code(0);
+    let listed: Value = serde_json::from_str(&listed.stdout).expect("JSON");
+    assert_eq!(
+        (&listed[0]["name"], &listed[0]["status"]),
+        (&json!("small"), &json!("done"))
+    );
+    let refused = remote(&scratch, &server, ["campaign", "--threads", "1"])
+        .with([&file])
+        .run()
+        .expect_code(2);
+    assert!(refused.stderr[0].contains("--threads"), "{:?}", refused.stderr);
 }
 
 #[test]
