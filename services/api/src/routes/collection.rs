@@ -19,7 +19,7 @@ macro_rules! collection {
             const KIND: JobKind = $kind;
 
             #[doc = concat!("Every ", $word, ", latest first.")]
-            #[utoipa::path(get, path = $all, tag = stringify!($module), operation_id = concat!("list_", stringify!($module)), params(ListQuery), responses(
+            #[utoipa::path(get, path = $all, summary = concat!("Every ", $word, ", latest first."), tag = stringify!($module), operation_id = concat!("list_", stringify!($module)), params(ListQuery), responses(
                 (status = 200, description = "a page", body = JobPage),
                 (status = 400, description = "a filter that is none", body = Problem, content_type = "application/problem+json")
             ))]
@@ -32,7 +32,7 @@ macro_rules! collection {
             }
 
             #[doc = concat!("One ", $word, " with its result.")]
-            #[utoipa::path(get, path = $one, tag = stringify!($module), operation_id = concat!("get_", stringify!($module)), params(("id" = String, Path)), responses(
+            #[utoipa::path(get, path = $one, summary = concat!("One ", $word, " with its result."), tag = stringify!($module), operation_id = concat!("get_", stringify!($module)), params(("id" = String, Path)), responses(
                 (status = 200, description = "how it stands", body = JobView),
                 (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")

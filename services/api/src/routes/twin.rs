@@ -81,7 +81,7 @@ pub(crate) struct TwinSubmission {
 macro_rules! submission {
     ($function:ident, $path:literal, $tag:literal, $operation:literal, $summary:literal, $kind:expr) => {
         #[doc = $summary]
-        #[utoipa::path(post, path = $path, tag = $tag, operation_id = $operation, request_body = TwinSubmission,
+        #[utoipa::path(post, path = $path, summary = $summary, tag = $tag, operation_id = $operation, request_body = TwinSubmission,
             params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
             responses(
                 (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
