@@ -48,7 +48,7 @@ impl WebSocket {
     ///
     /// # Panics
     /// The connection breaks, or nothing comes in time.
-    pub fn next(&mut self) -> Option<Value> {
+    pub fn next_message(&mut self) -> Option<Value> {
         loop {
             let mut head = [0; 2];
             self.stream.read_exact(&mut head).expect("a frame");
@@ -77,7 +77,7 @@ impl WebSocket {
 
     /// All messages up to the close.
     pub fn rest(&mut self) -> Vec<Value> {
-        std::iter::from_fn(|| self.next()).collect()
+        std::iter::from_fn(|| self.next_message()).collect()
     }
 
     /// Says something short.

@@ -297,7 +297,9 @@ fn nothing_lost_and_nothing_doubled(server: &Server, accepted: &BTreeMap<String,
             assert!(
                 run["error"]
                     .as_str()
-                    .is_some_and(|why| why.contains("attempts") || why.contains("died")),
+                    .is_some_and(|why| ["attempts", "died", "killed by signal"]
+                        .iter()
+                        .any(|words| why.contains(words))),
                 "{run}"
             );
             failed += 1;

@@ -187,13 +187,13 @@ fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
     // Another one asks for less, then changes its mind, and says something that makes no sense in between.
     let mut other = WebSocket::open(&server, &format!("{address}?channels=yaw_rad&rate_hz=2")).expect("it is opened");
     assert_eq!(
-        other.next().expect("a start")["channels"],
+        other.next_message().expect("a start")["channels"],
         json!([{ "name": "yaw_rad", "unit": "rad" }])
     );
     other.say(&json!({ "channels": "yew_rad" }));
     other.say(&json!({ "channels": "duty_*", "rate_hz": 10 }));
 
-    let start = live.next().expect("a start");
+    let start = live.next_message().expect("a start");
     assert_eq!(
         (&start["type"], &start["rate_hz"]),
         (&json!("start"), &json!(50.0)),

@@ -108,9 +108,9 @@ pub(super) async fn watch(
                     let kind = event.as_ref().and_then(|event| event.get("event")).and_then(Value::as_str);
                     match (kind, &event) {
                         (Some(kind), Some(event)) => {
-                            if listener.event(kind, event).await && !write_event(shop, job, token, kind, &line).await {
-                                end.reason = Reason::Lost;
-                            }
+                            let is_kept = listener.event(kind, event).await;
+                            let claim_holds = !is_kept || write_event(shop, job, token, kind, &line).await;
+                            end.reason = if claim_holds { end.reason } else { Reason::Lost };
                         }
                         _ if end.words.len() + line.len() < MOST_WORDS => {
                             end.words.push_str(&line);
