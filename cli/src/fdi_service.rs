@@ -221,14 +221,8 @@ pub(crate) fn serve(args: &ServiceArgs) -> ExitCode {
         ));
     }
     let options = match &args.link {
-        LinkAddress::ZenohListen {
-            endpoint,
-            config: None,
-        } => ZenohOptions::listen(endpoint.clone()),
-        LinkAddress::ZenohConnect {
-            endpoint,
-            config: None,
-        } => ZenohOptions::connect(endpoint.clone()),
+        LinkAddress::ZenohListen { endpoint, config: None } => ZenohOptions::listen(endpoint.clone()),
+        LinkAddress::ZenohConnect { endpoint, config: None } => ZenohOptions::connect(endpoint.clone()),
         LinkAddress::ZenohListen { .. } | LinkAddress::ZenohConnect { .. } => {
             return bad_input(
                 "--link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, in a network that you \

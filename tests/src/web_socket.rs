@@ -95,7 +95,11 @@ impl WebSocket {
     /// The server closes instead.
     pub fn receive(&mut self) -> Vec<u8> {
         let (kind, payload) = self.frame();
-        assert!(matches!(kind, 1 | 2), "kind {kind}: {}", String::from_utf8_lossy(&payload));
+        assert!(
+            matches!(kind, 1 | 2),
+            "kind {kind}: {}",
+            String::from_utf8_lossy(&payload)
+        );
         payload
     }
 

@@ -80,6 +80,8 @@ fn rows(run: &Path) -> Vec<Row> {
                 .or_else(|_| row.get_float(index).map(f64::from))
                 .or_else(|_| row.get_int(index).map(f64::from))
                 .or_else(|_| row.get_long(index).map(|value| value as f64))
+                .or_else(|_| row.get_ulong(index).map(|value| value as f64))
+                .or_else(|_| row.get_uint(index).map(f64::from))
                 .unwrap_or(f64::NAN)
         };
         names.iter().cloned().zip((0..names.len()).map(number)).collect()
@@ -321,7 +323,11 @@ fn scenario_chunks_of_a_run_get_the_verdicts_that_the_run_recorded() {
 fn scenario_a_session_refuses_with_the_reason_and_ends() {
     let scratch = Scratch::new();
     let rows = rows(&fly(&scratch, "faulty", true));
-    let server = Server::start_with(&scratch.path("data"), &["--fdi-sessions", "2", "--fdi-idle", "3"]);
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("data"),
+        &["--fdi-sessions", "2", "--fdi-idle", "3"],
+    );
     let post = |body: &str, status, words| {
         refused(
             &server,
@@ -512,7 +518,7 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
         let path = format!("/api/v1/fdi/reports?{query}");
         server.ask_bytes("POST", &path, &[("content-type", "application/octet-stream")], body)
     };
-    let query = "vehicle=f550&classifier=f550-improved&calibration_end_s=4.75";
+    let query = "vehicle=f550&classifier=f550-improved&calibration_start_s=0.75&calibration_end_s=4.75";
     for (name, faulty) in [("healthy", false), ("faulty", true)] {
         let run = fly(&scratch, name, faulty);
         let folder = scratch.path("logs").display().to_string();
@@ -609,7 +615,8 @@ fn scenario_a_session_is_fed_over_zenoh() {
     let scratch = Scratch::new();
     let rows = rows(&fly(&scratch, "faulty", true));
     let endpoint = ZenohOptions::free_loopback_endpoint().expect("a port");
-    let server = Server::start_with(
+    let server = Server::start_at(
+        "127.0.0.1:0",
         &scratch.path("data"),
         &["--fdi-link", &format!("zenoh:listen={endpoint}")],
     );
@@ -644,4 +651,137 @@ fn scenario_a_session_is_fed_over_zenoh() {
         "{}",
         report_topic(id)
     );
+}
+
+/// The development logs of a foreign simulator on which nothing is wrong: no false alarm in three times 80 s.
+#[test]
+fn val_logs_of_a_foreign_simulator() {
+    let shared =
+        std::env::var_os("ROTORTWIN_SHARED").map_or_else(|| repository().join("../shared"), std::path::PathBuf::from);
+    let folder = shared.join("data/hidden_effect");
+    if !folder.is_dir() {
+        rotortwin_tests::skip(
+            "FDI over logs of a foreign simulator: data/hidden_effect is not beside the repository (ROTORTWIN_SHARED)",
+        );
+        return;
+    }
+    let scratch = Scratch::new();
+    let judged = |log: &str| -> Value {
+        let vehicle = repository().join("config/vehicles/f550.toml");
+        let ended = Call::new(
+            &scratch,
+            ["fdi-log".into(), folder.join(log).into_os_string(), "--json".into()],
+        )
+        .with(["--vehicle".into(), vehicle.into_os_string()])
+        .run()
+        .expect_code(0);
+        serde_json::from_str(&ended.stdout).expect("JSON")
+    };
+    for log in ["log04.parquet", "log15.parquet", "log16.parquet"] {
+        let report = judged(log);
+        let sequential = &report["counts"][2];
+        assert_eq!(
+            (&sequential["alarms"], &sequential["decided"]),
+            (&json!(0), &json!(1280)),
+            "{log}: {report}"
+        );
+    }
+}
+
+/// Measurements per second and time to a verdict over loopback; figures only.
+#[test]
+#[ignore = "a measurement: cargo test --release -p rotortwin-tests --test server_fdi -- --ignored --nocapture bench_"]
+fn bench_measurements_per_second() {
+    use std::time::Instant;
+    let scratch = Scratch::new();
+    let rows = rows(&fly(&scratch, "faulty", true));
+    let server = Server::start(&scratch.path("data"));
+    let show = |way: &str, samples: usize, took: Duration, mut each: Vec<Duration>| {
+        each.sort();
+        let at = |share: f64| 1e3 * each[((each.len() - 1) as f64 * share) as usize].as_secs_f64();
+        println!(
+            "{way:<34} {:>9.0} samples/s   request to verdicts, ms: median {:.3}, p99 {:.3}, most {:.3} (n = {})",
+            samples as f64 / took.as_secs_f64(),
+            at(0.5),
+            at(0.99),
+            at(1.0),
+            each.len()
+        );
+    };
+    // The flight again and again, as one long session.
+    const ROUNDS: usize = 5;
+    for (kind, size) in [("application/json", 400), ("text/csv", 400), ("application/json", 25)] {
+        let bodies: Vec<String> = (0..rows.len())
+            .step_by(size)
+            .map(|first| {
+                let mut part = rows[first..first + size].to_vec();
+                part.iter_mut().for_each(|row| drop(row.insert("time_s".into(), 0.0)));
+                match kind {
+                    "text/csv" => csv(&part).replace("time_s,", "t,"),
+                    _ => {
+                        let strip = |row: &Row| {
+                            let mut sample = sample_json(row);
+                            drop(sample.as_object_mut().expect("an object").remove("time_s"));
+                            sample
+                        };
+                        Value::from(part.iter().map(strip).collect::<Vec<_>>()).to_string()
+                    }
+                }
+            })
+            .collect();
+        let address = open(&server, json!({}));
+        let (begin, mut each, mut step) = (Instant::now(), Vec::new(), 0);
+        for body in (0..ROUNDS).flat_map(|_| &bodies) {
+            let begin = Instant::now();
+            let path = format!("{address}/measurements?first_step={step}");
+            assert_eq!(server.ask("POST", &path, &[("content-type", kind)], body).status, 200);
+            each.push(begin.elapsed());
+            step += size;
+        }
+        show(&format!("HTTP, {size} of {kind}"), step, begin.elapsed(), each);
+    }
+    for (binary, size) in [(false, 25), (true, 25), (true, 400)] {
+        let address = open(&server, json!({}));
+        let mut socket = WebSocket::open(server.address(), &format!("{address}/stream"));
+        let messages: Vec<Vec<u8>> = (0..ROUNDS * rows.len())
+            .step_by(size)
+            .map(|step| {
+                let mut part = chunk(&rows, step % rows.len(), size);
+                part.first_step = step as u64;
+                if binary {
+                    return prost::Message::encode_to_vec(&part.to_message(6));
+                }
+                let first = step % rows.len();
+                let samples: Vec<Value> = rows[first..first + size]
+                    .iter()
+                    .map(|row| {
+                        let mut sample = sample_json(row);
+                        drop(sample.as_object_mut().expect("an object").remove("time_s"));
+                        sample
+                    })
+                    .collect();
+                json!({ "first_step": step, "samples": samples })
+                    .to_string()
+                    .into_bytes()
+            })
+            .collect();
+        let (begin, mut each) = (Instant::now(), Vec::new());
+        for message in &messages {
+            let begin = Instant::now();
+            if binary {
+                socket.send_binary(message);
+            } else {
+                socket.send_text(std::str::from_utf8(message).expect("JSON"));
+            }
+            assert!(!socket.receive().is_empty());
+            each.push(begin.elapsed());
+        }
+        let way = if binary { "protobuf" } else { "JSON" };
+        show(
+            &format!("WebSocket, {size} as {way}"),
+            messages.len() * size,
+            begin.elapsed(),
+            each,
+        );
+    }
 }

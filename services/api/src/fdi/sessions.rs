@@ -52,14 +52,8 @@ pub(crate) struct FdiSessions {
 /// The connection of a link's address.
 fn topics(address: &LinkAddress) -> Result<TopicSession, String> {
     let options = match address {
-        LinkAddress::ZenohListen {
-            endpoint,
-            config: None,
-        } => ZenohOptions::listen(endpoint.clone()),
-        LinkAddress::ZenohConnect {
-            endpoint,
-            config: None,
-        } => ZenohOptions::connect(endpoint.clone()),
+        LinkAddress::ZenohListen { endpoint, config: None } => ZenohOptions::listen(endpoint.clone()),
+        LinkAddress::ZenohConnect { endpoint, config: None } => ZenohOptions::connect(endpoint.clone()),
         LinkAddress::ZenohListen { .. } | LinkAddress::ZenohConnect { .. } => {
             return Err(
                 "--fdi-link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, in a network \

@@ -30,6 +30,8 @@ pub(crate) struct Which {
     vehicle: String,
     /// Name of one of the server's classifiers; without one the network gives no verdict.
     classifier: Option<String>,
+    /// Start of the calibration, s.
+    calibration_start_s: Option<f64>,
     /// End of the calibration, s; the vehicle is taken for healthy until then.
     calibration_end_s: Option<f64>,
 }
@@ -57,6 +59,7 @@ pub(crate) async fn judge(
 ) -> Result<Json<LogReport>, Problem> {
     let Query(which) = which?;
     let settings = DetectorSettings {
+        calibration_start_s: which.calibration_start_s,
         calibration_end_s: which.calibration_end_s,
         ..DetectorSettings::default()
     };
