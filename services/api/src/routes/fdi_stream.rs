@@ -29,6 +29,7 @@ const LARGEST_MESSAGE: usize = 2 << 20;
 #[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}/stream", tag = "fdi", params(("id" = String, Path)), responses(
     (status = 101, description = "WebSocket"),
     (status = 400, description = "no WebSocket was asked for", body = Problem, content_type = "application/problem+json"),
+    (status = 403, description = "the token does not allow this", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json"),
     (status = 426, description = "this connection cannot be upgraded", body = Problem, content_type = "application/problem+json")
 ))]
@@ -38,6 +39,11 @@ pub(crate) async fn stream(
     id: Result<Path<String>, PathRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
+    if !caller.may_write {
+        return Err(Problem::forbidden(
+            "measurements change a session; expected a token with the scope `write`",
+        ));
+    }
     let entry = super::fdi::find(&app, &caller, id)?;
     let upgrade = upgrade?
         .max_message_size(LARGEST_MESSAGE)
