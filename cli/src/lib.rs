@@ -10,6 +10,7 @@ mod diagnose;
 mod effects;
 mod export;
 mod fdi_models;
+mod fdi_service;
 mod fit;
 mod fly;
 mod health;
@@ -55,6 +56,10 @@ enum Command {
     Export(export::Args),
     /// Import flight logs, and show what they hold
     Log(log::Args),
+    /// Run the detectors over a flight log: verdicts over time, severity, what the log lacks
+    FdiLog(fdi_service::LogArgs),
+    /// Run the detectors on measurements that come over zenoh, verdicts back
+    FdiService(fdi_service::ServiceArgs),
     /// Check a scenario and the files it names; prints every setting in effect
     Check(show::CheckArgs),
     /// Reproduce the paper's tables and figures, its numbers beside ours
@@ -121,6 +126,8 @@ pub fn run() -> ExitCode {
         Command::Show(args) => show::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
+        Command::FdiLog(args) => fdi_service::judge_log(&args),
+        Command::FdiService(args) => fdi_service::serve(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),

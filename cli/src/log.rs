@@ -90,6 +90,7 @@ fn read(file: &Path, reading: &Reading) -> Result<FlightLog, String> {
         mapping: reading.mapping.clone(),
         truth: reading.truth,
         accept_damaged: reading.damaged,
+        ..ReadOptions::default()
     };
     let mut log = FlightLog::read_with(file, &options).map_err(|refusal| refusal.to_string())?;
     if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle.as_ref()) {

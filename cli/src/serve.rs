@@ -2,11 +2,13 @@
 
 use crate::output::{bad_input, failed, line};
 use clap::{Parser, ValueEnum};
-use rotortwin_api::{ServeConfig, Server, WorkConfig, Worker};
+use rotortwin_api::{FdiLimits, ServeConfig, Server, WorkConfig, Worker};
+use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 /// Where jobs and their files are, and how many are done at the same time.
 #[derive(Debug, Parser)]
@@ -100,6 +102,15 @@ pub(crate) struct Args {
     tenant_jobs: u32,
     #[command(flatten)]
     work: WorkArgs,
+    /// FDI sessions that are open at the same time
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    fdi_sessions: u16,
+    /// An FDI session ends when nothing is asked of it for so long, s
+    #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    fdi_idle: u64,
+    /// FDI sessions also take measurements over zenoh: zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT
+    #[arg(long, value_name = "LINK")]
+    fdi_link: Option<LinkAddress>,
     /// Print the OpenAPI document and end
     #[arg(long)]
     openapi: bool,
@@ -167,6 +178,11 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         library: args.library.clone(),
         most_open: args.tenant_jobs,
         work,
+        fdi: FdiLimits {
+            sessions: usize::from(args.fdi_sessions),
+            idle: Duration::from_secs(args.fdi_idle),
+        },
+        fdi_link: args.fdi_link.clone(),
     };
     in_runtime(async {
         let server = match Server::open(config).await {

@@ -178,7 +178,15 @@ impl Server {
     /// # Panics
     /// No HTTP answer comes.
     pub fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Answer {
-        let mut stream = self.send(method, path, headers, body);
+        self.ask_bytes(method, path, headers, body.as_bytes())
+    }
+
+    /// [`ask`](Self::ask) with a body that is no text.
+    ///
+    /// # Panics
+    /// No HTTP answer comes.
+    pub fn ask_bytes(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
+        let mut stream = self.send_bytes(method, path, headers, body);
         let mut all = Vec::new();
         stream.read_to_end(&mut all).expect("an answer");
         let split = all.windows(4).position(|four| four == b"\r\n\r\n").expect("headers");
@@ -210,6 +218,10 @@ impl Server {
     /// # Panics
     /// The server does not take it.
     pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> TcpStream {
+        self.send_bytes(method, path, headers, body.as_bytes())
+    }
+
+    fn send_bytes(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> TcpStream {
         let mut stream = self.connect();
         let mut text = format!("{method} {path} HTTP/1.0\r\ncontent-length: {}\r\n", body.len());
         for (name, value) in headers {
@@ -219,7 +231,7 @@ impl Server {
             text += "content-type: application/json\r\n";
         }
         stream
-            .write_all(format!("{text}\r\n{body}").as_bytes())
+            .write_all(&[text.as_bytes(), b"\r\n", body].concat())
             .expect("it takes the request");
         stream
     }

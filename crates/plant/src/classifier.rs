@@ -154,8 +154,14 @@ impl Classifier {
         }
         let text = std::fs::read_to_string(path)
             .map_err(|error| refuse(None, None, format!("expected a readable classifier file: {error}")))?;
+        Self::parse(&name, &text)
+    }
+
+    /// As [`Classifier::read`], from a text that errors call `name`.
+    pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
+        let refuse = |line, key, reason: String| ConfigError::new(name, line, key, reason);
         // The version first: a newer format may have other keys.
-        let version = serde_json::from_str::<serde_json::Value>(&text)
+        let version = serde_json::from_str::<serde_json::Value>(text)
             .ok()
             .and_then(|file| file.get("format_version")?.as_u64());
         if let Some(version) = version
@@ -163,7 +169,7 @@ impl Classifier {
         {
             return Err(refuse(None, Some("format_version".to_owned()), wrong_version(version)));
         }
-        let classifier: Self = serde_json::from_str(&text).map_err(|error| {
+        let classifier: Self = serde_json::from_str(text).map_err(|error| {
             let line = Some(error.line()).filter(|line| *line > 0);
             let words = error.to_string();
             let words = words.split(" at line ").next().unwrap_or_default();

@@ -41,6 +41,7 @@ pub mod batch;
 pub mod battery;
 pub mod blades;
 pub mod classifier;
+pub mod detectors;
 pub mod document;
 mod dynamics;
 mod effect_check;
@@ -71,6 +72,7 @@ pub mod vehicle;
 pub mod vehicle_documents;
 
 pub use classifier::Classifier;
+pub use detectors::{DetectorSettings, Detectors};
 pub use error::{ConfigError, SimulationError};
 pub use scenario::{Documents, Scenario};
 pub use simulation::{SensedSample, Simulation, TruthSample};

@@ -7,15 +7,15 @@ use rotortwin_flight_core::fdi::{FdiConfig, NominalThrust, SequentialConfig, TTe
 use rotortwin_flight_core::thrust_map::ThrustMap;
 
 use crate::STEP_S;
-use crate::scenario::{Gains, NominalThrustModel, Scenario, ThrustToDutyMap};
-use crate::vehicle::geometry;
+use crate::blades::Blade;
+use crate::classifier::Classifier;
+use crate::scenario::{FdiSettings, Gains, NominalThrustModel, Scenario, ThrustToDutyMap};
+use crate::vehicle::{VehicleModel, geometry};
 
 impl Scenario {
     /// Eq. 19 of the nominal blade.
     pub fn thrust_map(&self) -> ThrustMap {
-        let blade = self.nominal_blade();
-        ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
-            .expect("the blade was checked with the scenario")
+        thrust_map(self.nominal_blade())
     }
 
     /// Configuration of `flight-core`'s controller for the nominal vehicle.
@@ -47,56 +47,60 @@ impl Scenario {
 
     /// Configuration of `flight-core`'s detectors for the nominal vehicle, or for the one of [`Scenario::with_fdi_vehicle`].
     pub fn fdi_config(&self) -> FdiConfig {
-        let own = &self.documents().fdi_vehicle;
-        let vehicle = own.as_ref().map_or(self.vehicle(), |documents| &documents.vehicle);
-        let thrust_map = own.as_ref().map_or_else(
-            || self.thrust_map(),
-            |documents| {
-                let blade = documents.nominal_blade();
-                ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
-                    .expect("the blade was checked with the detectors' vehicle")
-            },
-        );
-        let fdi = &self.document().fdi;
-        let rotor_time_constant = vehicle.rotors.thrust_lag_s as f32;
-        let (calibration_start, calibration_end) = (fdi.calibration_start_s as f32, fdi.calibration_end_s as f32);
-        FdiConfig {
-            geometry: geometry(&vehicle.rotors.layout.placements()).expect("the layout was checked with the scenario"),
-            mass: vehicle.body.mass_kg as f32,
-            inertia_body: vehicle.body.inertia_body_kg_m2.map(|j| j as f32),
-            gravity: vehicle.body.gravity_m_s2 as f32,
-            linear_drag: vehicle.body.linear_drag_kg_s as f32,
-            angular_drag: vehicle.body.angular_drag_nms as f32,
-            period: STEP_S as f32,
-            thrust_map,
-            nominal_thrust: match fdi.nominal_thrust {
-                NominalThrustModel::Static => NominalThrust::Static,
-                NominalThrustModel::Lagged => NominalThrust::Lagged {
-                    time_constant: rotor_time_constant,
-                },
-                NominalThrustModel::Linear => NominalThrust::Linear {
-                    full_thrust: vehicle.rotors.full_thrust_n as f32,
-                },
-            },
-            observer_gain: fdi.observer_gain_1_s as f32,
-            window_len: fdi.window_samples,
-            t_test: TTestConfig {
-                alpha_detect: fdi.alpha_detect,
-                alpha_isolate: fdi.alpha_isolate,
-                baseline_start: calibration_start,
-                baseline_end: calibration_end,
-            },
-            network: self.classifier().map(|classifier| {
-                classifier
-                    .network()
-                    .expect("the classifier was checked with the scenario")
-            }),
-            sequential: SequentialConfig {
-                calibration_start,
-                calibration_end,
-                rotor_time_constant,
-                ..SequentialConfig::standard()
-            },
-        }
+        let own = self.documents().fdi_vehicle.as_ref();
+        let (vehicle, blade) = own.map_or((self.vehicle(), self.nominal_blade()), |own| {
+            (&own.vehicle, own.nominal_blade())
+        });
+        fdi_config(vehicle, blade, &self.document().fdi, self.classifier())
     }
+}
+
+/// Configuration of `flight-core`'s detectors; vehicle, blade, settings and classifier have been checked.
+pub(crate) fn fdi_config(
+    vehicle: &VehicleModel,
+    blade: &Blade,
+    fdi: &FdiSettings,
+    classifier: Option<&Classifier>,
+) -> FdiConfig {
+    let rotor_time_constant = vehicle.rotors.thrust_lag_s as f32;
+    let (calibration_start, calibration_end) = (fdi.calibration_start_s as f32, fdi.calibration_end_s as f32);
+    FdiConfig {
+        geometry: geometry(&vehicle.rotors.layout.placements()).expect("the layout was checked with the vehicle"),
+        mass: vehicle.body.mass_kg as f32,
+        inertia_body: vehicle.body.inertia_body_kg_m2.map(|j| j as f32),
+        gravity: vehicle.body.gravity_m_s2 as f32,
+        linear_drag: vehicle.body.linear_drag_kg_s as f32,
+        angular_drag: vehicle.body.angular_drag_nms as f32,
+        period: STEP_S as f32,
+        thrust_map: thrust_map(blade),
+        nominal_thrust: match fdi.nominal_thrust {
+            NominalThrustModel::Static => NominalThrust::Static,
+            NominalThrustModel::Lagged => NominalThrust::Lagged {
+                time_constant: rotor_time_constant,
+            },
+            NominalThrustModel::Linear => NominalThrust::Linear {
+                full_thrust: vehicle.rotors.full_thrust_n as f32,
+            },
+        },
+        observer_gain: fdi.observer_gain_1_s as f32,
+        window_len: fdi.window_samples,
+        t_test: TTestConfig {
+            alpha_detect: fdi.alpha_detect,
+            alpha_isolate: fdi.alpha_isolate,
+            baseline_start: calibration_start,
+            baseline_end: calibration_end,
+        },
+        network: classifier.map(|classifier| classifier.network().expect("the classifier was checked")),
+        sequential: SequentialConfig {
+            calibration_start,
+            calibration_end,
+            rotor_time_constant,
+            ..SequentialConfig::standard()
+        },
+    }
+}
+
+fn thrust_map(blade: &Blade) -> ThrustMap {
+    ThrustMap::new(blade.coefficients.map(|a| a as f32), blade.voltage_offset_v as f32)
+        .expect("the blade was checked with its vehicle")
 }

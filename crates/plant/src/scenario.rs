@@ -239,7 +239,7 @@ impl Default for FdiSettings {
 }
 
 /// The document that holds a refused value.
-enum Holder {
+pub(crate) enum Holder {
     Scenario,
     Vehicle,
 }
@@ -262,7 +262,7 @@ fn controller_refusal(error: &ControllerConfigError, scenario: &Scenario) -> (Ho
 }
 
 /// Names the document and the key that detectors are refused for.
-fn fdi_refusal(error: &FdiConfigError) -> (Holder, Refusal) {
+pub(crate) fn fdi_refusal(error: &FdiConfigError) -> (Holder, Refusal) {
     let (holder, key, reason) = match error {
         FdiConfigError::Sequential(SequentialConfigError { field, expected }) => {
             let reason = format!("the sequential detector needs it to be {expected}");
@@ -321,7 +321,7 @@ impl NominalThrustModel {
 }
 
 impl FdiSettings {
-    fn check(&self) -> Result<(), Refusal> {
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
         in_range("window_samples", f64::from(self.window_samples), 2.0, 1000.0, "")?;
         in_range("observer_gain_1_s", self.observer_gain_1_s, 0.01, 399.0, "1/s")?;
         in_range("alpha_detect", self.alpha_detect, 1e-300, 0.5, "")?;

@@ -26,12 +26,20 @@ impl VehicleDocuments {
     /// Reads and checks the vehicle document at `path` and the blade document that it names.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
         let path = path.as_ref();
-        let vehicle = Document::read(path)?;
+        Self::resolve(&Document::read(path)?, path.parent().unwrap_or(Path::new("")))
+    }
+
+    /// As [`VehicleDocuments::load`], from a text that errors call "vehicle"; the blades' path is relative to `directory`.
+    pub fn parse(text: &str, directory: impl AsRef<Path>) -> Result<Self, ConfigError> {
+        Self::resolve(&Document::from_text("vehicle", text)?, directory.as_ref())
+    }
+
+    fn resolve(vehicle: &Document, directory: &Path) -> Result<Self, ConfigError> {
         let model: VehicleModel = vehicle.parse()?;
-        let blades_path = path.parent().unwrap_or(Path::new("")).join(&model.rotors.blades);
+        let blades_path = directory.join(&model.rotors.blades);
         let blades = vehicle.follow("rotors.blades", &blades_path)?;
         let set: BladeSet = blades.parse()?;
-        check_together(&model, &vehicle, &set, &blades)?;
+        check_together(&model, vehicle, &set, &blades)?;
         Ok(Self {
             vehicle: model,
             blades: set,

@@ -26,6 +26,8 @@ pub(crate) struct Caller {
     pub(crate) tenant: String,
     /// He sees everybody's jobs.
     pub(crate) sees_all: bool,
+    /// He may change things; to be asked where a GET does, as a WebSocket can.
+    pub(crate) may_write: bool,
 }
 
 impl Caller {
@@ -34,6 +36,7 @@ impl Caller {
         Self {
             tenant: LOCAL_TENANT.to_owned(),
             sees_all: true,
+            may_write: true,
         }
     }
 
@@ -56,6 +59,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
         Ok(parts.extensions.get::<Self>().cloned().unwrap_or(Self {
             tenant: String::new(),
             sees_all: false,
+            may_write: false,
         }))
     }
 }
@@ -133,6 +137,7 @@ async fn caller(app: &App, method: &Method, headers: &HeaderMap) -> Result<Calle
     permit(&token, method)?;
     Ok(Caller {
         sees_all: token.scopes.contains(&Scope::Admin),
+        may_write: permit(&token, &Method::POST).is_ok(),
         tenant: token.tenant,
     })
 }

@@ -14,6 +14,7 @@ mod access;
 mod artifacts;
 mod clock;
 mod data_folder;
+pub mod fdi;
 mod jobs;
 mod library;
 mod problem;
@@ -25,11 +26,13 @@ mod worker;
 use crate::access::Rate;
 use crate::artifacts::Artifacts;
 use crate::data_folder::DataFolder;
+use crate::fdi::FdiSessions;
 use crate::jobs::database::Database;
 use crate::jobs::queue::FairShare;
 use crate::library::Library;
 use crate::tls::TlsListener;
 use crate::worker::{Meeting, Workshop};
+use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -40,6 +43,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
+pub use fdi::sessions::FdiLimits;
 pub use problem::Problem;
 pub use routes::openapi_document;
 
@@ -94,6 +98,10 @@ pub struct ServeConfig {
     pub library: PathBuf,
     /// Jobs of one tenant that wait or run, at most.
     pub most_open: u32,
+    /// Of the FDI service.
+    pub fdi: FdiLimits,
+    /// Where FDI sessions also take measurements over zenoh.
+    pub fdi_link: Option<LinkAddress>,
     /// The rest.
     pub work: WorkConfig,
 }
@@ -107,6 +115,7 @@ pub(crate) struct App {
     pub(crate) artifacts: Artifacts,
     pub(crate) shop: Arc<Workshop>,
     pub(crate) rate: Rate,
+    pub(crate) fdi: FdiSessions,
 }
 
 impl App {
@@ -245,6 +254,7 @@ impl Server {
         let address = listener
             .local_addr()
             .map_err(|error| format!("the address cannot be read: {error}"))?;
+        let fdi = FdiSessions::open_with(config.fdi, config.fdi_link.as_ref())?;
         let app = Arc::new(App {
             rate: Rate::new(config.rate),
             config,
@@ -252,6 +262,7 @@ impl Server {
             database: worker.shop.database.clone(),
             artifacts: worker.shop.artifacts.clone(),
             shop: Arc::clone(&worker.shop),
+            fdi,
         });
         Ok(Self {
             app,

@@ -3,7 +3,7 @@
 
 use crate::artifacts::{Artifacts, files_below};
 use crate::problem::Problem;
-use rotortwin_plant::Scenario;
+use rotortwin_plant::{Classifier, Scenario, VehicleDocuments};
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
@@ -36,13 +36,18 @@ impl Library {
 
     /// Names in a folder of the library, in order.
     pub(crate) fn names(&self, kind: &str) -> Vec<String> {
+        self.files(kind, "toml")
+    }
+
+    /// Names of the files with an ending, without it, in order.
+    fn files(&self, kind: &str, ending: &str) -> Vec<String> {
         let Ok(entries) = std::fs::read_dir(self.root.join(kind)) else {
             return Vec::new();
         };
         let mut names: Vec<String> = entries
             .filter_map(Result::ok)
             .map(|entry| entry.path())
-            .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+            .filter(|path| path.extension().is_some_and(|extension| extension == ending))
             .filter_map(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))
             .collect();
         names.sort();
@@ -144,6 +149,45 @@ impl Library {
         }
         artifacts.publish(&key).await?;
         Ok(key)
+    }
+
+    /// A vehicle by name, with its blades.
+    ///
+    /// # Errors
+    /// 404 for the name; 422 for what cannot fly.
+    pub(crate) fn vehicle_documents(&self, name: &str) -> Result<VehicleDocuments, Problem> {
+        self.text("vehicles", name)?;
+        let path = self.root.join("vehicles").join(format!("{name}.toml"));
+        VehicleDocuments::load(path).map_err(|error| self.refusal(&error))
+    }
+
+    /// A vehicle from a text, as it would stand in `vehicles/`.
+    ///
+    /// # Errors
+    /// 422.
+    pub(crate) fn parse_vehicle(&self, text: &str) -> Result<VehicleDocuments, Problem> {
+        // A text that is no TOML is refused below, with the line.
+        let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
+        if let Some(blades) = table.get("rotors").and_then(|rotors| rotors.get("blades")) {
+            every_path_inside(blades)?;
+        }
+        VehicleDocuments::parse(text, self.root.join("vehicles")).map_err(|error| self.refusal(&error))
+    }
+
+    /// A classifier by name.
+    ///
+    /// # Errors
+    /// 404 for the name; 422 for a file that is none.
+    pub(crate) fn classifier(&self, name: &str) -> Result<Classifier, Problem> {
+        let known = self.files("classifiers", "json");
+        if !known.iter().any(|other| other == name) {
+            return Err(Problem::not_found(format!(
+                "there is no classifier '{name}'; expected one of {}",
+                known.join(", ")
+            )));
+        }
+        let path = self.root.join("classifiers").join(format!("{name}.json"));
+        Classifier::read(&path).map_err(|error| self.refusal(&error))
     }
 
     /// A refusal without the server's paths.

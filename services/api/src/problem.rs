@@ -1,6 +1,7 @@
 //! Refusals: every answer that is not a success is one `application/problem+json` object (RFC 9457), also those of the framework.
 
-use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
+use axum::extract::rejection::{BytesRejection, JsonRejection, PathRejection, QueryRejection};
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
@@ -85,6 +86,16 @@ impl Problem {
         )
     }
 
+    /// 415: the body is in a form that is not taken here.
+    pub fn unsupported(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            "unsupported-media-type",
+            "The body has a form that is not taken",
+            detail,
+        )
+    }
+
     /// 422: it can be read and cannot be flown.
     pub fn unprocessable(detail: impl Into<String>) -> Self {
         Self::new(
@@ -157,6 +168,22 @@ impl From<PathRejection> for Problem {
 impl From<QueryRejection> for Problem {
     fn from(rejection: QueryRejection) -> Self {
         Self::bad_request(rejection.body_text())
+    }
+}
+
+impl From<BytesRejection> for Problem {
+    fn from(rejection: BytesRejection) -> Self {
+        let mut problem = Self::bad_request(rejection.body_text());
+        problem.status = rejection.status().as_u16();
+        problem
+    }
+}
+
+impl From<WebSocketUpgradeRejection> for Problem {
+    fn from(rejection: WebSocketUpgradeRejection) -> Self {
+        let mut problem = Self::bad_request(rejection.body_text());
+        problem.status = rejection.status().as_u16();
+        problem
     }
 }
 

@@ -3,6 +3,10 @@
 //! It holds no vehicle and no scenario; everything it needs comes with the hand-shake. To run an FDI engine of your own instead, speak
 //! the messages of `proto/rotortwin/v1` (or implement [`rotortwin_wire::link::FdiPeer`]) and start the run with
 //! `rotortwin fly … --external fdi`.
+//!
+//! [`service`]: the same engine for flights that somebody else flies.
+
+pub mod service;
 
 use clap::Parser;
 use rotortwin_process::PeerArgs;

@@ -452,6 +452,12 @@ impl FdiEngine {
         &self.config
     }
 
+    /// What the last step gave.
+    #[inline]
+    pub const fn output(&self) -> &FdiOutput {
+        &self.output
+    }
+
     /// Takes in one sample. A fixed amount of work, no panic, no error: what cannot be used is rejected and counted.
     #[inline]
     pub fn step(&mut self, input: &Measurement) -> FdiOutput {

@@ -4,7 +4,7 @@
 //! lines at the end. Written: shortest decimal text that reads back to the same f64.
 
 use super::table::{RawColumn, Table};
-use super::{FlightLog, LogError, MAX_CELLS, error, names};
+use super::{FlightLog, LogError, error, names};
 use std::io::Write;
 use std::path::Path;
 
@@ -38,7 +38,7 @@ fn unquoted(cell: &str) -> &str {
 }
 
 /// Reads the table of a CSV file.
-pub(crate) fn read(path: &Path, bytes: &[u8]) -> Result<Table, LogError> {
+pub(crate) fn read(path: &Path, bytes: &[u8], most_cells: usize) -> Result<Table, LogError> {
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Err(LogError::format(
             path,
@@ -60,7 +60,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8]) -> Result<Table, LogError> {
         .find(|line| !line.trim().is_empty())
         .unwrap_or_default();
     let mut columns = header_columns(path, header)?;
-    let most_rows = MAX_CELLS / columns.len();
+    let most_rows = most_cells / columns.len();
     let mut rows = 0;
     let mut blank = None;
     for (index, line) in lines {

@@ -28,6 +28,7 @@ mod report;
 mod resample;
 mod side_file;
 mod sources;
+mod steps;
 mod stored;
 mod table;
 mod units;
@@ -58,6 +59,8 @@ pub struct ReadOptions {
     pub truth: bool,
     /// Take what can be read of a file whose checksum is wrong.
     pub accept_damaged: bool,
+    /// Most cells of a table, below [`MAX_CELLS`]; for files of strangers.
+    pub most_cells: Option<usize>,
 }
 
 /// What a log was read from.
@@ -226,15 +229,16 @@ impl FlightLog {
                 "the columns of this file are canonical; a mapping has no use for it",
             ));
         }
+        let most_cells = options.most_cells.unwrap_or(MAX_CELLS).min(MAX_CELLS);
         let (kind, mut table) = if bytes.starts_with(b"PAR1") {
             let kind = if is_run {
                 SourceKind::RunFolder
             } else {
                 SourceKind::Parquet
             };
-            (kind, parquet::read(&file, bytes)?)
+            (kind, parquet::read(&file, bytes, most_cells)?)
         } else {
-            (SourceKind::Csv, csv::read(&file, &bytes)?)
+            (SourceKind::Csv, csv::read(&file, &bytes, most_cells)?)
         };
         if options.truth {
             table.take_truth().map_err(|reason| LogError::format(&file, reason))?;

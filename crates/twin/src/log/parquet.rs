@@ -4,7 +4,7 @@
 //! the report. Written: f64 columns, optional (null = no value), zstd.
 
 use super::table::{RawColumn, Table};
-use super::{FlightLog, LogError, MAX_CELLS, error, names};
+use super::{FlightLog, LogError, error, names};
 use parquet::basic::{Compression, Encoding, Repetition, Type as Physical, ZstdLevel};
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::DoubleType;
@@ -23,8 +23,8 @@ const BATCH: usize = 16_384;
 /// Reads the table of a Parquet file.
 ///
 /// The decoder panics on some damaged pages (an index past the end in `byte_stream_split`, parquet 60.1); that is a refusal here.
-pub(crate) fn read(path: &Path, bytes: Vec<u8>) -> Result<Table, LogError> {
-    std::panic::catch_unwind(|| decode(path, bytes)).unwrap_or_else(|_| {
+pub(crate) fn read(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Table, LogError> {
+    std::panic::catch_unwind(|| decode(path, bytes, most_cells)).unwrap_or_else(|_| {
         Err(LogError::format(
             path,
             "the file is damaged: its pages cannot be decoded",
@@ -32,7 +32,7 @@ pub(crate) fn read(path: &Path, bytes: Vec<u8>) -> Result<Table, LogError> {
     })
 }
 
-fn decode(path: &Path, bytes: Vec<u8>) -> Result<Table, LogError> {
+fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Table, LogError> {
     let wrap = |source: ParquetError| LogError::format(path, format!("not a Parquet file that can be read: {source}"));
     let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(wrap)?;
     let metadata = reader.metadata();
@@ -41,7 +41,7 @@ fn decode(path: &Path, bytes: Vec<u8>) -> Result<Table, LogError> {
         return Err(LogError::format(path, "the file has no columns"));
     }
     let promised = usize::try_from(metadata.file_metadata().num_rows()).unwrap_or(usize::MAX);
-    if promised > MAX_CELLS / schema.num_columns() {
+    if promised > most_cells / schema.num_columns() {
         return Err(LogError::format(
             path,
             format!(

@@ -28,6 +28,7 @@ use std::time::Duration;
 pub mod endpoint;
 pub mod in_process;
 pub mod iox2;
+pub mod topics;
 mod watch;
 pub mod zenoh;
 

@@ -55,7 +55,7 @@ const LONGEST_LIST: usize = 64;
 
 /// Most bytes of a message. The low-latency transport does not cut messages into pieces; it closes the connection over one that
 /// is longer than a batch of 65535 bytes. The largest Setup has 15 kB, the longest list 25 kB.
-const LONGEST_MESSAGE: usize = 60_000;
+pub const LONGEST_MESSAGE: usize = 60_000;
 
 /// Bytes of a connection's send buffer, as far as the kernel allows. 256 steps in lists of 1 to 32 have at most 200 kB.
 const SEND_BUFFER: u32 = 2_000_000;
@@ -199,7 +199,7 @@ impl ZenohOptions {
     }
 
     /// Opens a session; the sentence of a failure says as much as can be known from this side.
-    fn open(&self, runs: Runs) -> Result<zenoh::Session, LinkError> {
+    pub(super) fn open(&self, runs: Runs) -> Result<zenoh::Session, LinkError> {
         zenoh::open(self.config(runs)?).wait().map_err(|error| {
             let action = match self.attachment {
                 Attachment::Listen => format!("listening on {}", self.endpoint),
@@ -272,7 +272,7 @@ impl ZenohRouter {
     }
 }
 
-fn failed(action: &str, reason: impl std::fmt::Display) -> LinkError {
+pub(super) fn failed(action: &str, reason: impl std::fmt::Display) -> LinkError {
     LinkError::Transport {
         transport: TRANSPORT,
         action: action.to_owned(),

@@ -271,6 +271,106 @@ pub mod verdict {
         }
     }
 }
+/// Consecutive samples, 2.5 ms apart. Lists hold the first sample's values, then the second's, …; how many samples there are is the
+/// length of `battery_voltage_v`. \[1, 4000\] of them; over zenoh at most 60000 bytes.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct FdiMeasurements {
+    /// Step number of the first sample. The first message of a session says where it begins; each later one goes on where the one
+    /// before ended. The same message again is answered with the same words and changes nothing.
+    #[prost(uint64, tag = "1")]
+    pub first_step: u64,
+    /// The samples between the last message and this one are lost for good. Without it a gap is refused.
+    #[prost(bool, tag = "2")]
+    pub after_gap: bool,
+    /// North, east, down. \[m\] [frame NED] Three a sample.
+    #[prost(float, repeated, tag = "3")]
+    pub position_ned_m: ::prost::alloc::vec::Vec<f32>,
+    /// North, east, down. \[m/s\] [frame NED] Three a sample.
+    #[prost(float, repeated, tag = "4")]
+    pub velocity_ned_m_s: ::prost::alloc::vec::Vec<f32>,
+    /// Roll, pitch, yaw (ZYX), body in NED. \[rad\] Three a sample.
+    #[prost(float, repeated, tag = "5")]
+    pub attitude_rad: ::prost::alloc::vec::Vec<f32>,
+    /// p, q, r. \[rad/s\] [frame FRD] Three a sample.
+    #[prost(float, repeated, tag = "6")]
+    pub body_rates_rad_s: ::prost::alloc::vec::Vec<f32>,
+    /// Duty of each rotor, held from this sample to the next. \[fraction\] [0, 1] One a rotor and sample.
+    #[prost(float, repeated, tag = "7")]
+    pub duty: ::prost::alloc::vec::Vec<f32>,
+    /// At the battery's terminals. \[V\] One a sample.
+    #[prost(float, repeated, tag = "8")]
+    pub battery_voltage_v: ::prost::alloc::vec::Vec<f32>,
+    /// When the samples were taken, by any clock; to find wrong rates and unnoticed gaps. \[s\] One a sample, or none.
+    #[prost(double, repeated, tag = "9")]
+    pub time_s: ::prost::alloc::vec::Vec<f64>,
+}
+/// What is said at the end of a window.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct FdiWindow {
+    /// Its last step. run_id of the stamp is the session's number, sim_time_ns counts from the session's first step.
+    #[prost(message, optional, tag = "1")]
+    pub report: ::core::option::Option<FdiReport>,
+    /// Probability that the network gives to: healthy, rotor 1, rotor 2, … \[fraction\] Empty while it says nothing.
+    #[prost(float, repeated, tag = "2")]
+    pub class_probability: ::prost::alloc::vec::Vec<f32>,
+    #[prost(enumeration = "FdiCalibration", tag = "3")]
+    pub calibration: i32,
+}
+/// The answer to one FdiMeasurements.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct FdiVerdicts {
+    /// first_step of what is answered.
+    #[prost(uint64, tag = "1")]
+    pub first_step: u64,
+    /// Step that the next message is to begin with.
+    #[prost(uint64, tag = "2")]
+    pub next_step: u64,
+    /// Windows that ended within these samples, in order.
+    #[prost(message, repeated, tag = "3")]
+    pub windows: ::prost::alloc::vec::Vec<FdiWindow>,
+    /// What else happened, one sentence each: steps bridged, a calibration begun again.
+    #[prost(string, repeated, tag = "4")]
+    pub notes: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
+    /// Empty: taken. Otherwise one sentence that says what is refused and what was expected; none of the samples counts.
+    #[prost(string, tag = "5")]
+    pub refusal: ::prost::alloc::string::String,
+}
+/// How far the detectors have calibrated themselves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum FdiCalibration {
+    Unspecified = 0,
+    /// The sensors' noise is measured. There are no verdicts.
+    Noise = 1,
+    /// Levels of gusts and the residuals' means are learnt. There are no verdicts, but of a classifier that calibrates nothing.
+    Disturbances = 2,
+    /// Verdicts come.
+    Done = 3,
+}
+impl FdiCalibration {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Unspecified => "FDI_CALIBRATION_UNSPECIFIED",
+            Self::Noise => "FDI_CALIBRATION_NOISE",
+            Self::Disturbances => "FDI_CALIBRATION_DISTURBANCES",
+            Self::Done => "FDI_CALIBRATION_DONE",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "FDI_CALIBRATION_UNSPECIFIED" => Some(Self::Unspecified),
+            "FDI_CALIBRATION_NOISE" => Some(Self::Noise),
+            "FDI_CALIBRATION_DISTURBANCES" => Some(Self::Disturbances),
+            "FDI_CALIBRATION_DONE" => Some(Self::Done),
+            _ => None,
+        }
+    }
+}
 /// Peer to plant: "I am here". Sent again every 100 ms until a Setup comes.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct Join {

@@ -6,6 +6,9 @@ mod classifiers;
 mod collection;
 mod events;
 mod exports;
+mod fdi;
+mod fdi_reports;
+mod fdi_stream;
 mod jobs;
 mod library;
 mod live;
@@ -54,6 +57,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "comparisons", description = "A model held against flights"),
         (name = "diagnoses", description = "Which physical effect a model lacks"),
         (name = "improvements", description = "Compare, diagnose, add, compare again"),
+        (name = "fdi", description = "Fault detection as a service: sessions that are fed with measurements, and logs that are judged"),
         (name = "library", description = "Scenarios and vehicles that the server has"),
         (name = "server", description = "How the server is")
     )
@@ -113,6 +117,11 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(twin::improvements::events))
         .routes(routes!(twin::improvements::files))
         .routes(routes!(twin::improvements::file))
+        .routes(routes!(fdi::open))
+        .routes(routes!(fdi::get, fdi::close))
+        .routes(routes!(fdi::feed))
+        .routes(routes!(fdi_stream::stream))
+        .routes(routes!(fdi_reports::judge))
         .routes(routes!(library::scenarios))
         .routes(routes!(library::scenario))
         .routes(routes!(library::validate))

@@ -84,7 +84,7 @@ pub struct Grant {
 
 /// Runs that a listener lets others take part in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Runs {
+pub(in crate::link) enum Runs {
     /// The plant's own.
     One(u64),
     /// Router: all.

@@ -1,0 +1,317 @@
+//! What detectors say, as JSON. Codes and words of verdicts: `docs/conventions.md`.
+
+use rotortwin_fdi::service::{Answer, Calibration, Window};
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::Detectors;
+use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// How far the detectors have calibrated themselves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CalibrationState {
+    /// The sensors' noise is measured; no verdicts.
+    Noise,
+    /// Levels of gusts and means of residuals are learnt; no verdicts, but of a classifier that calibrates nothing.
+    Disturbances,
+    /// Verdicts come.
+    Done,
+}
+
+impl From<Calibration> for CalibrationState {
+    fn from(calibration: Calibration) -> Self {
+        match calibration {
+            Calibration::Noise => Self::Noise,
+            Calibration::Disturbances => Self::Disturbances,
+            Calibration::Done => Self::Done,
+        }
+    }
+}
+
+/// Kinds of verdicts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VerdictKind {
+    /// Still calibrating, or not there (no classifier).
+    NotReady,
+    /// No fault.
+    Healthy,
+    /// One rotor has lost thrust.
+    Faulty,
+    /// Two rotors have.
+    FaultyPair,
+    /// Several sets of rotors explain it.
+    Ambiguous,
+    /// Something is wrong, and it fits no rotor and no pair.
+    Unknown,
+}
+
+/// A verdict.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct VerdictView {
+    /// In words.
+    pub verdict: VerdictKind,
+    /// −3 ambiguous, −2 not ready, −1 unknown fault, 0 healthy, i rotor i, 100 i + j rotors i and j.
+    pub code: i32,
+    /// The rotors that it names, from 1.
+    pub rotors: Vec<u32>,
+}
+
+impl VerdictView {
+    /// Of a code.
+    pub fn of(code: i32) -> Self {
+        let number = code.unsigned_abs();
+        let (verdict, rotors) = match code {
+            0 => (VerdictKind::Healthy, Vec::new()),
+            -1 => (VerdictKind::Unknown, Vec::new()),
+            -3 => (VerdictKind::Ambiguous, Vec::new()),
+            1..100 => (VerdictKind::Faulty, vec![number]),
+            100.. => (VerdictKind::FaultyPair, vec![number / 100, number % 100]),
+            _ => (VerdictKind::NotReady, Vec::new()),
+        };
+        Self { verdict, code, rotors }
+    }
+}
+
+/// The network's verdict.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct NetworkView {
+    /// Its verdict.
+    #[serde(flatten)]
+    pub verdict: VerdictView,
+    /// Of healthy, rotor 1, rotor 2, …; empty while it says nothing.
+    pub class_probability: Vec<f32>,
+}
+
+/// Lost thrust of a rotor at hover, with its 95 % interval; shares are of the rotor's nominal thrust.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct LossView {
+    /// From 1.
+    pub rotor: u32,
+    /// N.
+    pub loss_n: f32,
+    /// Lower end, N.
+    pub low_n: f32,
+    /// Upper end, N.
+    pub high_n: f32,
+    /// Fraction.
+    pub share: f32,
+    /// Lower end, fraction.
+    pub share_low: f32,
+    /// Upper end, fraction.
+    pub share_high: f32,
+}
+
+impl LossView {
+    fn of(rotor: u32, loss: &LossEstimate) -> Self {
+        let [loss_n, low_n, high_n, share, share_low, share_high] = loss.values();
+        Self {
+            rotor,
+            loss_n,
+            low_n,
+            high_n,
+            share,
+            share_low,
+            share_high,
+        }
+    }
+}
+
+/// The sequential detector's verdict.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct SequentialView {
+    /// Its verdict.
+    #[serde(flatten)]
+    pub verdict: VerdictView,
+    /// That it gives to its verdict; 0 while it is not ready.
+    pub probability: f32,
+    /// Severity: one entry a rotor that it names.
+    pub thrust_loss: Vec<LossView>,
+    /// Rotors, from 1, that are or may be concerned.
+    pub suspect_rotors: Vec<u32>,
+    /// Sets of rotors that an ambiguous verdict leaves open.
+    pub hypothesis_count: u32,
+    /// The likeliest of them, likeliest first; rotors from 1.
+    pub hypotheses: Vec<Vec<u32>>,
+}
+
+fn rotors_of(mask: u32) -> Vec<u32> {
+    (0..MAX_ROTORS as u32)
+        .filter(|bit| mask >> bit & 1 == 1)
+        .map(|bit| bit + 1)
+        .collect()
+}
+
+impl SequentialView {
+    /// Of a report.
+    pub fn of(report: &FdiReport) -> Self {
+        let verdict = VerdictView::of(report.sequential);
+        let losses = [&report.thrust_loss, &report.second_thrust_loss];
+        let listed = (report.hypothesis_count as usize).min(MAX_HYPOTHESES);
+        Self {
+            thrust_loss: verdict
+                .rotors
+                .iter()
+                .zip(losses)
+                .map(|(rotor, loss)| LossView::of(*rotor, loss))
+                .collect(),
+            verdict,
+            probability: report.sequential_probability,
+            suspect_rotors: rotors_of(report.suspect_rotors),
+            hypothesis_count: report.hypothesis_count,
+            hypotheses: report.hypothesis_rotors[..listed]
+                .iter()
+                .map(|mask| rotors_of(*mask))
+                .collect(),
+        }
+    }
+}
+
+/// What is said at the end of a window.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct WindowView {
+    /// Its last step.
+    pub step: u64,
+    /// Since the session's first step, s.
+    pub time_s: f64,
+    /// As of this step.
+    pub calibration: CalibrationState,
+    /// The statistical test of the paper.
+    pub t_test: VerdictView,
+    /// The classifier.
+    pub network: NetworkView,
+    /// The detector that decides over time; the one to act on.
+    pub sequential: SequentialView,
+}
+
+impl From<&Window> for WindowView {
+    fn from(window: &Window) -> Self {
+        let report = &window.report;
+        Self {
+            step: report.stamp.step,
+            time_s: report.stamp.sim_time_ns as f64 * 1e-9,
+            calibration: window.calibration.into(),
+            t_test: VerdictView::of(report.t_test),
+            network: NetworkView {
+                verdict: VerdictView::of(report.network),
+                class_probability: window.class_probability.clone(),
+            },
+            sequential: SequentialView::of(report),
+        }
+    }
+}
+
+/// What a chunk of measurements gave.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ChunkAnswer {
+    /// Of the chunk.
+    pub first_step: u64,
+    /// Step that the next chunk is to begin with.
+    pub next_step: u64,
+    /// The chunk had been taken before; this is the answer that it got then.
+    pub repeated: bool,
+    /// Windows that ended in it, in order.
+    pub windows: Vec<WindowView>,
+    /// What else happened, one sentence each: steps bridged, a calibration begun again.
+    pub notes: Vec<String>,
+}
+
+impl From<&Answer> for ChunkAnswer {
+    fn from(answer: &Answer) -> Self {
+        Self {
+            first_step: answer.first_step,
+            next_step: answer.next_step,
+            repeated: answer.repeated,
+            windows: answer.windows.iter().map(WindowView::from).collect(),
+            notes: answer.notes.clone(),
+        }
+    }
+}
+
+/// A verdict of the sequential detector that differs from the one before.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ChangeView {
+    /// Last step of the window.
+    pub step: u64,
+    /// Since the first step, s.
+    pub time_s: f64,
+    /// The new verdict.
+    pub sequential: SequentialView,
+}
+
+impl ChangeView {
+    /// Of a window.
+    pub fn of(window: &Window) -> Self {
+        Self {
+            step: window.report.stamp.step,
+            time_s: window.report.stamp.sim_time_ns as f64 * 1e-9,
+            sequential: SequentialView::of(&window.report),
+        }
+    }
+}
+
+/// The detectors in effect.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct DetectorsView {
+    /// Name of the vehicle.
+    pub vehicle: String,
+    /// Its rotors.
+    pub rotor_count: usize,
+    /// Name of the classifier; without one the network gives no verdict.
+    pub classifier: Option<String>,
+    /// Samples of 2.5 ms per decision.
+    pub window_samples: u16,
+    /// Gain of the residual generators, 1/s.
+    pub observer_gain_1_s: f64,
+    /// Rotor model of the residual generators: `static`, `lagged` or `linear`.
+    pub nominal_thrust: String,
+    /// Significance of the T-test's detection.
+    pub alpha_detect: f64,
+    /// Significance of the T-test's isolation.
+    pub alpha_isolate: f64,
+    /// Start of the calibration, s.
+    pub calibration_start_s: f64,
+    /// End of the calibration, s; the vehicle is taken for healthy until then.
+    pub calibration_end_s: f64,
+}
+
+impl From<&Detectors> for DetectorsView {
+    fn from(detectors: &Detectors) -> Self {
+        let settings = detectors.settings();
+        Self {
+            vehicle: detectors.vehicle().vehicle.name.clone(),
+            rotor_count: detectors.vehicle().rotor_count(),
+            classifier: detectors.classifier().map(|classifier| classifier.name.clone()),
+            window_samples: settings.window_samples,
+            observer_gain_1_s: settings.observer_gain_1_s,
+            nominal_thrust: settings.nominal_thrust.as_str().to_owned(),
+            alpha_detect: settings.alpha_detect,
+            alpha_isolate: settings.alpha_isolate,
+            calibration_start_s: settings.calibration_start_s,
+            calibration_end_s: settings.calibration_end_s,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_verdict_codes_name_their_rotors() {
+        for (code, kind, rotors) in [
+            (-3, VerdictKind::Ambiguous, vec![]),
+            (-2, VerdictKind::NotReady, vec![]),
+            (-1, VerdictKind::Unknown, vec![]),
+            (0, VerdictKind::Healthy, vec![]),
+            (6, VerdictKind::Faulty, vec![6]),
+            (206, VerdictKind::FaultyPair, vec![2, 6]),
+            (1112, VerdictKind::FaultyPair, vec![11, 12]),
+        ] {
+            let view = VerdictView::of(code);
+            assert_eq!((view.verdict, view.rotors), (kind, rotors), "{code}");
+        }
+        assert_eq!(rotors_of(0b10_0001), [1, 6]);
+    }
+}

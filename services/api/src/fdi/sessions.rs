@@ -1,0 +1,309 @@
+//! The sessions that are open: who, for how long, how many.
+//!
+//! A session that nothing is asked of for the idle time is gone; so is every session when the server ends. Looked after whenever somebody
+//! asks for one, so that no clock runs while nobody does.
+
+use super::answers::{CalibrationState, ChangeView, ChunkAnswer, DetectorsView, WindowView};
+use crate::access::Caller;
+use crate::problem::Problem;
+use rotortwin_fdi::service::topic::TopicService;
+use rotortwin_fdi::service::{Answer, Chunk, FdiSession, Refusal};
+use rotortwin_plant::Detectors;
+use rotortwin_process::LinkAddress;
+use rotortwin_wire::link::topics::TopicSession;
+use rotortwin_wire::link::zenoh::ZenohOptions;
+use serde::Serialize;
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use utoipa::ToSchema;
+
+/// Changes of the verdict that a session remembers.
+const LONGEST_HISTORY: usize = 1000;
+
+/// Limits of the service.
+#[derive(Debug, Clone, Copy)]
+pub struct FdiLimits {
+    /// Sessions that are open at the same time.
+    pub sessions: usize,
+    /// A session ends when nothing is asked of it for so long.
+    pub idle: Duration,
+}
+
+impl Default for FdiLimits {
+    fn default() -> Self {
+        Self {
+            sessions: 64,
+            idle: Duration::from_secs(600),
+        }
+    }
+}
+
+/// All of them.
+#[derive(Debug)]
+pub(crate) struct FdiSessions {
+    limits: FdiLimits,
+    open: Mutex<HashMap<String, Arc<Entry>>>,
+    /// Logs that are judged at the same time.
+    pub(crate) reports: tokio::sync::Semaphore,
+    link: Option<TopicSession>,
+}
+
+/// The connection of a link's address.
+fn topics(address: &LinkAddress) -> Result<TopicSession, String> {
+    let options = match address {
+        LinkAddress::ZenohListen { endpoint, config: None } => ZenohOptions::listen(endpoint.clone()),
+        LinkAddress::ZenohConnect { endpoint, config: None } => ZenohOptions::connect(endpoint.clone()),
+        LinkAddress::ZenohListen { .. } | LinkAddress::ZenohConnect { .. } => {
+            return Err(
+                "--fdi-link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, in a network \
+                 that you trust"
+                    .to_owned(),
+            );
+        }
+        LinkAddress::Iceoryx2 { .. } => {
+            return Err(
+                "--fdi-link: measurements do not come over iceoryx2; expected zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT"
+                    .to_owned(),
+            );
+        }
+    };
+    TopicSession::open(&options).map_err(|error| format!("--fdi-link: {error}"))
+}
+
+/// One session.
+#[derive(Debug)]
+pub(crate) struct Entry {
+    pub(crate) id: String,
+    pub(crate) rotor_count: usize,
+    tenant: String,
+    detectors: DetectorsView,
+    /// Shared with its topic.
+    session: Arc<Mutex<FdiSession>>,
+    history: Mutex<VecDeque<ChangeView>>,
+    last_use: Mutex<Instant>,
+    topic: Mutex<Option<TopicService>>,
+}
+
+/// A session as it stands.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct SessionView {
+    /// To be used in addresses; nobody can guess it.
+    id: String,
+    /// The detectors in effect.
+    detectors: DetectorsView,
+    /// Samples per second that are expected.
+    rate_hz: f64,
+    /// Step that the next chunk is to begin with; before the first chunk any.
+    next_step: u64,
+    /// Samples taken.
+    samples: u64,
+    /// How far the calibration is.
+    calibration: CalibrationState,
+    /// Step from which on verdicts come, unless a gap is too long.
+    verdicts_from_step: u64,
+    /// Samples with values that no flight can have; the engine left them out.
+    rejected_samples: u64,
+    /// Lost steps that the engine coasted over.
+    bridged_steps: u64,
+    /// Calibrations begun again after longer gaps.
+    restarts: u64,
+    /// The last window.
+    last: Option<WindowView>,
+    /// Verdicts of the sequential detector, each time that it changed; the latest 1000.
+    changes: Vec<ChangeView>,
+    /// The session ends when nothing is asked of it for so long, s.
+    idle_limit_s: f64,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Entry {
+    /// Takes a chunk; the answer and, if it is refused, the step that is waited for.
+    pub(crate) fn feed(&self, chunk: &Chunk) -> Result<ChunkAnswer, (Refusal, u64)> {
+        self.touch();
+        let mut session = lock(&self.session);
+        let answer = session.feed(chunk).map_err(|refusal| (refusal, session.next_step()))?;
+        self.remember(&answer);
+        Ok(ChunkAnswer::from(&answer))
+    }
+
+    /// Notes the changes of the verdict in an answer.
+    pub(crate) fn remember(&self, answer: &Answer) {
+        self.touch();
+        if answer.repeated {
+            return;
+        }
+        let mut history = lock(&self.history);
+        for window in &answer.windows {
+            let change = ChangeView::of(window);
+            let same = |last: &ChangeView| last.sequential.verdict == change.sequential.verdict;
+            if !history.back().is_some_and(same) {
+                history.push_back(change);
+            }
+            if history.len() > LONGEST_HISTORY {
+                history.pop_front();
+            }
+        }
+    }
+
+    /// The session itself, for a stream of binary messages.
+    pub(crate) fn session(&self) -> MutexGuard<'_, FdiSession> {
+        self.touch();
+        lock(&self.session)
+    }
+
+    /// The session, to be fed by a topic.
+    pub(crate) fn shared(&self) -> Arc<Mutex<FdiSession>> {
+        Arc::clone(&self.session)
+    }
+
+    /// The topic lives as long as the session.
+    pub(crate) fn keep(&self, topic: TopicService) {
+        *lock(&self.topic) = Some(topic);
+    }
+
+    fn touch(&self) {
+        *lock(&self.last_use) = Instant::now();
+    }
+
+    fn is_idle(&self, limit: Duration) -> bool {
+        lock(&self.last_use).elapsed() >= limit
+    }
+}
+
+impl FdiSessions {
+    /// * `link`: where measurements also come over zenoh
+    ///
+    /// # Errors
+    /// The link cannot be opened; one sentence.
+    pub(crate) fn open_with(limits: FdiLimits, link: Option<&LinkAddress>) -> Result<Self, String> {
+        Ok(Self {
+            limits,
+            open: Mutex::default(),
+            reports: tokio::sync::Semaphore::new(2),
+            link: link.map(topics).transpose()?,
+        })
+    }
+
+    /// True if sessions can be fed over zenoh.
+    pub(crate) fn has_link(&self) -> bool {
+        self.link.is_some()
+    }
+
+    /// Has a session fed over zenoh as well.
+    ///
+    /// # Errors
+    /// 500: zenoh fails.
+    pub(crate) fn give_topic(&self, entry: &Arc<Entry>) -> Result<(), Problem> {
+        let link = self
+            .link
+            .as_ref()
+            .ok_or_else(|| Problem::internal(&"there is no link"))?;
+        // The topic must not keep its own session alive.
+        let weak = Arc::downgrade(entry);
+        let topic = TopicService::start(link, &entry.id, entry.shared(), move |answer| {
+            if let (Some(entry), Ok(answer)) = (weak.upgrade(), answer) {
+                entry.remember(answer);
+            }
+        })
+        .map_err(|error| Problem::internal(&error))?;
+        entry.keep(topic);
+        Ok(())
+    }
+
+    /// How long a session may be idle.
+    pub(crate) fn idle(&self) -> Duration {
+        self.limits.idle
+    }
+
+    /// Opens one.
+    ///
+    /// # Errors
+    /// 503 if there are too many; 422 if the engine refuses its configuration.
+    pub(crate) fn open(&self, caller: &Caller, detectors: &Detectors) -> Result<Arc<Entry>, Problem> {
+        let number = rand::random::<u64>().max(1);
+        let session =
+            FdiSession::new(*detectors.config(), number).map_err(|error| Problem::unprocessable(error.to_string()))?;
+        let mut open = lock(&self.open);
+        self.sweep(&mut open);
+        if open.len() >= self.limits.sessions {
+            return Err(Problem::unavailable(format!(
+                "{} FDI sessions are open, no more are allowed; expected one to be deleted, or to end after {} s of silence",
+                open.len(),
+                self.limits.idle.as_secs_f64()
+            )));
+        }
+        let entry = Arc::new(Entry {
+            id: format!("{number:016x}{:016x}", rand::random::<u64>()),
+            rotor_count: session.rotor_count(),
+            tenant: caller.tenant.clone(),
+            detectors: detectors.into(),
+            session: Arc::new(Mutex::new(session)),
+            history: Mutex::default(),
+            last_use: Mutex::new(Instant::now()),
+            topic: Mutex::default(),
+        });
+        open.insert(entry.id.clone(), Arc::clone(&entry));
+        Ok(entry)
+    }
+
+    /// The session of this id. Somebody else's is as if it were not there.
+    ///
+    /// # Errors
+    /// 404.
+    pub(crate) fn get(&self, caller: &Caller, id: &str) -> Result<Arc<Entry>, Problem> {
+        let mut open = lock(&self.open);
+        self.sweep(&mut open);
+        let his = |entry: &&Arc<Entry>| caller.sees_all || entry.tenant == caller.tenant;
+        open.get(id).filter(his).cloned().ok_or_else(|| {
+            Problem::not_found(format!(
+                "there is no FDI session '{id}'; sessions end after {} s of silence and with the server",
+                self.limits.idle.as_secs_f64()
+            ))
+        })
+    }
+
+    /// Closes one.
+    ///
+    /// # Errors
+    /// 404.
+    pub(crate) fn close(&self, caller: &Caller, id: &str) -> Result<Arc<Entry>, Problem> {
+        let entry = self.get(caller, id)?;
+        lock(&self.open).remove(id);
+        Ok(entry)
+    }
+
+    /// True if a session is still open.
+    pub(crate) fn has(&self, id: &str) -> bool {
+        let mut open = lock(&self.open);
+        self.sweep(&mut open);
+        open.contains_key(id)
+    }
+
+    /// A session as it stands.
+    pub(crate) fn view(&self, entry: &Entry) -> SessionView {
+        let session = entry.session();
+        SessionView {
+            id: entry.id.clone(),
+            detectors: entry.detectors.clone(),
+            rate_hz: 1.0 / session.period_s(),
+            next_step: session.next_step(),
+            samples: session.samples(),
+            calibration: session.calibration().into(),
+            verdicts_from_step: session.verdicts_from_step(),
+            rejected_samples: session.rejected_samples(),
+            bridged_steps: session.bridged_steps(),
+            restarts: session.restarts(),
+            last: session.last().map(WindowView::from),
+            changes: lock(&entry.history).iter().cloned().collect(),
+            idle_limit_s: self.limits.idle.as_secs_f64(),
+        }
+    }
+
+    fn sweep(&self, open: &mut HashMap<String, Arc<Entry>>) {
+        open.retain(|_, entry| !entry.is_idle(self.limits.idle));
+    }
+}

@@ -1,0 +1,113 @@
+//! FDI over a whole flight log that is uploaded.
+
+use crate::App;
+use crate::fdi::log::{LogReport, judge_file};
+use crate::problem::Problem;
+use axum::Json;
+use axum::body::Body;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Query, State};
+use futures_util::StreamExt as _;
+use rotortwin_plant::DetectorSettings;
+use serde::Deserialize;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::AsyncWriteExt as _;
+use utoipa::IntoParams;
+
+/// No uploaded log is larger.
+const LARGEST_LOG: u64 = 128 << 20;
+/// Cells of its table, at most: 256 MiB of numbers.
+const MOST_CELLS: usize = 1 << 25;
+/// Longest wait for those that came before.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Which detectors.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Which {
+    /// Name of one of the server's vehicles.
+    vehicle: String,
+    /// Name of one of the server's classifiers; without one the network gives no verdict.
+    classifier: Option<String>,
+    /// Start of the calibration, s.
+    calibration_start_s: Option<f64>,
+    /// End of the calibration, s; the vehicle is taken for healthy until then.
+    calibration_end_s: Option<f64>,
+}
+
+/// Judges an uploaded flight log: verdicts over time, the last word, what the log lacks.
+///
+/// The body is a log: canonical CSV or Parquet (what `rotortwin log import` writes), or an autopilot's. It is resampled to 400 Hz if it has
+/// another rate, and not kept.
+#[utoipa::path(post, path = "/api/v1/fdi/reports", tag = "fdi", params(Which),
+    request_body(description = "the log, 128 MiB at most", content(
+        (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
+    responses(
+        (status = 200, description = "what the detectors say", body = LogReport),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such vehicle or classifier", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "no log, or another vehicle's", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn judge(
+    State(app): State<Arc<App>>,
+    which: Result<Query<Which>, QueryRejection>,
+    body: Body,
+) -> Result<Json<LogReport>, Problem> {
+    let Query(which) = which?;
+    let settings = DetectorSettings {
+        calibration_start_s: which.calibration_start_s,
+        calibration_end_s: which.calibration_end_s,
+        ..DetectorSettings::default()
+    };
+    let detectors = super::fdi::detectors(&app, Some(&which.vehicle), None, which.classifier.as_deref(), &settings)?;
+    let file = received(&app, body).await?;
+    let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
+    let Ok(Ok(_turn)) = turn else {
+        return Err(Problem::unavailable(
+            "other logs are being judged; expected a later try",
+        ));
+    };
+    let judged = tokio::task::spawn_blocking(move || {
+        judge_file(file.path(), &detectors, Some(MOST_CELLS)).map_err(|refusal| {
+            let path = file.path().display().to_string();
+            Problem::unprocessable(refusal.to_string().replace(&path, "the log"))
+        })
+    });
+    judged.await.map_err(|error| Problem::internal(&error))?.map(Json)
+}
+
+/// The body as a file of its own, which is gone when it is dropped.
+async fn received(app: &App, body: Body) -> Result<tempfile::NamedTempFile, Problem> {
+    let told = |error: std::io::Error| match error.kind() {
+        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
+            Problem::disk_full("the log cannot be kept while it is judged: the disk of the data folder is full")
+        }
+        _ => Problem::internal(&error),
+    };
+    let file = tempfile::Builder::new()
+        .prefix("upload-")
+        .tempfile_in(&app.config.work.data)
+        .map_err(told)?;
+    let mut out = tokio::fs::File::from_std(file.reopen().map_err(told)?);
+    let mut parts = body.into_data_stream();
+    let mut size = 0u64;
+    while let Some(part) = parts.next().await {
+        let part = part.map_err(|error| Problem::bad_request(format!("the log did not arrive whole: {error}")))?;
+        size += part.len() as u64;
+        if size > LARGEST_LOG {
+            return Err(Problem::too_large(format!(
+                "the log has more than {LARGEST_LOG} bytes; expected a shorter part of it"
+            )));
+        }
+        out.write_all(&part).await.map_err(told)?;
+    }
+    out.flush().await.map_err(told)?;
+    if size == 0 {
+        return Err(Problem::bad_request("the body is empty; expected a flight log"));
+    }
+    Ok(file)
+}

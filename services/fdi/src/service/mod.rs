@@ -1,0 +1,16 @@
+//! FDI as a service: measurements of a flight that somebody else flies, verdicts back.
+//!
+//! ```text
+//!  HTTP chunk, WebSocket, zenoh topic, log file ─▶ Chunk ─▶ FdiSession ─▶ Answer{windows, notes} ─▶ back the same way
+//! ```
+//! * [`session`]: the engine of a run behind rules for what may come in: rate, order, gaps, repetition.
+//! * [`message`]: chunks and answers as protobuf messages.
+//! * [`topic`]: a session fed over zenoh, and its client.
+//!
+//! No vehicle file and no plant is known here: a session takes the engine's configuration, as the FDI process of a run does.
+
+pub mod message;
+pub mod session;
+pub mod topic;
+
+pub use session::{Answer, Calibration, Chunk, FdiSession, Refusal, Sample, Window};

@@ -1,0 +1,621 @@
+//! One session: the FDI engine of a run, and what may be fed to it.
+//!
+//! The engine knows neither time nor gaps: it takes one sample every 2.5 ms. The session makes sure of that. A chunk of samples is taken
+//! as a whole or refused as a whole with one sentence; what is refused changes nothing.
+//!
+//! * *Order.* Each chunk says its first step and goes on where the last one ended. The last chunks ([`REMEMBERED`]) may be sent again:
+//!   the answer is the same and nothing is counted twice.
+//! * *Numbers.* What a link of a run refuses is refused here: NaN and infinity, a duty that is no fraction, a wrong number of rotors.
+//!   Finite numbers that no flight can have (1000 m/s) go to the engine, which rejects and counts them, as in a run.
+//! * *Rate.* Where samples bring their time, each interval must be between half and one and a half periods, and the mean of a hundred
+//!   within 2 % of the period.
+//! * *Gaps* are refused unless the chunk says that the samples between are lost. Up to [`LONGEST_BRIDGE`] steps the engine coasts, as it
+//!   does over a rejected sample; after more it starts afresh with a calibration, and the answer says so: *whatever is damaged by then
+//!   counts as healthy*.
+//!
+//! Same samples, same bits: between gaps a session is the engine of a run, fed the same numbers.
+//!
+//! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::window::{Baseline, WrenchStatistics};
+use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError, FdiEngine, FdiOutput, Residuals};
+use rotortwin_flight_core::frames::{EulerAngles, Vec3};
+use rotortwin_flight_core::signals::{Measurement, MotorCommand, NavState};
+use rotortwin_wire::frames::{FdiReport, Stamp};
+use rotortwin_wire::peers::report;
+use std::collections::VecDeque;
+use std::hash::Hasher as _;
+use xxhash_rust::xxh3::Xxh3;
+
+/// Most samples of a chunk: ten seconds.
+pub const LONGEST_CHUNK: usize = 4000;
+/// Chunks that may be sent again.
+pub const REMEMBERED: usize = 8;
+/// Steps that the engine coasts over; 20 ms, a few time constants of a rotor less than the window it would spoil.
+pub const LONGEST_BRIDGE: u64 = 8;
+/// Largest step number.
+pub const LAST_STEP: u64 = 1 << 40;
+/// Intervals that the mean rate is taken over.
+const RATE_SAMPLES: u32 = 100;
+/// The mean interval may differ from the period by this share: clocks differ by 1e-4, the next usual rates by a fifth.
+const RATE_TOLERANCE: f64 = 0.02;
+
+/// One sample of a flight: the sensed state, the duty held from now on, the voltage; SI, NED and FRD.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// North, east, down, m.
+    pub position_ned_m: [f32; 3],
+    /// North, east, down, m/s.
+    pub velocity_ned_m_s: [f32; 3],
+    /// Roll, pitch, yaw (ZYX), rad, body in NED.
+    pub attitude_rad: [f32; 3],
+    /// p, q, r, rad/s, FRD.
+    pub body_rates_rad_s: [f32; 3],
+    /// Duty of each rotor over this step, fraction; 0 past the rotor count.
+    pub duty: [f32; MAX_ROTORS],
+    /// At the battery's terminals, V.
+    pub battery_voltage_v: f32,
+    /// When it was taken, s, by any clock; without it the rate is believed.
+    pub time_s: Option<f64>,
+}
+
+impl Sample {
+    /// What the engine takes.
+    #[inline]
+    pub fn measurement(&self) -> Measurement {
+        // +0 for −0, as every link of a run hands numbers over.
+        let plus = |values: [f32; 3]| values.map(|value| value + 0.0);
+        let [roll, pitch, yaw] = plus(self.attitude_rad);
+        Measurement {
+            nav: NavState {
+                position_ned: Vec3::from_array(plus(self.position_ned_m)),
+                velocity_ned: Vec3::from_array(plus(self.velocity_ned_m_s)),
+                attitude: EulerAngles { roll, pitch, yaw },
+                body_rates: Vec3::from_array(plus(self.body_rates_rad_s)),
+            },
+            command: MotorCommand {
+                duty: self.duty.map(|duty| duty + 0.0),
+            },
+            battery_voltage: self.battery_voltage_v + 0.0,
+        }
+    }
+
+    /// The first number that cannot be taken: field, value, what was expected.
+    fn fault(&self, rotor_count: usize) -> Option<(String, f64, &'static str)> {
+        let fields: [(&str, &[f32]); 5] = [
+            ("position_ned_m", &self.position_ned_m),
+            ("velocity_ned_m_s", &self.velocity_ned_m_s),
+            ("attitude_rad", &self.attitude_rad),
+            ("body_rates_rad_s", &self.body_rates_rad_s),
+            ("battery_voltage_v", std::slice::from_ref(&self.battery_voltage_v)),
+        ];
+        for (field, values) in fields {
+            if let Some(index) = values.iter().position(|value| !value.is_finite()) {
+                let name = if values.len() == 1 {
+                    field.to_owned()
+                } else {
+                    format!("{field}[{index}]")
+                };
+                return Some((name, f64::from(values[index]), "a finite number"));
+            }
+        }
+        let (used, unused) = self.duty.split_at(rotor_count.min(MAX_ROTORS));
+        if let Some(rotor) = used.iter().position(|duty| !(0.0..=1.0).contains(duty)) {
+            return Some((
+                format!("duty[{rotor}]"),
+                f64::from(used[rotor]),
+                "a fraction from 0 to 1",
+            ));
+        }
+        if let Some(rotor) = unused.iter().position(|duty| *duty != 0.0) {
+            let (index, value) = (rotor_count + rotor, f64::from(unused[rotor]));
+            return Some((
+                format!("duty[{index}]"),
+                value,
+                "nothing, because the vehicle has no such rotor",
+            ));
+        }
+        self.time_s
+            .filter(|time_s| !time_s.is_finite())
+            .map(|time_s| ("time_s".to_owned(), time_s, "a finite number"))
+    }
+
+    fn hash_into(&self, hasher: &mut Xxh3) {
+        let numbers = [
+            self.position_ned_m,
+            self.velocity_ned_m_s,
+            self.attitude_rad,
+            self.body_rates_rad_s,
+        ];
+        for value in numbers.as_flattened().iter().chain(&self.duty) {
+            hasher.write_u32(value.to_bits());
+        }
+        hasher.write_u32(self.battery_voltage_v.to_bits());
+        hasher.write_u64(self.time_s.map_or(u64::MAX, f64::to_bits));
+    }
+}
+
+/// Consecutive samples.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Chunk {
+    /// Step of the first sample.
+    pub first_step: u64,
+    /// The samples between the last chunk and this one are lost for good.
+    pub after_gap: bool,
+    /// In order, one a step.
+    pub samples: Vec<Sample>,
+}
+
+impl Chunk {
+    fn fingerprint(&self) -> u64 {
+        let mut hasher = Xxh3::new();
+        hasher.write_u64(self.first_step);
+        for sample in &self.samples {
+            sample.hash_into(&mut hasher);
+        }
+        hasher.finish()
+    }
+}
+
+/// How far the detectors have calibrated themselves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Calibration {
+    /// The sensors' noise is measured; no verdicts.
+    Noise,
+    /// Levels of gusts and the residuals' means are learnt; no verdicts, but of a classifier that calibrates nothing.
+    Disturbances,
+    /// Verdicts come.
+    Done,
+}
+
+/// What is said at the end of a window.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Window {
+    /// Residuals and verdicts of the window's last step, as a run records them; `run_id` is the session's number, the time counts
+    /// from the session's first step.
+    pub report: FdiReport,
+    /// Probability that the network gives to healthy, rotor 1, rotor 2, …; empty while it says nothing.
+    pub class_probability: Vec<f32>,
+    /// As of this step.
+    pub calibration: Calibration,
+}
+
+/// What a chunk gave.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// Of the chunk.
+    pub first_step: u64,
+    /// Step that the next chunk is to begin with.
+    pub next_step: u64,
+    /// Windows that ended in it, in order.
+    pub windows: Vec<Window>,
+    /// What else happened, one sentence each.
+    pub notes: Vec<String>,
+    /// The chunk had been taken before; this is the answer it got then.
+    pub repeated: bool,
+}
+
+/// Why a chunk is not taken; nothing of it counts.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// No samples, or too many.
+    #[error("the chunk has {found} samples, expected 1 to {LONGEST_CHUNK}")]
+    Size {
+        /// Samples that came.
+        found: usize,
+    },
+    /// Too large a step number.
+    #[error("first_step is {found}, expected 0 to {LAST_STEP}")]
+    Step {
+        /// What came.
+        found: u64,
+    },
+    /// Samples are missing and nobody says that they are lost.
+    #[error(
+        "the chunk begins with step {found}, expected step {expected}: {} steps are missing; send them, or say that they are lost (after_gap)",
+        found - expected
+    )]
+    Gap {
+        /// Step that was to come.
+        expected: u64,
+        /// Step that came.
+        found: u64,
+    },
+    /// Steps that were taken before, with other numbers, or too long ago.
+    #[error(
+        "the chunk begins with step {found}, which was taken before; expected step {expected}, or one of the last chunks as it was"
+    )]
+    Past {
+        /// Step that was to come.
+        expected: u64,
+        /// Step that came.
+        found: u64,
+    },
+    /// A number that cannot be.
+    #[error("step {step} (sample {sample} of the chunk): {field} is {value}, expected {expected}")]
+    Number {
+        /// Step number.
+        step: u64,
+        /// Sample of the chunk, from 1.
+        sample: usize,
+        /// The field.
+        field: String,
+        /// What it holds.
+        value: f64,
+        /// The range, in words.
+        expected: &'static str,
+    },
+    /// Time goes back, stands still, or jumps.
+    #[error(
+        "step {step} (sample {sample} of the chunk): time_s is {interval_s:.6} s after the sample before, expected {period_s} s, give or take half of it"
+    )]
+    Interval {
+        /// Step number.
+        step: u64,
+        /// Sample of the chunk, from 1.
+        sample: usize,
+        /// Since the sample before, s.
+        interval_s: f64,
+        /// Expected, s.
+        period_s: f64,
+    },
+    /// The samples have another rate.
+    #[error(
+        "the samples up to step {step} are {interval_s:.6} s apart in the mean of 100, expected {period_s} s within 2 %"
+    )]
+    Rate {
+        /// Last of the hundred.
+        step: u64,
+        /// Mean interval, s.
+        interval_s: f64,
+        /// Expected, s.
+        period_s: f64,
+    },
+}
+
+/// Watches the times of consecutive samples.
+#[derive(Clone, Copy, Debug, Default)]
+struct RateCheck {
+    last_s: Option<f64>,
+    /// Begin of the hundred, and intervals since.
+    anchor: Option<(f64, u32)>,
+}
+
+impl RateCheck {
+    fn take(&mut self, time_s: Option<f64>, period_s: f64, step: u64, sample: usize) -> Result<(), Refusal> {
+        let Some(time_s) = time_s else {
+            *self = Self::default();
+            return Ok(());
+        };
+        if let Some(last_s) = self.last_s {
+            let interval_s = time_s - last_s;
+            if !(0.5 * period_s..=1.5 * period_s).contains(&interval_s) {
+                return Err(Refusal::Interval {
+                    step,
+                    sample,
+                    interval_s,
+                    period_s,
+                });
+            }
+        }
+        self.last_s = Some(time_s);
+        let (start_s, intervals) = self.anchor.map_or((time_s, 0), |(start, count)| (start, count + 1));
+        self.anchor = Some((start_s, intervals));
+        if intervals == RATE_SAMPLES {
+            let interval_s = (time_s - start_s) / f64::from(RATE_SAMPLES);
+            if (interval_s / period_s - 1.0).abs() > RATE_TOLERANCE {
+                return Err(Refusal::Rate {
+                    step,
+                    interval_s,
+                    period_s,
+                });
+            }
+            self.anchor = Some((time_s, 0));
+        }
+        Ok(())
+    }
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct FdiSession {
+    number: u64,
+    engine: Box<FdiEngine>,
+    /// What the engine's own window and baseline hold, for the network's probabilities.
+    window: WrenchStatistics,
+    baseline: Baseline,
+    calibration_steps: [u64; 2],
+    /// First step ever, once there is one.
+    origin: Option<u64>,
+    next_step: u64,
+    /// Step that the calibration counts from.
+    started: u64,
+    rate: RateCheck,
+    remembered: VecDeque<(u64, Answer)>,
+    last: Option<Window>,
+    samples: u64,
+    bridged_steps: u64,
+    restarts: u64,
+    rejected_before: u64,
+}
+
+impl FdiSession {
+    /// * `number`: not 0; goes into the stamps of the reports
+    ///
+    /// # Errors
+    /// The engine refuses its configuration.
+    pub fn new(config: FdiConfig, number: u64) -> Result<Self, FdiConfigError> {
+        let engine = Box::new(FdiEngine::new(config)?);
+        let steps = |seconds: f32| (seconds / config.period).round() as u32;
+        let [start, end] = [config.t_test.baseline_start, config.t_test.baseline_end].map(steps);
+        Ok(Self {
+            number,
+            engine,
+            window: WrenchStatistics::default(),
+            baseline: Baseline::new(start, end),
+            calibration_steps: [u64::from(start), u64::from(end)],
+            origin: None,
+            next_step: 0,
+            started: 0,
+            rate: RateCheck::default(),
+            remembered: VecDeque::new(),
+            last: None,
+            samples: 0,
+            bridged_steps: 0,
+            restarts: 0,
+            rejected_before: 0,
+        })
+    }
+
+    /// Rotors of the vehicle.
+    pub fn rotor_count(&self) -> usize {
+        self.engine.config().geometry.rotor_count()
+    }
+
+    /// Time between two samples, s.
+    pub fn period_s(&self) -> f64 {
+        // 0.0025 in f32 is not 0.0025 in f64; steps are whole tens of microseconds.
+        (f64::from(self.engine.config().period) * 1e8).round() / 1e8
+    }
+
+    /// Samples of a window.
+    pub fn window_samples(&self) -> u16 {
+        self.engine.config().window_len
+    }
+
+    /// First step of the session; `None` before its first chunk.
+    pub fn origin(&self) -> Option<u64> {
+        self.origin
+    }
+
+    /// Step that the next chunk is to begin with; any before the first chunk.
+    pub fn next_step(&self) -> u64 {
+        self.next_step
+    }
+
+    /// The last window.
+    pub fn last(&self) -> Option<&Window> {
+        self.last.as_ref()
+    }
+
+    /// Samples taken.
+    pub fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// Samples that the engine rejected (no flight can have them).
+    pub fn rejected_samples(&self) -> u64 {
+        self.rejected_before
+    }
+
+    /// Lost steps that the engine coasted over.
+    pub fn bridged_steps(&self) -> u64 {
+        self.bridged_steps
+    }
+
+    /// Calibrations begun again after gaps.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
+    }
+
+    /// How far the calibration is.
+    pub fn calibration(&self) -> Calibration {
+        let since = self.next_step - self.started;
+        match self.calibration_steps {
+            [start, _] if since < start => Calibration::Noise,
+            [_, end] if since < end => Calibration::Disturbances,
+            _ => Calibration::Done,
+        }
+    }
+
+    /// Step from which on verdicts come, unless a gap is too long.
+    pub fn verdicts_from_step(&self) -> u64 {
+        self.started + self.calibration_steps[1]
+    }
+
+    /// Takes a chunk.
+    ///
+    /// # Errors
+    /// One sentence; nothing of the chunk counts.
+    pub fn feed(&mut self, chunk: &Chunk) -> Result<Answer, Refusal> {
+        let found = chunk.samples.len();
+        if found == 0 || found > LONGEST_CHUNK {
+            return Err(Refusal::Size { found });
+        }
+        if chunk.first_step > LAST_STEP {
+            return Err(Refusal::Step {
+                found: chunk.first_step,
+            });
+        }
+        let fingerprint = chunk.fingerprint();
+        let same = |(other, answer): &&(u64, Answer)| *other == fingerprint && answer.first_step == chunk.first_step;
+        if let Some((_, answer)) = self.remembered.iter().find(same) {
+            return Ok(Answer {
+                repeated: true,
+                ..answer.clone()
+            });
+        }
+        let lost = self.lost_steps(chunk)?;
+        // Nothing is changed before everything has been looked at.
+        let mut rate = if lost == 0 { self.rate } else { RateCheck::default() };
+        let (period_s, rotor_count) = (self.period_s(), self.rotor_count());
+        for (index, sample) in chunk.samples.iter().enumerate() {
+            let (step, number) = (chunk.first_step + index as u64, index + 1);
+            if let Some((field, value, expected)) = sample.fault(rotor_count) {
+                return Err(Refusal::Number {
+                    step,
+                    sample: number,
+                    field,
+                    value,
+                    expected,
+                });
+            }
+            rate.take(sample.time_s, period_s, step, number)?;
+        }
+        self.rate = rate;
+        let answer = self.take(chunk, lost);
+        self.remembered.push_back((fingerprint, answer.clone()));
+        if self.remembered.len() > REMEMBERED {
+            self.remembered.pop_front();
+        }
+        Ok(answer)
+    }
+
+    /// Steps lost before a chunk.
+    fn lost_steps(&self, chunk: &Chunk) -> Result<u64, Refusal> {
+        let (expected, found) = (self.next_step, chunk.first_step);
+        match self.origin {
+            None => Ok(0),
+            Some(_) if found < expected => Err(Refusal::Past { expected, found }),
+            Some(_) if found > expected && !chunk.after_gap => Err(Refusal::Gap { expected, found }),
+            Some(_) => Ok(found - expected),
+        }
+    }
+
+    fn take(&mut self, chunk: &Chunk, lost: u64) -> Answer {
+        let mut notes = Vec::new();
+        let mut windows = Vec::new();
+        if self.origin.is_none() {
+            self.origin = Some(chunk.first_step);
+            self.started = chunk.first_step;
+            self.next_step = chunk.first_step;
+        }
+        if lost > LONGEST_BRIDGE {
+            self.restart(chunk.first_step);
+            notes.push(format!(
+                "{lost} steps were lost before step {}: the calibration began again, verdicts come from step {}; what is damaged by \
+                 then counts as healthy",
+                chunk.first_step,
+                self.verdicts_from_step()
+            ));
+        } else if lost > 0 {
+            self.bridged_steps += lost;
+            notes.push(format!(
+                "{lost} steps were lost before step {}: the engine coasted over them",
+                chunk.first_step
+            ));
+            let nothing = Measurement {
+                battery_voltage: f32::NAN,
+                ..Measurement::default()
+            };
+            for _ in 0..lost {
+                self.engine.step(&nothing);
+                self.next_step += 1;
+            }
+        }
+        for sample in &chunk.samples {
+            if let Some(window) = self.step(sample) {
+                windows.push(window);
+            }
+        }
+        self.samples += chunk.samples.len() as u64;
+        if let Some(window) = windows.last() {
+            self.last = Some(window.clone());
+        }
+        Answer {
+            first_step: chunk.first_step,
+            next_step: self.next_step,
+            windows,
+            notes,
+            repeated: false,
+        }
+    }
+
+    fn restart(&mut self, step: u64) {
+        let config = *self.engine.config();
+        *self.engine = FdiEngine::new(config).expect("it was taken before");
+        self.window.clear();
+        let [start, end] = self.calibration_steps.map(|steps| steps as u32);
+        self.baseline = Baseline::new(start, end);
+        self.started = step;
+        self.next_step = step;
+        self.restarts += 1;
+    }
+
+    #[inline]
+    fn step(&mut self, sample: &Sample) -> Option<Window> {
+        let rejected = self.engine_rejections();
+        let step = self.next_step;
+        let output = self.engine.step(&sample.measurement());
+        self.next_step += 1;
+        if output.rejected_samples > rejected {
+            self.rejected_before += 1;
+            return None;
+        }
+        let calibrated = self.baseline.mean();
+        self.baseline.push(&output.wrench_residual);
+        self.window.push(&output.wrench_residual);
+        if !output.window_end {
+            return None;
+        }
+        let class_probability = self.class_probability(calibrated);
+        self.window.clear();
+        Some(Window {
+            report: report(self.stamp(step), &output).canonical(),
+            class_probability,
+            calibration: self.calibration(),
+        })
+    }
+
+    fn engine_rejections(&self) -> u32 {
+        self.engine.output().rejected_samples
+    }
+
+    fn stamp(&self, step: u64) -> Stamp {
+        let since = step - self.origin.unwrap_or(step);
+        Stamp {
+            run_id: self.number,
+            step,
+            sim_time_ns: since * (self.period_s() * 1e9).round() as u64,
+        }
+    }
+
+    /// The network's probabilities for the window that ends, by the recursions that the engine runs; `calibrated` as of before the last
+    /// sample.
+    fn class_probability(&self, calibrated: Option<[f32; 4]>) -> Vec<f32> {
+        let config = self.engine.config();
+        let Some(network) = &config.network else {
+            return Vec::new();
+        };
+        let offset = if network.self_calibrated() {
+            calibrated.and_then(|_| self.baseline.mean())
+        } else {
+            Some([0.0; 4])
+        };
+        let Some(offset) = offset else {
+            return Vec::new();
+        };
+        let mut mean = self.window.mean();
+        for axis in 0..4 {
+            mean[axis] -= offset[axis];
+        }
+        let probability = network.class_probabilities(&Residuals::from_wrench(&config.geometry, &mean));
+        probability[..=network.rotor_count()].to_vec()
+    }
+
+    /// What the engine said last.
+    pub fn output(&self) -> &FdiOutput {
+        self.engine.output()
+    }
+}
