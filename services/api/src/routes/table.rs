@@ -39,7 +39,7 @@ pub(crate) struct TableQuery {
     #[param(minimum = 1, maximum = 20_000, default = 20_000)]
     limit: Option<i64>,
     /// `json` or `csv`.
-    #[param(default = "json")]
+    #[param(inline, default = "json")]
     format: Option<Format>,
 }
 
@@ -55,7 +55,7 @@ pub(crate) enum Format {
 pub(crate) struct Table {
     columns: Vec<String>,
     /// Numbers, truth values, texts; null where a run has none.
-    #[schema(value_type = Vec<Vec<Object>>)]
+    #[schema(value_type = Vec<Vec<serde_json::Value>>)]
     rows: Vec<Vec<Value>>,
 }
 
