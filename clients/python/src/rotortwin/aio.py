@@ -193,6 +193,7 @@ class AsyncRuns(AsyncResource[Run]):
         priority: int = 0,
         controller: Place = "beside",
         fdi: Place = "beside",
+        classifier: str | None = None,
         join_timeout_ms: int | None = None,
         max_wall_s: int | None = None,
         max_sim_s: float | None = None,
@@ -201,8 +202,9 @@ class AsyncRuns(AsyncResource[Run]):
         """Submits a flight; when this returns it is on the server's disk, and will end."""
         body = scenario_body(scenario, text, documents, set)
         body |= {"seed": seed, "link": link, "pace": pace, "priority": priority, "controller": controller, "fdi": fdi}
-        limits = {"join_timeout_ms": join_timeout_ms, "max_wall_s": max_wall_s, "max_sim_s": max_sim_s}
-        body |= {key: value for key, value in limits.items() if value is not None}
+        given: dict[str, Any] = {"classifier": classifier, "join_timeout_ms": join_timeout_ms}
+        given |= {"max_wall_s": max_wall_s, "max_sim_s": max_sim_s}
+        body |= {key: value for key, value in given.items() if value is not None}
         return await self._do(self._operations.submit(body, idempotency_key))
 
     async def fork(
