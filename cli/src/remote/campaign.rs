@@ -117,7 +117,7 @@ async fn finish(
     remote: &Remote,
     id: &str,
     campaign: &Campaign,
-    folder: &PathBuf,
+    folder: &Path,
     args: &Args,
 ) -> Result<ExitCode, RemoteError> {
     let path = format!("/api/v1/campaigns/{id}");
