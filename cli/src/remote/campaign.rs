@@ -9,7 +9,7 @@ use crate::output;
 use indicatif::ProgressBar;
 use rotortwin_campaign::study::Campaign;
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Runs the command.
@@ -137,7 +137,7 @@ async fn finish(
     let folder = if folder.join("out").is_dir() {
         folder.join("out")
     } else {
-        folder.clone()
+        folder.to_owned()
     };
     let summary: &Value = &job["result"];
     if args.json {
