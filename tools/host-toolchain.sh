@@ -4,7 +4,7 @@
 [ -n "$(command -v cargo)" ] || { [ -e "$HOME/.cargo/env" ] && . "$HOME/.cargo/env"; } || true
 [ -n "$(command -v cargo)" ] || stop "cargo is missing: install Rust with rustup (https://rustup.rs), then start again"
 
-# `ring`-free and `protoc`-free, but zstd is C and every Rust program is linked by cc.
+# zstd, SQLite and ring are C, and every Rust program is linked by cc.
 if [ -z "$(command -v cc)" ]; then
   if [ -n "$(command -v apt-get)" ]; then
     as_root=; [ "$(id -u)" = 0 ] || as_root=sudo

@@ -30,7 +30,6 @@ pub mod random;
 pub mod scratch;
 pub mod server;
 mod skip;
-pub mod web_socket;
 pub mod websocket;
 
 pub use skip::skip;

@@ -1,4 +1,4 @@
-//! Just enough WebSocket (RFC 6455) to listen to a server under test: text messages, unfragmented.
+//! Just enough WebSocket (RFC 6455) to talk to a server under test: unfragmented messages.
 
 use crate::server::Server;
 use serde_json::Value;
@@ -18,6 +18,7 @@ impl WebSocket {
     /// No HTTP answer comes.
     pub fn open(server: &Server, path: &str) -> Result<Self, (u16, Value)> {
         let mut stream = server.connect();
+        stream.set_nodelay(true).expect("an option");
         let request = format!(
             "GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: upgrade\r\nupgrade: websocket\r\n\
              sec-websocket-version: 13\r\nsec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
@@ -44,35 +45,57 @@ impl WebSocket {
         Err((status, serde_json::from_slice(&body).unwrap_or_default()))
     }
 
-    /// The next message; `None`: the server has closed it.
+    /// The next frame: its kind, and what it holds.
+    ///
+    /// # Panics
+    /// The connection breaks, or nothing comes in time.
+    fn frame(&mut self) -> (u8, Vec<u8>) {
+        let mut head = [0; 2];
+        self.stream.read_exact(&mut head).expect("a frame");
+        let length = match head[1] & 0x7f {
+            126 => {
+                let mut bytes = [0; 2];
+                self.stream.read_exact(&mut bytes).expect("a length");
+                usize::from(u16::from_be_bytes(bytes))
+            }
+            127 => {
+                let mut bytes = [0; 8];
+                self.stream.read_exact(&mut bytes).expect("a length");
+                usize::try_from(u64::from_be_bytes(bytes)).expect("a length")
+            }
+            short => usize::from(short),
+        };
+        let mut payload = vec![0; length];
+        self.stream.read_exact(&mut payload).expect("a payload");
+        (head[0] & 0x0f, payload)
+    }
+
+    /// The next text message, which is JSON; `None`: the server has closed it.
     ///
     /// # Panics
     /// The connection breaks, or nothing comes in time.
     pub fn next_message(&mut self) -> Option<Value> {
         loop {
-            let mut head = [0; 2];
-            self.stream.read_exact(&mut head).expect("a frame");
-            let length = match head[1] & 0x7f {
-                126 => {
-                    let mut bytes = [0; 2];
-                    self.stream.read_exact(&mut bytes).expect("a length");
-                    usize::from(u16::from_be_bytes(bytes))
-                }
-                127 => {
-                    let mut bytes = [0; 8];
-                    self.stream.read_exact(&mut bytes).expect("a length");
-                    usize::try_from(u64::from_be_bytes(bytes)).expect("a length")
-                }
-                short => usize::from(short),
-            };
-            let mut payload = vec![0; length];
-            self.stream.read_exact(&mut payload).expect("a payload");
-            match head[0] & 0x0f {
-                1 => return Some(serde_json::from_slice(&payload).expect("JSON")),
-                8 => return None,
+            match self.frame() {
+                (1, payload) => return Some(serde_json::from_slice(&payload).expect("JSON")),
+                (8, _) => return None,
                 _ => {}
             }
         }
+    }
+
+    /// The next message, text or binary.
+    ///
+    /// # Panics
+    /// The server closes instead.
+    pub fn receive(&mut self) -> Vec<u8> {
+        let (kind, payload) = self.frame();
+        assert!(
+            matches!(kind, 1 | 2),
+            "kind {kind}: {}",
+            String::from_utf8_lossy(&payload)
+        );
+        payload
     }
 
     /// All messages up to the close.
@@ -80,18 +103,42 @@ impl WebSocket {
         std::iter::from_fn(|| self.next_message()).collect()
     }
 
-    /// Says something short.
-    ///
-    /// # Panics
-    /// It is longer than 125 bytes, or the server does not take it.
+    /// True if the server closes next.
+    pub fn closed(&mut self) -> bool {
+        self.frame().0 == 8
+    }
+
+    /// Sends JSON as a text message.
     pub fn say(&mut self, message: &Value) {
-        let text = message.to_string();
-        let length = u8::try_from(text.len())
-            .ok()
-            .filter(|length| *length < 126)
-            .expect("a short message");
-        // A mask of zeros leaves the text as it is.
-        let frame = [&[0x81, 0x80 | length, 0, 0, 0, 0], text.as_bytes()].concat();
-        self.stream.write_all(&frame).expect("it takes the message");
+        self.send_text(&message.to_string());
+    }
+
+    /// Sends a text message.
+    pub fn send_text(&mut self, text: &str) {
+        self.send(1, text.as_bytes());
+    }
+
+    /// Sends a binary message.
+    pub fn send_binary(&mut self, bytes: &[u8]) {
+        self.send(2, bytes);
+    }
+
+    fn send(&mut self, kind: u8, payload: &[u8]) {
+        let mut frame = vec![0x80 | kind];
+        match payload.len() {
+            length @ 0..126 => frame.push(0x80 | u8::try_from(length).expect("it is below 126")),
+            length @ 126..0x1_0000 => {
+                frame.push(0x80 | 126);
+                frame.extend(u16::try_from(length).expect("it fits").to_be_bytes());
+            }
+            length => {
+                frame.push(0x80 | 127);
+                frame.extend((length as u64).to_be_bytes());
+            }
+        }
+        // A client must mask; a mask of zeros leaves the payload as it is.
+        frame.extend([0; 4]);
+        frame.extend(payload);
+        self.stream.write_all(&frame).expect("the server takes it");
     }
 }

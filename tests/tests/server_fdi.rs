@@ -8,7 +8,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_tests::program::{Call, Link};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
-use rotortwin_tests::web_socket::WebSocket;
+use rotortwin_tests::websocket::WebSocket;
 use rotortwin_wire::link::topics::TopicSession;
 use rotortwin_wire::link::zenoh::ZenohOptions;
 use serde_json::{Value, json};
@@ -467,7 +467,7 @@ fn scenario_a_web_socket_takes_text_and_binary() {
     let rows = rows(&fly(&scratch, "faulty", true));
     let server = Server::start(&scratch.path("data"));
     let address = open(&server, json!({}));
-    let mut socket = WebSocket::open(server.address(), &format!("{address}/stream"));
+    let mut socket = WebSocket::open(&server, &format!("{address}/stream")).expect("it is opened");
     let mut windows = Vec::new();
     for first in (0..2000).step_by(25) {
         let samples: Vec<Value> = rows[first..first + 25].iter().map(sample_json).collect();
@@ -744,7 +744,7 @@ fn bench_measurements_per_second() {
     }
     for (binary, size) in [(false, 25), (true, 25), (true, 400)] {
         let address = open(&server, json!({}));
-        let mut socket = WebSocket::open(server.address(), &format!("{address}/stream"));
+        let mut socket = WebSocket::open(&server, &format!("{address}/stream")).expect("it is opened");
         let messages: Vec<Vec<u8>> = (0..ROUNDS * rows.len())
             .step_by(size)
             .map(|step| {
