@@ -123,8 +123,10 @@ fn scenario_a_canceled_run_ends_and_keeps_what_it_has() {
     let server = Server::start(&scratch.path("data"));
     let id = server.submit(&slow(60.0));
     let path = format!("/api/v1/runs/{id}");
-    let flying = || events_so_far(&server, &path);
-    wait_until(Duration::from_secs(30), || flying() > 0).expect("it begins");
+    // Not only begun: it has flown some steps.
+    let stream = server.send("GET", &format!("{path}/events"), &[], "");
+    let mut lines = BufReader::new(stream).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line == "event: progress"), "it flies");
     assert_eq!(server.ask("DELETE", &path, &[], "").status, 409);
     assert_eq!(server.ask("POST", &format!("{path}/cancel"), &[], "").status, 202);
     let run = server.ended(&id);
