@@ -232,8 +232,20 @@ fn migrations(dialect: Dialect) -> Migrator {
         Dialect::Sqlite => &[
             (1, "runs", include_str!("../../migrations/sqlite/0001_runs.sql")),
             (2, "jobs", include_str!("../../migrations/sqlite/0002_jobs.sql")),
+            (
+                3,
+                "job_indices",
+                include_str!("../../migrations/sqlite/0003_job_indices.sql"),
+            ),
         ],
-        Dialect::Postgres => &[(1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql"))],
+        Dialect::Postgres => &[
+            (1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql")),
+            (
+                2,
+                "job_indices",
+                include_str!("../../migrations/postgres/0002_job_indices.sql"),
+            ),
+        ],
     };
     Migrator::with_migrations(
         files

@@ -443,7 +443,7 @@ impl Database {
 }
 
 /// Whether the claim is still this one's; the row is held until the transaction ends.
-async fn holds(transaction: &mut Transaction<'_>, id: &str, token: &str) -> Result<bool, sqlx::Error> {
+pub(super) async fn holds(transaction: &mut Transaction<'_>, id: &str, token: &str) -> Result<bool, sqlx::Error> {
     let held = sqlx::query("UPDATE job SET claim = claim WHERE id = $1 AND claim = $2")
         .bind(id)
         .bind(token)

@@ -4,7 +4,7 @@
 //! the ticket. A seat is worth as much as the attempt that offered it: when that ends, the process finds nobody and ends too.
 
 use crate::jobs::database::Database;
-use crate::jobs::queue::new_id;
+use crate::jobs::queue::{holds, new_id};
 use sqlx::Row as _;
 
 /// A seat that was taken.
@@ -30,13 +30,7 @@ impl Database {
         seats: &[(&str, String)],
     ) -> Result<bool, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
-        let held = sqlx::query("UPDATE job SET claim = claim WHERE id = $1 AND claim = $2")
-            .bind(job)
-            .bind(token)
-            .execute(&mut *transaction)
-            .await?
-            .rows_affected();
-        if held == 0 {
+        if !holds(&mut transaction, job, token).await? {
             return Ok(false);
         }
         sqlx::query("DELETE FROM seat WHERE job_id = $1")

@@ -1,10 +1,10 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
 
-use super::jobs::{self, JobView, Shared, Terms};
-use super::tasks::LIBRARY;
+use super::jobs::{JobView, Shared, Terms};
+use super::tasks::{Draft, LIBRARY, library};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::spec::{Content, Input, Spec, Task};
+use crate::jobs::spec::{Content, Input, Task};
 use crate::jobs::{JobKind, NewJob};
 use crate::library::Library;
 use crate::problem::Problem;
@@ -85,33 +85,21 @@ pub(crate) async fn submit(
         priority: body.priority,
         max_wall_s: body.max_wall_s,
     };
-    let wall_limit_ms = terms.check()?;
+    terms.check()?;
     let document = find(&app, &body)?;
     let checked = Arc::clone(&app);
-    let text = document.text.clone();
+    let text = document.clone();
     // It tries its flights, which takes a moment.
     let campaign = tokio::task::spawn_blocking(move || read(&checked, &text))
         .await
         .map_err(|error| Problem::internal(&error))??;
-    let library = app
-        .library
-        .snapshot(&app.artifacts)
-        .await
-        .map_err(|error| Problem::internal(&error))?;
-    let new = |kind: JobKind, name: String, task: Task, facts: serde_json::Value| -> Result<NewJob, Problem> {
-        Ok(NewJob {
-            kind,
-            name,
-            tenant: caller.tenant.clone(),
-            priority: body.priority,
-            spec: serde_json::to_string(&Spec::Task(task)).map_err(|error| Problem::internal(&error))?,
-            facts: facts.to_string(),
-            parent: None,
-            idempotency_key: None,
-            request_hash: String::new(),
-            wall_limit_ms,
-            parts: Vec::new(),
-        })
+    let library = library(&app).await?;
+    let draft = |kind: JobKind, name: String, facts: serde_json::Value, shards: Option<(u64, u64)>| Draft {
+        kind,
+        name,
+        facts,
+        task: task(&library, &document, shards),
+        terms,
     };
     let name = &campaign.document().name;
     let shards = campaign.flights().div_ceil(SHARD_FLIGHTS);
@@ -119,30 +107,20 @@ pub(crate) async fn submit(
     let parts: Vec<NewJob> = (0..shards.div_ceil(of_a_part))
         .map(|part| {
             let (first, end) = (part * of_a_part, ((part + 1) * of_a_part).min(shards));
-            let task = task(&library, &document.text, Some((first, end)));
             let flights = (end * SHARD_FLIGHTS).min(campaign.flights()) - first * SHARD_FLIGHTS;
             let facts = json!({ "first_flight": first * SHARD_FLIGHTS, "flights": flights });
-            new(JobKind::CampaignShard, format!("{name} {first}..{end}"), task, facts)
+            let name = format!("{name} {first}..{end}");
+            draft(JobKind::CampaignShard, name, facts, Some((first, end))).into_job(&caller)
         })
         .collect::<Result<_, _>>()?;
     let facts = json!({ "flights": campaign.flights(), "seed": campaign.document().seed, "parts": parts.len() });
-    let mut whole = new(
-        JobKind::Campaign,
-        name.clone(),
-        task(&library, &document.text, None),
-        facts,
-    )?;
-    whole.idempotency_key = jobs::idempotency_key(&headers)?;
-    whole.request_hash = jobs::request_hash(&body);
-    whole.parts = parts;
-    jobs::accept(&app, whole, JobView::from).await
+    draft(JobKind::Campaign, name.clone(), facts, None)
+        .submit(&app, &caller, &headers, &body, parts)
+        .await
 }
 
-struct Document {
-    text: String,
-}
-
-fn find(app: &App, body: &CampaignSubmission) -> Result<Document, Problem> {
+/// The text of a campaign that names nothing outside of the library.
+fn find(app: &App, body: &CampaignSubmission) -> Result<String, Problem> {
     let text = match (&body.campaign, &body.text) {
         (Some(name), None) => app.library.text("campaigns", name)?,
         (None, Some(text)) => text.clone(),
@@ -155,7 +133,7 @@ fn find(app: &App, body: &CampaignSubmission) -> Result<Document, Problem> {
     let table: toml::Table = toml::from_str(&text)
         .map_err(|error| Problem::unprocessable(format!("the campaign is no TOML: {}", error.message())))?;
     Library::check_paths(&table)?;
-    Ok(Document { text })
+    Ok(text)
 }
 
 /// Reads and tries a campaign as if it stood in the library.
@@ -164,7 +142,7 @@ fn read(app: &App, text: &str) -> Result<Campaign, Problem> {
         .map_err(|error| app.library.refusal(&error))
 }
 
-fn task(library: &str, text: &str, shards: Option<(u64, u64)>) -> Task {
+fn task(library: &Input, text: &str, shards: Option<(u64, u64)>) -> Task {
     let file = format!("{LIBRARY}/campaigns/{SUBMITTED}");
     let mut args: Vec<String> = [
         "campaign",
@@ -179,10 +157,7 @@ fn task(library: &str, text: &str, shards: Option<(u64, u64)>) -> Task {
     .map(str::to_owned)
     .to_vec();
     let mut inputs = vec![
-        Input {
-            path: LIBRARY.to_owned(),
-            content: Content::Folder(library.to_owned()),
-        },
+        library.clone(),
         Input {
             path: file,
             content: Content::Text(text.to_owned()),

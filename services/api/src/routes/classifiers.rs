@@ -144,7 +144,6 @@ pub(crate) async fn submit(
             priority: body.priority,
             max_wall_s: None,
         },
-        parent: None,
     };
-    draft.submit(&app, &caller, &headers, &body).await
+    draft.submit(&app, &caller, &headers, &body, Vec::new()).await
 }

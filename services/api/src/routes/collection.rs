@@ -5,6 +5,7 @@
 macro_rules! collection {
     ($module:ident, $kind:expr, $word:literal, $all:literal, $one:literal, $cancel:literal, $events:literal, $files:literal, $file:literal) => {
         pub(crate) mod $module {
+            use crate::App;
             use crate::access::Caller;
             use crate::jobs::JobKind;
             use crate::problem::Problem;
@@ -15,8 +16,22 @@ macro_rules! collection {
             use axum::extract::{Path, Query, Request};
             use axum::http::{HeaderMap, StatusCode};
             use axum::response::Response;
+            use std::sync::Arc;
+            use utoipa_axum::router::OpenApiRouter;
+            use utoipa_axum::routes;
 
             const KIND: JobKind = $kind;
+
+            /// All of them but the submission.
+            pub(crate) fn routes() -> OpenApiRouter<Arc<App>> {
+                OpenApiRouter::new()
+                    .routes(routes!(list))
+                    .routes(routes!(get, delete))
+                    .routes(routes!(cancel))
+                    .routes(routes!(events))
+                    .routes(routes!(files))
+                    .routes(routes!(file))
+            }
 
             #[doc = concat!("Every ", $word, ", latest first.")]
             #[utoipa::path(get, path = $all, summary = concat!("Every ", $word, ", latest first."), tag = stringify!($module), operation_id = concat!("list_", stringify!($module)), params(ListQuery), responses(

@@ -132,7 +132,7 @@ impl ListQuery {
 }
 
 /// What every submission can say beside its subject.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Terms {
     /// Larger goes first.
     pub(super) priority: i64,

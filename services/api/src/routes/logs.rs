@@ -122,9 +122,10 @@ pub(crate) async fn submit(
             discard: Vec::new(),
         },
         terms: Terms::default(),
-        parent: None,
     };
-    let answer = draft.submit(&app, &caller, &headers, &(&import, &hash)).await;
+    let answer = draft
+        .submit(&app, &caller, &headers, &(&import, &hash), Vec::new())
+        .await;
     // A refused or repeated file is of no use to anybody.
     if answer
         .as_ref()

@@ -23,11 +23,30 @@ pub(super) struct Draft {
     pub(super) facts: serde_json::Value,
     pub(super) task: Task,
     pub(super) terms: Terms,
-    pub(super) parent: Option<String>,
 }
 
 impl Draft {
-    /// Puts it into the queue.
+    /// As a job without key and parts.
+    ///
+    /// # Errors
+    /// 422: terms out of range.
+    pub(super) fn into_job(self, caller: &Caller) -> Result<NewJob, Problem> {
+        Ok(NewJob {
+            kind: self.kind,
+            name: self.name,
+            tenant: caller.tenant.clone(),
+            priority: self.terms.priority,
+            spec: serde_json::to_string(&Spec::Task(self.task)).map_err(|error| Problem::internal(&error))?,
+            facts: self.facts.to_string(),
+            parent: None,
+            idempotency_key: None,
+            request_hash: String::new(),
+            wall_limit_ms: self.terms.check()?,
+            parts: Vec::new(),
+        })
+    }
+
+    /// Puts it into the queue, to be begun when its parts are done.
     ///
     /// # Errors
     /// 400, 409, 422, 429, 503, 507.
@@ -37,19 +56,13 @@ impl Draft {
         caller: &Caller,
         headers: &HeaderMap,
         body: &impl Serialize,
+        parts: Vec<NewJob>,
     ) -> Result<Response, Problem> {
         let new = NewJob {
-            kind: self.kind,
-            name: self.name,
-            tenant: caller.tenant.clone(),
-            priority: self.terms.priority,
-            spec: serde_json::to_string(&Spec::Task(self.task)).map_err(|error| Problem::internal(&error))?,
-            facts: self.facts.to_string(),
-            parent: self.parent,
             idempotency_key: jobs::idempotency_key(headers)?,
             request_hash: jobs::request_hash(body),
-            wall_limit_ms: self.terms.check()?,
-            parts: Vec::new(),
+            parts,
+            ..self.into_job(caller)?
         };
         jobs::accept(app, new, JobView::from).await
     }

@@ -203,9 +203,8 @@ async fn submit(
             priority: body.priority,
             max_wall_s: body.max_wall_s,
         },
-        parent: None,
     };
-    draft.submit(app, caller, headers, body).await
+    draft.submit(app, caller, headers, body, Vec::new()).await
 }
 
 fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem> {

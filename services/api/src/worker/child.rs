@@ -45,19 +45,16 @@ pub(super) struct End {
     pub(super) words: String,
 }
 
-/// What is to be done with a line of events before it is written down.
+/// What is to be done with an event before it is written down.
 pub(super) trait Listener {
-    /// `false`: it is not for the database.
-    async fn event(&mut self, kind: &str, event: &Value) -> bool;
+    async fn event(&mut self, kind: &str, event: &Value);
 }
 
 /// For a process that says nothing special.
 pub(super) struct Everything;
 
 impl Listener for Everything {
-    async fn event(&mut self, _: &str, _: &Value) -> bool {
-        true
-    }
+    async fn event(&mut self, _: &str, _: &Value) {}
 }
 
 /// Starts a process in a group of its own, with its complaints in a file.
@@ -108,8 +105,8 @@ pub(super) async fn watch(
                     let kind = event.as_ref().and_then(|event| event.get("event")).and_then(Value::as_str);
                     match (kind, &event) {
                         (Some(kind), Some(event)) => {
-                            let is_kept = listener.event(kind, event).await;
-                            let claim_holds = !is_kept || write_event(shop, job, token, kind, &line).await;
+                            listener.event(kind, event).await;
+                            let claim_holds = write_event(shop, job, token, kind, &line).await;
                             end.reason = if claim_holds { end.reason } else { Reason::Lost };
                         }
                         _ if end.words.len() + line.len() < MOST_WORDS => {

@@ -150,13 +150,9 @@ struct Desk<'a> {
 }
 
 impl Listener for Desk<'_> {
-    async fn event(&mut self, kind: &str, event: &Value) -> bool {
-        match kind {
-            "join" => {
-                self.hand_out(event).await;
-                true
-            }
-            _ => true,
+    async fn event(&mut self, kind: &str, event: &Value) {
+        if kind == "join" {
+            self.hand_out(event).await;
         }
     }
 }
