@@ -79,7 +79,15 @@ impl Worker {
     /// # Panics
     /// It does not say that it works.
     pub fn start(data: &Path, more: &[&str]) -> Self {
-        let (child, line) = start(&mut command("worker", data, more));
+        Self::start_in(&[], data, more)
+    }
+
+    /// [`start`](Self::start) with more environment variables.
+    ///
+    /// # Panics
+    /// It does not say that it works.
+    pub fn start_in(environment: &[(&str, &str)], data: &Path, more: &[&str]) -> Self {
+        let (child, line) = start(command("worker", data, more).envs(environment.iter().copied()));
         assert!(line.starts_with("Working"), "{line}");
         Self(child)
     }
@@ -124,10 +132,19 @@ impl Server {
     /// # Panics
     /// It does not say where it serves.
     pub fn start_at(address: &str, data: &Path, more: &[&str]) -> Self {
+        Self::start_in(&[], address, data, more)
+    }
+
+    /// [`start_at`](Self::start_at) with more environment variables.
+    ///
+    /// # Panics
+    /// It does not say where it serves.
+    pub fn start_in(environment: &[(&str, &str)], address: &str, data: &Path, more: &[&str]) -> Self {
         let (child, line) = start(
             command("serve", data, more)
                 .args(["--listen", address, "--library"])
-                .arg(library()),
+                .arg(library())
+                .envs(environment.iter().copied()),
         );
         let address = line.trim().rsplit("http://").next().unwrap_or_default().to_owned();
         assert!(address.starts_with("127.0.0.1:"), "{line}");

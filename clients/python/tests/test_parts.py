@@ -26,6 +26,9 @@ MODELS: dict[type, str] = {
     models.Channel: "ChannelInfo",
     models.Verification: "Verification",
     models.Validation: "Validation",
+    models.FdiWindow: "WindowView",
+    models.FdiAnswer: "ChunkAnswer",
+    models.FdiState: "SessionView",
 }
 
 
@@ -53,17 +56,21 @@ def test_val_the_words_are_those_of_the_openapi_document() -> None:
     assert words("Link") == set(typing.get_args(models.Link))
     assert words("Place") == set(typing.get_args(models.Place))
     assert words("Pace") == set(typing.get_args(models.Pace))
+    assert words("Method") == set(typing.get_args(models.Method))
+    assert words("CalibrationState") == set(typing.get_args(models.CalibrationState))
 
 
 def test_val_submit_offers_every_field_of_a_submission() -> None:
     import inspect
 
-    from rotortwin import AsyncCampaigns, AsyncRuns, Campaigns, Runs
+    from rotortwin import AsyncCampaigns, AsyncClassifiers, AsyncFdi, AsyncRuns, Campaigns, Classifiers, Fdi, Runs
 
     schemas = document()["components"]["schemas"]
     submits: list[tuple[typing.Any, str]] = [(cls.submit, "Submission") for cls in (Runs, AsyncRuns)]
     submits += [(cls.fork, "Fork") for cls in (Runs, AsyncRuns)]
     submits += [(cls.submit, "CampaignSubmission") for cls in (Campaigns, AsyncCampaigns)]
+    submits += [(cls.submit, "Training") for cls in (Classifiers, AsyncClassifiers)]
+    submits += [(cls.open, "SessionBody") for cls in (Fdi, AsyncFdi)]
     for method, schema in submits:
         offered = inspect.signature(method).parameters.keys() - {"self", "id", "idempotency_key"}
         assert offered == schemas[schema]["properties"].keys(), schema

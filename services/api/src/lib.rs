@@ -21,6 +21,7 @@ mod problem;
 mod routes;
 mod tls;
 pub mod tokens;
+mod traces;
 mod worker;
 
 use crate::access::Rate;
@@ -31,6 +32,7 @@ use crate::jobs::database::Database;
 use crate::jobs::queue::FairShare;
 use crate::library::Library;
 use crate::tls::TlsListener;
+use crate::traces::Traces;
 use crate::worker::{Meeting, Workshop};
 use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
@@ -140,6 +142,7 @@ impl Worker {
     pub async fn open(config: WorkConfig) -> Result<Self, String> {
         // For TLS to databases and buckets; an error says that there is one already.
         let _chosen = rustls::crypto::ring::default_provider().install_default();
+        let traces = Traces::from_environment(&config.name)?;
         let folder = DataFolder::open(&config.data)?;
         let database = match &config.database_url {
             Some(url) => Database::open_postgres(url).await?,
@@ -174,6 +177,7 @@ impl Worker {
             },
             threads: (std::thread::available_parallelism().map_or(1, usize::from) / config.workers.max(1)).max(1),
             ending: watch::channel(false).0,
+            traces,
         });
         Ok(Self {
             shop,
@@ -201,6 +205,7 @@ impl Worker {
             tracing::warn!("some jobs did not end in time; they will be begun again");
         }
         self.shop.database.close().await;
+        self.shop.traces.end().await;
     }
 
     /// Works until `stop` is ready; jobs that run then go back into the queue.

@@ -8,8 +8,12 @@
         frame = client.runs.telemetry_frame(run.id)
 """
 
-from .aio import AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncResource, AsyncRuns, AsyncScenarios
-from .client import Campaigns, Client, Jobs, Library, Resource, Runs, Scenarios
+from ._aio_resource import AsyncResource
+from ._resource import Resource
+from .aio import AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncRuns, AsyncScenarios
+from .aio_fdi import AsyncFdi, AsyncFdiSession
+from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
+from .client import Campaigns, Client, Jobs, Library, Runs, Scenarios
 from .errors import (
     BadRequest,
     Conflict,
@@ -24,35 +28,68 @@ from .errors import (
     UnexpectedAnswer,
     Unprocessable,
 )
-from .models import Artifact, Channel, Event, Job, Run, Ticket, Validation, Verification
+from .fdi import Fdi, FdiSession
+from .models import (
+    Artifact,
+    Channel,
+    Event,
+    FdiAnswer,
+    FdiState,
+    FdiWindow,
+    Job,
+    Run,
+    Sample,
+    Ticket,
+    Validation,
+    Verification,
+)
+from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
 __all__ = [
     "Artifact",
     "AsyncCampaigns",
+    "AsyncClassifiers",
     "AsyncClient",
+    "AsyncComparisons",
+    "AsyncDiagnoses",
+    "AsyncFdi",
+    "AsyncFdiSession",
+    "AsyncImprovements",
     "AsyncJobs",
     "AsyncLibrary",
+    "AsyncLogs",
     "AsyncResource",
     "AsyncRuns",
     "AsyncScenarios",
     "BadRequest",
     "Campaigns",
     "Channel",
+    "Classifiers",
     "Client",
+    "Comparisons",
     "Conflict",
     "ConnectionLost",
+    "Diagnoses",
     "DiskFull",
     "Event",
+    "Fdi",
+    "FdiAnswer",
+    "FdiSession",
+    "FdiState",
+    "FdiWindow",
+    "Improvements",
     "Job",
     "JobFailed",
     "Jobs",
     "Library",
+    "Logs",
     "NotFound",
     "Problem",
     "Resource",
     "RotortwinError",
     "Run",
     "Runs",
+    "Sample",
     "Scenarios",
     "Ticket",
     "Unauthorized",

@@ -5,9 +5,9 @@ A field that a later server adds is ignored, so that an older client keeps worki
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypedDict, TypeVar
 
 from .errors import UnexpectedAnswer
 
@@ -16,6 +16,8 @@ Status = Literal["queued", "running", "done", "failed", "canceled"]
 Link = Literal["in-process", "iceoryx2", "zenoh"]
 Pace = Literal["fast", "real-time"]
 Place = Literal["beside", "worker", "external"]
+Method = Literal["paper", "improved"]
+CalibrationState = Literal["noise", "disturbances", "done"]
 
 _T = TypeVar("_T")
 
@@ -31,7 +33,15 @@ def read(cls: type[_T], data: object) -> _T:
     needed = {f.name for f in wanted if f.default is MISSING and f.default_factory is MISSING}
     if missing := needed - data.keys():
         raise UnexpectedAnswer(f"{cls.__name__} without {', '.join(sorted(missing))}: is this a rotortwin server?")
-    return cls(**{f.name: data[f.name] for f in wanted if f.name in data})
+    return cls(**{f.name: _field(cls, f.name, data[f.name]) for f in wanted if f.name in data})
+
+
+def _field(cls: type, name: str, value: Any) -> Any:
+    if cls is FdiAnswer and name == "windows":
+        return [read(FdiWindow, window) for window in value]
+    if cls is FdiState and name == "last" and value is not None:
+        return read(FdiWindow, value)
+    return value
 
 
 @dataclass(frozen=True)
@@ -209,7 +219,93 @@ class Event:
     @property
     def share(self) -> float | None:
         """How much of the job is behind it, 0 to 1, if this event says so."""
+        if isinstance(share := self.data.get("share"), (int, float)):
+            return min(1.0, float(share))
         for done, of in (("step", "step_count"), ("flights", "of")):
             if isinstance(total := self.data.get(of), (int, float)) and total > 0:
                 return min(1.0, float(self.data.get(done, 0)) / float(total))
         return None
+
+
+class _Measured(TypedDict):
+    #: m/s, over ground, NED.
+    velocity_ned_m_s: Sequence[float]
+    #: rad, Euler angles ZYX, body in NED.
+    attitude_rad: Sequence[float]
+    #: rad/s, p, q, r, FRD.
+    body_rates_rad_s: Sequence[float]
+    #: Fractions, commanded to each rotor, held from this sample to the next.
+    duty: Sequence[float]
+    #: V, at the terminals.
+    battery_voltage_v: float
+
+
+class Sample(_Measured, total=False):
+    """What the detectors are fed with every 2.5 ms."""
+
+    #: m; the detectors do not use it.
+    position_ned_m: Sequence[float]
+    #: s, by any clock: finds wrong rates and unnoticed gaps.
+    time_s: float
+
+
+@dataclass(frozen=True)
+class FdiWindow:
+    """What the detectors say at the end of a window."""
+
+    #: Its last step.
+    step: int
+    #: Since the session's first step, s.
+    time_s: float
+    calibration: CalibrationState
+    #: The statistical test of the paper: `verdict`, `code`, `rotors`.
+    t_test: Json
+    #: The classifier: also `class_probability` of healthy, rotor 1, rotor 2, …
+    network: Json
+    #: The detector that decides over time, the one to act on: also `probability`, `thrust_loss`, `suspect_rotors`, `hypotheses`.
+    sequential: Json
+
+
+@dataclass(frozen=True)
+class FdiAnswer:
+    """What a chunk of measurements gave."""
+
+    first_step: int
+    #: Step that the next chunk is to begin with.
+    next_step: int
+    #: The chunk had been taken before; this is the answer that it got then.
+    repeated: bool
+    #: Windows that ended in it.
+    windows: list[FdiWindow]
+    #: What else happened, one sentence each.
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class FdiState:
+    """An FDI session as it stands."""
+
+    id: str
+    #: Vehicle, classifier and settings in effect.
+    detectors: Json
+    #: Samples per second that are expected.
+    rate_hz: float
+    #: Step that the next chunk is to begin with.
+    next_step: int
+    #: Samples taken.
+    samples: int
+    calibration: CalibrationState
+    #: Step from which on verdicts come, unless a gap is too long.
+    verdicts_from_step: int
+    #: Samples with values that no flight can have; left out.
+    rejected_samples: int
+    #: Lost steps that were coasted over.
+    bridged_steps: int
+    #: Calibrations begun again after longer gaps.
+    restarts: int
+    #: Each change of the sequential detector's verdict; the latest 1000.
+    changes: list[Json]
+    #: It ends when nothing is asked of it for so long, s.
+    idle_limit_s: float
+    #: The last window.
+    last: FdiWindow | None = None

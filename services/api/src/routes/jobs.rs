@@ -188,7 +188,7 @@ pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Pro
 /// 409, 429, 503, 507.
 pub(super) async fn accept<V: Serialize>(
     app: &App,
-    new: NewJob,
+    mut new: NewJob,
     view: impl FnOnce(Job) -> V,
 ) -> Result<Response, Problem> {
     if app.is_ending() {
@@ -209,6 +209,7 @@ pub(super) async fn accept<V: Serialize>(
             1 + new.parts.len()
         )));
     }
+    app.shop.traces.carry(&mut new);
     match app.database.submit(&new).await? {
         Submitted::New(job) => {
             let location = format!("/api/v1/{}/{}", new.kind.collection(), job.id);

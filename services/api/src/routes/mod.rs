@@ -157,7 +157,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .and(NotForContentType::new("text/event-stream"))
         .and(NotForContentType::new("application/octet-stream"))
         .and(NotForContentType::new("application/vnd.apache.parquet"));
-    router
+    let router = router
         .route("/", axum::routing::get(server::front))
         .route("/api/v1/openapi.json", axum::routing::get(server::openapi))
         .merge(SwaggerUi::new("/api/v1/docs").config(Config::new(["/api/v1/openapi.json"])))
@@ -169,7 +169,14 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         ))
         .layer(DefaultBodyLimit::max(LARGEST_BODY))
         .layer(cors(&app))
-        .layer(CompressionLayer::new().compress_when(compressible))
+        .layer(CompressionLayer::new().compress_when(compressible));
+    let router = if app.shop.traces.are_on() {
+        let traced = axum::middleware::from_fn_with_state(Arc::clone(&app), crate::traces::request);
+        router.layer(traced)
+    } else {
+        router
+    };
+    router
         .layer(PropagateRequestIdLayer::new(request_id.clone()))
         .layer(TraceLayer::new_for_http())
         .layer(SetRequestIdLayer::new(request_id, MakeRequestUuid))

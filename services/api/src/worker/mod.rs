@@ -20,6 +20,7 @@ use crate::jobs::database::Database;
 use crate::jobs::queue::FairShare;
 use crate::jobs::spec::Spec;
 use crate::jobs::{Job, Outcome, Status};
+use crate::traces::Traces;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -55,6 +56,8 @@ pub(crate) struct Workshop {
     pub(crate) threads: usize,
     /// Becomes true when the process ends.
     pub(crate) ending: watch::Sender<bool>,
+    /// Where spans of requests and attempts go.
+    pub(crate) traces: Traces,
 }
 
 /// Where the processes of a run meet that are not on one host.
@@ -77,6 +80,21 @@ enum Ended {
     WorkerEnds,
 }
 
+impl Ended {
+    /// One word, and why it is worth nothing.
+    fn in_short(&self) -> (&'static str, Option<&str>) {
+        match self {
+            Self::Outcome(outcome) => {
+                let error = outcome.error.as_deref().filter(|_| outcome.status == Status::Failed);
+                (outcome.status.as_str(), error)
+            }
+            Self::Failed(why) => ("failed", Some(why)),
+            Self::Lost => ("lost", Some("another worker has this job")),
+            Self::WorkerEnds => ("requeued", None),
+        }
+    }
+}
+
 /// Does jobs until the process ends.
 pub(crate) async fn work(shop: Arc<Workshop>) {
     let mut ending = shop.ending.subscribe();
@@ -89,7 +107,10 @@ pub(crate) async fn work(shop: Arc<Workshop>) {
                     attempt = job.attempts,
                     "begun"
                 );
+                let span = shop.traces.attempt(&job, &shop.name);
                 let ended = attempt(&shop, &job, &token).await;
+                let (outcome, error) = ended.in_short();
+                span.end(outcome, error);
                 write_down(&shop, &job, &token, ended).await;
                 continue;
             }

@@ -1,0 +1,133 @@
+"""Jobs of one kind, with asyncio: the verbs that all of them have."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import httpx
+
+from ._exchange import Operation, drive_async
+from ._operations import J, JobOperations, Progress, Watcher
+from ._stream import Download, Follow, local_path
+from .models import Artifact, Event, Status
+
+if TYPE_CHECKING:
+    from .aio import AsyncClient
+
+T = TypeVar("T")
+
+
+class AsyncResource(Generic[J]):
+    """Jobs of one kind: the verbs that all of them have."""
+
+    def __init__(self, client: AsyncClient, operations: JobOperations[J]) -> None:
+        self._client = client
+        self._operations = operations
+
+    async def _do(self, operation: Operation[T]) -> T:
+        return await drive_async(self._client._http, operation)
+
+    async def get(self, id: str) -> J:
+        """One of them."""
+        return await self._do(self._operations.get(id))
+
+    async def list(
+        self, *, status: Status | None = None, name: str | None = None, page_size: int = 100, **filters: Any
+    ) -> AsyncIterator[J]:
+        """All of them, latest first, page by page as they are asked for."""
+        cursor: str | None = None
+        while True:
+            page = self._operations.page(cursor, page_size, {"status": status, "name": name, **filters})
+            items, cursor = await self._do(page)
+            for item in items:
+                yield item
+            if cursor is None:
+                return
+
+    async def events(self, id: str, *, after: int = 0) -> AsyncIterator[Event]:
+        """Every event from the first (or after number `after`) to `ended`, over broken connections and restarts of the server."""
+        follow = Follow(self._client._settings, self._operations.path(id, "events"), after)
+        while not follow.over:
+            try:
+                answer = await self._client._http.send(follow.request(), stream=True)
+                try:
+                    if answer.status_code == 200:
+                        async for chunk in answer.aiter_bytes():
+                            for event in follow.feed(chunk):
+                                yield event
+                            if follow.over:
+                                return
+                        pause = 0.1
+                    else:
+                        await answer.aread()
+                        pause = follow.refused(answer)
+                finally:
+                    await answer.aclose()
+            except httpx.TransportError as error:
+                pause = follow.broke(error)
+            # A stream that ends without `ended` and without news: the server is ending, or there will be no more.
+            else:
+                if answer.status_code == 200 and not follow.news and (await self.get(id)).ended:
+                    return
+            await asyncio.sleep(pause)
+
+    async def wait(self, id: str, *, progress: Progress = False, check: bool = False) -> J:
+        """The job once it has ended. `check`: raise `JobFailed` unless it was done."""
+        watcher = Watcher(progress)
+        try:
+            async for event in self.events(id):
+                watcher.see(event)
+        finally:
+            watcher.close()
+        job = await self.get(id)
+        return self._operations.checked(job) if check else job
+
+    async def cancel(self, id: str) -> J:
+        """Asks it to end; what it has done so far is kept."""
+        return await self._do(self._operations.cancel(id))
+
+    async def delete(self, id: str) -> None:
+        """Deletes one that has ended, with its files."""
+        await self._do(self._operations.delete(id))
+
+    async def artifacts(self, id: str) -> Sequence[Artifact]:
+        """Its files."""
+        return await self._do(self._operations.artifacts(id))
+
+    async def artifact(self, id: str, path: str) -> bytes:
+        """A file of it, whole."""
+        return await self._do(self._operations.artifact(id, path))
+
+    async def download(self, id: str, path: str, target: str | Path) -> Path:
+        """A file of it to `target`; goes on where an earlier call was cut off."""
+        target = Path(target)
+        download = Download(self._client._settings, self._operations.artifact_path(id, path), target)
+        while True:
+            pause = 0.0
+            try:
+                answer = await self._client._http.send(download.request(), stream=True)
+                try:
+                    if answer.status_code not in (200, 206):
+                        await answer.aread()
+                        pause = download.refused(answer)
+                    elif download.begin(answer):
+                        async for chunk in answer.aiter_bytes():
+                            download.write(chunk)
+                        if download.complete():
+                            return target
+                finally:
+                    download.close()
+                    await answer.aclose()
+            except httpx.TransportError as error:
+                pause = download.broke(error)
+            await asyncio.sleep(pause)
+
+    async def download_all(self, id: str, folder: str | Path) -> Path:
+        """All its files into a folder."""
+        folder = Path(folder)
+        for artifact in await self.artifacts(id):
+            await self.download(id, artifact.path, local_path(folder, artifact.path))
+        return folder

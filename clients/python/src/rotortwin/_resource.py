@@ -1,0 +1,129 @@
+"""Jobs of one kind, with threads: the verbs that all of them have."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import httpx
+
+from ._exchange import Operation, drive
+from ._operations import J, JobOperations, Progress, Watcher
+from ._stream import Download, Follow, local_path
+from .models import Artifact, Event, Status
+
+if TYPE_CHECKING:
+    from .client import Client
+
+T = TypeVar("T")
+
+
+class Resource(Generic[J]):
+    """Jobs of one kind: the verbs that all of them have."""
+
+    def __init__(self, client: Client, operations: JobOperations[J]) -> None:
+        self._client = client
+        self._operations = operations
+
+    def _do(self, operation: Operation[T]) -> T:
+        return drive(self._client._http, operation)
+
+    def get(self, id: str) -> J:
+        """One of them."""
+        return self._do(self._operations.get(id))
+
+    def list(self, *, status: Status | None = None, name: str | None = None, page_size: int = 100, **filters: Any) -> Iterator[J]:
+        """All of them, latest first, page by page as they are asked for."""
+        cursor: str | None = None
+        while True:
+            page = self._operations.page(cursor, page_size, {"status": status, "name": name, **filters})
+            items, cursor = self._do(page)
+            yield from items
+            if cursor is None:
+                return
+
+    def events(self, id: str, *, after: int = 0) -> Iterator[Event]:
+        """Every event from the first (or after number `after`) to `ended`, over broken connections and restarts of the server."""
+        follow = Follow(self._client._settings, self._operations.path(id, "events"), after)
+        while not follow.over:
+            try:
+                answer = self._client._http.send(follow.request(), stream=True)
+                try:
+                    if answer.status_code == 200:
+                        for chunk in answer.iter_bytes():
+                            yield from follow.feed(chunk)
+                            if follow.over:
+                                return
+                        pause = 0.1
+                    else:
+                        answer.read()
+                        pause = follow.refused(answer)
+                finally:
+                    answer.close()
+            except httpx.TransportError as error:
+                pause = follow.broke(error)
+            # A stream that ends without `ended` and without news: the server is ending, or there will be no more.
+            else:
+                if answer.status_code == 200 and not follow.news and self.get(id).ended:
+                    return
+            time.sleep(pause)
+
+    def wait(self, id: str, *, progress: Progress = False, check: bool = False) -> J:
+        """The job once it has ended. `check`: raise `JobFailed` unless it was done."""
+        watcher = Watcher(progress)
+        try:
+            for event in self.events(id):
+                watcher.see(event)
+        finally:
+            watcher.close()
+        job = self.get(id)
+        return self._operations.checked(job) if check else job
+
+    def cancel(self, id: str) -> J:
+        """Asks it to end; what it has done so far is kept."""
+        return self._do(self._operations.cancel(id))
+
+    def delete(self, id: str) -> None:
+        """Deletes one that has ended, with its files."""
+        self._do(self._operations.delete(id))
+
+    def artifacts(self, id: str) -> Sequence[Artifact]:
+        """Its files."""
+        return self._do(self._operations.artifacts(id))
+
+    def artifact(self, id: str, path: str) -> bytes:
+        """A file of it, whole."""
+        return self._do(self._operations.artifact(id, path))
+
+    def download(self, id: str, path: str, target: str | Path) -> Path:
+        """A file of it to `target`; goes on where an earlier call was cut off."""
+        target = Path(target)
+        download = Download(self._client._settings, self._operations.artifact_path(id, path), target)
+        while True:
+            pause = 0.0
+            try:
+                answer = self._client._http.send(download.request(), stream=True)
+                try:
+                    if answer.status_code not in (200, 206):
+                        answer.read()
+                        pause = download.refused(answer)
+                    elif download.begin(answer):
+                        for chunk in answer.iter_bytes():
+                            download.write(chunk)
+                        if download.complete():
+                            return target
+                finally:
+                    download.close()
+                    answer.close()
+            except httpx.TransportError as error:
+                pause = download.broke(error)
+            time.sleep(pause)
+
+    def download_all(self, id: str, folder: str | Path) -> Path:
+        """All its files into a folder."""
+        folder = Path(folder)
+        for artifact in self.artifacts(id):
+            self.download(id, artifact.path, local_path(folder, artifact.path))
+        return folder

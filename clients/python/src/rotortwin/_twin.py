@@ -1,0 +1,129 @@
+"""What can be asked of the twin, of classifiers and of the FDI service, once for both clients."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ._exchange import Operation, Settings
+from ._operations import JobOperations
+from ._stream import in_path
+from .models import FdiAnswer, FdiState, Job, Json, Sample, read
+
+if TYPE_CHECKING:
+    import pandas
+
+#: Samples of a chunk; the server takes up to 4000.
+CHUNK = 2000
+
+
+def job_operations(settings: Settings, kind: str) -> JobOperations[Job]:
+    """The verbs of a kind of job."""
+    return JobOperations(settings, kind, lambda data: read(Job, data))
+
+
+class LogOperations(JobOperations[Job]):
+    """What only logs have."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, "logs", lambda data: read(Job, data))
+
+    def upload(self, log: str | Path | bytes, name: str | None, query: Mapping[str, Any], key: str | None) -> Operation[Job]:
+        if isinstance(log, bytes):
+            if name is None:
+                raise ValueError("bytes have no name: expected name='flight.ulg' or the like, as its ending says what they are")
+            content = log
+        else:
+            name, content = name or Path(log).name, Path(log).read_bytes()
+        params = {"name": name, **query}
+        if key is None:
+            # The same file, read in the same way, is one log.
+            words = json.dumps(params, sort_keys=True).encode()
+            key = f"log-{hashlib.sha256(words + content).hexdigest()}"
+        headers = {"idempotency-key": key, "content-type": "application/octet-stream"}
+        answer = yield from self.settings.call("POST", self.root, params=params, content=content, headers=headers)
+        return self.parse(answer.json())
+
+
+def model_body(vehicle: str | None, improvement: str | None, version: str | Path | None) -> Json:
+    """Which model a submission means."""
+    if isinstance(version, Path):
+        version = version.read_text(encoding="utf-8")
+    given = {"vehicle": vehicle, "improvement": improvement, "version": version}
+    return {key: value for key, value in given.items() if value is not None}
+
+
+def flights_body(logs: Sequence[str], runs: Sequence[str]) -> Json:
+    """Which flights a submission means."""
+    return {"logs": list(logs), "runs": list(runs)}
+
+
+def effect_text(effect: str | Path) -> str:
+    """An effect document: a text, or a `Path` of a file here."""
+    return effect.read_text(encoding="utf-8") if isinstance(effect, Path) else effect
+
+
+def without_none(**given: Any) -> Json:
+    """Fields that were given."""
+    return {key: value for key, value in given.items() if value is not None}
+
+
+class FdiOperations:
+    """The verbs of `/api/v1/fdi/sessions`."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.root = "/api/v1/fdi/sessions"
+
+    def open(self, body: Json) -> Operation[FdiState]:
+        answer = yield from self.settings.call("POST", self.root, json=body)
+        return read(FdiState, answer.json()["session"])
+
+    def state(self, id: str) -> Operation[FdiState]:
+        answer = yield from self.settings.call("GET", f"{self.root}/{in_path(id)}")
+        return read(FdiState, answer.json())
+
+    def feed(self, id: str, first_step: int, samples: Sequence[Sample] | str, after_gap: bool) -> Operation[FdiAnswer]:
+        params = {"first_step": first_step, "after_gap": "true" if after_gap else "false"}
+        kind = "text/csv" if isinstance(samples, str) else "application/json"
+        content = samples if isinstance(samples, str) else json.dumps(list(samples))
+        # A chunk that was taken although its answer was lost gets the same answer.
+        answer = yield from self.settings.call(
+            "POST", f"{self.root}/{in_path(id)}/measurements", params=params, content=content.encode(), headers={"content-type": kind}
+        )
+        return read(FdiAnswer, answer.json())
+
+    def close(self, id: str) -> Operation[None]:
+        yield from self.settings.call("DELETE", f"{self.root}/{in_path(id)}", ok_when_repeated=(404,))
+
+
+def session_body(
+    vehicle: str | None,
+    vehicle_text: str | Path | None,
+    classifier: str | None,
+    settings: Mapping[str, Any] | None,
+    topic: bool,
+) -> Json:
+    """A session to be opened."""
+    if isinstance(vehicle_text, Path):
+        vehicle_text = vehicle_text.read_text(encoding="utf-8")
+    body = without_none(vehicle=vehicle, vehicle_text=vehicle_text, classifier=classifier)
+    return {**body, "settings": dict(settings or {}), "topic": topic}
+
+
+def chunks_of(frame: pandas.DataFrame, chunk: int) -> Iterator[str]:
+    """The columns of a frame that the service reads, as CSV, so many rows at a time."""
+    ned = ("north", "east", "down")
+    angles = ("roll", "pitch", "yaw")
+    wanted = [f"velocity_{axis}_m_s" for axis in ned] + [f"{angle}_rad" for angle in angles]
+    wanted += [f"{angle}_rate_rad_s" for angle in angles] + ["battery_voltage_v"]
+    missing = [name for name in wanted if name not in frame.columns]
+    duties = [f"duty_{rotor}" for rotor in range(1, 100) if f"duty_{rotor}" in frame.columns]
+    if missing or not duties:
+        raise ValueError(f"the frame has no column {', '.join(missing or ['duty_1'])}; expected those of a run's telemetry or of a log")
+    columns = wanted + duties + [name for name in ("time_s",) if name in frame.columns]
+    for first in range(0, len(frame), chunk):
+        yield frame[columns].iloc[first : first + chunk].to_csv(index=False)

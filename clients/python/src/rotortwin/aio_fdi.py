@@ -1,0 +1,90 @@
+"""The detectors as a service for asyncio: the same names, to be awaited."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from ._exchange import drive_async
+from ._twin import CHUNK, FdiOperations, chunks_of, session_body
+from .models import FdiAnswer, FdiState, FdiWindow, Sample
+
+if TYPE_CHECKING:
+    import pandas
+
+    from .aio import AsyncClient
+
+
+class AsyncFdiSession:
+    """Detectors of one flight. Closed by `close`, at the end of a `async with`, or when nothing is asked of it for its idle time."""
+
+    def __init__(self, client: AsyncClient, operations: FdiOperations, state: FdiState) -> None:
+        self._client = client
+        self._operations = operations
+        self.id = state.id
+        #: As it was when it was opened.
+        self.opened = state
+        #: Step that the next chunk begins with.
+        self.next_step = state.next_step
+
+    async def feed(self, samples: Sequence[Sample] | str, *, lost: int = 0) -> FdiAnswer:
+        """Feeds 1 to 4000 samples, 2.5 ms apart: JSON objects, or a CSV text with a head line.
+
+        lost: samples between the last chunk and this one that will never come. A chunk that is refused changes nothing.
+        """
+        first = self.next_step + lost
+        answer = await drive_async(self._client._http, self._operations.feed(self.id, first, samples, lost > 0))
+        self.next_step = answer.next_step
+        return answer
+
+    async def feed_frame(self, frame: pandas.DataFrame, *, chunk: int = CHUNK) -> list[FdiWindow]:
+        """Feeds the rows of a data frame with the columns of a run's telemetry or of an imported log, at 400 Hz; all windows."""
+        windows: list[FdiWindow] = []
+        for text in chunks_of(frame, chunk):
+            windows += (await self.feed(text)).windows
+        return windows
+
+    async def state(self) -> FdiState:
+        """Calibration, last window, every change of the verdict."""
+        return await drive_async(self._client._http, self._operations.state(self.id))
+
+    async def close(self) -> None:
+        """Ends it."""
+        await drive_async(self._client._http, self._operations.close(self.id))
+
+    async def __aenter__(self) -> AsyncFdiSession:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+
+class AsyncFdi:
+    """Fault detection as a service: sessions that are fed with measurements."""
+
+    def __init__(self, client: AsyncClient) -> None:
+        self._client = client
+        self._operations = FdiOperations(client._settings)
+
+    async def open(
+        self,
+        vehicle: str | None = None,
+        *,
+        vehicle_text: str | Path | None = None,
+        classifier: str | None = None,
+        settings: Mapping[str, Any] | None = None,
+        topic: bool = False,
+    ) -> AsyncFdiSession:
+        """Opens a session.
+
+        vehicle: a name of the server's library; or vehicle_text, a document or a `Path`. classifier: one of the library's; without one
+        the network says nothing. settings: keys of the `[fdi]` table of a scenario, such as `calibration_end_s`. topic: also take
+        measurements over zenoh.
+        """
+        body = session_body(vehicle, vehicle_text, classifier, settings, topic)
+        state = await drive_async(self._client._http, self._operations.open(body))
+        return AsyncFdiSession(self._client, self._operations, state)

@@ -1,0 +1,178 @@
+"""Logs, comparisons, diagnoses, improvements, classifiers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ._resource import Resource
+from ._operations import as_frame, as_table
+from ._twin import LogOperations, effect_text, flights_body, job_operations, model_body, without_none
+from .models import Job, Json, Method
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+    from .client import Client
+
+#: The canonical log among the files of an import.
+_LOG = "log.parquet"
+
+
+class Logs(Resource[Job]):
+    """Flight logs of any source: upload, import, canonical form."""
+
+    _operations: LogOperations
+
+    def __init__(self, client: Client) -> None:
+        super().__init__(client, LogOperations(client._settings))
+
+    def submit(
+        self,
+        log: str | Path | bytes,
+        *,
+        name: str | None = None,
+        rate_hz: float | None = None,
+        align: bool = False,
+        damaged: bool = False,
+        vehicle: str | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Uploads a log and has it imported; the same file, read in the same way, is one log, however often it is sent.
+
+        log: a file here, or its bytes with a `name` (its ending says what it is: `csv`, `parquet`, PX4 `ulg`, ArduPilot `bin` or `log`).
+        rate_hz: bring every column to this rate. align: take estimated delays out. damaged: take what can be read of a file whose
+        checksum is wrong. vehicle: one of the server's vehicles, whose rotors the log must have.
+        """
+        query = without_none(rate_hz=rate_hz, align="true" if align else None, damaged="true" if damaged else None, vehicle=vehicle)
+        return self._do(self._operations.upload(log, name, query, idempotency_key))
+
+    def table(self, id: str, columns: Sequence[str] | None = None) -> pyarrow.Table:
+        """An imported log as an Arrow table."""
+        return as_table(self.artifact(id, _LOG), columns)
+
+    def frame(self, id: str, columns: Sequence[str] | None = None) -> pandas.DataFrame:
+        """An imported log as a pandas data frame."""
+        return as_frame(self.artifact(id, _LOG), columns)
+
+
+class Twin(Resource[Job]):
+    """A model held against flights."""
+
+    _kind: str
+
+    def __init__(self, client: Client) -> None:
+        super().__init__(client, job_operations(client._settings, self._kind))
+
+    def report(self, id: str) -> str:
+        """The report (HTML)."""
+        return (self.artifact(id, "report.html")).decode()
+
+
+class Comparisons(Twin):
+    """Where, when and how much a model and flights disagree."""
+
+    _kind = "comparisons"
+
+    def submit(
+        self,
+        *,
+        vehicle: str | None = None,
+        improvement: str | None = None,
+        version: str | Path | None = None,
+        logs: Sequence[str] = (),
+        runs: Sequence[str] = (),
+        priority: int = 0,
+        max_wall_s: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Holds one model against flights.
+
+        The model is one of: vehicle, a name of the server's library; improvement, an id; version, a text or `Path` as `rotortwin model
+        export` writes it. The flights are ids of imported logs and of runs; `ID@35:65` takes only these seconds.
+        """
+        body: Json = {"model": model_body(vehicle, improvement, version), "flights": flights_body(logs, runs), "priority": priority}
+        return self._do(self._operations.submit(body | without_none(max_wall_s=max_wall_s), idempotency_key))
+
+
+class Diagnoses(Twin):
+    """The physical effect that a model lacks on flights, with evidence."""
+
+    _kind = "diagnoses"
+
+    def submit(
+        self,
+        *,
+        vehicle: str | None = None,
+        improvement: str | None = None,
+        version: str | Path | None = None,
+        logs: Sequence[str] = (),
+        runs: Sequence[str] = (),
+        effects: Sequence[str | Path] = (),
+        priority: int = 0,
+        max_wall_s: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Names what a model lacks; model and flights as for a comparison. effects: documents of your own that may be named, too."""
+        body: Json = {"model": model_body(vehicle, improvement, version), "flights": flights_body(logs, runs), "priority": priority}
+        body |= {"effects": [effect_text(effect) for effect in effects]}
+        return self._do(self._operations.submit(body | without_none(max_wall_s=max_wall_s), idempotency_key))
+
+
+class Improvements(Twin):
+    """Compare, diagnose, add what is missing, compare again, until the model agrees."""
+
+    _kind = "improvements"
+
+    def submit(
+        self,
+        vehicle: str | None = None,
+        *,
+        version: str | Path | None = None,
+        logs: Sequence[str] = (),
+        runs: Sequence[str] = (),
+        held_out_logs: Sequence[str] = (),
+        held_out_runs: Sequence[str] = (),
+        priority: int = 0,
+        max_wall_s: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Improves the nominal model of a vehicle (a name of the library, or a version without effects) on flights.
+
+        The held-out flights are seen by no fit: they are the proof.
+        """
+        body: Json = {"model": model_body(vehicle, None, version), "flights": flights_body(logs, runs), "priority": priority}
+        if held_out_logs or held_out_runs:
+            body["held_out"] = flights_body(held_out_logs, held_out_runs)
+        return self._do(self._operations.submit(body | without_none(max_wall_s=max_wall_s), idempotency_key))
+
+    def model(self, id: str) -> str:
+        """The version that it ended with (TOML), as `rotortwin model import` and `version=` of a comparison take it."""
+        return (self.artifact(id, "model.toml")).decode()
+
+
+class Classifiers(Resource[Job]):
+    """Networks, trained on the server; a run takes one by its id."""
+
+    def __init__(self, client: Client) -> None:
+        super().__init__(client, job_operations(client._settings, "classifiers"))
+
+    def submit(
+        self,
+        *,
+        method: Method = "paper",
+        scenario: str = "reference-flight",
+        seeds: int = 5,
+        first_seed: int = 1,
+        priority: int = 0,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Trains one on flights of a scenario of the server's library, one data set a seed; the same seeds give the same bits."""
+        body: Json = {"method": method, "scenario": scenario, "seeds": seeds, "first_seed": first_seed, "priority": priority}
+        return self._do(self._operations.submit(body, idempotency_key))
+
+    def file(self, id: str) -> bytes:
+        """The classifier's file (JSON)."""
+        return self.artifact(id, "classifier.json")

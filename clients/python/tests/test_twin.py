@@ -1,0 +1,133 @@
+"""Logs, comparisons, diagnoses, improvements, classifiers and FDI sessions against a real server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+
+from conftest import Server
+from rotortwin import AsyncClient, Client, Conflict, FdiWindow, Job, JobFailed, NotFound, Run, Unprocessable
+
+
+@pytest.fixture(scope="session")
+def flown(server: Server) -> Run:
+    """A hover of which everybody here needs the telemetry."""
+    with Client(server.url) as client:
+        run = client.runs.submit("short-hover", seed=11, link="in-process")
+        return client.runs.wait(run.id, check=True)
+
+
+@pytest.fixture(scope="session")
+def log(server: Server, flown: Run, tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """Its telemetry, uploaded as somebody's flight log."""
+    with Client(server.url) as client:
+        path = client.runs.download(flown.id, "telemetry.parquet", tmp_path_factory.mktemp("log") / "hover.parquet")
+        job = client.logs.submit(path)
+        return client.logs.wait(job.id, check=True)
+
+
+def test_scenario_a_log_is_uploaded_once_and_read_back(client: Client, flown: Run, log: Job, tmp_path: Path) -> None:
+    assert (log.kind, log.name, log.facts["file"]) == ("log", "hover.parquet", "hover.parquet")
+    data = client.runs.artifact(flown.id, "telemetry.parquet")
+    assert client.logs.submit(data, name="hover.parquet").id == log.id, "the same file is the same log"
+    slow = client.logs.submit(data, name="hover.parquet", rate_hz=100.0)
+    assert slow.id != log.id
+    frame, slower = client.logs.frame(log.id), client.logs.frame(client.logs.wait(slow.id, check=True).id)
+    assert flown.summary is not None and len(frame) == flown.summary["steps"]
+    assert len(slower) < len(frame) / 3
+    assert client.logs.table(log.id, ["time_s", "duty_1"]).column_names == ["time_s", "duty_1"]
+    with pytest.raises(ValueError, match="name"):
+        client.logs.submit(data)
+    with pytest.raises(Unprocessable, match="ends with"):
+        client.logs.submit(data, name="hover.xlsx")
+    broken = client.logs.submit(b"no log at all", name="broken.ulg")
+    with pytest.raises(JobFailed):
+        client.logs.wait(broken.id, check=True)
+
+
+def test_scenario_a_model_is_held_against_flights(client: Client, server: Server, flown: Run, log: Job) -> None:
+    comparison = client.comparisons.submit(vehicle="f550", logs=[log.id], runs=[f"{flown.id}@1:4"])
+    comparison = client.comparisons.wait(comparison.id, check=True)
+    assert len(comparison.result["logs"]) == 2 and comparison.kind == "comparison"
+    assert "<html" in client.comparisons.report(comparison.id).lower()
+    with pytest.raises(NotFound):
+        client.comparisons.submit(vehicle="nowhere", logs=[log.id])
+    with pytest.raises(Unprocessable, match="one of"):
+        client.comparisons.submit(logs=[log.id])
+
+    async def again() -> None:
+        async with AsyncClient(server.url) as other:
+            same = await other.logs.submit(client.runs.artifact(flown.id, "telemetry.parquet"), name="hover.parquet")
+            assert same.id == log.id
+            twin = await other.comparisons.submit(vehicle="f550", logs=[log.id])
+            twin = await other.comparisons.wait(twin.id, check=True)
+            assert twin.result["logs"][0] == comparison.result["logs"][0]
+
+    asyncio.run(again())
+
+
+def test_scenario_diagnosis_and_improvement_of_a_flight(client: Client, flown: Run) -> None:
+    diagnosis = client.diagnoses.submit(vehicle="f550", runs=[flown.id])
+    improvement = client.improvements.submit("f550", runs=[flown.id])
+    diagnosis = client.diagnoses.wait(diagnosis.id, check=True)
+    assert diagnosis.result["sentence"] and isinstance(diagnosis.result["ranking"], list)
+    improvement = client.improvements.wait(improvement.id, check=True)
+    assert improvement.result["reason"] and improvement.result["rows"]
+    model = client.improvements.model(improvement.id)
+    assert "model_format" in model
+    named = client.comparisons.submit(improvement=improvement.id, runs=[flown.id])
+    sent = client.comparisons.submit(version=model, runs=[flown.id])
+    results = [client.comparisons.wait(job.id, check=True).result for job in (named, sent)]
+    assert [r["logs"][0]["models"][0]["channels"] for r in results][0] == results[1]["logs"][0]["models"][0]["channels"]
+
+
+def test_scenario_a_classifier_is_submitted_and_canceled(client: Client) -> None:
+    # Training takes minutes; the server's own tests do it.
+    job = client.classifiers.submit(method="paper", seeds=1, priority=-100)
+    assert (job.kind, job.facts["seeds"]) == ("classifier", 1)
+    client.classifiers.cancel(job.id)
+    assert client.classifiers.wait(job.id).status == "canceled"
+    with pytest.raises(NotFound):
+        client.classifiers.submit(scenario="nowhere")
+
+
+def test_scenario_an_fdi_session_says_what_the_run_said(client: Client, server: Server, flown: Run) -> None:
+    frame = client.runs.telemetry_frame(flown.id)
+    settings = {"calibration_start_s": 1.0, "calibration_end_s": 3.0}
+    with client.fdi.open("f550", classifier="f550-improved", settings=settings) as session:
+        assert session.opened.rate_hz == 400.0 and session.opened.detectors["calibration_end_s"] == 3.0
+        windows = session.feed_frame(frame, chunk=500)
+        assert windows and all(isinstance(window, FdiWindow) for window in windows)
+        assert session.next_step == len(frame)
+        last = windows[-1]
+        assert last.calibration == "done" and last.sequential["verdict"] == "healthy"
+        state = session.state()
+        assert (state.samples, state.next_step, state.last) == (len(frame), len(frame), last)
+        # What is refused changes nothing.
+        with pytest.raises(Unprocessable):
+            session.feed([])
+        assert session.state().next_step == len(frame)
+        one = json.loads(SAMPLE)
+        assert session.feed([one], lost=4).first_step == len(frame) + 4
+        session.next_step = 7
+        with pytest.raises(Conflict):
+            session.feed([one])
+    with pytest.raises(NotFound):
+        session.state()
+
+    async def again() -> None:
+        async with AsyncClient(server.url) as other:
+            async with await other.fdi.open("f550", classifier="f550-improved", settings=settings) as twin:
+                assert await twin.feed_frame(frame) == windows
+                assert (await twin.state()).samples == len(frame)
+
+    asyncio.run(again())
+    with pytest.raises(ValueError, match="duty_1"):
+        client.fdi.open("f550").feed_frame(frame.drop(columns=[f"duty_{rotor}" for rotor in range(1, 7)]))
+
+
+SAMPLE = """{"velocity_ned_m_s": [0, 0, 0], "attitude_rad": [0, 0, 0], "body_rates_rad_s": [0, 0, 0],
+ "duty": [0.4, 0.4, 0.4, 0.4, 0.4, 0.4], "battery_voltage_v": 16.0}"""
