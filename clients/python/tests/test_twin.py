@@ -16,7 +16,7 @@ from rotortwin import AsyncClient, Client, Conflict, FdiWindow, Job, JobFailed, 
 def flown(server: Server) -> Run:
     """A hover of which everybody here needs the telemetry."""
     with Client(server.url) as client:
-        run = client.runs.submit("short-hover", seed=11, link="in-process")
+        run = client.runs.submit("short-hover", seed=11, link="in-process", set={"duration_s": 8.0})
         return client.runs.wait(run.id, check=True)
 
 
@@ -96,9 +96,9 @@ def test_scenario_a_classifier_is_submitted_and_canceled(client: Client) -> None
 
 def test_scenario_an_fdi_session_says_what_the_run_said(client: Client, server: Server, flown: Run) -> None:
     frame = client.runs.telemetry_frame(flown.id)
-    settings = {"calibration_start_s": 1.0, "calibration_end_s": 3.0}
+    settings = {"calibration_start_s": 0.75, "calibration_end_s": 4.75}
     with client.fdi.open("f550", classifier="f550-improved", settings=settings) as session:
-        assert session.opened.rate_hz == 400.0 and session.opened.detectors["calibration_end_s"] == 3.0
+        assert session.opened.rate_hz == 400.0 and session.opened.detectors["calibration_end_s"] == 4.75
         windows = session.feed_frame(frame, chunk=500)
         assert windows and all(isinstance(window, FdiWindow) for window in windows)
         assert session.next_step == len(frame)
