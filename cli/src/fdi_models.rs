@@ -50,7 +50,9 @@ fn compare(args: &Args, version: &ModelVersion) -> Result<String, String> {
     let told = |refusal: rotortwin_plant::error::Refusal| {
         format!("model {}, key `{}`: {}", args.model, refusal.key, refusal.reason)
     };
-    let before = flown_model(&base, version)?;
+    let before = version
+        .flown_in(&base)
+        .map_err(|error| format!("with model {}: {error}", args.model))?;
     let vehicle = version.for_detectors().map_err(told)?;
     let after = before.clone().with_fdi_vehicle(vehicle.documents).map_err(told)?;
     let list = |labels: &[String]| {
@@ -125,21 +127,6 @@ fn share(sums: &ClusterSums) -> String {
         (Some(share), None) => format!("{:.1} %", 100.0 * share),
         _ => "–".to_owned(),
     }
-}
-
-/// The scenario with vehicle and effects of a model in its plant.
-pub(crate) fn flown_model(base: &Scenario, version: &ModelVersion) -> Result<Scenario, String> {
-    let mut documents = base.documents().clone();
-    documents.scenario.effect.extend(version.instances());
-    for effect in &version.effect_document {
-        if !documents.effects.contains(effect) {
-            documents.scenario.effect_files.push(format!("{}.toml", effect.id));
-            documents.effects.push(effect.clone());
-        }
-    }
-    documents.vehicle = version.vehicle.clone();
-    documents.blades = version.blades.clone();
-    Scenario::from_documents(&documents).map_err(|error| format!("with model {}: {error}", version.name))
 }
 
 fn fly(scenario: &Scenario, flights: u64) -> Result<Vec<FlightRecord>, String> {

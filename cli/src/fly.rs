@@ -287,8 +287,9 @@ pub(crate) fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, E
     let mut scenario = scenario;
     if let Some(text) = &args.model {
         let version = find(text)?.version;
-        scenario = crate::fdi_models::flown_model(&scenario, &version)
-            .map_err(|error| output::bad_input(format!("{} {error}", args.scenario.display())))?;
+        scenario = version
+            .flown_in(&scenario)
+            .map_err(|error| output::bad_input(format!("{} with model {text}: {error}", args.scenario.display())))?;
     }
     if let Some(text) = &args.fdi_model {
         let refuse = |refusal: rotortwin_plant::error::Refusal| {

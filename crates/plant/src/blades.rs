@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Refusal, in_range};
+use crate::document::Document;
+use crate::error::{ConfigError, Refusal, in_range};
 
 /// Lift of one blade type, static and at steady state.
 ///
@@ -77,6 +78,14 @@ pub struct BladeSet {
 }
 
 impl BladeSet {
+    /// Reads and checks a text that errors call `name`.
+    pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
+        let document = Document::from_text(name, text)?;
+        let set: Self = document.parse()?;
+        set.check().map_err(|refusal| document.refuse(refusal))?;
+        Ok(set)
+    }
+
     /// Position of a blade in the alphabetical order of names, from 0. The mounted blade's code in the truth is this number
     /// plus 1, and 0 for the nominal blade.
     pub fn code(&self, name: &str) -> Option<i32> {

@@ -41,6 +41,7 @@ pub mod batch;
 pub mod battery;
 pub mod blades;
 pub mod classifier;
+pub mod complaints;
 pub mod detectors;
 pub mod document;
 mod dynamics;

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::blades::{Blade, BladeSet};
 use crate::classifier::Classifier;
+use crate::complaints::complaints;
 use crate::document::Document;
 use crate::effect_check;
 use crate::effects::{Catalogue, EffectDocument, EffectInstance};
@@ -507,6 +508,14 @@ impl Scenario {
     /// As [`Scenario::load`], from a text; the vehicle's path is relative to `directory`.
     pub fn parse(text: &str, directory: impl AsRef<Path>) -> Result<Self, ConfigError> {
         Self::resolve(Document::from_text("scenario", text)?, directory.as_ref(), true)
+    }
+
+    /// All that is wrong with a text that [`Scenario::parse`] refuses; empty: it can be flown.
+    pub fn complaints(text: &str, directory: impl AsRef<Path>) -> Vec<ConfigError> {
+        const GOOD: &str = include_str!("../../../config/scenarios/reference-flight.toml");
+        complaints("scenario", text, GOOD, |text| {
+            Self::parse(text, directory.as_ref()).map(|_| ())
+        })
     }
 
     /// Checks documents that are in memory already, such as those of a recorded run.

@@ -8,6 +8,7 @@ use rotortwin_flight_core::thrust_map::ThrustMap;
 use serde::{Deserialize, Serialize};
 
 use crate::blades::{Blade, BladeSet};
+use crate::complaints::complaints;
 use crate::document::Document;
 use crate::error::{ConfigError, Refusal};
 use crate::vehicle::VehicleModel;
@@ -32,6 +33,14 @@ impl VehicleDocuments {
     /// As [`VehicleDocuments::load`], from a text that errors call "vehicle"; the blades' path is relative to `directory`.
     pub fn parse(text: &str, directory: impl AsRef<Path>) -> Result<Self, ConfigError> {
         Self::resolve(&Document::from_text("vehicle", text)?, directory.as_ref())
+    }
+
+    /// All that is wrong with a text that [`VehicleDocuments::parse`] refuses; empty: it can fly.
+    pub fn complaints(text: &str, directory: impl AsRef<Path>) -> Vec<ConfigError> {
+        const GOOD: &str = include_str!("../../../config/vehicles/f550.toml");
+        complaints("vehicle", text, GOOD, |text| {
+            Self::parse(text, directory.as_ref()).map(|_| ())
+        })
     }
 
     fn resolve(vehicle: &Document, directory: &Path) -> Result<Self, ConfigError> {

@@ -112,7 +112,8 @@ pub struct ServeConfig {
 #[derive(Debug)]
 pub(crate) struct App {
     pub(crate) config: ServeConfig,
-    pub(crate) library: Library,
+    /// The server's own folder; [`App::library`] is what a caller sees.
+    pub(crate) shelf: Library,
     pub(crate) database: Database,
     pub(crate) artifacts: Artifacts,
     pub(crate) shop: Arc<Workshop>,
@@ -243,7 +244,7 @@ impl Server {
                 config.listen
             ));
         }
-        let library = Library::open(&config.library)?;
+        let shelf = Library::open(&config.library)?;
         let worker = Worker::open(config.work.clone()).await?;
         let has_tokens = worker.shop.database.has_tokens().await;
         if open && !has_tokens.map_err(|error| format!("the tokens cannot be read: {error}"))? {
@@ -263,7 +264,7 @@ impl Server {
         let app = Arc::new(App {
             rate: Rate::new(config.rate),
             config,
-            library,
+            shelf,
             database: worker.shop.database.clone(),
             artifacts: worker.shop.artifacts.clone(),
             shop: Arc::clone(&worker.shop),

@@ -1,6 +1,6 @@
 //! Refusals: every answer that is not a success is one `application/problem+json` object (RFC 9457), also those of the framework.
 
-use axum::extract::rejection::{BytesRejection, JsonRejection, PathRejection, QueryRejection};
+use axum::extract::rejection::{BytesRejection, JsonRejection, PathRejection, QueryRejection, StringRejection};
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -19,6 +19,9 @@ pub struct Problem {
     pub status: u16,
     /// One sentence: what, where, what was expected.
     pub detail: String,
+    /// All that is wrong with a document, the one of `detail` first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub complaints: Vec<String>,
 }
 
 impl Problem {
@@ -28,7 +31,15 @@ impl Problem {
             title: title.to_owned(),
             status: status.as_u16(),
             detail: detail.into(),
+            complaints: Vec::new(),
         }
+    }
+
+    /// The same with all that is wrong with a document.
+    #[must_use]
+    pub(crate) fn with_complaints(mut self, complaints: Vec<String>) -> Self {
+        self.complaints = complaints;
+        self
     }
 
     /// 400: the request cannot be read.
@@ -74,6 +85,16 @@ impl Problem {
     /// 409.
     pub fn conflict(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::CONFLICT, "conflict", "It contradicts what is there", detail)
+    }
+
+    /// 412: what `If-Match` or `If-None-Match` say does not hold.
+    pub fn precondition_failed(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::PRECONDITION_FAILED,
+            "precondition-failed",
+            "It is not as the request expects",
+            detail,
+        )
     }
 
     /// 413: more bytes than the server takes.
@@ -179,6 +200,14 @@ impl From<BytesRejection> for Problem {
     }
 }
 
+impl From<StringRejection> for Problem {
+    fn from(rejection: StringRejection) -> Self {
+        let mut problem = Self::bad_request(rejection.body_text());
+        problem.status = rejection.status().as_u16();
+        problem
+    }
+}
+
 impl From<WebSocketUpgradeRejection> for Problem {
     fn from(rejection: WebSocketUpgradeRejection) -> Self {
         let mut problem = Self::bad_request(rejection.body_text());
@@ -192,6 +221,9 @@ impl From<sqlx::Error> for Problem {
         let text = error.to_string();
         if text.contains("disk is full") {
             return Self::disk_full("the database cannot grow: the disk of the data folder is full");
+        }
+        if text.contains("database is locked") {
+            return Self::unavailable("the database is busy with other requests; expected a later try");
         }
         match error {
             sqlx::Error::PoolTimedOut => Self::unavailable("the database did not answer in time"),

@@ -20,6 +20,7 @@
 pub mod detector;
 pub mod difference;
 pub mod document;
+mod flight;
 pub mod from_diagnosis;
 pub mod specification;
 pub mod store;

@@ -88,6 +88,7 @@ impl Database {
                     connection.execute(settings).await.map(|_| ())
                 })
             })
+            .after_release(|connection, _| Box::pin(is_clean(connection)))
             .connect(url)
             .await?;
         Ok(Self {
@@ -197,6 +198,22 @@ impl Database {
     }
 }
 
+/// Whether a connection can be used again. SQLite ends a transaction by itself when the disk is full; sqlx then fails to roll it back, and
+/// would go on in a transaction that never ends and locks everybody else out.
+async fn is_clean(connection: &mut sqlx::AnyConnection) -> Result<bool, sqlx::Error> {
+    use sqlx::Connection as _;
+    if !connection.is_in_transaction() {
+        return Ok(true);
+    }
+    // A roll-back that was begun when the transaction was dropped comes before this.
+    connection.ping().await?;
+    let is_clean = !connection.is_in_transaction();
+    if !is_clean {
+        tracing::warn!("a connection to the database is stuck in a transaction: it is closed");
+    }
+    Ok(is_clean)
+}
+
 /// Passes on what other processes say, as long as the process lives; what is said while the connection is down is made up for by waking all.
 async fn listen(url: String, hub: Arc<Hub>) {
     loop {
@@ -237,6 +254,11 @@ fn migrations(dialect: Dialect) -> Migrator {
                 "job_indices",
                 include_str!("../../migrations/sqlite/0003_job_indices.sql"),
             ),
+            (
+                4,
+                "documents",
+                include_str!("../../migrations/sqlite/0004_documents.sql"),
+            ),
         ],
         Dialect::Postgres => &[
             (1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql")),
@@ -244,6 +266,11 @@ fn migrations(dialect: Dialect) -> Migrator {
                 2,
                 "job_indices",
                 include_str!("../../migrations/postgres/0002_job_indices.sql"),
+            ),
+            (
+                3,
+                "documents",
+                include_str!("../../migrations/postgres/0003_documents.sql"),
             ),
         ],
     };

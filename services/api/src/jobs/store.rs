@@ -95,6 +95,24 @@ impl Database {
         rows.iter().map(job_of).collect()
     }
 
+    /// The files of the parts of a job are no longer needed; what their keys were.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn forget_files_of_parts(&self, id: &str) -> Result<Vec<String>, sqlx::Error> {
+        let keys = self
+            .parts(id)
+            .await?
+            .into_iter()
+            .filter_map(|part| part.folder)
+            .collect();
+        sqlx::query("UPDATE job SET folder = NULL, bytes = 0 WHERE part_of = $1")
+            .bind(id)
+            .execute(&self.pool)
+            .await?;
+        Ok(keys)
+    }
+
     /// Number of jobs of each kind and status.
     ///
     /// # Errors

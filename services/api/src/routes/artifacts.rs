@@ -33,7 +33,7 @@ pub(crate) struct Artifacts {
 }
 
 /// What files a run has left.
-#[utoipa::path(get, path = "/api/v1/runs/{id}/artifacts", tag = "runs", params(("id" = String, Path)), responses(
+#[utoipa::path(get, path = "/api/v1/runs/{id}/artifacts", tag = "runs", operation_id = "list_run_files", params(("id" = String, Path)), responses(
     (status = 200, description = "its files; none before it has ended", body = Artifacts),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
@@ -73,7 +73,7 @@ pub(super) async fn of(app: &App, job: &Job) -> Result<Json<Artifacts>, Problem>
 }
 
 /// A file of a run; with ETag, conditional and range requests.
-#[utoipa::path(get, path = "/api/v1/runs/{id}/artifacts/{*path}", tag = "runs",
+#[utoipa::path(get, path = "/api/v1/runs/{id}/artifacts/{*path}", tag = "runs", operation_id = "get_run_file",
     params(("id" = String, Path), ("path" = String, Path, description = "path in the run's folder, such as report.html")),
     responses(
         (status = 200, description = "the file", body = serde_json::Value, content_type = "*/*"),

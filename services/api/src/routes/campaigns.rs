@@ -1,7 +1,7 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
 
 use super::jobs::{JobView, Shared, Terms};
-use super::tasks::{Draft, LIBRARY, library};
+use super::tasks::{Draft, LIBRARY, laid_out};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::spec::{Content, Input, Task};
@@ -17,7 +17,6 @@ use rotortwin_campaign::study::Campaign;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::sync::Arc;
 use utoipa::ToSchema;
 
 super::collection!(
@@ -47,6 +46,9 @@ pub(crate) struct CampaignSubmission {
     /// A campaign document (TOML), as it would stand in the library's `campaigns`.
     #[serde(default)]
     text: Option<String>,
+    /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of the scenario's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    classifier: Option<String>,
     /// From −100 to 100; larger goes first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
@@ -81,48 +83,109 @@ pub(crate) async fn submit(
     body: Result<Json<CampaignSubmission>, JsonRejection>,
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
+    let library = app.library(&caller).await?;
+    let text = find(&library, &body)?;
     let terms = Terms {
         priority: body.priority,
         max_wall_s: body.max_wall_s,
     };
+    accept(
+        &app,
+        &caller,
+        &headers,
+        &body,
+        library,
+        text,
+        body.classifier.as_deref(),
+        terms,
+    )
+    .await
+}
+
+/// Checks a campaign, divides it into parts, and puts it into the queue.
+///
+/// # Errors
+/// 400, 404, 409, 422, 429, 503, 507.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "all that is known of a campaign when it is accepted"
+)]
+pub(super) async fn accept(
+    app: &App,
+    caller: &Caller,
+    headers: &HeaderMap,
+    body: &impl Serialize,
+    library: Library,
+    text: String,
+    classifier: Option<&str>,
+    terms: Terms,
+) -> Result<Response, Problem> {
     terms.check()?;
-    let document = find(&app, &body)?;
-    let checked = Arc::clone(&app);
-    let text = document.clone();
+    // The folder with the classifier lives until the library has been read.
+    let (library, document, _folder) = match classifier {
+        None => (library, text, None),
+        Some(id) => {
+            let file = super::classifiers::trained(app, caller, id).await?;
+            let name = format!("trained-{id}.json");
+            let (library, folder) = library
+                .with_classifier(&app.config.work.data, &name, &file)
+                .map_err(|error| Problem::internal(&error))?;
+            (library, with_network(&text, &name)?, Some(folder))
+        }
+    };
+    let (checked, text) = (library.clone(), document.clone());
     // It tries its flights, which takes a moment.
     let campaign = tokio::task::spawn_blocking(move || read(&checked, &text))
         .await
         .map_err(|error| Problem::internal(&error))??;
-    let library = library(&app).await?;
+    let input = laid_out(app, &library).await?;
     let draft = |kind: JobKind, name: String, facts: serde_json::Value, shards: Option<(u64, u64)>| Draft {
         kind,
         name,
         facts,
-        task: task(&library, &document, shards),
+        task: task(&input, &document, shards),
         terms,
     };
     let name = &campaign.document().name;
     let shards = campaign.flights().div_ceil(SHARD_FLIGHTS);
-    let of_a_part = shards.div_ceil(MOST_PARTS).max(1);
+    let of_a_part = shards.div_ceil(MOST_PARTS);
     let parts: Vec<NewJob> = (0..shards.div_ceil(of_a_part))
         .map(|part| {
             let (first, end) = (part * of_a_part, ((part + 1) * of_a_part).min(shards));
             let flights = (end * SHARD_FLIGHTS).min(campaign.flights()) - first * SHARD_FLIGHTS;
             let facts = json!({ "first_flight": first * SHARD_FLIGHTS, "flights": flights });
             let name = format!("{name} {first}..{end}");
-            draft(JobKind::CampaignShard, name, facts, Some((first, end))).into_job(&caller)
+            draft(JobKind::CampaignShard, name, facts, Some((first, end))).into_job(caller)
         })
         .collect::<Result<_, _>>()?;
-    let facts = json!({ "flights": campaign.flights(), "seed": campaign.document().seed, "parts": parts.len() });
+    let facts = json!({
+        "flights": campaign.flights(), "seed": campaign.document().seed, "parts": parts.len(), "classifier": classifier,
+    });
     draft(JobKind::Campaign, name.clone(), facts, None)
-        .submit(&app, &caller, &headers, &body, parts)
+        .submit(app, caller, headers, body, parts)
         .await
 }
 
+/// The campaign with a classifier of the library in every flight.
+fn with_network(text: &str, name: &str) -> Result<String, Problem> {
+    let mut document: toml::Table = toml::from_str(text)
+        .map_err(|error| Problem::unprocessable(format!("the campaign is no TOML: {}", error.message())))?;
+    let mut table = &mut document;
+    for key in ["set", "fdi"] {
+        table = table
+            .entry(key)
+            .or_insert_with(|| toml::Value::Table(toml::Table::new()))
+            .as_table_mut()
+            .ok_or_else(|| Problem::unprocessable(format!("the campaign's `{key}`: expected a table")))?;
+    }
+    table.insert("network".to_owned(), format!("../classifiers/{name}").into());
+    toml::to_string(&document).map_err(|error| Problem::internal(&error))
+}
+
 /// The text of a campaign that names nothing outside of the library.
-fn find(app: &App, body: &CampaignSubmission) -> Result<String, Problem> {
+fn find(library: &Library, body: &CampaignSubmission) -> Result<String, Problem> {
     let text = match (&body.campaign, &body.text) {
-        (Some(name), None) => app.library.text("campaigns", name)?,
+        (Some(name), None) => library.text("campaigns", name)?,
         (None, Some(text)) => text.clone(),
         _ => {
             return Err(Problem::unprocessable(
@@ -137,9 +200,8 @@ fn find(app: &App, body: &CampaignSubmission) -> Result<String, Problem> {
 }
 
 /// Reads and tries a campaign as if it stood in the library.
-fn read(app: &App, text: &str) -> Result<Campaign, Problem> {
-    Campaign::parse(text, &app.library.root().join("campaigns").join(SUBMITTED))
-        .map_err(|error| app.library.refusal(&error))
+fn read(library: &Library, text: &str) -> Result<Campaign, Problem> {
+    Campaign::parse(text, &library.root().join("campaigns").join(SUBMITTED)).map_err(|error| library.refusal(&error))
 }
 
 fn task(library: &Input, text: &str, shards: Option<(u64, u64)>) -> Task {

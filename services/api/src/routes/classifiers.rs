@@ -1,18 +1,21 @@
-//! Classifiers: train. The file is an artifact, `classifier.json`; a run takes it by the job's id.
+//! Classifiers: train, evaluate. The file is an artifact, `classifier.json`; a run takes it by the job's id.
 
 use super::jobs::{JobView, Shared, Terms};
-use super::tasks::{Draft, LIBRARY, library};
+use super::tasks::{Draft, LIBRARY, done, laid_out};
+use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::jobs::spec::Task;
 use crate::problem::Problem;
 use crate::worker::task::THREADS;
 use axum::Json;
-use axum::extract::rejection::JsonRejection;
+use axum::extract::Path;
+use axum::extract::rejection::{JsonRejection, PathRejection};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::path::PathBuf;
 use utoipa::ToSchema;
 
 super::collection!(
@@ -101,7 +104,8 @@ pub(crate) async fn submit(
     body: Result<Json<Training>, JsonRejection>,
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
-    app.library.text("scenarios", &body.scenario)?;
+    let library = app.library(&caller).await?;
+    library.text("scenarios", &body.scenario)?;
     if !(1..=MOST_SEEDS).contains(&body.seeds) {
         return Err(Problem::unprocessable(format!(
             "`seeds` is {}; expected 1 to {MOST_SEEDS}",
@@ -136,7 +140,7 @@ pub(crate) async fn submit(
         facts: json!({ "method": method, "scenario": body.scenario, "seeds": body.seeds, "first_seed": body.first_seed }),
         task: Task {
             args,
-            inputs: vec![library(&app).await?],
+            inputs: vec![laid_out(&app, &library).await?],
             result: None,
             discard: Vec::new(),
         },
@@ -147,3 +151,117 @@ pub(crate) async fn submit(
     };
     draft.submit(&app, &caller, &headers, &body, Vec::new()).await
 }
+
+/// The file of a classifier that was trained here.
+///
+/// # Errors
+/// 404, 409.
+pub(super) async fn trained(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem> {
+    let job = done(app, caller, JobKind::Classifier, id).await?;
+    app.artifacts
+        .file(job.folder.as_deref().unwrap_or_default(), FILE)
+        .await
+        .map_err(|error| Problem::internal(&error))?
+        .ok_or_else(|| Problem::not_found(format!("the file of classifier {id} is gone")))
+}
+
+/// Fresh flights of the protocol, judged with a classifier.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Evaluation {
+    /// Name of a scenario: vehicle, mismatch, sensors, detector settings; by default the one that it was trained with.
+    #[serde(default)]
+    scenario: Option<String>,
+    /// Data sets of the protocol: four courses, two charges, a fault in each rotor.
+    #[serde(default = "five")]
+    #[schema(minimum = 1, maximum = 100)]
+    repeats: u32,
+    /// Of all draws.
+    #[serde(default = "fresh")]
+    seed: u64,
+    /// From −100 to 100; larger goes first.
+    #[serde(default)]
+    #[schema(minimum = -100, maximum = 100)]
+    priority: i64,
+}
+
+/// Not among the small ones that people train with.
+const fn fresh() -> u64 {
+    30_001
+}
+
+/// Flies fresh flights of the protocol with a classifier: a campaign, whose result holds its confusions, delays and false alarms.
+#[utoipa::path(post, path = "/api/v1/classifiers/{id}/evaluations", tag = "classifiers", operation_id = "evaluate_classifier", request_body = Evaluation,
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    responses(
+        (status = 202, description = "accepted: a campaign that will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "address of the campaign"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such classifier, no such scenario", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key, or the classifier is not done", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be flown so", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn evaluate(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+    body: Result<Json<Evaluation>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Path(id) = id?;
+    let Json(body) = body?;
+    let job = done(&app, &caller, JobKind::Classifier, &id).await?;
+    if !(1..=MOST_SEEDS).contains(&body.repeats) {
+        return Err(Problem::unprocessable(format!(
+            "`repeats` is {}; expected 1 to {MOST_SEEDS}",
+            body.repeats
+        )));
+    }
+    let facts: serde_json::Value = serde_json::from_str(&job.new.facts).unwrap_or_default();
+    let trained_with = facts["scenario"].as_str().unwrap_or_default();
+    let scenario = body.scenario.as_deref().unwrap_or(trained_with);
+    let library = app.library(&caller).await?;
+    library.text("scenarios", scenario)?;
+    let text = EVALUATION
+        .replace("@NAME", &format!("evaluation-{}", job.new.name))
+        .replace("@SCENARIO", scenario)
+        .replace("@SEED", &body.seed.to_string())
+        .replace("@REPEATS", &body.repeats.to_string());
+    let terms = Terms {
+        priority: body.priority,
+        max_wall_s: None,
+    };
+    super::campaigns::accept(&app, &caller, &headers, &(&id, &body), library, text, Some(&id), terms).await
+}
+
+/// The protocol of the paper as a campaign: `@` stands for what is asked for.
+const EVALUATION: &str = r#"
+name = "@NAME"
+description = "fresh flights of the protocol, judged with a classifier that was trained on others"
+scenario = "../scenarios/@SCENARIO.toml"
+seed = @SEED
+repeats = @REPEATS
+[set]
+duration_s = 90.0
+fault = [
+    { time_s = 45.0, rotor = 1, blade = "b" },
+    { time_s = 60.0, rotor = 1, blade = "c" },
+    { time_s = 75.0, rotor = 1, blade = "d" },
+]
+[[axis]]
+name = "trajectory"
+courses = ["helix-1", "helix-2", "hover", "waypoints"]
+[[axis]]
+name = "charge"
+key = "initial.state_of_charge"
+values = [0.4, 1.0]
+[[axis]]
+name = "rotor"
+keys = ["fault[0].rotor", "fault[1].rotor", "fault[2].rotor"]
+rotors = true
+"#;

@@ -72,7 +72,7 @@ impl Drop for Unnamed {
 }
 
 /// The whole run as one file; with range requests. The same run gives the same bytes each time.
-#[utoipa::path(get, path = "/api/v1/runs/{id}/export", tag = "telemetry", params(("id" = String, Path), ExportQuery), responses(
+#[utoipa::path(get, path = "/api/v1/runs/{id}/export", tag = "telemetry", operation_id = "export_run", params(("id" = String, Path), ExportQuery), responses(
     (status = 200, description = "the file", content(
         (Vec<u8> = "application/octet-stream"), (Vec<u8> = "application/vnd.apache.parquet"), (String = "text/csv"))),
     (status = 206, description = "the range", content(

@@ -5,6 +5,7 @@ use crate::access::Caller;
 use crate::fdi::answers::ChunkAnswer;
 use crate::fdi::samples::{self, Form, SampleBody};
 use crate::fdi::sessions::{Entry, SessionView};
+use crate::library::Library;
 use crate::problem::Problem;
 use axum::Json;
 use axum::body::Bytes;
@@ -186,28 +187,28 @@ pub(crate) struct OpenedSession {
 
 /// The detectors that a request means.
 pub(crate) fn detectors(
-    app: &App,
+    library: &Library,
     vehicle: Option<&str>,
     vehicle_text: Option<&str>,
     classifier: Option<&str>,
     settings: &DetectorSettings,
 ) -> Result<Detectors, Problem> {
     let vehicle = match (vehicle, vehicle_text) {
-        (Some(name), None) => app.library.vehicle_documents(name)?,
-        (None, Some(text)) => app.library.parse_vehicle(text)?,
+        (Some(name), None) => library.vehicle_documents(name)?,
+        (None, Some(text)) => library.parse_vehicle(text)?,
         _ => {
             return Err(Problem::unprocessable(
                 "expected either `vehicle`, the name of one of the server's vehicles, or `vehicle_text`, a vehicle document",
             ));
         }
     };
-    let classifier = classifier.map(|name| app.library.classifier(name)).transpose()?;
+    let classifier = classifier.map(|name| library.classifier(name)).transpose()?;
     Detectors::new(vehicle, settings, classifier)
         .map_err(|refusal| Problem::unprocessable(format!("`{}`: {}", refusal.key, refusal.reason)))
 }
 
 /// Opens a session.
-#[utoipa::path(post, path = "/api/v1/fdi/sessions", tag = "fdi", request_body = SessionBody, responses(
+#[utoipa::path(post, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "open_fdi_session", request_body = SessionBody, responses(
     (status = 201, description = "open, until nothing is asked of it for its idle time or the server ends", body = OpenedSession,
      headers(("Location" = String, description = "address of the session"))),
     (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
@@ -227,7 +228,7 @@ pub(crate) async fn open(
         return Err(Problem::unavailable("the server is ending"));
     }
     let detectors = detectors(
-        &app,
+        &app.library(&caller).await?,
         body.vehicle.as_deref(),
         body.vehicle_text.as_deref(),
         body.classifier.as_deref(),
@@ -273,7 +274,7 @@ pub(crate) fn find(app: &App, caller: &Caller, id: Result<Path<String>, PathReje
 }
 
 /// A session as it stands.
-#[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}", tag = "fdi", params(("id" = String, Path)), responses(
+#[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}", tag = "fdi", operation_id = "get_fdi_session", params(("id" = String, Path)), responses(
     (status = 200, description = "the session", body = SessionView),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json")
@@ -288,7 +289,7 @@ pub(crate) async fn get(
 }
 
 /// Closes a session.
-#[utoipa::path(delete, path = "/api/v1/fdi/sessions/{id}", tag = "fdi", params(("id" = String, Path)), responses(
+#[utoipa::path(delete, path = "/api/v1/fdi/sessions/{id}", tag = "fdi", operation_id = "close_fdi_session", params(("id" = String, Path)), responses(
     (status = 204, description = "closed"),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json")
@@ -330,7 +331,7 @@ fn problem(refusal: &Refusal) -> Problem {
 /// Takes a chunk of measurements and gives the verdicts of the windows that end in it.
 ///
 /// The chunk is taken as a whole or refused as a whole. The last chunks may be sent again: they get the same answer.
-#[utoipa::path(post, path = "/api/v1/fdi/sessions/{id}/measurements", tag = "fdi", params(("id" = String, Path), Place),
+#[utoipa::path(post, path = "/api/v1/fdi/sessions/{id}/measurements", tag = "fdi", operation_id = "feed_fdi_session", params(("id" = String, Path), Place),
     request_body(description = "samples, 2.5 ms apart", content(
         (Vec<SampleBody> = "application/json"), (String = "application/x-ndjson"), (String = "text/csv"))),
     responses(

@@ -1,6 +1,7 @@
 //! FDI over a whole flight log that is uploaded.
 
 use crate::App;
+use crate::access::Caller;
 use crate::fdi::log::{LogReport, judge_file};
 use crate::problem::Problem;
 use axum::Json;
@@ -40,7 +41,7 @@ pub(crate) struct Which {
 ///
 /// The body is a log: canonical CSV or Parquet (what `rotortwin log import` writes), or an autopilot's. It is resampled to 400 Hz if it has
 /// another rate, and not kept.
-#[utoipa::path(post, path = "/api/v1/fdi/reports", tag = "fdi", params(Which),
+#[utoipa::path(post, path = "/api/v1/fdi/reports", tag = "fdi", operation_id = "judge_log", params(Which),
     request_body(description = "the log, 128 MiB at most", content(
         (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
     responses(
@@ -54,6 +55,7 @@ pub(crate) struct Which {
     ))]
 pub(crate) async fn judge(
     State(app): State<Arc<App>>,
+    caller: Caller,
     which: Result<Query<Which>, QueryRejection>,
     body: Body,
 ) -> Result<Json<LogReport>, Problem> {
@@ -63,7 +65,14 @@ pub(crate) async fn judge(
         calibration_end_s: which.calibration_end_s,
         ..DetectorSettings::default()
     };
-    let detectors = super::fdi::detectors(&app, Some(&which.vehicle), None, which.classifier.as_deref(), &settings)?;
+    let library = app.library(&caller).await?;
+    let detectors = super::fdi::detectors(
+        &library,
+        Some(&which.vehicle),
+        None,
+        which.classifier.as_deref(),
+        &settings,
+    )?;
     let file = received(&app, body).await?;
     let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
     let Ok(Ok(_turn)) = turn else {

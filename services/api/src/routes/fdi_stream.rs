@@ -26,7 +26,7 @@ const LARGEST_MESSAGE: usize = 2 << 20;
 ///
 /// Text: `{"first_step": N, "samples": [...]}`, answered with what the `measurements` route answers, or with
 /// `{"refusal": "...", "next_step": N}`. Binary: `FdiMeasurements`, answered with `FdiVerdicts` (proto/rotortwin/v1/fdi_service.proto).
-#[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}/stream", tag = "fdi", params(("id" = String, Path)), responses(
+#[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}/stream", tag = "fdi", operation_id = "stream_fdi_session", params(("id" = String, Path)), responses(
     (status = 101, description = "WebSocket"),
     (status = 400, description = "no WebSocket was asked for", body = Problem, content_type = "application/problem+json"),
     (status = 403, description = "the token does not allow this", body = Problem, content_type = "application/problem+json"),

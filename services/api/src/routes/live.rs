@@ -161,7 +161,7 @@ impl Selection {
 }
 
 /// Live telemetry by WebSocket: `start`, then `sample` while the run flies, then `end`. A client that is too slow gets `lost`.
-#[utoipa::path(get, path = "/api/v1/runs/{id}/live", tag = "telemetry", params(("id" = String, Path), Subscription), responses(
+#[utoipa::path(get, path = "/api/v1/runs/{id}/live", tag = "telemetry", operation_id = "run_live", params(("id" = String, Path), Subscription), responses(
     (status = 101, description = "a WebSocket on which JSON text messages come", body = LiveMessage),
     (status = 400, description = "no WebSocket was asked for, or a parameter is none", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),

@@ -99,8 +99,9 @@ pub(crate) async fn submit(
     args.extend(import.align.then(|| "--align".to_owned()));
     args.extend(import.damaged.then(|| "--damaged".to_owned()));
     if let Some(vehicle) = &import.vehicle {
-        app.library.text("vehicles", vehicle)?;
-        inputs.push(super::tasks::library(&app).await?);
+        let library = app.library(&caller).await?;
+        library.text("vehicles", vehicle)?;
+        inputs.push(super::tasks::laid_out(&app, &library).await?);
         args.extend([
             "--vehicle".to_owned(),
             format!("{}/vehicles/{vehicle}.toml", super::tasks::LIBRARY),

@@ -4,6 +4,7 @@ mod artifacts;
 mod campaigns;
 mod classifiers;
 mod collection;
+mod documents;
 mod events;
 mod exports;
 mod fdi;
@@ -15,12 +16,14 @@ mod live;
 mod logs;
 mod runs;
 mod server;
+mod submissions;
 mod table;
 mod tasks;
 mod telemetry;
 mod twin;
 
 pub(crate) use collection::collection;
+pub(crate) use documents::documents;
 
 use crate::App;
 use crate::problem::Problem;
@@ -58,7 +61,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "diagnoses", description = "Which physical effect a model lacks"),
         (name = "improvements", description = "Compare, diagnose, add, compare again"),
         (name = "fdi", description = "Fault detection as a service: sessions that are fed with measurements, and logs that are judged"),
-        (name = "library", description = "Scenarios and vehicles that the server has"),
+        (name = "library", description = "Scenarios, vehicles, blades, effects and models that can be named: the server's, and one's own"),
         (name = "server", description = "How the server is")
     )
 )]
@@ -66,10 +69,10 @@ struct Api;
 
 fn described() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::with_openapi(Api::openapi())
-        .routes(routes!(runs::submit, runs::list))
+        .routes(routes!(submissions::submit, runs::list))
         .routes(routes!(runs::get, runs::delete))
         .routes(routes!(runs::cancel))
-        .routes(routes!(runs::fork))
+        .routes(routes!(submissions::fork))
         .routes(routes!(runs::verify))
         .routes(routes!(runs::ticket))
         .routes(routes!(table::table))
@@ -84,6 +87,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(campaigns::submit))
         .merge(campaigns::campaigns::routes())
         .routes(routes!(classifiers::submit))
+        .routes(routes!(classifiers::evaluate))
         .merge(classifiers::classifiers::routes())
         .routes(routes!(logs::submit))
         .merge(logs::logs::routes())
@@ -98,11 +102,17 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(fdi::feed))
         .routes(routes!(fdi_stream::stream))
         .routes(routes!(fdi_reports::judge))
-        .routes(routes!(library::scenarios))
-        .routes(routes!(library::scenario))
-        .routes(routes!(library::validate))
-        .routes(routes!(library::vehicles))
-        .routes(routes!(library::vehicle))
+        .merge(library::scenarios::routes())
+        .routes(routes!(library::validate_scenario))
+        .merge(library::vehicles::routes())
+        .routes(routes!(library::validate_vehicle))
+        .merge(library::blades::routes())
+        .routes(routes!(library::validate_blades))
+        .merge(library::effects::routes())
+        .routes(routes!(library::validate_effect))
+        .merge(library::models::routes())
+        .routes(routes!(library::validate_model))
+        .routes(routes!(library::catalogue))
         .routes(routes!(server::healthz))
         .routes(routes!(server::readyz))
         .routes(routes!(server::metrics))
@@ -196,10 +206,12 @@ fn cors(app: &App) -> CorsLayer {
     }
     CorsLayer::new()
         .allow_origin(origins)
-        .allow_methods([Method::GET, Method::POST, Method::DELETE])
+        .allow_methods([Method::GET, Method::POST, Method::PUT, Method::DELETE])
         .allow_headers([
             header::AUTHORIZATION,
             header::CONTENT_TYPE,
+            header::IF_MATCH,
+            header::IF_NONE_MATCH,
             HeaderName::from_static("idempotency-key"),
             HeaderName::from_static("last-event-id"),
         ])

@@ -11,16 +11,19 @@ use axum::response::{Html, IntoResponse};
 use std::fmt::Write as _;
 use std::sync::Arc;
 
+/// Longest wait for the store of files.
+const STORE_PATIENCE: std::time::Duration = std::time::Duration::from_secs(3);
+
 /// The process lives.
 #[utoipa::path(get, path = "/healthz", tag = "server", responses((status = 200, description = "alive", body = String)))]
 pub(crate) async fn healthz() -> &'static str {
     "alive\n"
 }
 
-/// The database answers and runs are accepted.
+/// Database and store of files answer, and runs are accepted.
 #[utoipa::path(get, path = "/readyz", tag = "server", responses(
     (status = 200, description = "ready", body = String),
-    (status = 503, description = "the server ends, or its database does not answer", body = Problem, content_type = "application/problem+json")
+    (status = 503, description = "the server ends, or its database or store of files does not answer", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<&'static str, Problem> {
     if app.is_ending() {
@@ -30,7 +33,16 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<&'static str, 
         .ping()
         .await
         .map_err(|error| Problem::unavailable(format!("the database does not answer: {error}")))?;
-    Ok("ready\n")
+    match tokio::time::timeout(STORE_PATIENCE, app.artifacts.ping()).await {
+        Ok(Ok(())) => Ok("ready\n"),
+        Ok(Err(error)) => Err(Problem::unavailable(format!(
+            "the store of files does not answer: {error}"
+        ))),
+        Err(_) => Err(Problem::unavailable(format!(
+            "the store of files does not answer within {} s",
+            STORE_PATIENCE.as_secs()
+        ))),
+    }
 }
 
 /// Numbers for Prometheus.

@@ -5,14 +5,18 @@ use crate::App;
 use crate::access::Caller;
 use crate::jobs::spec::{Content, Input, Spec, Task};
 use crate::jobs::{Job, JobKind, NewJob, Status};
+use crate::library::Library;
 use crate::problem::Problem;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use rotortwin_twin::model::ModelVersion;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// Where a task finds the library.
 pub(super) const LIBRARY: &str = "library";
+/// Where a task finds a version of a model.
+const VERSION: &str = "version.toml";
 /// A submission names at most this many logs and runs.
 const MOST_LOGS: usize = 64;
 
@@ -68,13 +72,12 @@ impl Draft {
     }
 }
 
-/// The library as it is now, for a task.
+/// A library as it is now, for a task.
 ///
 /// # Errors
 /// 500.
-pub(super) async fn library(app: &App) -> Result<Input, Problem> {
-    let key = app
-        .library
+pub(super) async fn laid_out(app: &App, library: &Library) -> Result<Input, Problem> {
+    let key = library
         .snapshot(&app.artifacts)
         .await
         .map_err(|error| Problem::internal(&error))?;
@@ -156,6 +159,9 @@ pub(crate) struct ModelChoice {
     /// A version of a model, as `rotortwin model export` writes it (TOML).
     #[serde(default)]
     version: Option<String>,
+    /// Name of a version that was left in the library, under `/api/v1/models`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    model: Option<String>,
 }
 
 impl ModelChoice {
@@ -169,13 +175,22 @@ impl ModelChoice {
     /// # Errors
     /// 404, 409, 422.
     pub(super) async fn lay_out(&self, app: &App, caller: &Caller) -> Result<(String, Vec<Input>, String), Problem> {
-        match (&self.vehicle, &self.improvement, &self.version) {
-            (Some(name), None, None) => {
-                app.library.text("vehicles", name)?;
-                let inputs = vec![library(app).await?];
+        let library = app.library(caller).await?;
+        // Whatever it is made from, it stands alone: what is flown or fitted tomorrow is what was there today.
+        let alone = |text: String, name: &str| {
+            let input = Input {
+                path: VERSION.to_owned(),
+                content: Content::Text(text),
+            };
+            (VERSION.to_owned(), vec![input], name.to_owned())
+        };
+        match (&self.vehicle, &self.improvement, &self.version, &self.model) {
+            (Some(name), None, None, None) => {
+                library.text("vehicles", name)?;
+                let inputs = vec![laid_out(app, &library).await?];
                 Ok((format!("{LIBRARY}/vehicles/{name}.toml"), inputs, name.clone()))
             }
-            (None, Some(id), None) => {
+            (None, Some(id), None, None) => {
                 let job = done(app, caller, JobKind::Improvement, id).await?;
                 let file = super::twin::FINAL_MODEL;
                 let input = Input {
@@ -184,18 +199,42 @@ impl ModelChoice {
                 };
                 Ok((file.to_owned(), vec![input], job.new.name))
             }
-            (None, None, Some(text)) => {
-                let input = Input {
-                    path: "version.toml".to_owned(),
-                    content: Content::Text(text.clone()),
-                };
-                Ok(("version.toml".to_owned(), vec![input], "version".to_owned()))
+            (None, None, Some(text), None) => {
+                let version = library.parse_model(text)?;
+                Ok(alone(text.clone(), &version.name))
             }
-            _ => Err(Problem::unprocessable(
-                "expected one of `vehicle`, `improvement`, `version` as the model",
-            )),
+            (None, None, None, Some(name)) => Ok(alone(library.model(name)?.to_toml(), name)),
+            _ => Err(one_model()),
         }
     }
+
+    /// The model itself.
+    ///
+    /// # Errors
+    /// 404, 409, 422.
+    pub(super) async fn read(&self, app: &App, caller: &Caller) -> Result<ModelVersion, Problem> {
+        let library = app.library(caller).await?;
+        match (&self.vehicle, &self.improvement, &self.version, &self.model) {
+            (Some(name), None, None, None) => Ok(ModelVersion::first(name, library.vehicle_documents(name)?)),
+            (None, Some(id), None, None) => {
+                let job = done(app, caller, JobKind::Improvement, id).await?;
+                let file = app
+                    .artifacts
+                    .file(job.folder.as_deref().unwrap_or_default(), super::twin::FINAL_MODEL)
+                    .await
+                    .map_err(|error| Problem::internal(&error))?
+                    .ok_or_else(|| Problem::not_found(format!("the model of improvement {id} is gone")))?;
+                ModelVersion::load(file).map_err(|error| Problem::internal(&error))
+            }
+            (None, None, Some(text), None) => library.parse_model(text),
+            (None, None, None, Some(name)) => library.model(name),
+            _ => Err(one_model()),
+        }
+    }
+}
+
+fn one_model() -> Problem {
+    Problem::unprocessable("expected one of `vehicle`, `model`, `improvement`, `version` as the model")
 }
 
 /// A job of this kind that is done.

@@ -79,7 +79,7 @@ pub(crate) struct Channels {
 }
 
 /// What was recorded of a run.
-#[utoipa::path(get, path = "/api/v1/runs/{id}/channels", tag = "telemetry", params(("id" = String, Path)), responses(
+#[utoipa::path(get, path = "/api/v1/runs/{id}/channels", tag = "telemetry", operation_id = "run_channels", params(("id" = String, Path)), responses(
     (status = 200, description = "its channels", body = Channels),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
@@ -172,7 +172,7 @@ pub(crate) struct ManyTelemetry {
 }
 
 /// Samples of a run, decimated so that a picture shows the same.
-#[utoipa::path(get, path = "/api/v1/runs/{id}/telemetry", tag = "telemetry", params(("id" = String, Path), Selection), responses(
+#[utoipa::path(get, path = "/api/v1/runs/{id}/telemetry", tag = "telemetry", operation_id = "run_telemetry", params(("id" = String, Path), Selection), responses(
     (status = 200, description = "the samples", content(
         (Telemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
     (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
@@ -207,7 +207,7 @@ pub(crate) struct Runs {
 }
 
 /// The same channels of several runs, to be compared: JSON has an object a run, CSV and Parquet a first column `run`.
-#[utoipa::path(get, path = "/api/v1/telemetry", tag = "telemetry", params(Runs, Selection), responses(
+#[utoipa::path(get, path = "/api/v1/telemetry", tag = "telemetry", operation_id = "compare_telemetry", params(Runs, Selection), responses(
     (status = 200, description = "the samples", content(
         (ManyTelemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
     (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),

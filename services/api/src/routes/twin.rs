@@ -65,6 +65,9 @@ pub(crate) struct TwinSubmission {
     /// Diagnosis: effects of one's own that may be named, too (TOML).
     #[serde(default)]
     effects: Vec<String>,
+    /// Diagnosis: names of effect documents of the library that may be named, too.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    library_effects: Vec<String>,
     /// Improvement: flights that no fit sees, as proof.
     #[serde(default)]
     held_out: Option<Flights>,
@@ -160,7 +163,10 @@ async fn submit(
         "out".to_owned(),
         "--json".to_owned(),
     ]);
-    for (number, effect) in body.effects.iter().enumerate() {
+    let library = app.library(caller).await?;
+    let named = body.library_effects.iter().map(|name| library.text("effects", name));
+    let named = named.collect::<Result<Vec<String>, Problem>>()?;
+    for (number, effect) in body.effects.iter().chain(&named).enumerate() {
         let path = format!("effects/{number}.toml");
         args.extend(["--effects".to_owned(), path.clone()]);
         inputs.push(Input {
@@ -208,13 +214,13 @@ async fn submit(
 }
 
 fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem> {
-    if kind != JobKind::Diagnosis && !body.effects.is_empty() {
+    let effects = body.effects.len() + body.library_effects.len();
+    if kind != JobKind::Diagnosis && effects > 0 {
         return Err(Problem::unprocessable("`effects` belong to a diagnosis"));
     }
-    if body.effects.len() > MOST_EFFECTS {
+    if effects > MOST_EFFECTS {
         return Err(Problem::unprocessable(format!(
-            "{} `effects`; expected at most {MOST_EFFECTS}",
-            body.effects.len()
+            "{effects} `effects`; expected at most {MOST_EFFECTS}"
         )));
     }
     if kind == JobKind::Improvement && !body.model.is_a_vehicle() {

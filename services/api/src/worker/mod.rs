@@ -224,7 +224,12 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
             Ended::Outcome(outcome) => shop.database.finish(&job.id, token, outcome).await,
         };
         match written {
-            Ok(true) => return,
+            Ok(true) => {
+                if matches!(&ended, Ended::Outcome(outcome) if outcome.status == Status::Done) {
+                    forget_parts(shop, &job.id).await;
+                }
+                return;
+            }
             Ok(false) => {
                 tracing::warn!(job = job.id, "another worker has this job: its result counts");
                 let key = attempt_key(job);
@@ -243,6 +248,24 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
                 return;
             }
         }
+    }
+}
+
+/// What the parts of a job have left is in its own files now.
+async fn forget_parts(shop: &Workshop, job: &str) {
+    let forgotten = async {
+        for key in shop
+            .database
+            .forget_files_of_parts(job)
+            .await
+            .map_err(std::io::Error::other)?
+        {
+            shop.artifacts.delete(&key).await?;
+        }
+        Ok::<(), std::io::Error>(())
+    };
+    if let Err(error) = forgotten.await {
+        tracing::warn!(job, %error, "files of its parts, which nobody needs, cannot be deleted");
     }
 }
 

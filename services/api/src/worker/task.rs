@@ -55,15 +55,7 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, spec: &Task
     };
     let out = folder.join("out");
     for name in &spec.discard {
-        let path = out.join(name);
-        let removed = if path.is_dir() {
-            std::fs::remove_dir_all(&path)
-        } else {
-            std::fs::remove_file(&path)
-        };
-        if let Err(error) = removed {
-            tracing::debug!(job = job.id, name, %error, "nothing to discard");
-        }
+        remove(&out.join(name));
     }
     let result = match &spec.result {
         None => Some(end.words),
@@ -72,6 +64,13 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, spec: &Task
     let result = result.filter(|text| serde_json::from_str::<serde_json::Value>(text).is_ok());
     if status == Status::Done && result.is_none() {
         return Ended::Failed("it ended without a result".to_owned());
+    }
+    // What it has read stands in the specification, and need not stand here, too.
+    for input in &spec.inputs {
+        let top = input.path.split('/').next().unwrap_or_default();
+        if top != "out" {
+            remove(&folder.join(top));
+        }
     }
     match shop.artifacts.publish(&files_key(job)).await {
         Ok(bytes) => Ended::Outcome(Outcome {
@@ -83,6 +82,18 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, spec: &Task
             result,
         }),
         Err(error) => Ended::Failed(format!("the job's files cannot be kept: {error}")),
+    }
+}
+
+/// Files that nobody needs; that they stay is no failure.
+fn remove(path: &Path) {
+    let removed = if path.is_dir() {
+        std::fs::remove_dir_all(path)
+    } else {
+        std::fs::remove_file(path)
+    };
+    if let Err(error) = removed {
+        tracing::debug!(path = %path.display(), %error, "nothing to discard");
     }
 }
 

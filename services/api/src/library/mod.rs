@@ -1,0 +1,373 @@
+//! Scenarios, vehicles, effects and models that a caller can name: a folder laid out as `config/` of the project. A submission cannot make
+//! the server read another file.
+
+pub(crate) mod own;
+mod paths;
+
+use self::paths::{PATHS, every_path_inside, stays_inside};
+use crate::artifacts::{Artifacts, files_below};
+use crate::problem::Problem;
+use rotortwin_plant::blades::BladeSet;
+use rotortwin_plant::complaints::complaints;
+use rotortwin_plant::effects::{Catalogue, EffectDocument};
+use rotortwin_plant::error::Refusal;
+use rotortwin_plant::{Classifier, ConfigError, Scenario, VehicleDocuments};
+use rotortwin_twin::model::ModelVersion;
+use serde::Serialize;
+use std::io;
+use std::path::{Path, PathBuf};
+use utoipa::ToSchema;
+
+/// A file of a library is a document; what is larger is none.
+const LARGEST_FILE: u64 = 16 << 20;
+
+/// What clients can leave in the library.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum DocumentKind {
+    Scenario,
+    Vehicle,
+    Blades,
+    Effect,
+    /// A version of a model, as `rotortwin model export` writes it.
+    Model,
+}
+
+impl DocumentKind {
+    /// Of the library.
+    pub(crate) const fn folder(self) -> &'static str {
+        match self {
+            Self::Scenario => "scenarios",
+            Self::Vehicle => "vehicles",
+            Self::Blades => "blades",
+            Self::Effect => "effects",
+            Self::Model => "models",
+        }
+    }
+}
+
+/// What is wrong with a document.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub(crate) struct Complaint {
+    /// Dotted path of the key; none: the document as a whole.
+    pub(crate) key: Option<String>,
+    /// Of the text, from 1.
+    pub(crate) line: Option<usize>,
+    /// All in one sentence: where, what was expected, what was found.
+    pub(crate) sentence: String,
+}
+
+/// The folder.
+#[derive(Debug, Clone)]
+pub(crate) struct Library {
+    root: PathBuf,
+}
+
+impl Library {
+    /// # Errors
+    /// There is no such folder, or it has no `scenarios`.
+    pub(crate) fn open(root: &Path) -> Result<Self, String> {
+        let told = |error| format!("{}: cannot be used as library: {error}", root.display());
+        let root = root.canonicalize().map_err(told)?;
+        if !root.join("scenarios").is_dir() {
+            return Err(format!(
+                "{}: expected a folder 'scenarios' in the library, as in config/ of the project",
+                root.display()
+            ));
+        }
+        Ok(Self { root })
+    }
+
+    /// Names in a folder of the library, in order.
+    pub(crate) fn names(&self, kind: &str) -> Vec<String> {
+        self.files(kind, "toml")
+    }
+
+    /// Names of the files with an ending, without it, in order.
+    fn files(&self, kind: &str, ending: &str) -> Vec<String> {
+        let Ok(entries) = std::fs::read_dir(self.root.join(kind)) else {
+            return Vec::new();
+        };
+        let mut names: Vec<String> = entries
+            .filter_map(Result::ok)
+            .map(|entry| entry.path())
+            .filter(|path| path.extension().is_some_and(|extension| extension == ending))
+            .filter_map(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))
+            .collect();
+        names.sort();
+        names
+    }
+
+    /// The text of a document.
+    ///
+    /// # Errors
+    /// 404.
+    pub(crate) fn text(&self, kind: &str, name: &str) -> Result<String, Problem> {
+        let known = self.names(kind);
+        if !known.iter().any(|other| other == name) {
+            let singular = kind.trim_end_matches('s');
+            return Err(Problem::not_found(format!(
+                "there is no {singular} '{name}'; expected one of {}",
+                known.join(", ")
+            )));
+        }
+        std::fs::read_to_string(self.root.join(kind).join(format!("{name}.toml")))
+            .map_err(|error| Problem::internal(&error))
+    }
+
+    /// A scenario by name with keys set.
+    ///
+    /// # Errors
+    /// 404 for the name; 422 for what cannot be flown, and for a path that leads out of the library.
+    pub(crate) fn scenario(&self, name: &str, set: &[String]) -> Result<Scenario, Problem> {
+        self.text("scenarios", name)?;
+        for setting in set {
+            stays_inside(setting)?;
+        }
+        let path = self.root.join("scenarios").join(format!("{name}.toml"));
+        let set: Vec<&str> = set.iter().map(String::as_str).collect();
+        Scenario::load_with(&path, &set).map_err(|error| self.refusal(&error))
+    }
+
+    /// A scenario from a text, as it would stand in `scenarios/`.
+    ///
+    /// # Errors
+    /// 422.
+    pub(crate) fn parse(&self, text: &str) -> Result<Scenario, Problem> {
+        // A text that is no TOML is refused below, with the line.
+        let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
+        paths_inside(DocumentKind::Scenario, &table)?;
+        Scenario::parse(text, self.root.join("scenarios"))
+            .map_err(|error| self.refused(DocumentKind::Scenario, text, &error))
+    }
+
+    /// All that is wrong with a document, were it to stand in the library; empty: nothing.
+    pub(crate) fn complaints(&self, kind: DocumentKind, text: &str) -> Vec<Complaint> {
+        // A text that is no TOML is refused below, with the line.
+        if let Ok(table) = toml::from_str::<toml::Table>(text)
+            && let Err(problem) = paths_inside(kind, &table)
+        {
+            return vec![Complaint {
+                key: None,
+                line: None,
+                sentence: problem.detail,
+            }];
+        }
+        let folder = self.root.join(kind.folder());
+        let found = match kind {
+            DocumentKind::Scenario => Scenario::complaints(text, folder),
+            DocumentKind::Vehicle => VehicleDocuments::complaints(text, folder),
+            DocumentKind::Blades => complaints("blades", text, "", |text| BladeSet::parse("blades", text).map(|_| ())),
+            DocumentKind::Effect => complaints("effect", text, "", |text| {
+                EffectDocument::parse("effect", text).map(|_| ())
+            }),
+            DocumentKind::Model => complaints("model", text, "", |text| {
+                ModelVersion::parse("model", text, &folder).map(|_| ())
+            }),
+        };
+        found.iter().map(|error| self.complaint(error)).collect()
+    }
+
+    fn complaint(&self, error: &ConfigError) -> Complaint {
+        Complaint {
+            key: error.key().map(str::to_owned),
+            line: error.line(),
+            sentence: self.without_root(error),
+        }
+    }
+
+    /// 422 with all complaints about a document.
+    fn refused(&self, kind: DocumentKind, text: &str, error: &ConfigError) -> Problem {
+        let all = self.complaints(kind, text);
+        self.refusal(error)
+            .with_complaints(all.into_iter().map(|complaint| complaint.sentence).collect())
+    }
+
+    /// The built-in effects, with the documents of the library.
+    ///
+    /// # Errors
+    /// 422: a document is none.
+    pub(crate) fn catalogue(&self) -> Result<Catalogue, Problem> {
+        let documents: Vec<EffectDocument> = self
+            .names(DocumentKind::Effect.folder())
+            .iter()
+            .map(|name| {
+                let path = self.root.join("effects").join(format!("{name}.toml"));
+                EffectDocument::load(path).map_err(|error| self.refusal(&error))
+            })
+            .collect::<Result<_, _>>()?;
+        Catalogue::with_documents(&documents).map_err(|refusal: Refusal| Problem::unprocessable(refusal.reason))
+    }
+
+    /// A version of a model by name.
+    ///
+    /// # Errors
+    /// 404 for the name; 422 for a file that is none.
+    pub(crate) fn model(&self, name: &str) -> Result<ModelVersion, Problem> {
+        self.text("models", name)?;
+        let path = self.root.join("models").join(format!("{name}.toml"));
+        ModelVersion::load(path).map_err(|error| self.refusal(&error))
+    }
+
+    /// A version of a model from a text that stands alone.
+    ///
+    /// # Errors
+    /// 422.
+    pub(crate) fn parse_model(&self, text: &str) -> Result<ModelVersion, Problem> {
+        let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
+        paths_inside(DocumentKind::Model, &table)?;
+        ModelVersion::parse("version", text, &self.root.join("models"))
+            .map_err(|error| self.refused(DocumentKind::Model, text, &error))
+    }
+
+    /// Whether every path in a document stays in the library; `name` and `description` are words.
+    ///
+    /// # Errors
+    /// 422.
+    pub(crate) fn check_paths(document: &toml::Table) -> Result<(), Problem> {
+        document
+            .iter()
+            .filter(|(key, _)| !["name", "description"].contains(&key.as_str()))
+            .try_for_each(|(_, value)| every_path_inside(value))
+    }
+
+    /// Where it is.
+    pub(crate) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Puts a copy of the library into the artifact store, under the hash of all that is in it, and gives its key: a job that is done on
+    /// another host, or tomorrow, reads what was there when it was submitted.
+    ///
+    /// # Errors
+    /// A file cannot be read or written.
+    pub(crate) async fn snapshot(&self, artifacts: &Artifacts) -> io::Result<String> {
+        let (root, store) = (self.root.clone(), artifacts.clone());
+        let marker = "snapshot.complete";
+        let read = tokio::task::spawn_blocking(move || read_all(&root)).await;
+        let (key, mut files) = read.map_err(io::Error::other)??;
+        if artifacts.file(&key, marker).await?.is_some() {
+            return Ok(key);
+        }
+        // The marker last: a copy that was cut off is made again.
+        files.push((marker.to_owned(), b"complete\n".to_vec()));
+        let place = store.place(&key);
+        let written = tokio::task::spawn_blocking(move || {
+            files.into_iter().try_for_each(|(path, bytes)| {
+                let target = place.join(&path);
+                let beside = target.with_extension(crate::jobs::queue::new_id());
+                std::fs::create_dir_all(target.parent().unwrap_or(&target))?;
+                std::fs::write(&beside, bytes)?;
+                std::fs::rename(&beside, &target)
+            })
+        });
+        written.await.map_err(io::Error::other)??;
+        artifacts.publish(&key).await?;
+        Ok(key)
+    }
+
+    /// A copy with one more classifier, in a folder that is gone when it is dropped.
+    ///
+    /// # Errors
+    /// A file cannot be read or written.
+    pub(crate) fn with_classifier(
+        &self,
+        beside: &Path,
+        name: &str,
+        file: &Path,
+    ) -> io::Result<(Self, tempfile::TempDir)> {
+        let folder = tempfile::Builder::new().prefix("library-").tempdir_in(beside)?;
+        copy_all(&self.root, folder.path())?;
+        let classifiers = folder.path().join("classifiers");
+        std::fs::create_dir_all(&classifiers)?;
+        std::fs::copy(file, classifiers.join(name))?;
+        let root = folder.path().canonicalize()?;
+        Ok((Self { root }, folder))
+    }
+
+    /// A vehicle by name, with its blades.
+    ///
+    /// # Errors
+    /// 404 for the name; 422 for what cannot fly.
+    pub(crate) fn vehicle_documents(&self, name: &str) -> Result<VehicleDocuments, Problem> {
+        self.text("vehicles", name)?;
+        let path = self.root.join("vehicles").join(format!("{name}.toml"));
+        VehicleDocuments::load(path).map_err(|error| self.refusal(&error))
+    }
+
+    /// A vehicle from a text, as it would stand in `vehicles/`.
+    ///
+    /// # Errors
+    /// 422.
+    pub(crate) fn parse_vehicle(&self, text: &str) -> Result<VehicleDocuments, Problem> {
+        let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
+        paths_inside(DocumentKind::Vehicle, &table)?;
+        VehicleDocuments::parse(text, self.root.join("vehicles"))
+            .map_err(|error| self.refused(DocumentKind::Vehicle, text, &error))
+    }
+
+    /// A classifier by name.
+    ///
+    /// # Errors
+    /// 404 for the name; 422 for a file that is none.
+    pub(crate) fn classifier(&self, name: &str) -> Result<Classifier, Problem> {
+        let known = self.files("classifiers", "json");
+        if !known.iter().any(|other| other == name) {
+            return Err(Problem::not_found(format!(
+                "there is no classifier '{name}'; expected one of {}",
+                known.join(", ")
+            )));
+        }
+        let path = self.root.join("classifiers").join(format!("{name}.json"));
+        Classifier::read(&path).map_err(|error| self.refusal(&error))
+    }
+
+    /// A refusal without the server's paths.
+    pub(crate) fn refusal(&self, error: &dyn std::fmt::Display) -> Problem {
+        Problem::unprocessable(self.without_root(error))
+    }
+
+    fn without_root(&self, error: &dyn std::fmt::Display) -> String {
+        let root = format!("{}/", self.root.display());
+        error.to_string().replace(&root, "")
+    }
+}
+
+/// Whether the paths in a document lead to files of the library.
+fn paths_inside(kind: DocumentKind, document: &toml::Table) -> Result<(), Problem> {
+    let inside = |value: Option<&toml::Value>| value.map_or(Ok(()), every_path_inside);
+    match kind {
+        DocumentKind::Scenario => PATHS.iter().try_for_each(|key| inside(document.get(*key))),
+        DocumentKind::Vehicle => inside(document.get("rotors").and_then(|rotors| rotors.get("blades"))),
+        DocumentKind::Model if document.contains_key("vehicle_file") => Err(Problem::unprocessable(
+            "key `vehicle_file`: expected a version that stands alone, with `[vehicle]` and `[blades]`, as `rotortwin model export` writes it",
+        )),
+        DocumentKind::Model | DocumentKind::Blades | DocumentKind::Effect => Ok(()),
+    }
+}
+
+/// All documents below a folder, and the key of a copy of them.
+fn read_all(root: &Path) -> io::Result<(String, Vec<(String, Vec<u8>)>)> {
+    let mut hash = xxhash_rust::xxh3::Xxh3::new();
+    let mut files = Vec::new();
+    for file in files_below(root)? {
+        if file.size > LARGEST_FILE {
+            continue;
+        }
+        let bytes = std::fs::read(root.join(&file.path))?;
+        hash.update(file.path.as_bytes());
+        hash.update(&(bytes.len() as u64).to_le_bytes());
+        hash.update(&bytes);
+        files.push((file.path, bytes));
+    }
+    Ok((format!("library/{:032x}", hash.digest128()), files))
+}
+
+/// Copies every plain file below a folder.
+fn copy_all(from: &Path, to: &Path) -> io::Result<()> {
+    for file in files_below(from)? {
+        let target = to.join(&file.path);
+        std::fs::create_dir_all(target.parent().unwrap_or(&target))?;
+        std::fs::copy(from.join(&file.path), target)?;
+    }
+    Ok(())
+}

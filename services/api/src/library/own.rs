@@ -1,0 +1,290 @@
+//! Documents that clients leave in the library, each on its account: in the database, laid over the server's folder where they are used.
+//!
+//! ```text
+//!  PUT /api/v1/vehicles/mine ─▶ database ─┐
+//!  the server's folder (--library) ───────┴─▶ libraries/TENANT/HASH/ ─▶ Library of this caller
+//! ```
+//! A document of one's own hides the server's of the same name. The folder is made anew when either side has changed.
+
+use super::{DocumentKind, Library, copy_all};
+use crate::App;
+use crate::access::Caller;
+use crate::artifacts::files_below;
+use crate::jobs::database::Database;
+use crate::jobs::queue::new_id;
+use crate::problem::Problem;
+use sqlx::Row as _;
+use std::io;
+use std::path::Path;
+use std::time::{Duration, SystemTime};
+
+/// Documents on one account, at most.
+const MOST_DOCUMENTS: i64 = 500;
+/// Bytes of a document, at most.
+pub(crate) const LARGEST_DOCUMENT: usize = 256 << 10;
+/// Written last: a folder without it was cut off.
+const COMPLETE: &str = ".complete";
+/// A folder that is no longer current may be in use so long.
+const KEPT: Duration = Duration::from_secs(600);
+
+/// A document of a client.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct OwnDocument {
+    pub(crate) folder: String,
+    pub(crate) name: String,
+    /// Of the text.
+    pub(crate) hash: String,
+    pub(crate) changed_ms: i64,
+}
+
+/// What must be there already for a document to be written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Precondition {
+    None,
+    /// `If-None-Match: *`.
+    Absent,
+    /// `If-Match`.
+    Hash(String),
+}
+
+/// What became of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Written {
+    Created,
+    Replaced,
+    /// The precondition does not hold.
+    Refused,
+    /// There are too many.
+    Full,
+}
+
+pub(crate) fn hash_of(text: &str) -> String {
+    format!("{:032x}", xxhash_rust::xxh3::xxh3_128(text.as_bytes()))
+}
+
+impl Database {
+    /// A tenant's documents, in order.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn documents(&self, tenant: &str) -> Result<Vec<OwnDocument>, sqlx::Error> {
+        let rows =
+            sqlx::query("SELECT folder, name, hash, changed_ms FROM document WHERE tenant = $1 ORDER BY folder, name")
+                .bind(tenant)
+                .fetch_all(&self.pool)
+                .await?;
+        rows.iter()
+            .map(|row| {
+                Ok(OwnDocument {
+                    folder: row.try_get("folder")?,
+                    name: row.try_get("name")?,
+                    hash: row.try_get("hash")?,
+                    changed_ms: row.try_get("changed_ms")?,
+                })
+            })
+            .collect()
+    }
+
+    async fn document_text(&self, tenant: &str, document: &OwnDocument) -> Result<Option<String>, sqlx::Error> {
+        let row =
+            sqlx::query("SELECT text FROM document WHERE tenant = $1 AND folder = $2 AND name = $3 AND hash = $4")
+                .bind(tenant)
+                .bind(&document.folder)
+                .bind(&document.name)
+                .bind(&document.hash)
+                .fetch_optional(&self.pool)
+                .await?;
+        row.map(|row| row.try_get("text")).transpose()
+    }
+
+    /// Writes a document if its precondition holds.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn put_document(
+        &self,
+        tenant: &str,
+        kind: DocumentKind,
+        name: &str,
+        text: &str,
+        precondition: &Precondition,
+    ) -> Result<Written, sqlx::Error> {
+        let hash = hash_of(text);
+        if let Precondition::Hash(expected) = precondition {
+            let replaced = sqlx::query(self.sql(
+                "UPDATE document SET text = $1, hash = $2, changed_ms = @NOW \
+                 WHERE tenant = $3 AND folder = $4 AND name = $5 AND hash = $6",
+            ))
+            .bind(text)
+            .bind(&hash)
+            .bind(tenant)
+            .bind(kind.folder())
+            .bind(name)
+            .bind(expected)
+            .execute(&self.pool)
+            .await?
+            .rows_affected();
+            return Ok(if replaced == 1 {
+                Written::Replaced
+            } else {
+                Written::Refused
+            });
+        }
+        let created = sqlx::query(self.sql(
+            "INSERT INTO document (tenant, folder, name, text, hash, changed_ms) \
+             SELECT $1, $2, $3, $4, $5, @NOW WHERE (SELECT COUNT(*) FROM document WHERE tenant = $6) < $7 \
+             ON CONFLICT (tenant, folder, name) DO NOTHING",
+        ))
+        .bind(tenant)
+        .bind(kind.folder())
+        .bind(name)
+        .bind(text)
+        .bind(&hash)
+        .bind(tenant)
+        .bind(MOST_DOCUMENTS)
+        .execute(&self.pool)
+        .await?
+        .rows_affected();
+        if created == 1 {
+            return Ok(Written::Created);
+        }
+        if *precondition == Precondition::Absent {
+            let there = self.has_document(tenant, kind, name).await?;
+            return Ok(if there { Written::Refused } else { Written::Full });
+        }
+        let replaced = sqlx::query(self.sql(
+            "UPDATE document SET text = $1, hash = $2, changed_ms = @NOW WHERE tenant = $3 AND folder = $4 AND name = $5",
+        ))
+        .bind(text)
+        .bind(&hash)
+        .bind(tenant)
+        .bind(kind.folder())
+        .bind(name)
+        .execute(&self.pool)
+        .await?
+        .rows_affected();
+        Ok(if replaced == 1 {
+            Written::Replaced
+        } else {
+            Written::Full
+        })
+    }
+
+    async fn has_document(&self, tenant: &str, kind: DocumentKind, name: &str) -> Result<bool, sqlx::Error> {
+        let row = sqlx::query("SELECT name FROM document WHERE tenant = $1 AND folder = $2 AND name = $3")
+            .bind(tenant)
+            .bind(kind.folder())
+            .bind(name)
+            .fetch_optional(&self.pool)
+            .await?;
+        Ok(row.is_some())
+    }
+
+    /// `false`: there is none.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn delete_document(
+        &self,
+        tenant: &str,
+        kind: DocumentKind,
+        name: &str,
+    ) -> Result<bool, sqlx::Error> {
+        sqlx::query("DELETE FROM document WHERE tenant = $1 AND folder = $2 AND name = $3")
+            .bind(tenant)
+            .bind(kind.folder())
+            .bind(name)
+            .execute(&self.pool)
+            .await
+            .map(|done| done.rows_affected() > 0)
+    }
+}
+
+impl App {
+    /// The library as a caller sees it: the server's, with what he has left there.
+    ///
+    /// # Errors
+    /// 500, 503, 507.
+    pub(crate) async fn library(&self, caller: &Caller) -> Result<Library, Problem> {
+        let own = self.database.documents(&caller.tenant).await?;
+        if own.is_empty() {
+            return Ok(self.shelf.clone());
+        }
+        let digest = digest(&self.shelf, &own).map_err(|error| Problem::internal(&error))?;
+        let account = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(caller.tenant.as_bytes()));
+        let folder = self.config.work.data.join("libraries").join(account);
+        let root = folder.join(&digest);
+        if !root.join(COMPLETE).is_file() {
+            let mut texts = Vec::with_capacity(own.len());
+            for document in own {
+                // One that was changed in between is read when somebody asks again.
+                if let Some(text) = self.database.document_text(&caller.tenant, &document).await? {
+                    texts.push((document, text));
+                }
+            }
+            let (shelf, root) = (self.shelf.clone(), root.clone());
+            tokio::task::spawn_blocking(move || lay_over(&shelf, &texts, &root))
+                .await
+                .map_err(|error| Problem::internal(&error))?
+                .map_err(|error| match error.kind() {
+                    io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+                        Problem::disk_full("your documents cannot be laid out: the disk of the data folder is full")
+                    }
+                    _ => Problem::internal(&error),
+                })?;
+            clear_away(&folder, &digest);
+        }
+        Library::open(&root).map_err(|error| Problem::internal(&error))
+    }
+}
+
+/// Changes when a file of the server's folder or a document does.
+fn digest(shelf: &Library, own: &[OwnDocument]) -> io::Result<String> {
+    let mut hash = xxhash_rust::xxh3::Xxh3::new();
+    for file in files_below(shelf.root())? {
+        let changed = std::fs::metadata(shelf.root().join(&file.path))?.modified()?;
+        let changed = changed
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .unwrap_or_default()
+            .as_nanos();
+        hash.update(format!("{}\0{}\0{changed}\0", file.path, file.size).as_bytes());
+    }
+    for document in own {
+        hash.update(format!("{}\0{}\0{}\0", document.folder, document.name, document.hash).as_bytes());
+    }
+    Ok(format!("{:032x}", hash.digest128()))
+}
+
+fn lay_over(shelf: &Library, own: &[(OwnDocument, String)], root: &Path) -> io::Result<()> {
+    // Beside it first: another request may do the same.
+    let beside = root.with_extension(new_id());
+    copy_all(shelf.root(), &beside)?;
+    for (document, text) in own {
+        let folder = beside.join(&document.folder);
+        std::fs::create_dir_all(&folder)?;
+        std::fs::write(folder.join(format!("{}.toml", document.name)), text)?;
+    }
+    std::fs::write(beside.join(COMPLETE), "")?;
+    match std::fs::rename(&beside, root) {
+        // Somebody else was faster, with the same content.
+        Err(_) if root.join(COMPLETE).is_file() => std::fs::remove_dir_all(&beside),
+        other => other,
+    }
+}
+
+/// Removes folders that are no longer current and that nobody can still be reading.
+fn clear_away(folder: &Path, current: &str) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.filter_map(Result::ok) {
+        let age = entry
+            .metadata()
+            .and_then(|data| data.modified())
+            .ok()
+            .and_then(|at| at.elapsed().ok());
+        if entry.file_name() != current && age.is_some_and(|age| age > KEPT) {
+            if let Err(error) = std::fs::remove_dir_all(entry.path()) {
+                tracing::debug!(path = %entry.path().display(), %error, "a library of before cannot be removed");
+            }
+        }
+    }
+}

@@ -1,0 +1,364 @@
+//! Runs are submitted: from scratch, or as a fork of one that is there.
+
+use super::jobs::{self, Shared, Terms};
+use super::runs::{Facts, Run, flight_of};
+use super::tasks::ModelChoice;
+use crate::App;
+use crate::access::Caller;
+use crate::jobs::spec::{Flight, Link, Pace, Place, Spec, join_timeout};
+use crate::jobs::{JobKind, NewJob};
+use crate::library::Library;
+use crate::problem::Problem;
+use axum::Json;
+use axum::extract::Path;
+use axum::extract::rejection::{JsonRejection, PathRejection};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use rotortwin_plant::classifier::Classifier;
+use rotortwin_plant::{Documents, Scenario};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Peers from outside are waited for at most this long, ms.
+const LONGEST_JOIN_MS: u64 = 3_600_000;
+
+/// A flight to be flown.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Submission {
+    /// Name of one of the server's scenarios; or give `text`.
+    #[serde(default)]
+    scenario: Option<String>,
+    /// A scenario document (TOML), as it would stand in the library's `scenarios`.
+    #[serde(default)]
+    text: Option<String>,
+    /// All documents of a flight (TOML), as the summary of a run holds them: nothing is looked up in the library.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    documents: Option<String>,
+    /// Id of a classifier that was trained here: the network of the FDI engine, instead of the scenario's.
+    #[serde(default)]
+    classifier: Option<String>,
+    /// The vehicle and effects of this model fly, instead of the scenario's vehicle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    model: Option<ModelChoice>,
+    /// The detectors believe in this model, as far as their parameters can hold it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fdi_model: Option<ModelChoice>,
+    /// Keys to set on the named scenario: `key=value`, such as `initial.state_of_charge=0.4`.
+    #[serde(default)]
+    set: Vec<String>,
+    /// Seed of all noise; by default the scenario's.
+    #[serde(default)]
+    seed: Option<u64>,
+    /// How plant, controller and FDI engine are connected.
+    #[serde(default)]
+    link: Link,
+    /// As fast as possible, or 400 steps per second of wall clock.
+    #[serde(default)]
+    pace: Pace,
+    /// From −100 to 100; larger goes first.
+    #[serde(default)]
+    #[schema(minimum = -100, maximum = 100)]
+    priority: i64,
+    /// Who flies: ours beside the plant, ours on a worker that offers it, or somebody else's that joins with the run's ticket.
+    #[serde(default)]
+    controller: Place,
+    /// Who detects: as for the controller.
+    #[serde(default)]
+    fdi: Place,
+    /// Parts that are not beside the plant are waited for this long, ms.
+    #[serde(default = "join_timeout")]
+    #[schema(minimum = 1, maximum = 3_600_000)]
+    join_timeout_ms: u64,
+    /// It fails when an attempt takes longer, s of wall time; by default 6 h.
+    #[serde(default)]
+    #[schema(minimum = 1, maximum = 86_400)]
+    max_wall_s: Option<u64>,
+    /// It is refused when the flight would take longer, s of simulated time.
+    #[serde(default)]
+    max_sim_s: Option<f64>,
+}
+
+/// The scenario that a request means.
+pub(crate) fn find_scenario(
+    library: &Library,
+    name: Option<&str>,
+    text: Option<&str>,
+    set: &[String],
+) -> Result<Scenario, Problem> {
+    match (name, text) {
+        (Some(name), None) => library.scenario(name, set),
+        (None, Some(_)) if !set.is_empty() => Err(Problem::unprocessable(
+            "`set` belongs to a named `scenario`; a `text` says everything itself",
+        )),
+        (None, Some(text)) => library.parse(text),
+        _ => Err(Problem::unprocessable(
+            "expected either `scenario`, the name of one of the server's scenarios, or `text`, a scenario document",
+        )),
+    }
+}
+
+fn submitted_scenario(library: &Library, body: &Submission) -> Result<Scenario, Problem> {
+    match &body.documents {
+        None => find_scenario(library, body.scenario.as_deref(), body.text.as_deref(), &body.set),
+        Some(_) if body.scenario.is_some() || body.text.is_some() || !body.set.is_empty() => {
+            Err(Problem::unprocessable(
+                "`documents` say everything themselves; expected them without `scenario`, `text` and `set`",
+            ))
+        }
+        Some(text) => Documents::from_toml("`documents`", text)
+            .and_then(|documents| Scenario::from_documents(&documents))
+            .map_err(|error| Problem::unprocessable(error.to_string())),
+    }
+}
+
+/// The scenario with the models that were asked for, and what the detectors' model cannot hold.
+async fn with_models(
+    app: &App,
+    caller: &Caller,
+    mut scenario: Scenario,
+    body: &Submission,
+) -> Result<(Scenario, Vec<String>), Problem> {
+    let mut notes = Vec::new();
+    if let Some(choice) = &body.model {
+        let version = choice.read(app, caller).await?;
+        scenario = version
+            .flown_in(&scenario)
+            .map_err(|error| Problem::unprocessable(format!("with `model`: {error}")))?;
+    }
+    if let Some(choice) = &body.fdi_model {
+        let refused = |refusal: rotortwin_plant::error::Refusal| {
+            Problem::unprocessable(format!("`fdi_model`, key `{}`: {}", refusal.key, refusal.reason))
+        };
+        let vehicle = choice.read(app, caller).await?.for_detectors().map_err(refused)?;
+        if !vehicle.not_carried.is_empty() {
+            notes.push(format!(
+                "the detectors have no parameter for {}: not carried into their model",
+                vehicle.not_carried.join(", ")
+            ));
+        }
+        scenario = scenario.with_fdi_vehicle(vehicle.documents).map_err(refused)?;
+    }
+    Ok((scenario, notes))
+}
+
+async fn with_classifier(app: &App, caller: &Caller, scenario: &Scenario, id: &str) -> Result<Scenario, Problem> {
+    let file = super::classifiers::trained(app, caller, id).await?;
+    let classifier = Classifier::read(&file).map_err(|error| app.shelf.refusal(&error))?;
+    let mut documents = scenario.documents().clone();
+    documents.scenario.fdi.network = Some(super::classifiers::FILE.to_owned());
+    documents.classifier = Some(classifier);
+    Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))
+}
+
+/// Submits a flight.
+#[utoipa::path(post, path = "/api/v1/runs", tag = "runs", operation_id = "submit_run", request_body = Submission,
+    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the run that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = Run,
+         headers(("Location" = String, description = "address of the run"))),
+        (status = 200, description = "accepted before under this key", body = Run),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such scenario", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be flown", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn submit(
+    app: Shared,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Result<Json<Submission>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    let scenario = submitted_scenario(&app.library(&caller).await?, &body)?;
+    let (scenario, notes) = with_models(&app, &caller, scenario, &body).await?;
+    let scenario = match &body.classifier {
+        None => scenario,
+        Some(id) => with_classifier(&app, &caller, &scenario, id).await?,
+    };
+    let hash = jobs::request_hash(&body);
+    accept(&app, &caller, &headers, hash, body, &scenario, notes, None).await
+}
+
+#[expect(
+    clippy::too_many_arguments,
+    reason = "all that is known of a run when it is accepted"
+)]
+async fn accept(
+    app: &App,
+    caller: &Caller,
+    headers: &HeaderMap,
+    request_hash: String,
+    body: Submission,
+    scenario: &Scenario,
+    notes: Vec<String>,
+    parent: Option<String>,
+) -> Result<Response, Problem> {
+    let terms = Terms {
+        priority: body.priority,
+        max_wall_s: body.max_wall_s,
+    };
+    let wall_limit_ms = terms.check()?;
+    check_places(&body)?;
+    let documents = scenario.documents();
+    let duration = documents.scenario.duration_s;
+    let longest = app.config.longest_flight_s;
+    if duration > longest {
+        return Err(Problem::unprocessable(format!(
+            "the flight takes {duration} s of simulated time; this server flies at most {longest} s (`--longest-flight`)"
+        )));
+    }
+    if let Some(most) = body.max_sim_s.filter(|most| duration > *most) {
+        return Err(Problem::unprocessable(format!(
+            "the flight takes {duration} s of simulated time; expected at most `max_sim_s` = {most}"
+        )));
+    }
+    let seed = body.seed.unwrap_or_else(|| scenario.seed());
+    rotortwin_plant::Simulation::new(scenario, seed).map_err(|error| Problem::unprocessable(error.to_string()))?;
+    let spec = Flight {
+        documents: documents.to_toml(),
+        seed: seed.to_string(),
+        link: body.link,
+        pace: body.pace,
+        controller: body.controller,
+        fdi: body.fdi,
+        join_timeout_ms: body.join_timeout_ms,
+    };
+    let facts = Facts {
+        vehicle: documents.vehicle.name.clone(),
+        seed: seed.to_string(),
+        link: body.link,
+        pace: body.pace,
+        controller: body.controller,
+        fdi: body.fdi,
+        warnings: scenario.warnings().into_iter().chain(notes).collect(),
+    };
+    let new = NewJob {
+        kind: JobKind::Run,
+        name: scenario.name().to_owned(),
+        tenant: caller.tenant.clone(),
+        priority: body.priority,
+        spec: json(&Spec::Flight(spec))?,
+        facts: json(&facts)?,
+        parent,
+        idempotency_key: jobs::idempotency_key(headers)?,
+        request_hash,
+        wall_limit_ms,
+        parts: Vec::new(),
+    };
+    jobs::accept(app, new, Run::from).await
+}
+
+fn json(value: &impl Serialize) -> Result<String, Problem> {
+    serde_json::to_string(value).map_err(|error| Problem::internal(&error))
+}
+
+/// Parts elsewhere are reached over zenoh only.
+fn check_places(body: &Submission) -> Result<(), Problem> {
+    if !(1..=LONGEST_JOIN_MS).contains(&body.join_timeout_ms) {
+        return Err(Problem::unprocessable(format!(
+            "`join_timeout_ms` is {}; expected 1 to {LONGEST_JOIN_MS}",
+            body.join_timeout_ms
+        )));
+    }
+    for (name, place) in [("controller", body.controller), ("fdi", body.fdi)] {
+        if place != Place::Beside && body.link != Link::Zenoh {
+            return Err(Problem::unprocessable(format!(
+                "`{name}` is not beside the plant, and `link` is {}; expected `link: zenoh`",
+                body.link.as_str()
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// What is to be different in a fork.
+#[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Fork {
+    /// No propeller is damaged, no sensor fails.
+    #[serde(default)]
+    healthy: bool,
+    /// Seed of all noise; by default that of the run.
+    #[serde(default)]
+    seed: Option<u64>,
+    /// From −100 to 100; larger goes first.
+    #[serde(default)]
+    #[schema(minimum = -100, maximum = 100)]
+    priority: i64,
+}
+
+/// Submits the same flight again with a difference.
+#[utoipa::path(post, path = "/api/v1/runs/{id}/fork", tag = "runs", operation_id = "fork_run", request_body = Fork,
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)), responses(
+    (status = 202, description = "accepted", body = Run),
+    (status = 200, description = "accepted before under this key", body = Run),
+    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+    (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "it cannot be flown", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn fork(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+    body: Result<Json<Fork>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let run = super::runs::find(&app, &caller, id).await?;
+    let Json(body) = body?;
+    let spec = flight_of(&run)?;
+    let mut documents = recorded(&spec)?.documents().clone();
+    if body.healthy {
+        documents.scenario.fault.clear();
+        documents.scenario.sensor_fault.clear();
+    }
+    let scenario = Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))?;
+    let submission = Submission {
+        scenario: None,
+        text: None,
+        set: Vec::new(),
+        documents: None,
+        classifier: None,
+        model: None,
+        fdi_model: None,
+        seed: Some(match body.seed {
+            Some(seed) => seed,
+            None => spec.seed.parse().map_err(|error| Problem::internal(&error))?,
+        }),
+        link: spec.link,
+        pace: spec.pace,
+        priority: body.priority,
+        controller: spec.controller,
+        fdi: spec.fdi,
+        join_timeout_ms: spec.join_timeout_ms,
+        max_wall_s: u64::try_from(run.new.wall_limit_ms / 1000).ok(),
+        max_sim_s: None,
+    };
+    let hash = jobs::request_hash(&(&run.id, &body));
+    accept(
+        &app,
+        &caller,
+        &headers,
+        hash,
+        submission,
+        &scenario,
+        Vec::new(),
+        Some(run.id),
+    )
+    .await
+}
+
+fn recorded(flight: &Flight) -> Result<Scenario, Problem> {
+    Documents::from_toml("the recorded scenario", &flight.documents)
+        .and_then(|documents| Scenario::from_documents(&documents))
+        .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
+}

@@ -1,0 +1,257 @@
+//! Where the server's files are: a bucket that several hosts share, and a disk that is full.
+
+use rotortwin_tests::python::environment;
+use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::server::Server;
+use rotortwin_tests::skip;
+use serde_json::json;
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// An S3-compatible store in a process of its own; killed when it is dropped.
+struct Bucket {
+    child: Child,
+    port: u16,
+}
+
+impl Bucket {
+    const NAME: &str = "rotortwin-files";
+
+    /// `None`: there is none to be had here.
+    fn start() -> Option<Self> {
+        let programs = environment("s3-environment", &["moto[server]==5.1.16"])?;
+        let port = TcpListener::bind("127.0.0.1:0")
+            .and_then(|listener| listener.local_addr())
+            .expect("a port")
+            .port();
+        let child = Command::new(programs.join("moto_server"))
+            .args(["-H", "127.0.0.1", "-p", &port.to_string()])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("it starts");
+        let bucket = Self { child, port };
+        let up = rotortwin_tests::process::wait_until(Duration::from_secs(60), || {
+            TcpStream::connect(("127.0.0.1", port)).is_ok()
+        });
+        assert!(up.is_some(), "the store answers");
+        bucket.ask("PUT", "");
+        Some(bucket)
+    }
+
+    fn ask(&self, method: &str, query: &str) -> String {
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("it listens");
+        write!(
+            stream,
+            "{method} /{}{query} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 0\r\nConnection: close\r\n\r\n",
+            Self::NAME
+        )
+        .expect("sent");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("an answer");
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        answer
+    }
+
+    /// Keys of all objects.
+    fn keys(&self) -> Vec<String> {
+        self.ask("GET", "?list-type=2")
+            .split("<Key>")
+            .skip(1)
+            .filter_map(|part| part.split_once("</Key>"))
+            .map(|(key, _)| key.to_owned())
+            .collect()
+    }
+
+    fn server(&self, data: &Path) -> Server {
+        let endpoint = format!("http://127.0.0.1:{}", self.port);
+        let environment = [
+            ("AWS_ACCESS_KEY_ID", "test"),
+            ("AWS_SECRET_ACCESS_KEY", "test"),
+            ("AWS_REGION", "us-east-1"),
+            ("AWS_ENDPOINT", endpoint.as_str()),
+            ("AWS_ALLOW_HTTP", "true"),
+        ];
+        let address = format!("s3://{}/bench", Self::NAME);
+        Server::start_in(&environment, "127.0.0.1:0", data, &["--artifacts", &address])
+    }
+}
+
+impl Drop for Bucket {
+    fn drop(&mut self) {
+        if let Err(error) = self.child.kill().and_then(|()| self.child.wait().map(|_| ())) {
+            eprintln!("the store cannot be killed: {error}");
+        }
+    }
+}
+
+#[test]
+fn scenario_files_in_a_bucket_outlive_the_host() {
+    let Some(bucket) = Bucket::start() else { return };
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = bucket.server(&data);
+    let id = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
+    let run = server.ended(&id);
+    assert_eq!(run["status"], "done", "{run}");
+    let report = format!("/api/v1/runs/{id}/artifacts/report.html");
+    let before = server.ask("GET", &report, &[], "");
+    assert_eq!(before.status, 200);
+    let keys = bucket.keys();
+    assert!(keys.iter().any(|key| key.ends_with("/out/report.html")), "{keys:?}");
+    assert!(keys.iter().all(|key| key.starts_with("bench/")), "{keys:?}");
+
+    // A task reads what another job has left, through the bucket.
+    let comparison = json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [&id] } });
+    let compared = server.submit_to("comparisons", &comparison);
+    let compared = server.ended_in("comparisons", &compared);
+    assert_eq!(compared["status"], "done", "{compared}");
+
+    // The copies on this host are lost.
+    assert_eq!(server.stop(), Some(0));
+    std::fs::remove_dir_all(data.join("cache")).expect("it can be removed");
+    let server = bucket.server(&data);
+    let after = server.ask("GET", &report, &[], "");
+    assert_eq!((after.status, after.body), (200, before.body));
+    let range = server.ask("GET", &report, &[("range", "bytes=0-14")], "");
+    assert_eq!((range.status, range.body.len()), (206, 15));
+    let telemetry = server.ask(
+        "GET",
+        &format!("/api/v1/runs/{id}/telemetry?channels=position_ned_m_z&points=10"),
+        &[],
+        "",
+    );
+    assert_ne!(telemetry.status, 500, "{}", telemetry.json());
+    let again = server.ask("POST", &format!("/api/v1/runs/{id}/verify"), &[], "");
+    assert_eq!(again.json()["same"], true, "{}", again.json());
+
+    assert_eq!(server.ask("DELETE", &format!("/api/v1/runs/{id}"), &[], "").status, 204);
+    let left = bucket.keys();
+    assert!(!left.iter().any(|key| key.contains(&format!("jobs/{id}"))), "{left:?}");
+}
+
+#[test]
+fn scenario_a_bucket_that_is_gone_is_named() {
+    let Some(bucket) = Bucket::start() else { return };
+    let scratch = Scratch::new();
+    let server = bucket.server(&scratch.path("data"));
+    drop(bucket);
+    let ready = server.ask("GET", "/readyz", &[], "");
+    assert_eq!(ready.status, 503);
+    assert!(
+        ready.json()["detail"]
+            .as_str()
+            .is_some_and(|why| why.contains("store of files")),
+        "{}",
+        ready.json()
+    );
+    assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200, "it lives");
+}
+
+/// A small disk; unmounted when it is dropped.
+struct Disk(PathBuf);
+
+impl Disk {
+    /// `None`: nothing can be mounted here.
+    fn new(folder: PathBuf, size: &str) -> Option<Self> {
+        std::fs::create_dir_all(&folder).expect("it can be made");
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &format!("size={size}"), "tmpfs"])
+            .arg(&folder)
+            .output();
+        match mounted {
+            Ok(output) if output.status.success() => Some(Self(folder)),
+            other => {
+                let why = other.map_or_else(
+                    |error| error.to_string(),
+                    |output| String::from_utf8_lossy(&output.stderr).into_owned(),
+                );
+                skip(&format!(
+                    "no disk can be mounted ({}): a full one is not tried",
+                    why.trim()
+                ));
+                None
+            }
+        }
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        let ended = Command::new("umount").arg("--lazy").arg(&self.0).status();
+        if !ended.is_ok_and(|status| status.success()) {
+            eprintln!("{} cannot be unmounted", self.0.display());
+        }
+    }
+}
+
+/// Until the disk is full, and after there is room again.
+#[test]
+fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
+    let scratch = Scratch::new();
+    let Some(disk) = Disk::new(scratch.path("disk"), "8m") else {
+        return;
+    };
+    let data = disk.0.join("data");
+    let mut server = Server::start(&data);
+    let flight = json!({ "scenario": "short-hover", "link": "in-process" });
+    let first = server.submit(&flight);
+    let first = server.ended(&first);
+    assert_eq!(first["status"], "done", "{first}");
+
+    // Somebody else's file leaves less than a run needs, then nothing.
+    let ballast = disk.0.join("ballast");
+    let fill = |bytes: usize| {
+        let mut file = std::fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(&ballast)
+            .expect("it can be opened");
+        // It ends where the disk does.
+        let _full = file.write_all(&vec![0; bytes]);
+    };
+    fill(16 << 20);
+    let (mut accepted, mut refused) = (Vec::new(), 0);
+    for _ in 0..40 {
+        let answer = server.ask("POST", "/api/v1/runs", &[], &flight.to_string());
+        match answer.status {
+            202 => accepted.push(answer.json()["id"].as_str().expect("an id").to_owned()),
+            507 => refused += 1,
+            other => panic!("{other}: {}", answer.json()),
+        }
+        fill(1 << 20);
+    }
+    assert!(refused > 0, "{} accepted", accepted.len());
+    let body = vec![b'x'; 1 << 20];
+    let upload = server.ask_bytes(
+        "POST",
+        "/api/v1/logs?name=flight.csv",
+        &[("content-type", "application/octet-stream")],
+        &body,
+    );
+    assert_eq!(upload.status, 507, "{}", upload.json());
+    // What is there can be read.
+    let id = first["id"].as_str().expect("an id");
+    let report = server.ask("GET", &format!("/api/v1/runs/{id}/artifacts/report.html"), &[], "");
+    assert_eq!(report.status, 200);
+
+    std::fs::remove_file(&ballast).expect("it can be removed");
+    for id in &accepted {
+        let run = server.ended(id);
+        // Done, or failed with the reason: never lost.
+        let why = run["error"].as_str().unwrap_or_default();
+        assert!(
+            run["status"] == "done" || why.contains("space") || why.contains("full"),
+            "{run}"
+        );
+    }
+    let last = server.submit(&flight);
+    assert_eq!(server.ended(&last)["run_hash"], first["run_hash"]);
+    assert_eq!(server.stop(), Some(0));
+    let server = Server::start(&data);
+    let runs = server.get("/api/v1/runs?limit=100")["items"].as_array().map(Vec::len);
+    assert_eq!(runs, Some(accepted.len() + 2), "the database is whole");
+}
