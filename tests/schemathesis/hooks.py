@@ -29,6 +29,8 @@ name = "charge"
 key = "initial.state_of_charge"
 uniform = [0.5, 1.0]
 """
+#: Kinds of jobs, each of which takes seconds: few of the requests that make them succeed.
+TASKS = ("comparisons", "diagnoses", "improvements", "classifiers", "evaluations")
 FILES = ["summary.json", "report.html", "telemetry.parquet", "run.mcap", "sim.log", "figures"]
 
 
@@ -54,6 +56,22 @@ def ids(kind: str) -> list[str]:
     return [item["id"] for item in items if isinstance(item, dict) and "id" in item]
 
 
+@schemathesis.serializer("application/toml")
+def toml(context: Any, value: Any) -> dict[str, Any]:
+    """A document as it is; what is none, as some text."""
+    return {"data": (value if isinstance(value, str) else json.dumps(value)).encode()}
+
+
+@cache
+def document(kind: str) -> str:
+    """The text of one that the server has."""
+    known = names(kind)
+    if not known:
+        return ""
+    with urllib.request.urlopen(f"{URL}/api/v1/{kind}/{known[0]}", timeout=20) as answer:
+        return answer.read().decode()
+
+
 def parameters(case: schemathesis.Case, choice: int) -> None:
     """Ids and names that exist."""
     given = case.path_parameters
@@ -65,8 +83,12 @@ def parameters(case: schemathesis.Case, choice: int) -> None:
         given["id"] = known[choice % len(known)]
     if "name" in given and (known := names(kind)):
         given["name"] = known[choice % len(known)]
-    if "path" in given:
-        given["path"] = FILES[choice % len(FILES)]
+    if kind == "fdi" and "id" in given:
+        given["id"] = os.environ["FDI_SESSION"]
+    if "path" in given and "id" in given:
+        files = ask(f"/api/v1/{kind}/{given['id']}/artifacts") or {}
+        there = [item["path"] for item in files.get("items", []) if "path" in item] or FILES
+        given["path"] = there[choice % len(there)]
 
 
 def query(case: schemathesis.Case) -> None:
@@ -78,9 +100,26 @@ def query(case: schemathesis.Case) -> None:
             case.query["runs"] = ",".join(ids("runs")[:3])
 
 
-def body(case: schemathesis.Case) -> None:
-    """Scenarios and campaigns that can be flown."""
+def body(case: schemathesis.Case, choice: int) -> None:
+    """Scenarios and campaigns that can be flown, documents that are some, models and flights that are there."""
+    parts = case.operation.path.strip("/").split("/")
+    if case.method == "PUT" and len(parts) > 2:
+        case.body = document(parts[2])
     if not isinstance(case.body, dict):
+        return
+    if parts[-1] in TASKS:
+        if choice % 8:
+            return
+        if "flights" in case.body:
+            case.body = {"model": {"vehicle": "f550"}, "flights": {"runs": ids("runs")[:1]}}
+        else:
+            case.body = {}
+        return
+    if parts[-1] == "validate" and parts[2] != "scenarios":
+        case.body = {"text": document(parts[2])}
+        return
+    if case.operation.path.endswith("/sessions"):
+        case.body = {"vehicle": "f550", "classifier": "f550-paper"}
         return
     if case.operation.path.endswith("/campaigns"):
         case.body.pop("campaign", None)
@@ -110,5 +149,5 @@ def before_call(context: schemathesis.HookContext, case: schemathesis.Case, kwar
     if choice % 2 == 0:
         parameters(case, choice // 2)
         query(case)
-        body(case)
+        body(case, choice // 2)
     quick(case)

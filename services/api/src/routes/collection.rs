@@ -94,7 +94,7 @@ macro_rules! collection {
 
             /// All its events (server-sent), from the first or after `Last-Event-ID`, without gaps; ends after `ended`.
             #[utoipa::path(get, path = $events, tag = stringify!($module), operation_id = concat!("events_of_", stringify!($module)),
-                params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "number of the last event that was seen")), responses(
+                params(("id" = String, Path), ("Last-Event-ID" = Option<u64>, Header, description = "number of the last event that was seen")), responses(
                 (status = 200, description = "a stream", body = events::StreamEvent, content_type = "text/event-stream"),
                 (status = 400, description = "Last-Event-ID is no number", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")

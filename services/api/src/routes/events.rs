@@ -37,7 +37,7 @@ pub(crate) struct StreamEvent {
 ///
 /// Kinds: `queued`, `started`, `waiting`, `join` (parts from elsewhere are waited for), `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/events", tag = "runs", operation_id = "run_events",
-    params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "number of the last event that was seen")),
+    params(("id" = String, Path), ("Last-Event-ID" = Option<u64>, Header, description = "number of the last event that was seen")),
     responses(
         (status = 200, description = "a stream", body = StreamEvent, content_type = "text/event-stream"),
         (status = 400, description = "Last-Event-ID is no number", body = Problem, content_type = "application/problem+json"),
