@@ -89,6 +89,28 @@ def test_scenario_the_library_is_listed_and_scenarios_are_checked(client: Client
     assert not refused.valid and refused.refusal is not None and "duration_s" in refused.refusal
 
 
+def test_scenario_documents_of_ones_own_are_left_used_and_taken_away(client: Client) -> None:
+    text = client.vehicles.get("f550")
+    client.vehicles.put("mine", text.replace("mass_kg = 1.55", "mass_kg = 1.75"))
+    assert "mine" in client.vehicles.list()
+    with pytest.raises(Conflict):
+        client.vehicles.put("mine", text, only_new=True)
+    bad = text.replace("mass_kg = 1.55", "mass_kg = -1").replace("moment_ratio_m = 0.016", "moment_ratio_m = 16")
+    with pytest.raises(Unprocessable) as refused:
+        client.vehicles.put("mine", bad)
+    assert len(refused.value.complaints) == 2
+    found = client.vehicles.check(bad)
+    assert not found.valid and [complaint.key for complaint in found.complaints] == ["body.mass_kg", "rotors.layout.moment_ratio_m"]
+    scenario = client.scenarios.get("short-hover").replace("../vehicles/f550.toml", "../vehicles/mine.toml")
+    run = client.runs.submit(text=scenario, link="in-process")
+    assert client.runs.wait(run.id, check=True).vehicle == "DJI F550"
+    own = client.runs.submit("short-hover", link="in-process", model={"vehicle": "mine"}, fdi_model={"vehicle": "f550"})
+    assert client.runs.wait(own.id, check=True).status == "done"
+    client.vehicles.delete("mine")
+    with pytest.raises(NotFound):
+        client.vehicles.get("mine")
+
+
 CAMPAIGN = """
 name = "small"
 description = "eight flights"
@@ -257,6 +279,9 @@ def test_scenario_the_same_with_asyncio(server: Server, done: Run, tmp_path: Pat
         async with AsyncClient(server.url) as client:
             assert await client.ready() and "short-hover" in await client.scenarios.list()
             assert (await client.scenarios.validate("short-hover")).valid
+            await client.effects.put("fin", ROOT / "config/effects/fin-drag.toml")
+            assert "drag" in await client.effects.get("fin") and (await client.effects.check("x = 1")).complaints
+            await client.effects.delete("fin")
             runs = [await client.runs.submit("short-hover", seed=seed, link="in-process") for seed in (7, 8)]
             ended = await asyncio.gather(*(client.runs.wait(run.id, check=True) for run in runs))
             assert ended[0].run_hash == done.run_hash != ended[1].run_hash

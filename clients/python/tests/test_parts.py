@@ -26,6 +26,7 @@ MODELS: dict[type, str] = {
     models.Channel: "ChannelInfo",
     models.Verification: "Verification",
     models.Validation: "Validation",
+    models.Complaint: "Complaint",
     models.FdiWindow: "WindowView",
     models.FdiAnswer: "ChunkAnswer",
     models.FdiState: "SessionView",
@@ -70,6 +71,7 @@ def test_val_submit_offers_every_field_of_a_submission() -> None:
     submits += [(cls.fork, "Fork") for cls in (Runs, AsyncRuns)]
     submits += [(cls.submit, "CampaignSubmission") for cls in (Campaigns, AsyncCampaigns)]
     submits += [(cls.submit, "Training") for cls in (Classifiers, AsyncClassifiers)]
+    submits += [(cls.evaluate, "Evaluation") for cls in (Classifiers, AsyncClassifiers)]
     submits += [(cls.open, "SessionBody") for cls in (Fdi, AsyncFdi)]
     for method, schema in submits:
         offered = inspect.signature(method).parameters.keys() - {"self", "id", "idempotency_key"}

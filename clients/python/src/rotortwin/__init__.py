@@ -32,6 +32,7 @@ from .fdi import Fdi, FdiSession
 from .models import (
     Artifact,
     Channel,
+    Complaint,
     Event,
     FdiAnswer,
     FdiState,
@@ -64,6 +65,7 @@ __all__ = [
     "BadRequest",
     "Campaigns",
     "Channel",
+    "Complaint",
     "Classifiers",
     "Client",
     "Comparisons",

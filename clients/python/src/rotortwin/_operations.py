@@ -127,7 +127,7 @@ def job_operations(settings: Settings, kind: str) -> JobOperations[Job]:
 
 
 class LibraryOperations:
-    """Scenarios and vehicles that the server has."""
+    """Documents that can be named: the server's, and one's own."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -139,6 +139,17 @@ class LibraryOperations:
     def text(self, kind: str, name: str) -> Operation[str]:
         answer = yield from self.settings.call("GET", f"/api/v1/{kind}/{in_path(name)}")
         return answer.text
+
+    def put(self, kind: str, name: str, text: str, only_new: bool) -> Operation[None]:
+        headers = {"content-type": "application/toml"} | ({"if-none-match": "*"} if only_new else {})
+        yield from self.settings.call("PUT", f"/api/v1/{kind}/{in_path(name)}", content=text.encode(), headers=headers)
+
+    def delete(self, kind: str, name: str) -> Operation[None]:
+        yield from self.settings.call("DELETE", f"/api/v1/{kind}/{in_path(name)}")
+
+    def check(self, kind: str, text: str) -> Operation[Validation]:
+        answer = yield from self.settings.call("POST", f"/api/v1/{kind}/validate", json={"text": text})
+        return read(Validation, answer.json())
 
     def validate(self, body: Json) -> Operation[Validation]:
         answer = yield from self.settings.call("POST", "/api/v1/scenarios/validate", json=body)
@@ -168,6 +179,11 @@ def scenario_body(
         items = changes.items() if isinstance(changes, Mapping) else None
         body["set"] = list(changes) if items is None else [f"{key}={toml_value(value)}" for key, value in items]
     return body
+
+
+def as_text(document: str | Path) -> str:
+    """A document, from a file or as it is."""
+    return document.read_text(encoding="utf-8") if isinstance(document, Path) else document
 
 
 def campaign_body(campaign: str | Path | None, text: str | None) -> Json:

@@ -16,6 +16,7 @@ from ._operations import (
     RunOperations,
     as_frame,
     as_table,
+    as_text,
     campaign_body,
     job_operations,
     scenario_body,
@@ -44,12 +45,17 @@ class AsyncCampaigns(AsyncResource[Job]):
         campaign: str | Path | None = None,
         *,
         text: str | None = None,
+        classifier: str | None = None,
         priority: int = 0,
         max_wall_s: int | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Submits a campaign: a name of the server's library, a `Path` of a file here, or a text."""
+        """Submits a campaign: a name of the server's library, a `Path` of a file here, or a text.
+
+        classifier: id of one that was trained on the server, for the network in every flight.
+        """
         body = campaign_body(campaign, text) | {"priority": priority, "max_wall_s": max_wall_s}
+        body |= {} if classifier is None else {"classifier": classifier}
         return await self._do(self._operations.submit(body, idempotency_key))
 
 
@@ -75,6 +81,8 @@ class AsyncRuns(AsyncResource[Run]):
         controller: Place = "beside",
         fdi: Place = "beside",
         classifier: str | None = None,
+        model: Mapping[str, str] | None = None,
+        fdi_model: Mapping[str, str] | None = None,
         join_timeout_ms: int | None = None,
         max_wall_s: int | None = None,
         max_sim_s: float | None = None,
@@ -83,7 +91,7 @@ class AsyncRuns(AsyncResource[Run]):
         """Submits a flight; when this returns it is on the server's disk, and will end."""
         body = scenario_body(scenario, text, documents, set)
         body |= {"seed": seed, "link": link, "pace": pace, "priority": priority, "controller": controller, "fdi": fdi}
-        given: dict[str, Any] = {"classifier": classifier, "join_timeout_ms": join_timeout_ms}
+        given: dict[str, Any] = {"classifier": classifier, "model": model, "fdi_model": fdi_model, "join_timeout_ms": join_timeout_ms}
         given |= {"max_wall_s": max_wall_s, "max_sim_s": max_sim_s}
         body |= {key: value for key, value in given.items() if value is not None}
         return await self._do(self._operations.submit(body, idempotency_key))
@@ -140,7 +148,7 @@ class AsyncRuns(AsyncResource[Run]):
 
 
 class AsyncLibrary:
-    """Documents of one kind that the server has."""
+    """Documents of one kind: the server's, and one's own."""
 
     def __init__(self, client: AsyncClient, kind: str) -> None:
         self._client = client
@@ -154,6 +162,22 @@ class AsyncLibrary:
     async def get(self, name: str) -> str:
         """One of them (TOML)."""
         return await drive_async(self._client._http, self._operations.text(self._kind, name))
+
+    async def put(self, name: str, document: str | Path, *, only_new: bool = False) -> None:
+        """Leaves one there, on one's own account; it hides the server's of the same name.
+
+        document: a text (TOML), or the `Path` of a file here. only_new: refused with `Conflict` if one has left such a one already.
+        A document that is refused raises `Unprocessable`, whose `complaints` are all that is wrong with it.
+        """
+        await drive_async(self._client._http, self._operations.put(self._kind, name, as_text(document), only_new))
+
+    async def delete(self, name: str) -> None:
+        """Takes away what one has left there."""
+        await drive_async(self._client._http, self._operations.delete(self._kind, name))
+
+    async def check(self, document: str | Path) -> Validation:
+        """All that is wrong with a document."""
+        return await drive_async(self._client._http, self._operations.check(self._kind, as_text(document)))
 
 
 class AsyncScenarios(AsyncLibrary):
@@ -191,6 +215,9 @@ class AsyncClient:
         self.fdi = AsyncFdi(self)
         self.scenarios = AsyncScenarios(self, "scenarios")
         self.vehicles = AsyncLibrary(self, "vehicles")
+        self.blades = AsyncLibrary(self, "blades")
+        self.effects = AsyncLibrary(self, "effects")
+        self.models = AsyncLibrary(self, "models")
 
     def jobs(self, kind: str) -> AsyncJobs:
         """Jobs of any kind that the server has, by the name in its addresses."""

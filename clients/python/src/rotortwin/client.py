@@ -15,6 +15,7 @@ from ._operations import (
     RunOperations,
     as_frame,
     as_table,
+    as_text,
     campaign_body,
     job_operations,
     scenario_body,
@@ -44,12 +45,17 @@ class Campaigns(Resource[Job]):
         campaign: str | Path | None = None,
         *,
         text: str | None = None,
+        classifier: str | None = None,
         priority: int = 0,
         max_wall_s: int | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Submits a campaign: a name of the server's library, a `Path` of a file here, or a text."""
+        """Submits a campaign: a name of the server's library, a `Path` of a file here, or a text.
+
+        classifier: id of one that was trained on the server, for the network in every flight.
+        """
         body = campaign_body(campaign, text) | {"priority": priority, "max_wall_s": max_wall_s}
+        body |= {} if classifier is None else {"classifier": classifier}
         return self._do(self._operations.submit(body, idempotency_key))
 
 
@@ -75,6 +81,8 @@ class Runs(Resource[Run]):
         controller: Place = "beside",
         fdi: Place = "beside",
         classifier: str | None = None,
+        model: Mapping[str, str] | None = None,
+        fdi_model: Mapping[str, str] | None = None,
         join_timeout_ms: int | None = None,
         max_wall_s: int | None = None,
         max_sim_s: float | None = None,
@@ -83,12 +91,13 @@ class Runs(Resource[Run]):
         """Submits a flight; when this returns it is on the server's disk, and will end.
 
         scenario: a name of the server's library, with keys changed by `set`; or a `Path` of a file here, which is sent.
+        model, fdi_model: what flies, and what the detectors believe in: `{"model": NAME}` of the library, `{"improvement": ID}`, …
         text: a scenario document instead. documents: all documents of a run, as its summary holds them.
         idempotency_key: the same key gives the same run; by default a new one, kept over the tries of this call.
         """
         body = scenario_body(scenario, text, documents, set)
         body |= {"seed": seed, "link": link, "pace": pace, "priority": priority, "controller": controller, "fdi": fdi}
-        given: dict[str, Any] = {"classifier": classifier, "join_timeout_ms": join_timeout_ms}
+        given: dict[str, Any] = {"classifier": classifier, "model": model, "fdi_model": fdi_model, "join_timeout_ms": join_timeout_ms}
         given |= {"max_wall_s": max_wall_s, "max_sim_s": max_sim_s}
         body |= {key: value for key, value in given.items() if value is not None}
         return self._do(self._operations.submit(body, idempotency_key))
@@ -145,7 +154,7 @@ class Runs(Resource[Run]):
 
 
 class Library:
-    """Documents of one kind that the server has."""
+    """Documents of one kind: the server's, and one's own."""
 
     def __init__(self, client: Client, kind: str) -> None:
         self._client = client
@@ -159,6 +168,22 @@ class Library:
     def get(self, name: str) -> str:
         """One of them (TOML)."""
         return drive(self._client._http, self._operations.text(self._kind, name))
+
+    def put(self, name: str, document: str | Path, *, only_new: bool = False) -> None:
+        """Leaves one there, on one's own account; it hides the server's of the same name.
+
+        document: a text (TOML), or the `Path` of a file here. only_new: refused with `Conflict` if one has left such a one already.
+        A document that is refused raises `Unprocessable`, whose `complaints` are all that is wrong with it.
+        """
+        drive(self._client._http, self._operations.put(self._kind, name, as_text(document), only_new))
+
+    def delete(self, name: str) -> None:
+        """Takes away what one has left there."""
+        drive(self._client._http, self._operations.delete(self._kind, name))
+
+    def check(self, document: str | Path) -> Validation:
+        """All that is wrong with a document."""
+        return drive(self._client._http, self._operations.check(self._kind, as_text(document)))
 
 
 class Scenarios(Library):
@@ -200,6 +225,9 @@ class Client:
         self.fdi = Fdi(self)
         self.scenarios = Scenarios(self, "scenarios")
         self.vehicles = Library(self, "vehicles")
+        self.blades = Library(self, "blades")
+        self.effects = Library(self, "effects")
+        self.models = Library(self, "models")
 
     def jobs(self, kind: str) -> Jobs:
         """Jobs of any kind that the server has, by the name in its addresses."""

@@ -41,6 +41,8 @@ class Problem(RotortwinError):
         self.detail = detail
         #: `x-request-id`: names this request in the server's log.
         self.request_id = request_id
+        #: All that is wrong with a document, the one of `detail` first.
+        self.complaints: list[str] = []
 
 
 class BadRequest(Problem):
@@ -56,7 +58,7 @@ class NotFound(Problem):
 
 
 class Conflict(Problem):
-    """409: it contradicts what is there."""
+    """409, 412: it contradicts what is there."""
 
 
 class Unprocessable(Problem):
@@ -79,6 +81,7 @@ _CLASSES: dict[int, type[Problem]] = {
     403: Unauthorized,
     404: NotFound,
     409: Conflict,
+    412: Conflict,
     422: Unprocessable,
     429: Unavailable,
     502: Unavailable,
@@ -91,13 +94,17 @@ _CLASSES: dict[int, type[Problem]] = {
 def problem_of(answer: httpx.Response) -> RotortwinError:
     """The error that an answer of status 400 or more stands for. Its body must have been read."""
     where = f"{answer.request.method} {answer.request.url}"
+    complaints: list[str] = []
     try:
         body = answer.json()
         detail, kind, title = str(body["detail"]), str(body["type"]), str(body["title"])
+        complaints = [str(complaint) for complaint in body.get("complaints", [])]
     except (ValueError, KeyError, TypeError):
         text = answer.text.strip().splitlines()
         words = f": {text[0][:200]}" if text else ""
         detail = f"{where} was answered with {answer.status_code}{words}; expected an answer of a rotortwin server"
         kind, title = "about:blank", answer.reason_phrase
     cls = _CLASSES.get(answer.status_code, Problem)
-    return cls(answer.status_code, kind, title, detail, answer.headers.get("x-request-id"))
+    problem = cls(answer.status_code, kind, title, detail, answer.headers.get("x-request-id"))
+    problem.complaints = complaints
+    return problem

@@ -39,6 +39,8 @@ def read(cls: type[_T], data: object) -> _T:
 def _field(cls: type, name: str, value: Any) -> Any:
     if cls is FdiAnswer and name == "windows":
         return [read(FdiWindow, window) for window in value]
+    if cls is Validation and name == "complaints":
+        return [read(Complaint, complaint) for complaint in value]
     if cls is FdiState and name == "last" and value is not None:
         return read(FdiWindow, value)
     return value
@@ -81,6 +83,8 @@ class Run:
     run_hash: str | None = None
     #: Why it failed, one sentence.
     error: str | None = None
+    #: What is allowed and most likely not meant.
+    warnings: Sequence[str] = ()
     #: What it was, what the detectors said (`summary.json`); not in lists.
     summary: Json | None = None
 
@@ -193,13 +197,27 @@ class Verification:
 
 
 @dataclass(frozen=True)
-class Validation:
-    """What a check of a scenario found."""
+class Complaint:
+    """What is wrong with a document."""
 
-    #: It can be flown.
+    #: In one sentence.
+    sentence: str
+    #: Dotted path; none: the document as a whole.
+    key: str | None = None
+    #: Of the text, from 1.
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What a check of a document found."""
+
+    #: It can be used.
     valid: bool
     #: What is allowed and most likely not meant.
     warnings: list[str]
+    #: All that is wrong.
+    complaints: list[Complaint]
     #: Why not, one sentence.
     refusal: str | None = None
     #: Every setting in effect (TOML).

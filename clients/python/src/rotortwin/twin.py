@@ -173,6 +173,20 @@ class Classifiers(Resource[Job]):
         body: Json = {"method": method, "scenario": scenario, "seeds": seeds, "first_seed": first_seed, "priority": priority}
         return self._do(self._operations.submit(body, idempotency_key))
 
+    def evaluate(
+        self,
+        id: str,
+        *,
+        scenario: str | None = None,
+        repeats: int = 5,
+        seed: int = 30_001,
+        priority: int = 0,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Flies fresh flights of the protocol with one: a campaign, for `client.campaigns`."""
+        body: Json = {"scenario": scenario, "repeats": repeats, "seed": seed, "priority": priority}
+        return self._do(self._operations.submit(body, idempotency_key, self._operations.path(id, "evaluations")))
+
     def file(self, id: str) -> bytes:
         """The classifier's file (JSON)."""
         return self.artifact(id, "classifier.json")
