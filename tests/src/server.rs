@@ -3,7 +3,7 @@
 use crate::process::{Process, wait_until};
 use crate::program::program;
 use serde_json::Value;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, Read as _, Seek as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -45,16 +45,21 @@ fn library() -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../config")
 }
 
-/// Starts a part of the server; the first line that it prints.
+/// Starts a part of the server; the first line that it prints, or what it complains of.
 fn start(command: &mut Command) -> (Child, String) {
+    let mut complaints = tempfile::tempfile().expect("a file can be made");
     let mut child = command
         .stdout(Stdio::piped())
-        .stderr(Stdio::null())
+        .stderr(complaints.try_clone().expect("it can be shared"))
         .spawn()
         .expect("the program starts");
     let mut line = String::new();
     let stdout = child.stdout.take().expect("it is piped");
     BufReader::new(stdout).read_line(&mut line).expect("it says something");
+    if line.is_empty() {
+        complaints.rewind().expect("it can be read");
+        complaints.read_to_string(&mut line).expect("it is text");
+    }
     (child, line)
 }
 

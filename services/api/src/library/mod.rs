@@ -345,8 +345,11 @@ fn paths_inside(kind: DocumentKind, document: &toml::Table) -> Result<(), Proble
     }
 }
 
+/// A file's path and bytes.
+type Content = (String, Vec<u8>);
+
 /// All documents below a folder, and the key of a copy of them.
-fn read_all(root: &Path) -> io::Result<(String, Vec<(String, Vec<u8>)>)> {
+fn read_all(root: &Path) -> io::Result<(String, Vec<Content>)> {
     let mut hash = xxhash_rust::xxh3::Xxh3::new();
     let mut files = Vec::new();
     for file in files_below(root)? {

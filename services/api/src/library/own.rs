@@ -281,10 +281,11 @@ fn clear_away(folder: &Path, current: &str) {
             .and_then(|data| data.modified())
             .ok()
             .and_then(|at| at.elapsed().ok());
-        if entry.file_name() != current && age.is_some_and(|age| age > KEPT) {
-            if let Err(error) = std::fs::remove_dir_all(entry.path()) {
-                tracing::debug!(path = %entry.path().display(), %error, "a library of before cannot be removed");
-            }
+        if entry.file_name() != current
+            && age.is_some_and(|age| age > KEPT)
+            && let Err(error) = std::fs::remove_dir_all(entry.path())
+        {
+            tracing::debug!(path = %entry.path().display(), %error, "a library of before cannot be removed");
         }
     }
 }
