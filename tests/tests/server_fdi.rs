@@ -537,6 +537,16 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
         let bytes = std::fs::read(scratch.path("logs").join(format!("{name}.parquet"))).expect("imported");
         let answer = ask(query, &bytes);
         let report = answer.json();
+        // The same log, imported there before.
+        let upload = server.ask_bytes(
+            "POST",
+            "/api/v1/logs?name=flight.parquet",
+            &[("content-type", "application/octet-stream")],
+            &bytes,
+        );
+        let log = server.ended_in("logs", upload.json()["id"].as_str().expect("an id"));
+        let again = ask(&format!("{query}&log={}", log["id"].as_str().expect("an id")), b"");
+        assert_eq!(again.json()["timeline"], report["timeline"], "{}", again.json());
         assert_eq!(answer.status, 200, "{report}");
         let sequential = &report["counts"][2];
         assert_eq!((&report["steps"], &report["resampled"]), (&json!(3200), &json!(false)));

@@ -3,6 +3,7 @@
 use crate::App;
 use crate::access::Caller;
 use crate::fdi::log::{LogReport, judge_file};
+use crate::jobs::JobKind;
 use crate::problem::Problem;
 use axum::Json;
 use axum::body::Body;
@@ -11,6 +12,7 @@ use axum::extract::{Query, State};
 use futures_util::StreamExt as _;
 use rotortwin_plant::DetectorSettings;
 use serde::Deserialize;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt as _;
@@ -27,6 +29,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Which {
+    /// Id of a log that was imported here, or of a run that is done: then there is no body.
+    log: Option<String>,
     /// Name of one of the server's vehicles.
     vehicle: String,
     /// Name of one of the server's classifiers; without one the network gives no verdict.
@@ -37,7 +41,7 @@ pub(crate) struct Which {
     calibration_end_s: Option<f64>,
 }
 
-/// Judges an uploaded flight log: verdicts over time, the last word, what the log lacks.
+/// Judges a flight log, uploaded or imported before: verdicts over time, the last word, what the log lacks.
 ///
 /// The body is a log: canonical CSV or Parquet (what `rotortwin log import` writes), or an autopilot's. It is resampled to 400 Hz if it has
 /// another rate, and not kept.
@@ -47,7 +51,8 @@ pub(crate) struct Which {
     responses(
         (status = 200, description = "what the detectors say", body = LogReport),
         (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such vehicle or classifier", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such vehicle, classifier, log or run", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "the log or run is not done", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "no log, or another vehicle's", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json"),
@@ -73,7 +78,10 @@ pub(crate) async fn judge(
         which.classifier.as_deref(),
         &settings,
     )?;
-    let file = received(&app, body).await?;
+    let file = match &which.log {
+        Some(id) => Flight::Stored(stored(&app, &caller, id).await?),
+        None => Flight::Uploaded(received(&app, body).await?),
+    };
     let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
         return Err(Problem::unavailable(
@@ -87,6 +95,56 @@ pub(crate) async fn judge(
         })
     });
     judged.await.map_err(|error| Problem::internal(&error))?.map(Json)
+}
+
+/// Where the log is.
+enum Flight {
+    Stored(PathBuf),
+    /// Gone when it is dropped.
+    Uploaded(tempfile::NamedTempFile),
+}
+
+impl Flight {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Stored(path) => path,
+            Self::Uploaded(file) => file.path(),
+        }
+    }
+}
+
+/// The log of this id, or the folder of the run of this id.
+async fn stored(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem> {
+    let log = super::tasks::done(app, caller, JobKind::Log, id).await;
+    let (job, is_run) = match log {
+        Err(problem) if problem.status == 404 => {
+            let run = super::tasks::done(app, caller, JobKind::Run, id).await;
+            let run = run.map_err(|problem| match problem.status {
+                404 => Problem::not_found(format!("there is no log and no run {id}")),
+                _ => problem,
+            })?;
+            (run, true)
+        }
+        other => (other?, false),
+    };
+    let (table, beside) = if is_run {
+        ("telemetry.parquet".to_owned(), "summary.json".to_owned())
+    } else {
+        let stem = super::logs::STEM;
+        (format!("{stem}.parquet"), format!("{stem}.toml"))
+    };
+    let key = job.folder.unwrap_or_default();
+    let mut found = None;
+    // The table last: with a bucket, what it is read together with is a local file by then.
+    for name in [beside, table] {
+        let file = app.artifacts.file(&key, &name).await;
+        found = file.map_err(|error| Problem::internal(&error))?;
+    }
+    let file = found.ok_or_else(|| Problem::not_found(format!("the file of {id} is gone")))?;
+    Ok(match file.parent() {
+        Some(folder) if is_run => folder.to_owned(),
+        _ => file,
+    })
 }
 
 /// The body as a file of its own, which is gone when it is dropped.
