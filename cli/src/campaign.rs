@@ -417,7 +417,7 @@ fn hunt_into(args: &Args, campaign: &Campaign, folder: &Path) -> Result<(), Stri
         threads: args.threads.unwrap_or_else(available_threads),
     };
     let bar = progress_bar(args.json, args.budget, 0);
-    let found = hunt::hunt(campaign, &OneByOne, &options, &stop, &|| {
+    let found = hunt::hunt(campaign, &SideBySide::default(), &options, &stop, &|| {
         bar.inc(1);
         if bar.position() >= args.budget {
             bar.set_message("shrinking");

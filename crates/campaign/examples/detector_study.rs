@@ -11,7 +11,7 @@
 //!
 //! SCENARIO gives vehicle, mismatch and noise (default: the reference flight); `key=value` replaces a key of it, such as
 //! `vehicle=../vehicles/octo-x.toml` or `mismatch.rotor_gain=0.066`. `seeds=A-B` sets the seeds (default 101-101), `losses=0.5,1`
-//! the losses in per cent, `minutes=M` the length of healthy flights.
+//! the losses in per cent (of `pairs`: of both rotors), `minutes=M` the length of healthy flights.
 
 use rotortwin_campaign::flight::{self, FlightEnd, FlightObserver, Sample, StopReason};
 use rotortwin_campaign::pace::Pace;
@@ -402,6 +402,9 @@ fn run_pairs(study: &Study) {
         [20.0, 5.0],
         [20.0, 10.0],
     ]);
+    if !study.losses.is_empty() {
+        severities = study.losses.iter().map(|percent| [*percent; 2]).collect();
+    }
     let n = study.rotor_count();
     println!(
         "  20 s after the second onset; helix 1 and hover in turn; \"ever\": a healthy rotor was named in some window"

@@ -475,17 +475,39 @@ pub fn fly_scenario(
     engine: &dyn FlightEngine,
     scenario: Scenario,
 ) -> Result<FlightRecord, String> {
-    let planned = PlannedFlight {
-        index: 0,
-        seed: scenario.seed(),
-        parameters: Vec::new(),
-    };
-    let mut scorers = [FlightScorer::new(&scenario, &campaign.document().criteria, &[])?];
-    let flights = [(scenario, planned.seed)];
-    let flown = engine
-        .fly(&flights, &mut scorers)
-        .pop()
-        .ok_or("the engine flew nothing")?;
-    let [scorer] = scorers;
-    Ok(scorer.finish(&planned, &flights[0].0, flown))
+    let mut records = fly_scenarios(campaign, engine, vec![scenario])?;
+    records.pop().ok_or_else(|| "the engine flew nothing".to_owned())
+}
+
+/// Flies scenarios as flights of their own, all at once, and scores them; records in the order of the scenarios.
+pub fn fly_scenarios(
+    campaign: &Campaign,
+    engine: &dyn FlightEngine,
+    scenarios: Vec<Scenario>,
+) -> Result<Vec<FlightRecord>, String> {
+    let mut scorers = scenarios
+        .iter()
+        .map(|scenario| FlightScorer::new(scenario, &campaign.document().criteria, &[]))
+        .collect::<Result<Vec<_>, _>>()?;
+    let flights: Vec<(Scenario, u64)> = scenarios
+        .into_iter()
+        .map(|scenario| {
+            let seed = scenario.seed();
+            (scenario, seed)
+        })
+        .collect();
+    let flown = engine.fly(&flights, &mut scorers);
+    let records = flights
+        .iter()
+        .zip(scorers)
+        .zip(flown)
+        .map(|(((scenario, seed), scorer), flown)| {
+            let planned = PlannedFlight {
+                index: 0,
+                seed: *seed,
+                parameters: Vec::new(),
+            };
+            scorer.finish(&planned, scenario, flown)
+        });
+    Ok(records.collect())
 }

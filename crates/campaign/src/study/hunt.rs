@@ -6,12 +6,14 @@
 //! *Failure*, the gravest that applies: a false alarm; a healthy rotor named; the fault never isolated; isolated later than
 //! `criteria.late_after_s`. *Shrink*: axis by axis back to the base's value, and the seed to the base's, as long as the flight fails in
 //! the same way; then every number that is left is moved towards the base's by bisection. The base is the campaign's scenario with
-//! `[set]`. The same seed and budget find the same cases, with any number of threads.
+//! `[set]`. The same seed and budget find the same cases, with any number of threads
+//! and with every engine; the flights of the search are flown side by side where the engine can, those of the shrinking one by one, as each
+//! depends on the one before.
 //!
 //! Limits: the search knows nothing of the detector; what it does not find in its budget may exist all the same.
 
 use super::document::Criteria;
-use super::engine::{FlightEngine, fly_scenario};
+use super::engine::{FlightEngine, fly_scenario, fly_scenarios};
 use super::plan::{Campaign, Parameter, PlannedFlight, is_of_the_combination};
 use super::record::{Cell, FlightRecord, FlightStatus};
 use crate::parallel::map_in_order;
@@ -135,20 +137,14 @@ pub fn hunt(
     done: &(dyn Fn() + Sync),
 ) -> Hunt {
     let criteria = campaign.document().criteria;
-    let fly = |flight: &PlannedFlight| {
-        if stop.load(Ordering::Relaxed) {
-            return None;
-        }
-        let scenario = campaign.scenario(flight).ok()?;
-        fly_scenario(campaign, engine, scenario).ok()
-    };
+    let fly = |flights: &[PlannedFlight]| fly_together(campaign, engine, flights, stop, done);
     let refined = options.budget / REFINED_SHARE;
     // Numbers of flights beyond those of any campaign: draws of their own.
     let first = (1u64 << 40) + (options.seed << 28);
     let drawn: Vec<PlannedFlight> = (first..first + (options.budget - refined))
         .filter_map(|i| campaign.flight(i).ok())
         .collect();
-    let mut tried = try_all(drawn, options.threads, &fly, done);
+    let mut tried = try_all(drawn, options.threads, engine.lanes(), &fly);
     tried.sort_by(|a, b| badness(b, &criteria).total_cmp(&badness(a, &criteria)));
     let parents: Vec<PlannedFlight> = tried.iter().take(PARENTS).map(|tried| tried.flight.clone()).collect();
     if !parents.is_empty() {
@@ -156,7 +152,7 @@ pub fn hunt(
         let moved: Vec<PlannedFlight> = (0..refined)
             .map(|i| campaign.neighbour(&parents[i as usize % parents.len()], &mut random))
             .collect();
-        tried.extend(try_all(moved, options.threads, &fly, done));
+        tried.extend(try_all(moved, options.threads, engine.lanes(), &fly));
     }
     let mut hunt = Hunt {
         flights: tried.len() as u64,
@@ -204,18 +200,52 @@ pub fn hunt(
     hunt
 }
 
+/// Flies as many at a time as the engine likes to get.
 fn try_all(
     flights: Vec<PlannedFlight>,
     threads: NonZeroUsize,
-    fly: &(dyn Fn(&PlannedFlight) -> Option<FlightRecord> + Sync),
-    done: &(dyn Fn() + Sync),
+    lanes: usize,
+    fly: &(dyn Fn(&[PlannedFlight]) -> Vec<Option<FlightRecord>> + Sync),
 ) -> Vec<Tried> {
-    let records = map_in_order(threads, &flights, fly, done);
+    let groups: Vec<&[PlannedFlight]> = flights.chunks(lanes.max(1)).collect();
+    let records = map_in_order(threads, &groups, |group| fly(group), &|| ());
+    let records: Vec<Option<FlightRecord>> = records.into_iter().flatten().collect();
     flights
         .into_iter()
         .zip(records)
         .map(|(flight, record)| Tried { flight, record })
         .collect()
+}
+
+/// A record for each flight; none of one that cannot be flown, and none after a stop.
+fn fly_together(
+    campaign: &Campaign,
+    engine: &dyn FlightEngine,
+    flights: &[PlannedFlight],
+    stop: &AtomicBool,
+    done: &(dyn Fn() + Sync),
+) -> Vec<Option<FlightRecord>> {
+    let mut records: Vec<Option<FlightRecord>> = flights.iter().map(|_| None).collect();
+    if !stop.load(Ordering::Relaxed) {
+        let (places, scenarios): (Vec<usize>, Vec<_>) = flights
+            .iter()
+            .enumerate()
+            .filter_map(|(place, flight)| Some((place, campaign.scenario(flight).ok()?)))
+            .unzip();
+        // One that cannot even be scored must not take its neighbours along.
+        let flown = fly_scenarios(campaign, engine, scenarios.clone()).map_or_else(
+            |_| {
+                let alone = |scenario| fly_scenario(campaign, engine, scenario).ok();
+                scenarios.into_iter().map(alone).collect()
+            },
+            |flown| flown.into_iter().map(Some).collect::<Vec<_>>(),
+        );
+        for (place, record) in places.into_iter().zip(flown) {
+            records[place] = record;
+        }
+    }
+    flights.iter().for_each(|_| done());
+    records
 }
 
 /// How near to a failure, or how grave: for the choice of what is moved.
@@ -450,7 +480,7 @@ fn relative(target: &Path, folder: &Path) -> std::io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::engine::OneByOne;
+    use crate::study::engine::{OneByOne, SideBySide};
     use rotortwin_plant::Scenario;
 
     /// Blind for what is too small: a loss of 0.05 % is below what the detector ever reports, so it is missed whatever else is drawn.
@@ -473,7 +503,9 @@ mod tests {
             cases: 1,
             threads: NonZeroUsize::MIN,
         };
-        let hunt = hunt(&campaign, &OneByOne, &options, &AtomicBool::new(false), &|| ());
+        let go = |engine: &dyn FlightEngine| hunt(&campaign, engine, &options, &AtomicBool::new(false), &|| ());
+        let hunt = go(&OneByOne);
+        assert_eq!(format!("{hunt:?}"), format!("{:?}", go(&SideBySide::default())));
         let case = hunt.cases.first().expect("small losses are missed");
         assert_eq!(case.failure, Failure::Missed);
         let names: Vec<&str> = case.kept.iter().map(|(axis, _)| axis.as_str()).collect();
