@@ -9,6 +9,7 @@ use rotortwin_plant::ConfigError;
 use rotortwin_plant::effects::EffectDocument;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, FittedParameter, Options, diagnose};
 use rotortwin_twin::model::ModelStore;
+use rotortwin_twin::trim::Trim;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -34,6 +35,9 @@ pub(crate) struct Args {
     /// Effect document of your own that may be named, too; may be given several times
     #[arg(long, value_name = "FILE")]
     effects: Vec<PathBuf>,
+    /// Healthy flights of the same vehicle, three at least: what changed against them, by the thrust that each rotor is asked for
+    #[arg(long, num_args = 1.., value_name = "LOG")]
+    baseline: Vec<PathBuf>,
     /// Write diagnosis.json into this folder, and proposed-effect.toml where the error is in no catalogue
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -56,6 +60,13 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     if let Err(code) = refused(&logs, &found.version.vehicle) {
         return code;
     }
+    let baseline = match read_logs(&args.baseline) {
+        Ok(logs) => logs,
+        Err(code) => return code,
+    };
+    if let Err(code) = refused(&baseline, &found.version.vehicle) {
+        return code;
+    }
     let effects: Result<Vec<EffectDocument>, ConfigError> = args.effects.iter().map(EffectDocument::load).collect();
     let effects = match effects {
         Ok(effects) => effects,
@@ -70,6 +81,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     };
     let options = Options {
         effects,
+        baseline,
         progress: &progress,
         clock: &|| start.elapsed().as_secs_f64(),
         ..Options::default()
@@ -162,9 +174,31 @@ fn finding(found: &Finding) -> String {
     text
 }
 
+/// What changed against healthy flights.
+fn trim(trim: &Trim) -> String {
+    let changes: Vec<String> = trim
+        .thrust_change
+        .iter()
+        .map(|x| format!("{:+.1}", 100.0 * x))
+        .collect();
+    let seen = trim.smallest_loss.map_or_else(
+        || "no loss of one rotor up to 60 % would be named for certain".to_owned(),
+        |loss| format!("a loss of {:.0} % of one rotor would be named", 100.0 * loss),
+    );
+    format!(
+        "{}\n             thrust asked of the rotors over the healthy mean: {} %; healthy flights vary by {:.1} % in common and {:.1} % rotor \
+         by rotor; {seen}\n\n",
+        trim.sentence,
+        changes.join(", "),
+        100.0 * trim.spread[0],
+        100.0 * trim.spread[1]
+    )
+}
+
 /// The diagnosis for a terminal: the verdict first.
 fn text(diagnosis: &Diagnosis) -> String {
-    let mut text = format!("{}\n\n", diagnosis.sentence);
+    let mut text = diagnosis.trim.as_ref().map_or_else(String::new, trim);
+    text += &format!("{}\n\n", diagnosis.sentence);
     for found in &diagnosis.effects {
         text += &format!("Missing      {}", finding(found));
     }

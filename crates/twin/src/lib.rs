@@ -11,6 +11,7 @@
 //! * [`diagnose`]: which effect the model lacks, with evidence.
 //! * [`propose`]: what would explain an error that is in no catalogue.
 //! * [`improve`]: the loop over these, version by version.
+//! * [`trim`]: what healthy flights of the same vehicle say of a flight that may not be.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
@@ -24,3 +25,4 @@ pub mod model;
 pub mod next_flight;
 pub mod predict;
 pub mod propose;
+pub mod trim;

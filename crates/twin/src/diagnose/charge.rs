@@ -162,7 +162,7 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Trial> 
         for (t, &j) in theta.iter_mut().zip(&columns) {
             // Without information of their own the sizes start at a tenth: neutral shapes would have no column.
             let column = &problem.library.columns[j];
-            let size = entry.declaration.parameters[column.parameter].kind == ParameterKind::Size;
+            let size = entry.parameters[column.parameter].kind == ParameterKind::Size;
             if size && t.abs() < 0.02 {
                 *t = 0.1;
             }

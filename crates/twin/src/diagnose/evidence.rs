@@ -132,6 +132,15 @@ pub(crate) fn minimum_size(information: f64, spike: f64, threshold: f64) -> f64 
     }
 }
 
+/// Normal quantile of 95 %.
+const SURE: f64 = 1.644_853_626_951_472;
+
+/// Size (in plausible sizes) whose ln Bayes factor reaches `threshold` in 95 of 100 flights: [`minimum_size`] does in every other one,
+/// and the noise of the estimate is 1/√h.
+pub(crate) fn sure_size(information: f64, spike: f64, threshold: f64) -> f64 {
+    minimum_size(information, spike, threshold) + SURE / information.sqrt()
+}
+
 /// Change of Σ squares on test data for the mean fitted on training data: negative is an improvement.
 pub(crate) fn square_sum_change(test: &Normal, mean: &[f64]) -> f64 {
     let product = test.matrix.times(mean);
@@ -145,6 +154,34 @@ pub(crate) fn square_sum_change(test: &Normal, mean: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rotortwin_plant::random::NormalStream;
+
+    #[test]
+    fn val_the_sure_size_passes_in_95_of_100_draws() {
+        const DRAWS: usize = 2000;
+        let (h, threshold, spike) = (900.0, 10.0, 0.02);
+        let size = sure_size(h, spike, threshold);
+        let mut noise = NormalStream::new(9, "sure size");
+        let passed = (0..DRAWS)
+            .filter(|_| {
+                let single = Normal {
+                    matrix: Matrix {
+                        size: 1,
+                        entries: vec![h],
+                    },
+                    gradient: vec![h * size + f64::sqrt(h) * noise.sample()],
+                    square_sum: 0.0,
+                    samples: 1.0,
+                };
+                let posterior = Posterior::new(&single, &[spike]).unwrap();
+                let opened = open(&posterior, &[0], &[spike], &[spike], &[1.0], &[0.0]).unwrap();
+                opened.log_bayes_factor > threshold
+            })
+            .count();
+        let share = passed as f64 / DRAWS as f64;
+        // Binomial scatter of 2000 draws: 0.5 %, three of them.
+        assert!((share - 0.95).abs() < 0.015, "{share}");
+    }
 
     fn problem() -> (Vec<Vec<f64>>, Vec<f64>, Normal) {
         let n = 30;
@@ -233,5 +270,6 @@ mod tests {
         let open = open(&posterior, &[0], &[0.02], &[0.02], &[1.0], &[0.0]).unwrap();
         assert!((open.log_bayes_factor - 10.0).abs() < 1e-8, "{}", open.log_bayes_factor);
         assert_eq!(minimum_size(0.0, 0.02, 10.0), f64::INFINITY);
+        assert_eq!(sure_size(0.0, 0.02, 10.0), f64::INFINITY);
     }
 }

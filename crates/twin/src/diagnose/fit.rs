@@ -479,7 +479,7 @@ pub(crate) fn position_of(library: &Library, logs: &[LogState], open: &[Active])
     }
     for column in &library.columns {
         let value = open.iter().find(|a| a.candidate == column.candidate).map_or(0.0, |a| {
-            let declared = &library.candidates[column.candidate].declaration.parameters[column.parameter];
+            let declared = &library.candidates[column.candidate].parameters[column.parameter];
             (a.values[column.parameter] - declared.default_value()) / column.size
         });
         position.push(value);

@@ -1,6 +1,10 @@
 //! The library of the diagnosis: every effect of the catalogue on every rotor, as columns of one Jacobian.
 
-use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterKind};
+use rotortwin_plant::effects::{
+    Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterDeclaration, ParameterKind,
+};
+
+use super::vehicle_size::VehicleSize;
 
 /// Row of the catalogue with swapped and reversed rotors: no small deviation, so candidates without columns.
 const WIRING: u8 = 35;
@@ -12,6 +16,8 @@ const SHAPE_SPIKE: f64 = 1e-4;
 pub struct Candidate {
     /// Entry of the catalogue.
     pub declaration: &'static EffectDeclaration,
+    /// Its parameters, with the plausible sizes of the vehicle.
+    pub parameters: Vec<ParameterDeclaration>,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
     /// Column of each parameter, counted within the library; `None` for one whose plausible range is a point, and for gross errors.
@@ -32,7 +38,6 @@ impl Candidate {
     /// The instance with values in the order of the declaration; `None` if every size is 0.
     pub fn instance(&self, values: &[f64], onset_s: Option<f64>) -> Option<EffectInstance> {
         let acts = self
-            .declaration
             .parameters
             .iter()
             .zip(values)
@@ -42,7 +47,6 @@ impl Candidate {
             rotor: self.rotor,
             onset_s,
             parameters: self
-                .declaration
                 .parameters
                 .iter()
                 .zip(values)
@@ -53,7 +57,7 @@ impl Candidate {
 
     /// Sizes 0, shapes typical.
     pub fn neutral(&self) -> Vec<f64> {
-        self.declaration.parameters.iter().map(|p| p.default_value()).collect()
+        self.parameters.iter().map(|p| p.default_value()).collect()
     }
 
     /// Value pulled into its limits.
@@ -94,8 +98,8 @@ pub struct Library {
 }
 
 impl Library {
-    /// Every entry of a catalogue that is not a nuisance, for a vehicle with `rotors` rotors.
-    pub fn new(catalogue: &Catalogue, rotors: usize) -> Self {
+    /// Every entry of a catalogue that is not a nuisance, for a vehicle of a size with `rotors` rotors.
+    pub(crate) fn new(catalogue: &Catalogue, rotors: usize, size: &VehicleSize) -> Self {
         let mut library = Self {
             candidates: Vec::new(),
             columns: Vec::new(),
@@ -105,6 +109,7 @@ impl Library {
             if matches!(declaration.class, EffectClass::Nuisance | EffectClass::Noise) {
                 continue;
             }
+            let parameters = size.parameters(declaration);
             let gross = declaration.catalogue_number == Some(WIRING);
             let places: Vec<Option<usize>> = if declaration.per_rotor {
                 (1..=rotors).map(Some).collect()
@@ -113,8 +118,7 @@ impl Library {
             };
             for rotor in places {
                 let candidate = library.candidates.len();
-                let columns = declaration
-                    .parameters
+                let columns = parameters
                     .iter()
                     .enumerate()
                     .map(|(parameter, p)| {
@@ -134,7 +138,16 @@ impl Library {
                     declaration,
                     rotor,
                     columns,
-                    limits: declaration.parameters.iter().map(|p| p.accepted()).collect(),
+                    // No document takes more than the catalogue's margin, however large the vehicle.
+                    limits: parameters
+                        .iter()
+                        .zip(declaration.parameters)
+                        .map(|(own, p)| {
+                            let ((low, high), (least, most)) = (own.accepted(), p.accepted());
+                            (low.max(least), high.min(most))
+                        })
+                        .collect(),
+                    parameters: parameters.clone(),
                 });
             }
         }
@@ -161,7 +174,7 @@ impl Library {
     pub fn tighten(&mut self, makes_a_vehicle: impl Fn(&EffectInstance) -> bool) {
         for candidate in &mut self.candidates {
             let neutral = candidate.neutral();
-            for (i, p) in candidate.declaration.parameters.iter().enumerate() {
+            for (i, p) in candidate.parameters.iter().enumerate() {
                 if p.kind != ParameterKind::Size || candidate.columns[i].is_none() {
                     continue;
                 }

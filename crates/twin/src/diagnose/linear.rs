@@ -201,7 +201,7 @@ impl LogState {
         parameter: usize,
     ) -> Result<Column, PredictError> {
         let entry = &library.candidates[candidate];
-        let declared = &entry.declaration.parameters[parameter];
+        let declared = &entry.parameters[parameter];
         let mut moved = active.to_vec();
         let place = match moved.iter().position(|a| a.candidate == candidate) {
             Some(place) => place,
@@ -521,7 +521,7 @@ pub(crate) fn residual_product(a: &Column, r: &PerChannel, weights: &[f64; CHANN
 
 /// True if a parameter of the declaration has a column of its own.
 pub(crate) fn is_size(library: &Library, candidate: usize, parameter: usize) -> bool {
-    library.candidates[candidate].declaration.parameters[parameter].kind == ParameterKind::Size
+    library.candidates[candidate].parameters[parameter].kind == ParameterKind::Size
 }
 
 #[cfg(test)]

@@ -33,21 +33,25 @@ mod ranking;
 mod result;
 mod search;
 mod trials;
+mod vehicle_size;
 mod wiring;
 mod words;
 
+pub(crate) use dense::Matrix;
 pub use library::{Candidate, Library};
+pub(crate) use ranking::parameters_of;
 pub use result::{
     ChannelGoodness, Diagnosis, Finding, FittedParameter, Goodness, HeldOutError, NotTestable, Ranked, Rival, Timing,
     Verdict,
 };
+pub(crate) use vehicle_size::VehicleSize;
 
 use rotortwin_plant::effects::EffectDocument;
 
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
-use crate::propose;
+use crate::{propose, trim};
 
 /// Threshold on the ln Bayes factor.
 pub const THRESHOLD: f64 = 10.0;
@@ -58,6 +62,8 @@ pub const THRESHOLD_AT_REST: f64 = 20.0;
 pub struct Options<'a> {
     /// Effects of users that may be named besides those of the catalogue and of the model.
     pub effects: Vec<EffectDocument>,
+    /// Healthy flights of the same vehicle: what the logs have changed against them is told as well. None: no such answer.
+    pub baseline: Vec<FlightLog>,
     /// Most effects that are looked for one after the other.
     pub most_effects: usize,
     /// Told what is being done and what share of it, 0 to 1.
@@ -70,6 +76,7 @@ impl Default for Options<'_> {
     fn default() -> Self {
         Self {
             effects: Vec::new(),
+            baseline: Vec::new(),
             most_effects: 3,
             progress: &|_, _| (),
             clock: &|| 0.0,
@@ -102,10 +109,16 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
         .iter()
         .map(|log| Predictor::new(&documents, &instances, &catalogue, log))
         .collect::<Result<Vec<_>, _>>()?;
+    let changed = if options.baseline.is_empty() {
+        None
+    } else {
+        Some(trim::trim(logs, &options.baseline, model)?)
+    };
     let mut diagnosis = search::search(predictors, &catalogue, &instances, options, start)?;
     if diagnosis.verdict == Verdict::OutsideCatalogue {
         diagnosis.proposal = Some(propose::propose(logs, model)?);
     }
+    diagnosis.trim = changed;
     diagnosis.timing.total_s = (options.clock)() - start;
     Ok(diagnosis)
 }

@@ -1,8 +1,8 @@
 //! Evidence of every candidate about the present point, held-out scores, and what the flight cannot show.
 
-use rotortwin_plant::effects::EffectDeclaration;
+use rotortwin_plant::effects::ParameterDeclaration;
 
-use super::evidence::{Normal, Opened, Posterior, minimum_size, open, square_sum_change};
+use super::evidence::{Normal, Opened, Posterior, open, square_sum_change, sure_size};
 use super::fit::Problem;
 use super::library::Library;
 use super::result::{FittedParameter, NotTestable, Ranked};
@@ -50,13 +50,16 @@ pub(crate) fn parameters(
     values: &[f64],
     deviations: &[f64],
 ) -> Vec<FittedParameter> {
-    parameters_of(library.candidates[candidate].declaration, values, deviations)
+    parameters_of(&library.candidates[candidate].parameters, values, deviations)
 }
 
-/// The same of a declaration.
-pub(crate) fn parameters_of(declared: &EffectDeclaration, values: &[f64], deviations: &[f64]) -> Vec<FittedParameter> {
+/// The same of parameters as they are declared.
+pub(crate) fn parameters_of(
+    declared: &[ParameterDeclaration],
+    values: &[f64],
+    deviations: &[f64],
+) -> Vec<FittedParameter> {
     declared
-        .parameters
         .iter()
         .zip(values)
         .zip(deviations)
@@ -143,7 +146,7 @@ pub(crate) fn opened_mean(posterior: &Posterior, places: &[usize], opened: &Open
     mean
 }
 
-/// Smallest detectable size of each size parameter: the untestable ones, and all.
+/// Smallest size of each size parameter that would be named in 95 of 100 such flights: the untestable ones, and all.
 /// Where the shape of an effect is unknown, `worst` has the size that shows whatever the shape is.
 pub(crate) fn detectable(
     problem: &Problem,
@@ -160,8 +163,8 @@ pub(crate) fn detectable(
             if !super::linear::is_size(&problem.library, one.candidate, column.parameter) {
                 continue;
             }
-            let p = &candidate.declaration.parameters[column.parameter];
-            let least = minimum_size(one.opened.information.at(a, a), column.spike, threshold);
+            let p = &candidate.parameters[column.parameter];
+            let least = sure_size(one.opened.information.at(a, a), column.spike, threshold);
             let any_shape = worst.iter().find(|(c, _)| *c == one.candidate).map_or(0.0, |(_, w)| *w);
             let size = least.max(any_shape) * column.size;
             let row = NotTestable {

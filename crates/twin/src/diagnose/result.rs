@@ -4,6 +4,7 @@ use rotortwin_plant::effects::{EffectClass, EffectInstance};
 use serde::Serialize;
 
 use crate::propose::Proposal;
+use crate::trim::Trim;
 
 /// The answer in one word.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -210,6 +211,9 @@ pub struct Diagnosis {
     pub held_out: Vec<HeldOutError>,
     /// Where the error is not in the catalogue: terms that would explain it, as an effect of a user.
     pub proposal: Option<Proposal>,
+    /// What the logs have changed against healthy flights, if any were given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trim: Option<Trim>,
     /// Logs.
     pub logs: Vec<String>,
     /// What was left out or assumed.

@@ -55,7 +55,7 @@ pub(crate) fn search(
     start: f64,
 ) -> Result<Diagnosis, PredictError> {
     let rotors = predictors[0].series().rotors;
-    let mut library = Library::new(catalogue, rotors);
+    let mut library = Library::new(catalogue, rotors, &predictors[0].vehicle_size());
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
     library.tighten(|one| {
@@ -96,6 +96,7 @@ pub(crate) fn search(
         },
         held_out: Vec::new(),
         proposal: None,
+        trim: None,
         logs: names,
         notes,
         threshold,
@@ -365,7 +366,7 @@ fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), PredictError>
 fn implausible(problem: &Problem, candidate: usize, fitted: &Fitted) -> Option<String> {
     let entry = &problem.library.candidates[candidate];
     let active = fitted.active.iter().find(|a| a.candidate == candidate)?;
-    entry.declaration.parameters.iter().enumerate().find_map(|(i, p)| {
+    entry.parameters.iter().enumerate().find_map(|(i, p)| {
         let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
         let value = active.values[i];
         let margin = 2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low);
@@ -389,7 +390,7 @@ fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
         .enumerate()
         .all(|(a, &j)| {
             let column = &problem.library.columns[j];
-            let p = &entry.declaration.parameters[column.parameter];
+            let p = &entry.parameters[column.parameter];
             let value = p.default_value() + one.opened.estimate[a] * column.size;
             let deviation = one.opened.covariance.at(a, a).max(0.0).sqrt() * column.size;
             let margin = 0.5 * (p.plausible_high - p.plausible_low) + 3.0 * deviation;
@@ -428,13 +429,8 @@ fn possible(
         .take_while(|t| t.log_bayes_factor >= least)
         .take(REFINED)
     {
-        let own =
-            |t: &Trial| t.open.len() == 1 && start.open.len() == 1 && t.open[0].candidate == start.open[0].candidate;
-        match chosen.iter_mut().find(|t| own(t)) {
-            Some(plain) if plain.log_bayes_factor < start.log_bayes_factor => *plain = start.clone(),
-            Some(_) => (),
-            None => chosen.push(start.clone()),
-        }
+        // Beside the plain start, not instead of it: which of two shapes is near enough only the fits tell.
+        chosen.push(start.clone());
     }
     let evidence = |c: usize| {
         scored
@@ -651,7 +647,7 @@ fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold:
     let (mut seen, mut first) = (false, f64::INFINITY);
     for j in problem.library.columns_of(candidate) {
         let column = &problem.library.columns[j];
-        let p = &entry.declaration.parameters[column.parameter];
+        let p = &entry.parameters[column.parameter];
         if p.kind != ParameterKind::Size {
             continue;
         }
@@ -755,6 +751,7 @@ fn weather_finding(problem: &Problem, found: &gusts::Gusts) -> Option<Finding> {
     let declared = problem.logs.first()?.predictor.catalogue().find(gusts::ID)?;
     let candidate = Candidate {
         declaration: declared,
+        parameters: declared.parameters.to_vec(),
         rotor: None,
         columns: vec![None; declared.parameters.len()],
         limits: declared.parameters.iter().map(|p| p.accepted()).collect(),
@@ -765,7 +762,7 @@ fn weather_finding(problem: &Problem, found: &gusts::Gusts) -> Option<Finding> {
         label: candidate.label(),
         class: declared.class,
         equation: declared.equation.to_owned(),
-        parameters: parameters_of(declared, &values, &found.deviations),
+        parameters: parameters_of(declared.parameters, &values, &found.deviations),
         ln_bayes_factor: found.gain,
         posterior: 1.0,
         channels: (F..KV)

@@ -13,7 +13,7 @@
 use rotortwin_plant::effects::ParameterKind;
 
 use super::dense::Matrix;
-use super::evidence::{Posterior, minimum_size};
+use super::evidence::{Posterior, sure_size};
 use super::fit::{Problem, fitted_residual};
 use super::goodness::channel_fits;
 use super::linear::{Active, Base, Column, column_product, residual_product};
@@ -83,7 +83,7 @@ fn shapes(problem: &Problem, candidate: usize, all: bool) -> Vec<Vec<f64>> {
             }
         }
         _ => {
-            let shape = |name: &str| place(name).map(|i| (i, entry.declaration.parameters[i]));
+            let shape = |name: &str| place(name).map(|i| (i, entry.parameters[i]));
             for (i, p) in ["length_m", "frequency_hz"].iter().filter_map(|name| shape(name)) {
                 if !all {
                     continue;
@@ -172,7 +172,7 @@ fn columns(
         let mut active = problem.active.clone();
         active.extend_from_slice(with);
         let mut own = Vec::new();
-        for (i, p) in entry.declaration.parameters.iter().enumerate() {
+        for (i, p) in entry.parameters.iter().enumerate() {
             if p.kind != ParameterKind::Size || entry.columns[i].is_none() {
                 continue;
             }
@@ -200,7 +200,7 @@ fn columns(
 fn size_places(problem: &Problem, candidate: usize) -> Vec<usize> {
     let entry = &problem.library.candidates[candidate];
     (0..entry.columns.len())
-        .filter(|&i| entry.columns[i].is_some() && entry.declaration.parameters[i].kind == ParameterKind::Size)
+        .filter(|&i| entry.columns[i].is_some() && entry.parameters[i].kind == ParameterKind::Size)
         .collect()
 }
 
@@ -209,7 +209,7 @@ fn values_at(problem: &Problem, candidate: usize, base: &[f64], estimate: &[f64]
     let entry = &problem.library.candidates[candidate];
     let mut values = base.to_vec();
     for (&i, e) in size_places(problem, candidate).iter().zip(estimate) {
-        let size = entry.declaration.parameters[i].size;
+        let size = entry.parameters[i].size;
         values[i] = entry.clamped(i, values[i] + e * size);
     }
     values
@@ -253,7 +253,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
             let Some(found) = evidence(problem, posterior, &own) else {
                 continue;
             };
-            worst = worst.max(minimum_size(found.information, 0.02, threshold));
+            worst = worst.max(sure_size(found.information, 0.02, threshold));
             let values = values_at(problem, candidate, base, &found.estimate);
             if best
                 .as_ref()
@@ -305,7 +305,7 @@ fn composites(problem: &Problem, posterior: &Posterior, present: &[Base], candid
         let places = size_places(problem, companion);
         let mut typical = other.neutral();
         for &i in &places {
-            typical[i] = other.declaration.parameters[i].size;
+            typical[i] = other.parameters[i].size;
         }
         let with = [Active {
             candidate: companion,

@@ -90,10 +90,10 @@ fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
         onset_s: None,
     };
     match entry.declaration.parameter_index("partner") {
-        None => vec![one(vec![1.0; entry.declaration.parameters.len()])],
+        None => vec![one(vec![1.0; entry.parameters.len()])],
         Some(place) => (entry.rotor.unwrap_or(rotors) + 1..=rotors)
             .map(|partner| {
-                let mut values = vec![1.0; entry.declaration.parameters.len()];
+                let mut values = vec![1.0; entry.parameters.len()];
                 values[place] = partner as f64;
                 one(values)
             })

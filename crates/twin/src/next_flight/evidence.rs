@@ -61,7 +61,7 @@ impl Sensitivity {
         let instances = model.instances();
         let predictor = Predictor::new(&model.documents(), &instances, catalogue, log)?;
         let rotors = predictor.series().rotors;
-        let mut library = Library::new(catalogue, rotors);
+        let mut library = Library::new(catalogue, rotors, &predictor.vehicle_size());
         library.retain(|c| {
             instances
                 .iter()
@@ -99,7 +99,7 @@ impl Sensitivity {
         }
         for one in &library.columns {
             let candidate = &library.candidates[one.candidate];
-            let p = &candidate.declaration.parameters[one.parameter];
+            let p = &candidate.parameters[one.parameter];
             let mut values = candidate.neutral();
             let (_, high) = p.accepted();
             let mut step = STEP * p.size;
@@ -151,7 +151,7 @@ impl Sensitivity {
         let mut truth = vec![0.0; self.matrix.len()];
         for j in self.library.columns_of(candidate) {
             let column = &self.library.columns[j];
-            let p = &self.library.candidates[candidate].declaration.parameters[column.parameter];
+            let p = &self.library.candidates[candidate].parameters[column.parameter];
             if p.kind == ParameterKind::Size {
                 truth[self.nuisances + j] = p.typical / p.size;
             }

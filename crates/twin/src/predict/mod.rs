@@ -32,7 +32,11 @@ pub use whiten::{Covariance, Whitener};
 
 pub(crate) use pass::{Plant, Prediction, Source, Stages};
 
+use crate::diagnose::VehicleSize;
 use crate::log::FlightLog;
+
+/// Thrust over commanded thrust below which no mass, air or voltage that a vehicle may have explains a commanded wrench.
+const COMMAND_SCALE_LOW: f64 = 0.75;
 
 /// Why a log cannot be held against a model: one sentence.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -140,7 +144,12 @@ impl Predictor {
             name: log.name.clone(),
         };
         let set = predictor.effect_set(&Nuisances::default(), &[])?;
-        let first = predictor.predict(&set, Source::Raw, None);
+        let mut first = predictor.predict(&set, Source::Raw, None);
+        if let Some(scale) = predictor.command_scale(&first) {
+            let series = Arc::make_mut(&mut predictor.plant.series);
+            series.scale_command(scale);
+            first = predictor.predict(&set, Source::Raw, None);
+        }
         let weight = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2;
         let flying = predictor.plant.series.flying(&first.thrust, weight);
         if !flying.iter().any(|&f| f) {
@@ -171,6 +180,29 @@ impl Predictor {
         Ok(predictor)
     }
 
+    /// Factor on a commanded wrench at which the model lifts what the accelerometer says, where it is further off than any effect of
+    /// plausible size: a controller that integrates flies with any thrust map, so newtons that were commanded are no measurement.
+    fn command_scale(&self, prediction: &Prediction) -> Option<f64> {
+        let series = self.series();
+        if series.drive != Drive::Wrench || !series.available.accel {
+            return None;
+        }
+        let down = channels::F + 2;
+        let mut ratios: Vec<f64> = self.measured[down]
+            .iter()
+            .zip(prediction.channels[down].iter())
+            .filter(|(_, p)| **p < 0.0)
+            .map(|(m, p)| m / p)
+            .filter(|ratio| ratio.is_finite() && *ratio > 0.0)
+            .collect();
+        if ratios.is_empty() {
+            return None;
+        }
+        let ratio = noise::median(&mut ratios);
+        let far = ratio < COMMAND_SCALE_LOW || ratio > 1.0 / COMMAND_SCALE_LOW;
+        far.then_some(ratio)
+    }
+
     /// The log on its grid.
     pub fn series(&self) -> &Series {
         &self.plant.series
@@ -179,6 +211,11 @@ impl Predictor {
     /// Noise of the readings.
     pub fn noise(&self) -> &NoiseModel {
         &self.noise
+    }
+
+    /// Size of the vehicle: what is plausible on it.
+    pub(crate) fn vehicle_size(&self) -> VehicleSize {
+        VehicleSize::of(&self.nominal, &self.plant.battery_model)
     }
 
     /// The effects that may be named.
@@ -273,6 +310,23 @@ impl Predictor {
 
     pub(crate) fn predict(&self, set: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {
         self.plant.run(set, source, base)
+    }
+
+    /// Mean thrust of each rotor in flight as the model has it from the inputs, N, and the seconds that count.
+    pub(crate) fn mean_thrust(&self) -> Result<(Vec<f64>, f64), PredictError> {
+        let series = &self.plant.series;
+        let set = self.effect_set(&Nuisances::default(), &[])?;
+        let thrust = self.predict(&set, Source::Raw, None).thrust;
+        let flying = series.flying(&thrust, self.nominal.mass_kg * self.nominal.gravity_m_s2);
+        let mut mean = vec![0.0; series.rotors];
+        let mut count = 0.0;
+        for (row, _) in thrust.chunks(series.rotors).zip(&flying).filter(|(_, flies)| **flies) {
+            count += 1.0;
+            for (sum, f) in mean.iter_mut().zip(row) {
+                *sum += f;
+            }
+        }
+        Ok((mean.into_iter().map(|sum| sum / count).collect(), count * series.step_s))
     }
 
     /// Whitened residuals of a raw prediction.
@@ -374,7 +428,7 @@ fn told(refusal: &Refusal) -> String {
 }
 
 /// Minimum-norm allocation of (thrust, torque) to the rotors: f = Bᵀ (B Bᵀ)⁻¹ w, with w = (T, τ).
-fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
+pub(crate) fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
     let n = c.rotor_count;
     let columns: Vec<[f64; 4]> = (0..n)
         .map(|i| {

@@ -203,6 +203,18 @@ impl Series {
         })
     }
 
+    /// Multiplies a commanded wrench, and says so.
+    pub(crate) fn scale_command(&mut self, scale: f64) {
+        for input in &mut self.input {
+            *input *= scale;
+        }
+        self.notes.push(format!(
+            "the commanded thrust is {:.2} times what the accelerometer and the mass of the model say: taken as uncalibrated and scaled by \
+             {scale:.3}, so mass, air density and any common error of the thrust are not testable",
+            1.0 / scale
+        ));
+    }
+
     /// Time of sample `k`, s.
     pub fn time(&self, k: usize) -> f64 {
         self.start_s + k as f64 * self.step_s
