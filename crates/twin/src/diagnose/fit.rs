@@ -113,6 +113,8 @@ impl Problem {
     pub(crate) fn linearise(&mut self, progress: &(dyn Fn(f64) + Sync)) -> Result<(), PredictError> {
         let (library, active) = (&self.library, &self.active);
         let logs: Vec<&LogState> = self.logs.iter().collect();
+        // The columns of ten logs are a GiB: the old ones go before the new ones come.
+        self.linear = Vec::new();
         let mut linear = Vec::with_capacity(logs.len());
         for (done, pair) in logs.chunks(2).enumerate() {
             let part = |share: f64| progress((2.0 * done as f64 + share * pair.len() as f64) / logs.len() as f64);

@@ -124,7 +124,7 @@ mod tests {
                 match (p.kind, p.unit) {
                     // 150 g on 1.55 kg are 3.1 g on 32 g.
                     (ParameterKind::Size, "kg") => assert!((scaled.size - 0.15 * 0.032 / 1.55).abs() < 1e-12),
-                    (_, "" | "s" | "rad" | "m/s" | "rad/s" | "m/s²" | "Hz" | "1/s" | "K")
+                    (_, "" | "s" | "s/m" | "rad" | "m/s" | "rad/s" | "m/s²" | "Hz" | "1/s" | "K")
                     | (ParameterKind::Shape, _) => {
                         assert_eq!(scaled, p, "{}", declaration.id);
                     }

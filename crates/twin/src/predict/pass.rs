@@ -230,6 +230,9 @@ impl Plant {
             rates: at(&measured.rates, c.imu_latency_s),
             angular_acceleration: at(&measured.angular_acceleration, c.imu_latency_s),
             accel: at(&measured.accel, c.imu_latency_s),
+            // The noise of a reading must not come back through its own prediction: a load that pulls with its mass times what the
+            // accelerometer reads would add its share of the noise, and lose to any rival that does not.
+            driving_accel: at(&self.series.smooth.accel, c.imu_latency_s),
             ned_from_body: Vec::new(),
         };
         motion.ned_from_body = motion.attitude.iter().map(|&attitude| rotation(attitude)).collect();
@@ -280,6 +283,9 @@ impl Plant {
             }
             motion.rates[k] = truth.body_rates;
             motion.accel[k] = truth.specific_force;
+            for (driving, i) in motion.driving_accel[k].iter_mut().zip(0..3) {
+                *driving += truth.specific_force[i] - read.specific_force[i];
+            }
         }
         motion
     }
@@ -307,7 +313,7 @@ impl Plant {
             air_velocity_body: to_body(&ned_from_body, relative),
             body_rates: motion.rates[k],
             angular_acceleration: motion.angular_acceleration[k],
-            specific_force: motion.accel[k],
+            specific_force: motion.driving_accel[k],
             ned_from_body,
             height_above_ground: s.height[k],
             rotor_thrust: thrust,

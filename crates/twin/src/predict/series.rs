@@ -32,6 +32,8 @@ pub struct Kinematics {
     pub angular_acceleration: Vec<Vector3>,
     /// Specific force, m/s², body.
     pub accel: Vec<Vector3>,
+    /// Specific force, smoothed: what drives effects; filled where a pass reconstructs the motion.
+    pub driving_accel: Vec<Vector3>,
     /// NED from body, rows first; filled where a pass reconstructs the motion.
     pub ned_from_body: Vec<[Vector3; 3]>,
 }
@@ -171,6 +173,7 @@ impl Series {
             attitude: attitude.unwrap_or_else(zero),
             rates: rates.unwrap_or_else(zero),
             accel: accel.unwrap_or_else(zero),
+            driving_accel: Vec::new(),
             ned_from_body: Vec::new(),
         };
         let bridged = (!raw.is_whole()).then(|| raw.bridged());
@@ -184,6 +187,7 @@ impl Series {
             angular_acceleration: derivative(&rates, step_s),
             rates,
             accel: smoothed(&raw.accel),
+            driving_accel: Vec::new(),
             ned_from_body: Vec::new(),
         };
         Ok(Self {
@@ -333,6 +337,7 @@ impl Kinematics {
             rates: bridged(self.rates.clone()),
             angular_acceleration: bridged(self.angular_acceleration.clone()),
             accel: bridged(self.accel.clone()),
+            driving_accel: Vec::new(),
             ned_from_body: Vec::new(),
         }
     }
