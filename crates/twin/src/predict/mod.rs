@@ -199,7 +199,7 @@ impl Predictor {
             return None;
         }
         let ratio = noise::median(&mut ratios);
-        let far = ratio < COMMAND_SCALE_LOW || ratio > 1.0 / COMMAND_SCALE_LOW;
+        let far = !(COMMAND_SCALE_LOW..=1.0 / COMMAND_SCALE_LOW).contains(&ratio);
         far.then_some(ratio)
     }
 
