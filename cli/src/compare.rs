@@ -15,27 +15,40 @@ use std::process::ExitCode;
 pub(crate) struct Args {
     /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    pub(crate) logs: Vec<PathBuf>,
     /// Models to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long = "model", required = true, num_args = 1.., value_name = "MODEL")]
-    model: Vec<String>,
+    pub(crate) model: Vec<String>,
+    /// What to call the models in the result, one for each
+    #[arg(long, value_name = "NAME")]
+    pub(crate) label: Vec<String>,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
-    models: PathBuf,
-    /// Write report.html, comparison.json and residuals of each log as Parquet into this folder
+    pub(crate) models: PathBuf,
+    /// Write report.html, comparison.json, comparison.txt and residuals of each log as Parquet into this folder
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Print the comparison as JSON, nothing else
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
 }
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> ExitCode {
-    let models = match named_models(&ModelStore::new(&args.models), &args.model) {
+    if !args.label.is_empty() && args.label.len() != args.model.len() {
+        return output::bad_input(format!(
+            "{} --label for {} --model; expected one for each, or none",
+            args.label.len(),
+            args.model.len()
+        ));
+    }
+    let mut models = match named_models(&ModelStore::new(&args.models), &args.model) {
         Ok(models) => models,
         Err(code) => return code,
     };
+    for (model, label) in models.iter_mut().zip(&args.label) {
+        model.label.clone_from(label);
+    }
     let logs = match read_logs(&args.logs) {
         Ok(logs) => logs,
         Err(code) => return code,
@@ -49,18 +62,22 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(done) => done,
         Err(error) => return output::bad_input(error),
     };
-    if let Some(folder) = &args.out
-        && let Err(error) = compare::files::write(folder, &comparison, &series)
-    {
-        return output::failed(error);
+    let text = text(&comparison);
+    if let Some(folder) = &args.out {
+        if let Err(error) = compare::files::write(folder, &comparison, &series) {
+            return output::failed(error);
+        }
+        if let Err(sentence) = output::write_text(&folder.join("comparison.txt"), &text) {
+            return output::failed(sentence);
+        }
     }
     if args.json {
         println!("{}", compare::files::json(&comparison));
     } else {
-        print!("{}", text(&comparison));
+        print!("{text}");
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.display());
-            println!("             report.html  comparison.json  residuals of each log as Parquet");
+            println!("             report.html  comparison.json  comparison.txt  residuals of each log as Parquet");
         }
     }
     ExitCode::SUCCESS

@@ -3,6 +3,7 @@
 use crate::compare::{read_logs, refused};
 use crate::model::store_failed;
 use crate::output::{self, TABLE_STYLE};
+use crate::progress::Progress;
 use clap::Parser;
 use comfy_table::Table;
 use rotortwin_plant::ConfigError;
@@ -10,7 +11,6 @@ use rotortwin_plant::effects::EffectDocument;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, FittedParameter, Options, diagnose};
 use rotortwin_twin::model::ModelStore;
 use rotortwin_twin::trim::Trim;
-use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -25,25 +25,28 @@ const PROPOSAL_FILE: &str = "proposed-effect.toml";
 pub(crate) struct Args {
     /// Flight logs of one vehicle, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    pub(crate) logs: Vec<PathBuf>,
     /// Model to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long, value_name = "MODEL")]
-    model: String,
+    pub(crate) model: String,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
-    models: PathBuf,
+    pub(crate) models: PathBuf,
     /// Effect document of your own that may be named, too; may be given several times
     #[arg(long, value_name = "FILE")]
-    effects: Vec<PathBuf>,
+    pub(crate) effects: Vec<PathBuf>,
     /// Healthy flights of the same vehicle, three at least: what changed against them, by the thrust that each rotor is asked for
     #[arg(long, num_args = 1.., value_name = "LOG")]
-    baseline: Vec<PathBuf>,
-    /// Write diagnosis.json into this folder, and proposed-effect.toml where the error is in no catalogue
+    pub(crate) baseline: Vec<PathBuf>,
+    /// Write diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml where the error is in no catalogue
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Print the diagnosis as JSON, nothing else
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
+    /// Say on standard output, as JSON lines, how far it is
+    #[arg(long, hide = true)]
+    events: bool,
 }
 
 /// Runs the command.
@@ -72,41 +75,36 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(effects) => effects,
         Err(error) => return output::bad_input(error),
     };
-    let shown = !args.json && std::io::stderr().is_terminal();
-    let progress = |text: &str, share: f64| {
-        if shown {
-            // A terminal that went away ends the command elsewhere.
-            write!(std::io::stderr(), "\r\x1b[K{:3.0} % {text}", 100.0 * share).ok();
-        }
-    };
+    let progress = Progress::new(args.json, args.events);
     let options = Options {
         effects,
         baseline,
-        progress: &progress,
+        progress: &|text, share| progress.tell(text, share),
         clock: &|| start.elapsed().as_secs_f64(),
         ..Options::default()
     };
     let result = diagnose(&logs, &found.version, &options);
-    if shown {
-        eprint!("\r\x1b[K");
-    }
+    progress.clear();
     let diagnosis = match result {
         Ok(diagnosis) => diagnosis,
         Err(error) => return output::bad_input(error),
     };
     let json = serde_json::to_string_pretty(&diagnosis).expect("text and numbers are JSON");
+    let mut text = text(&diagnosis);
+    if (args.out.is_some() || !args.json)
+        && let Some(advice) = crate::next_flight::after(&diagnosis, &found.version)
+    {
+        text += &format!("Next flight  {advice}\n");
+    }
     if let Some(folder) = &args.out
-        && let Err(error) = write(folder, &json, &diagnosis)
+        && let Err(error) = write(folder, &json, &text, &diagnosis)
     {
         return output::failed(error);
     }
     if args.json {
         println!("{json}");
     } else {
-        print!("{}", text(&diagnosis));
-        if let Some(advice) = crate::next_flight::after(&diagnosis, &found.version) {
-            println!("Next flight  {advice}");
-        }
+        print!("{text}");
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.join("diagnosis.json").display());
             if proposed(&diagnosis).is_some() {
@@ -126,16 +124,17 @@ fn proposed(diagnosis: &Diagnosis) -> Option<&EffectDocument> {
     diagnosis.proposal.as_ref()?.document.as_ref()
 }
 
-fn write(folder: &Path, json: &str, diagnosis: &Diagnosis) -> Result<(), String> {
-    let file = |name: &str, text: String| {
+fn write(folder: &Path, json: &str, text: &str, diagnosis: &Diagnosis) -> Result<(), String> {
+    let file = |name: &str, text: &str| {
         let path = folder.join(name);
         std::fs::create_dir_all(folder)
             .and_then(|()| std::fs::write(&path, text))
             .map_err(|error| format!("cannot write {}: {error}", path.display()))
     };
-    file("diagnosis.json", format!("{json}\n"))?;
+    file("diagnosis.json", &format!("{json}\n"))?;
+    file("diagnosis.txt", text)?;
     match proposed(diagnosis) {
-        Some(document) => file(PROPOSAL_FILE, rotortwin_twin::propose::to_toml(document)),
+        Some(document) => file(PROPOSAL_FILE, &rotortwin_twin::propose::to_toml(document)),
         None => Ok(()),
     }
 }

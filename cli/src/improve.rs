@@ -3,6 +3,7 @@
 use crate::compare::{read_logs, refused};
 use crate::model::{find_or_begin, significant, store_failed};
 use crate::output::{self, TABLE_STYLE};
+use crate::progress::Progress;
 use clap::Parser;
 use comfy_table::{CellAlignment, Table};
 use rotortwin_twin::compare::NamedModel;
@@ -21,31 +22,34 @@ use std::time::Instant;
 pub(crate) struct Args {
     /// Flight logs of one vehicle to learn from, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    pub(crate) logs: Vec<PathBuf>,
     /// Model to improve: MODEL or MODEL@BRANCH; a vehicle file begins one of its name
     #[arg(long, value_name = "MODEL")]
-    model: String,
+    pub(crate) model: String,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
-    models: PathBuf,
+    pub(crate) models: PathBuf,
     /// Logs of the same vehicle that no fit sees, as proof
     #[arg(long, value_name = "LOG", num_args = 1..)]
-    held_out: Vec<PathBuf>,
+    pub(crate) held_out: Vec<PathBuf>,
     /// Take every step without asking
     #[arg(long)]
-    yes: bool,
+    pub(crate) yes: bool,
     /// What is really missing, if it is known: a model version, a file with `[[effect]]`, or the truth of 'rotortwin blind generate'
     #[arg(long, value_name = "FILE")]
-    truth: Option<PathBuf>,
-    /// Write report.html and improvement.json into this folder
+    pub(crate) truth: Option<PathBuf>,
+    /// Write report.html, improvement.json and improvement.txt into this folder
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Write the version that it ends with into this file, as 'rotortwin model export' does
     #[arg(long = "final", value_name = "FILE")]
-    final_version: Option<PathBuf>,
+    pub(crate) final_version: Option<PathBuf>,
     /// Print the result as JSON, nothing else; needs --yes
     #[arg(long, requires = "yes")]
-    json: bool,
+    pub(crate) json: bool,
+    /// Say on standard output, as JSON lines, how far it is
+    #[arg(long, hide = true)]
+    events: bool,
 }
 
 /// Runs the command.
@@ -81,15 +85,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     };
     let model = NamedModel { label, version };
     let start = Instant::now();
-    let shown = !args.json && std::io::stderr().is_terminal();
-    let progress = |text: &str, share: f64| {
-        if shown {
-            // A terminal that went away ends the command elsewhere.
-            write!(std::io::stderr(), "\r\x1b[K{:3.0} % {text}", 100.0 * share).ok();
-        }
-    };
+    let progress = Progress::new(args.json, args.events);
     let options = Options {
-        progress: &progress,
+        progress: &|text, share| progress.tell(text, share),
         clock: &|| start.elapsed().as_secs_f64(),
         ..Options::default()
     };
@@ -104,21 +102,21 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         branch: &branch,
         ask: !args.yes,
         quiet: args.json,
-        shown,
+        progress: &progress,
     };
     let mut improvement = match improve(&request, &options, &mut guide) {
         Ok(improvement) => improvement,
         Err(ImproveError::Input(error)) => return output::bad_input(error),
         Err(ImproveError::Guide(sentence)) => return output::failed(sentence),
     };
-    if shown {
-        eprint!("\r\x1b[K");
-    }
+    progress.clear();
     if let Some(diagnosis) = &improvement.diagnosis {
         improvement.next_flight = crate::next_flight::after(diagnosis, &improvement.model);
     }
+    let text = text(&improvement);
     if let Some(folder) = &args.out
         && let Err(sentence) = report::write(folder, &improvement)
+            .and_then(|()| output::write_text(&folder.join("improvement.txt"), &text))
     {
         return output::failed(sentence);
     }
@@ -133,10 +131,10 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             serde_json::to_string_pretty(&improvement).expect("text and numbers are JSON")
         );
     } else {
-        print!("{}", text(&improvement));
+        print!("{text}");
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.display());
-            println!("             report.html  improvement.json");
+            println!("             report.html  improvement.json  improvement.txt");
         }
     }
     ExitCode::SUCCESS
@@ -148,14 +146,12 @@ struct Terminal<'a> {
     branch: &'a str,
     ask: bool,
     quiet: bool,
-    shown: bool,
+    progress: &'a Progress,
 }
 
 impl Terminal<'_> {
     fn say(&self, text: &str) {
-        if self.shown {
-            eprint!("\r\x1b[K");
-        }
+        self.progress.clear();
         if !self.quiet {
             println!("{text}");
         }

@@ -19,6 +19,7 @@ mod log;
 mod model;
 mod next_flight;
 mod output;
+mod progress;
 mod remote;
 mod replay;
 mod reproduce;

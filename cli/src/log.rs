@@ -11,11 +11,11 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
-    command: Command,
+    pub(crate) command: Command,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum Command {
+pub(crate) enum Command {
     /// Bring logs into the canonical format: NAME.parquet, NAME.toml, NAME.import.json
     Import(ImportArgs),
     /// Print columns, ranges, rate, gaps, and what a log can and cannot test
@@ -23,7 +23,7 @@ enum Command {
 }
 
 #[derive(Debug, clap::Args)]
-struct Reading {
+pub(crate) struct Reading {
     /// Mapping file whose rows go before the built-in ones (config/log-mappings)
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
@@ -39,15 +39,15 @@ struct Reading {
 }
 
 #[derive(Debug, clap::Args)]
-struct ImportArgs {
+pub(crate) struct ImportArgs {
     /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, Crazyflie micro-SD log
     #[arg(required = true, value_name = "FILE")]
-    files: Vec<PathBuf>,
+    pub(crate) files: Vec<PathBuf>,
     #[command(flatten)]
     reading: Reading,
     /// Folder for the imported logs
     #[arg(long, value_name = "DIR", default_value = "logs")]
-    out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Bring every column to this constant rate, Hz
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
@@ -56,11 +56,34 @@ struct ImportArgs {
     align: bool,
     /// Print one line per log
     #[arg(long)]
-    quiet: bool,
+    pub(crate) quiet: bool,
+}
+
+impl ImportArgs {
+    /// An option that a server does not know.
+    pub(crate) fn only_here(&self) -> Option<&'static str> {
+        let options = [
+            (self.reading.mapping.is_some(), "--mapping"),
+            (self.reading.truth, "--truth"),
+            (self.reading.vehicle.is_some(), "--vehicle"),
+        ];
+        options.into_iter().find_map(|(given, name)| given.then_some(name))
+    }
+
+    /// The others, as parameters of an upload.
+    pub(crate) fn query(&self) -> String {
+        let mut query = self.rate.map_or_else(String::new, |rate| format!("&rate_hz={rate}"));
+        for (given, name) in [(self.align, "align"), (self.reading.damaged, "damaged")] {
+            if given {
+                query += &format!("&{name}=true");
+            }
+        }
+        query
+    }
 }
 
 #[derive(Debug, clap::Args)]
-struct ShowArgs {
+pub(crate) struct ShowArgs {
     /// The log
     #[arg(value_name = "FILE")]
     file: PathBuf,
@@ -142,7 +165,7 @@ fn import(args: &ImportArgs) -> ExitCode {
 }
 
 /// File names without extension; where files share one, as many of their folders go before it as it takes.
-fn unique_names(files: &[PathBuf]) -> Vec<String> {
+pub(crate) fn unique_names(files: &[PathBuf]) -> Vec<String> {
     let parts = |file: &Path, folders: usize| -> String {
         let stem = file
             .file_stem()

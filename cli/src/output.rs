@@ -27,6 +27,11 @@ pub(crate) fn line(text: &str) {
     }
 }
 
+/// Writes a text that was also printed.
+pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(path, text).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
+}
+
 /// Exit code of a run that ended like this.
 pub(crate) fn exit_code(summary: &Summary) -> ExitCode {
     match summary.status {

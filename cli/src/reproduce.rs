@@ -79,6 +79,45 @@ pub(crate) struct TrainArgs {
     common: Common,
 }
 
+/// What a server is asked to train.
+pub(crate) struct TrainRequest<'a> {
+    /// Classifier file to write here.
+    pub(crate) out: &'a Path,
+    /// `paper` or `improved`.
+    pub(crate) method: &'static str,
+    /// Of which the server must have the same.
+    pub(crate) scenario: &'a Path,
+    /// Data sets.
+    pub(crate) seeds: u16,
+    /// First seed.
+    pub(crate) first_seed: u64,
+    /// Print JSON.
+    pub(crate) json: bool,
+}
+
+impl TrainArgs {
+    /// For a server.
+    ///
+    /// # Errors
+    /// One sentence: what a server cannot do.
+    pub(crate) fn request(&self) -> Result<TrainRequest<'_>, String> {
+        if self.common.threads.is_some() {
+            return Err("--threads belongs to training on this machine; expected it without --server".to_owned());
+        }
+        Ok(TrainRequest {
+            out: &self.out,
+            method: match self.method {
+                MethodArg::Paper => "paper",
+                MethodArg::Improved => "improved",
+            },
+            scenario: &self.common.scenario,
+            seeds: self.common.seeds,
+            first_seed: self.common.first_seed,
+            json: self.common.json,
+        })
+    }
+}
+
 /// A table of the paper, or the one beyond it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum TableArg {
@@ -502,14 +541,20 @@ fn train_classifier(args: &TrainArgs, base: &Scenario) -> Result<(), String> {
     let command = train_command(args.method, &args.common);
     let seed = args.common.first_seed;
     let classifier = save_classifier(base, &result, method, seed, &command, &args.out)?;
+    print_trained(&classifier, &args.out, args.common.json);
+    Ok(())
+}
+
+/// Says what was trained.
+pub(crate) fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
     let provenance = &classifier.provenance;
     let cross_validation = &provenance.cross_validation;
-    if args.common.json {
-        let json = serde_json::json!({ "file": args.out, "name": classifier.name, "provenance": provenance });
+    if json {
+        let json = serde_json::json!({ "file": out, "name": classifier.name, "provenance": provenance });
         println!("{json:#}");
-        return Ok(());
+        return;
     }
-    println!("{}", args.out.display());
+    println!("{}", out.display());
     println!(
         "{}: {} rotors, nominal_thrust = \"{}\"{}",
         classifier.name,
@@ -530,7 +575,6 @@ fn train_classifier(args: &TrainArgs, base: &Scenario) -> Result<(), String> {
         100.0 * cross_validation.test_interval_over_seeds,
         cross_validation.seeds.len()
     );
-    Ok(())
 }
 
 fn print_json(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], start: Instant) {

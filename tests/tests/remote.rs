@@ -226,3 +226,251 @@ fn scenario_whole_documents_are_flown_and_half_ones_refused() {
         );
     }
 }
+
+/// A hover that was flown here: its run folder, and its telemetry as a log without a side file.
+fn flown_here(scratch: &Scratch) -> [&'static str; 2] {
+    let scenario = scratch.path("hover.toml");
+    std::fs::write(&scenario, short_flight()).expect("it can be written");
+    Call::fly(scratch, Link::InProcess, &scenario, "flown")
+        .run()
+        .expect_code(0);
+    std::fs::copy(scratch.path("flown/telemetry.parquet"), scratch.path("alone.parquet")).expect("copied");
+    ["flown", "alone.parquet"]
+}
+
+fn vehicle() -> String {
+    repository().join("config/vehicles/f550.toml").display().to_string()
+}
+
+/// Numbers of a file, without what tells where its logs lay.
+fn result(path: &Path) -> Value {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut value: Value = serde_json::from_str(&text).expect("JSON");
+    forget_places(&mut value);
+    value
+}
+
+fn forget_places(value: &mut Value) {
+    match value {
+        Value::Object(fields) => {
+            // Where a log was, what kind of file it was, how long it took.
+            for key in ["path", "source", "content_hash", "hash", "timing", "kind"] {
+                fields.remove(key);
+            }
+            fields.values_mut().for_each(forget_places);
+        }
+        Value::Array(items) => items.iter_mut().for_each(forget_places),
+        _ => {}
+    }
+}
+
+#[test]
+fn scenario_logs_of_this_machine_are_compared_and_diagnosed_there_as_here() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let [run, log] = flown_here(&scratch);
+    let vehicle = vehicle();
+    // A run folder is brought into the canonical form, of which a part is taken; a lone file is sent as it is.
+    let part = format!("{run}@1:4");
+    let compare = ["compare", &part, log, "--model", &vehicle, "--out"];
+    let here = Call::new(&scratch, compare).with(["here"]).run().expect_code(0);
+    let there = remote(&scratch, &server, compare).with(["there"]).run().expect_code(0);
+    assert_eq!(table(&there), table(&here));
+    assert_eq!(
+        result(&scratch.path("there/comparison.json")),
+        result(&scratch.path("here/comparison.json"))
+    );
+    for file in ["report.html", "residuals-alone.parquet", "comparison.txt"] {
+        assert!(scratch.path("there").join(file).exists(), "{file}");
+    }
+
+    let diagnose = ["diagnose", log, "--model", &vehicle];
+    let here = Call::new(&scratch, diagnose).run().expect_code(0);
+    let there = remote(&scratch, &server, diagnose).run().expect_code(0);
+    let words = |ended: &Ended| -> Vec<String> {
+        let lines = ended.stdout.lines().filter(|line| !line.starts_with("Took"));
+        lines.map(str::to_owned).collect()
+    };
+    assert_eq!(words(&there), words(&here));
+    assert!(
+        there.stderr.iter().any(|line| line.contains("is there already")),
+        "{:?}",
+        there.stderr
+    );
+    assert_eq!(server.get("/api/v1/logs")["items"].as_array().map(Vec::len), Some(2));
+
+    // What the server has is named by its id, and needs no file here.
+    let id = server.get("/api/v1/logs")["items"][0]["id"]
+        .as_str()
+        .expect("an id")
+        .to_owned();
+    let ended = remote(&scratch, &server, ["compare", &id, "--model", &vehicle, "--json"])
+        .run()
+        .expect_code(0);
+    let comparison: Value = serde_json::from_str(&ended.stdout).expect("JSON, nothing else");
+    assert_eq!(comparison["logs"][0]["log"]["name"], "alone");
+}
+
+#[test]
+fn scenario_a_model_is_improved_there_and_its_versions_are_kept_here() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let [_, log] = flown_here(&scratch);
+    let vehicle = vehicle();
+    let improve = ["improve", log, "--model", &vehicle, "--yes", "--models"];
+    Call::new(&scratch, improve)
+        .with(["models-here", "--final", "here.toml", "--out", "here"])
+        .run()
+        .expect_code(0);
+    remote(&scratch, &server, improve)
+        .with(["models-there", "--final", "there.toml", "--out", "there"])
+        .run()
+        .expect_code(0);
+    let final_version = |name: &str| std::fs::read_to_string(scratch.path(name)).expect("it was written");
+    assert_eq!(final_version("there.toml"), final_version("here.toml"));
+    assert_eq!(
+        result(&scratch.path("there/improvement.json")),
+        result(&scratch.path("here/improvement.json"))
+    );
+    let kept = |store: &str| -> Vec<(String, String)> {
+        let folder = scratch.path(store).join("f550");
+        let mut files: Vec<(String, String)> = std::fs::read_dir(folder)
+            .expect("a model")
+            .map(|entry| entry.expect("an entry").path())
+            .map(|path| {
+                let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+                (name, std::fs::read_to_string(path).expect("a text"))
+            })
+            .collect();
+        files.sort();
+        files
+    };
+    assert_eq!(kept("models-there"), kept("models-here"));
+}
+
+#[test]
+fn scenario_a_log_is_imported_there_and_fetched() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let [_, log] = flown_here(&scratch);
+    let import = ["log", "import", log, "--rate", "100", "--out"];
+    let here = Call::new(&scratch, import).with(["here"]).run().expect_code(0);
+    let there = remote(&scratch, &server, import).with(["there"]).run().expect_code(0);
+    assert_eq!(
+        there.stdout.replace("→ there", "→ here"),
+        here.stdout,
+        "{:?}",
+        there.stderr
+    );
+    for ending in ["parquet", "import.json", "toml"] {
+        assert!(
+            scratch.path("there").join(format!("alone.{ending}")).exists(),
+            "{ending}"
+        );
+    }
+    let shown = ["here", "there"].map(|folder| {
+        let shown = Call::new(&scratch, ["log", "show", &format!("{folder}/alone.parquet")]);
+        shown.run().expect_code(0).stdout
+    });
+    assert_eq!(shown[0], shown[1]);
+    let again = remote(&scratch, &server, import).with(["there"]).run().expect_code(2);
+    assert!(again.stderr.iter().any(|line| line.contains("is there already")));
+}
+
+#[test]
+fn scenario_a_scenario_is_checked_with_the_servers_library() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let hover = shipped_scenario("short-hover");
+    let hover = hover.to_str().expect("UTF-8");
+    for more in [&[][..], &["--json"]] {
+        let here = Call::new(&scratch, ["check", hover]).with(more).run().expect_code(0);
+        let there = remote(&scratch, &server, ["check", hover])
+            .with(more)
+            .run()
+            .expect_code(0);
+        assert_eq!(there.stdout, here.stdout);
+    }
+    let text = std::fs::read_to_string(hover).expect("a scenario");
+    let wrong = scratch.write("wrong.toml", text.replace("duration_s = 5.0", "duration_s = -5.0"));
+    let refused = remote(&scratch, &server, ["check", wrong.to_str().expect("UTF-8")])
+        .run()
+        .expect_code(2);
+    assert!(
+        refused.stderr.iter().any(|line| line.contains("duration_s")),
+        "{:?}",
+        refused.stderr
+    );
+}
+
+#[test]
+fn scenario_work_that_a_server_cannot_do_is_refused_in_one_sentence() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let [run, log] = flown_here(&scratch);
+    let vehicle = vehicle();
+    let other = scratch.write(
+        "short-hover.toml",
+        short_flight().replace("duration_s = ", "duration_s = 1"),
+    );
+    let other = other.to_str().expect("UTF-8");
+    for (arguments, words) in [
+        (
+            vec!["compare", log, "--model", &vehicle, &vehicle],
+            "one model at a time",
+        ),
+        (vec!["compare", "missing.csv", "--model", &vehicle], "missing.csv"),
+        (vec!["improve", log, "--model", &vehicle], "--yes"),
+        (
+            vec!["improve", log, "--model", &vehicle, "--yes", "--truth", "x.toml"],
+            "--truth",
+        ),
+        (vec!["log", "show", log], "without --server"),
+        (vec!["log", "import", log, "--truth"], "--truth"),
+        (vec!["log", "import", run], "run folder"),
+        (vec!["train", "--out", "x.json", "--threads", "1"], "--threads"),
+        (
+            vec!["train", "--out", "x.json", "--scenario", other],
+            "another scenario",
+        ),
+        (
+            vec!["compare", "0123456789abcdef0123456789abcdef", "--model", &vehicle],
+            "no such log or run",
+        ),
+    ] {
+        let ended = remote(&scratch, &server, arguments.iter().copied())
+            .run()
+            .expect_code(2);
+        let told = ended.stderr.join("\n");
+        assert!(told.contains(words), "{arguments:?}: {told}");
+    }
+}
+
+#[test]
+fn scenario_a_classifier_trained_there_is_the_one_trained_here() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let scenario = shipped_scenario("reference-flight");
+    let train = [
+        "train",
+        "--seeds",
+        "1",
+        "--scenario",
+        scenario.to_str().expect("UTF-8"),
+        "--out",
+    ];
+    let here = Call::new(&scratch, train).with(["here.json"]).run().expect_code(0);
+    let there = remote(&scratch, &server, train)
+        .with(["there.json"])
+        .run()
+        .expect_code(0);
+    assert_eq!(there.stdout.replace("there.json", "here.json"), here.stdout);
+    let network = |name: &str| -> Value {
+        let text = std::fs::read_to_string(scratch.path(name)).expect("it was written");
+        let mut file: Value = serde_json::from_str(&text).expect("JSON");
+        // It names the scenario by its path.
+        file["provenance"]["command"] = Value::Null;
+        file
+    };
+    assert_eq!(network("there.json"), network("here.json"));
+}

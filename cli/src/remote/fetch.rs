@@ -14,10 +14,8 @@ const PIECE: Duration = Duration::from_secs(30);
 
 /// Fetches all files of a job into a folder; how many.
 pub(crate) async fn everything(remote: &Remote, job: &str, folder: &Path) -> Result<usize, RemoteError> {
-    let files = remote.json(&Ask::get(format!("{job}/artifacts"))).await?;
-    let items = files["items"].as_array().map(Vec::as_slice).unwrap_or_default();
-    for item in items {
-        let name = item["path"].as_str().unwrap_or_default();
+    let names = names(remote, job).await?;
+    for name in &names {
         let relative = Path::new(name);
         if name.is_empty() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
             return Err(RemoteError::Failed(format!(
@@ -32,11 +30,20 @@ pub(crate) async fn everything(remote: &Remote, job: &str, folder: &Path) -> Res
         )
         .await?;
     }
-    Ok(items.len())
+    Ok(names.len())
+}
+
+/// The names of a job's files.
+pub(crate) async fn names(remote: &Remote, job: &str) -> Result<Vec<String>, RemoteError> {
+    let files = remote.json(&Ask::get(format!("{job}/artifacts"))).await?;
+    let items = files["items"].as_array().into_iter().flatten();
+    Ok(items
+        .map(|item| item["path"].as_str().unwrap_or_default().to_owned())
+        .collect())
 }
 
 /// Fetches one file; goes on where a connection broke.
-async fn file(remote: &Remote, path: &str, target: &Path) -> Result<(), RemoteError> {
+pub(crate) async fn file(remote: &Remote, path: &str, target: &Path) -> Result<(), RemoteError> {
     let told = |error: std::io::Error| RemoteError::Failed(format!("{}: cannot be written: {error}", target.display()));
     if let Some(parent) = target.parent() {
         std::fs::create_dir_all(parent).map_err(told)?;
@@ -97,7 +104,7 @@ async fn file(remote: &Remote, path: &str, target: &Path) -> Result<(), RemoteEr
 }
 
 /// The path of a file in an address.
-fn in_url(name: &str) -> String {
+pub(crate) fn in_url(name: &str) -> String {
     name.bytes()
         .map(|byte| match byte {
             b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' | b'/' => char::from(byte).to_string(),

@@ -1,9 +1,10 @@
 //! Requests with patience: what does not reach the server, or is answered with "not now", is tried again with growing pauses.
 
 use super::{HERE, ServerArgs};
-use reqwest::header::{AUTHORIZATION, HeaderValue, RETRY_AFTER};
+use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderValue, RETRY_AFTER};
 use reqwest::{Certificate, Method, Response, StatusCode};
 use serde_json::Value;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::time::Instant;
@@ -52,12 +53,19 @@ impl Patience {
     }
 }
 
+/// What goes with a question; cheap to copy, as it may go several times.
+#[derive(Debug, Clone)]
+enum Body {
+    Json(Value),
+    Bytes(Arc<Vec<u8>>),
+}
+
 /// A question.
 #[derive(Debug, Clone)]
 pub(crate) struct Ask {
     method: Method,
     path: String,
-    body: Option<Value>,
+    body: Option<Body>,
     headers: Vec<(&'static str, String)>,
     limit: Duration,
     /// A refusal that, on a second try, says that the first one did its work although its answer was lost.
@@ -98,7 +106,13 @@ impl Ask {
     }
 
     pub(crate) fn json(mut self, body: Value) -> Self {
-        self.body = Some(body);
+        self.body = Some(Body::Json(body));
+        self
+    }
+
+    /// A file.
+    pub(crate) fn bytes(mut self, body: Vec<u8>) -> Self {
+        self.body = Some(Body::Bytes(Arc::new(body)));
         self
     }
 
@@ -182,9 +196,13 @@ impl Remote {
         for (name, value) in &ask.headers {
             request = request.header(*name, value);
         }
-        if let Some(body) = &ask.body {
-            request = request.json(body);
-        }
+        request = match &ask.body {
+            Some(Body::Json(body)) => request.json(body),
+            Some(Body::Bytes(bytes)) => request
+                .header(CONTENT_TYPE, "application/octet-stream")
+                .body(bytes.as_ref().clone()),
+            None => request,
+        };
         match tokio::time::timeout(ask.limit, request.send()).await {
             Ok(answer) => {
                 self.reached.fetch_or(answer.is_ok(), Ordering::Relaxed);

@@ -2,8 +2,9 @@
 //!
 //! ```text
 //!  command ─▶ http (patience, refusals) ─▶ server
-//!     │          ▲
-//!     │       events (without gaps, over broken connections)
+//!     │  │       ▲
+//!     │  │    events (without gaps, over broken connections)
+//!     │  └▶ flights (logs of this machine, uploaded once)
 //!     └──▶ fetch (files, resumed) ─▶ run folder, table: as if flown here
 //! ```
 //! A scenario is read and checked here and sent with all its documents, so that the server flies what this machine means, whatever its
@@ -12,11 +13,15 @@
 mod campaign;
 mod events;
 mod fetch;
+mod flights;
 mod fly;
 mod http;
 mod jobs;
+mod library;
 mod results;
 mod stop;
+mod task;
+mod twin;
 
 use crate::output;
 use clap::Parser;
@@ -51,10 +56,17 @@ pub(crate) fn run(server: &ServerArgs, command: &crate::Command) -> ExitCode {
         crate::Command::Show(args) => results::show(server, args),
         crate::Command::Replay(args) => results::replay(server, args),
         crate::Command::Campaign(args) => campaign::run(server, args),
+        crate::Command::Compare(args) => twin::compare(server, args),
+        crate::Command::Diagnose(args) => twin::diagnose(server, args),
+        crate::Command::Improve(args) => twin::improve(server, args),
+        crate::Command::Log(args) => twin::log(server, args),
+        crate::Command::Check(args) => library::check(server, args),
+        crate::Command::Train(args) => library::train(server, args),
         crate::Command::Runs(args) => jobs(server, "runs", args),
         crate::Command::Campaigns(args) => jobs(server, "campaigns", args),
         _ => output::bad_input(
-            "--server: this command works on this machine only; expected fly, campaign, show, replay, runs or campaigns after --server URL",
+            "--server: this command works on this machine only; expected fly, campaign, show, replay, check, compare, diagnose, improve, \
+             log import, train, runs or campaigns after --server URL",
         ),
     }
 }

@@ -52,7 +52,9 @@ impl FlightLog {
         };
         let side_text =
             toml::to_string(&out).map_err(|bad| LogError::format(&side, format!("cannot be written: {bad}")))?;
-        let report = serde_json::json!({ "source": self.source, "report": self.report });
+        let report = serde_json::json!({
+            "source": self.source, "report": self.report, "headline": self.headline(), "account": self.account(),
+        });
         let report_text = serde_json::to_string_pretty(&report)
             .map_err(|bad| LogError::format(&account, format!("cannot be written: {bad}")))?;
         whole(&side, |path| {

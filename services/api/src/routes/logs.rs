@@ -158,6 +158,13 @@ fn file_name(name: &str) -> Result<String, Problem> {
     }
 }
 
+/// A log's name in results: that of its file, without the ending.
+pub(super) fn stem(name: &str) -> &str {
+    let stem = Path::new(name).file_stem().and_then(|stem| stem.to_str());
+    stem.filter(|stem| stem.chars().any(|c| c.is_ascii_alphanumeric()))
+        .unwrap_or(STEM)
+}
+
 /// Streams a body to a file of the artifact store; key, size and hash.
 async fn receive(app: &App, body: Body, file: &str) -> Result<(String, u64, String), Problem> {
     let key = format!("uploads/{}", new_id());

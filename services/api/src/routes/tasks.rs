@@ -120,15 +120,28 @@ impl Flights {
                 };
                 let job = done(app, caller, kind, id).await?;
                 let folder = format!("{}/{}", kind.collection(), job.id);
+                let key = job.folder.unwrap_or_default();
                 let file = match kind {
-                    JobKind::Log => format!("{folder}/{}.parquet", super::logs::STEM),
-                    _ => folder.clone(),
+                    // Under the name that it was uploaded with, as results name their logs.
+                    JobKind::Log => {
+                        let stem = super::logs::stem(&job.new.name);
+                        for ending in ["parquet", "toml"] {
+                            inputs.push(Input {
+                                path: format!("{folder}/{stem}.{ending}"),
+                                content: Content::File(format!("{key}/{}.{ending}", super::logs::STEM)),
+                            });
+                        }
+                        format!("{folder}/{stem}.parquet")
+                    }
+                    _ => {
+                        inputs.push(Input {
+                            path: folder.clone(),
+                            content: Content::Folder(key),
+                        });
+                        folder
+                    }
                 };
                 words.push(part.map_or_else(|| file.clone(), |part| format!("{file}@{part}")));
-                inputs.push(Input {
-                    path: folder,
-                    content: Content::Folder(job.folder.unwrap_or_default()),
-                });
             }
         }
         Ok((words, inputs))
@@ -162,12 +175,36 @@ pub(crate) struct ModelChoice {
     /// Name of a version that was left in the library, under `/api/v1/models`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     model: Option<String>,
+    /// Comparison: what to call the model in the result.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 200)]
+    label: Option<String>,
 }
 
 impl ModelChoice {
     /// The nominal model of a vehicle.
     pub(super) fn is_a_vehicle(&self) -> bool {
         self.vehicle.is_some()
+    }
+
+    /// A version that the client brings.
+    pub(super) fn is_a_version(&self) -> bool {
+        self.version.is_some()
+    }
+
+    /// What to call it.
+    ///
+    /// # Errors
+    /// 422: no name.
+    pub(super) fn label(&self) -> Result<Option<&str>, Problem> {
+        let plain = |label: &&str| (1..=200).contains(&label.len()) && !label.chars().any(char::is_control);
+        match self.label.as_deref() {
+            Some(label) if plain(&label) => Ok(Some(label)),
+            Some(_) => Err(Problem::unprocessable(
+                "`label`: expected 1 to 200 bytes without control characters",
+            )),
+            None => Ok(None),
+        }
     }
 
     /// The word for the command line, the inputs that it means, and a name.

@@ -163,6 +163,12 @@ async fn submit(
         "out".to_owned(),
         "--json".to_owned(),
     ]);
+    if let Some(label) = body.model.label()? {
+        args.push(format!("--label={label}"));
+    }
+    if kind != JobKind::Comparison {
+        args.push("--events".to_owned());
+    }
     let library = app.library(caller).await?;
     let named = body.library_effects.iter().map(|name| library.text("effects", name));
     let named = named.collect::<Result<Vec<String>, Problem>>()?;
@@ -223,10 +229,13 @@ fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem>
             "{effects} `effects`; expected at most {MOST_EFFECTS}"
         )));
     }
-    if kind == JobKind::Improvement && !body.model.is_a_vehicle() {
+    if kind == JobKind::Improvement && !body.model.is_a_vehicle() && !body.model.is_a_version() {
         return Err(Problem::unprocessable(
-            "an improvement begins with a vehicle's nominal model; expected `model: {\"vehicle\": …}`",
+            "an improvement begins with a vehicle's nominal model; expected `model: {\"vehicle\": …}`, or a `version` without effects",
         ));
+    }
+    if kind != JobKind::Comparison && body.model.label()?.is_some() {
+        return Err(Problem::unprocessable("`label` belongs to a comparison"));
     }
     if kind != JobKind::Improvement && body.held_out.is_some() {
         return Err(Problem::unprocessable("`held_out` belongs to an improvement"));
