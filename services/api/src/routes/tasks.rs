@@ -250,6 +250,9 @@ impl ModelChoice {
     /// # Errors
     /// 404, 409, 422.
     pub(super) async fn read(&self, app: &App, caller: &Caller) -> Result<ModelVersion, Problem> {
+        if self.label.is_some() {
+            return Err(Problem::unprocessable("`label` belongs to the model of a comparison"));
+        }
         let library = app.library(caller).await?;
         match (&self.vehicle, &self.improvement, &self.version, &self.model) {
             (Some(name), None, None, None) => Ok(ModelVersion::first(name, library.vehicle_documents(name)?)),
