@@ -43,6 +43,8 @@ use crate::vector::Vector3;
 
 /// Parameters and terms of one effect at most.
 const MOST: usize = 32;
+/// Declarations live as long as the process: a server that is sent one after the other must not grow without bound.
+const MOST_KNOWN: usize = 10_000;
 
 /// An effect document.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -318,6 +320,12 @@ impl EffectDocument {
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(declaration) = known.get(&text) {
             return Ok(declaration);
+        }
+        if known.len() >= MOST_KNOWN {
+            let reason = format!(
+                "this process has met {MOST_KNOWN} different effects, and keeps each: expected it to be started again"
+            );
+            return Err(Refusal::new("id", reason));
         }
         let declaration: &'static EffectDeclaration = Box::leak(Box::new(self.compile()?));
         known.insert(text, declaration);
