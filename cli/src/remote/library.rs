@@ -59,15 +59,15 @@ pub(super) fn train(server: &ServerArgs, args: &TrainArgs) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     with_server(server, async |remote| {
-        let name = same_there(remote, &request.scenario).await?;
+        let name = same_there(remote, request.scenario).await?;
         let body = json!({
             "method": request.method, "scenario": name, "seeds": request.seeds, "first_seed": request.first_seed,
         });
         let done = task::perform(remote, "classifiers", "classifier", body, request.json).await?;
-        fetch::file(remote, &format!("{}/artifacts/{CLASSIFIER}", done.path), &request.out).await?;
+        fetch::file(remote, &format!("{}/artifacts/{CLASSIFIER}", done.path), request.out).await?;
         let classifier =
-            Classifier::read(&request.out).map_err(|error| RemoteError::Failed(format!("the server's {error}")))?;
-        reproduce::print_trained(&classifier, &request.out, request.json);
+            Classifier::read(request.out).map_err(|error| RemoteError::Failed(format!("the server's {error}")))?;
+        reproduce::print_trained(&classifier, request.out, request.json);
         Ok(ExitCode::SUCCESS)
     })
 }
