@@ -178,7 +178,11 @@ fn check_story(kill: &Kill, ended: &Ended) {
     // The FDI engine may trail by 128 steps.
     let trail = 128;
     assert!((fewest - untold - trail..=most).contains(&step), "{story}");
-    assert!((0..1000).contains(&silence_ms), "{story}");
+    // Of the wall clock: a machine that stands still for seconds makes it as long.
+    assert!(
+        (0..i64::try_from(PATIENCE.as_millis()).expect("a minute")).contains(&silence_ms),
+        "{story}"
+    );
     let sentence = text(failure, "/sentence");
     let word = if victim == "sim" { "plant" } else { victim };
     assert!(sentence.to_lowercase().contains(word), "{story}");
