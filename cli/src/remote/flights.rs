@@ -90,8 +90,8 @@ fn as_file(path: &Path, part: Option<&str>) -> Result<(String, Vec<u8>, Option<S
             )),
         })
         .transpose()?;
-    let scratch = Scratch::new()?;
-    let stored = log.store(&scratch.0, "log").map_err(|error| error.to_string())?;
+    let scratch = tempfile::tempdir().map_err(|error| format!("a temporary folder cannot be made: {error}"))?;
+    let stored = log.store(scratch.path(), "log").map_err(|error| error.to_string())?;
     let bytes = std::fs::read(&stored).map_err(|error| format!("{}: cannot be read: {error}", stored.display()))?;
     Ok((upload_name(path, Some("parquet")), bytes, part))
 }
@@ -156,23 +156,4 @@ pub(super) async fn import(
 
 fn no_json(error: reqwest::Error) -> RemoteError {
     RemoteError::Failed(format!("the answer to an upload is no JSON: {error}"))
-}
-
-/// A folder of one's own, gone when it is dropped.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new() -> Result<Self, String> {
-        let path = std::env::temp_dir().join(format!("rotortwin-{:032x}", rand::random::<u128>()));
-        std::fs::create_dir(&path).map_err(|error| format!("{}: cannot be made: {error}", path.display()))?;
-        Ok(Self(path))
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_dir_all(&self.0) {
-            tracing::warn!(path = %self.0.display(), %error, "a temporary folder stays");
-        }
-    }
 }

@@ -4,7 +4,7 @@
 //! good, or is left out. What it says then is about the user's other values. A complaint that the repair itself could have caused (the
 //! same key again) is not listed; where nothing can be put right, the list ends, and more may be found later.
 
-use crate::document::Document;
+use crate::document::{Document, at, index, join};
 use crate::error::{ConfigError, Refusal};
 use std::collections::{BTreeMap, BTreeSet};
 use toml::{Table, Value};
@@ -133,21 +133,6 @@ fn parts(key: &str) -> Vec<String> {
         .filter(|part| !part.is_empty())
         .map(str::to_owned)
         .collect()
-}
-
-fn join(path: &[String]) -> String {
-    path.join(".").replace(".[", "[")
-}
-
-fn index(part: &str) -> Option<usize> {
-    part.strip_prefix('[')?.strip_suffix(']')?.parse().ok()
-}
-
-fn at<'a>(root: &'a mut Value, path: &[String]) -> Option<&'a mut Value> {
-    path.iter().try_fold(root, |value, part| match index(part) {
-        Some(i) => value.as_array_mut()?.get_mut(i),
-        None => value.as_table_mut()?.get_mut(part),
-    })
 }
 
 #[cfg(test)]

@@ -259,15 +259,17 @@ impl Document {
 }
 
 /// Dotted path of keys and `[index]` parts.
-fn join(path: &[String]) -> String {
+pub(crate) fn join(path: &[String]) -> String {
     path.join(".").replace(".[", "[")
 }
 
-fn index(part: &str) -> Option<usize> {
+/// The number of an `[index]` part.
+pub(crate) fn index(part: &str) -> Option<usize> {
     part.strip_prefix('[')?.strip_suffix(']')?.parse().ok()
 }
 
-fn at<'a>(root: &'a mut toml::Value, path: &[String]) -> Option<&'a mut toml::Value> {
+/// The value at a path of keys and `[index]` parts.
+pub(crate) fn at<'a>(root: &'a mut toml::Value, path: &[String]) -> Option<&'a mut toml::Value> {
     path.iter().try_fold(root, |value, part| match index(part) {
         Some(i) => value.as_array_mut()?.get_mut(i),
         None => value.as_table_mut()?.get_mut(part),

@@ -1,27 +1,11 @@
 //! The development logs beside the repository: a foreign simulator's and real ones. Skipped where they are not.
 
-#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
-#[path = "../../../tests/src/skip.rs"]
-mod skip;
+mod development_data;
 
+use development_data::shared;
 use rotortwin_plant::VehicleDocuments;
 use rotortwin_twin::log::{FindingKind, FlightLog, names};
 use std::path::{Path, PathBuf};
-
-/// The folder of `ROTORTWIN_SHARED`, else `../shared` beside the repository; `None` is noted for `./test` to count.
-fn shared(inside: &str) -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    let folder = std::env::var_os("ROTORTWIN_SHARED")
-        .map_or_else(beside, PathBuf::from)
-        .join(inside);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    skip::skip(&format!(
-        "flight logs: {inside} is not beside the repository (ROTORTWIN_SHARED)"
-    ));
-    None
-}
 
 fn vehicle(name: &str) -> VehicleDocuments {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/vehicles/{name}.toml"));

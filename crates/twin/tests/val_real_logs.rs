@@ -1,29 +1,13 @@
 //! Real logs with known damage and loads. Skipped where they are not beside the repository.
 
-#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
-#[path = "../../../tests/src/skip.rs"]
-mod skip;
+mod development_data;
 
+use development_data::shared;
 use rotortwin_twin::diagnose::{Options, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::trim::trim;
 use std::path::{Path, PathBuf};
-
-/// The folder of `ROTORTWIN_SHARED`, else `../shared` beside the repository; `None` is noted for `./test` to count.
-fn shared(inside: &str) -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    let folder = std::env::var_os("ROTORTWIN_SHARED")
-        .map_or_else(beside, PathBuf::from)
-        .join(inside);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    skip::skip(&format!(
-        "real logs: {inside} is not beside the repository (ROTORTWIN_SHARED)"
-    ));
-    None
-}
 
 fn model(vehicle: &str) -> ModelVersion {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/vehicles/{vehicle}.toml"));

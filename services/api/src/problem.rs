@@ -152,6 +152,14 @@ impl Problem {
         )
     }
 
+    /// 507 with these words where a file cannot be written because the disk is full, else 500.
+    pub(crate) fn unwritten(error: &std::io::Error, full: &str) -> Self {
+        match error.kind() {
+            std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => Self::disk_full(full),
+            _ => Self::internal(error),
+        }
+    }
+
     /// 500; the cause goes to the log, not to the stranger.
     pub fn internal(cause: &dyn std::fmt::Display) -> Self {
         tracing::error!(%cause, "a request failed");

@@ -109,26 +109,9 @@ impl Database {
         text: &str,
         precondition: &Precondition,
     ) -> Result<Written, sqlx::Error> {
-        let hash = hash_of(text);
         if let Precondition::Hash(expected) = precondition {
-            let replaced = sqlx::query(self.sql(
-                "UPDATE document SET text = $1, hash = $2, changed_ms = @NOW \
-                 WHERE tenant = $3 AND folder = $4 AND name = $5 AND hash = $6",
-            ))
-            .bind(text)
-            .bind(&hash)
-            .bind(tenant)
-            .bind(kind.folder())
-            .bind(name)
-            .bind(expected)
-            .execute(&self.pool)
-            .await?
-            .rows_affected();
-            return Ok(if replaced == 1 {
-                Written::Replaced
-            } else {
-                Written::Refused
-            });
+            let replaced = self.replace_document(tenant, kind, name, text, Some(expected)).await?;
+            return Ok(if replaced { Written::Replaced } else { Written::Refused });
         }
         let created = sqlx::query(self.sql(
             "INSERT INTO document (tenant, folder, name, text, hash, changed_ms) \
@@ -139,7 +122,7 @@ impl Database {
         .bind(kind.folder())
         .bind(name)
         .bind(text)
-        .bind(&hash)
+        .bind(hash_of(text))
         .bind(tenant)
         .bind(MOST_DOCUMENTS)
         .execute(&self.pool)
@@ -152,22 +135,32 @@ impl Database {
             let there = self.has_document(tenant, kind, name).await?;
             return Ok(if there { Written::Refused } else { Written::Full });
         }
-        let replaced = sqlx::query(self.sql(
-            "UPDATE document SET text = $1, hash = $2, changed_ms = @NOW WHERE tenant = $3 AND folder = $4 AND name = $5",
+        let replaced = self.replace_document(tenant, kind, name, text, None).await?;
+        Ok(if replaced { Written::Replaced } else { Written::Full })
+    }
+
+    /// Replaces a document that is there, with this hash if one is given.
+    async fn replace_document(
+        &self,
+        tenant: &str,
+        kind: DocumentKind,
+        name: &str,
+        text: &str,
+        hash: Option<&str>,
+    ) -> Result<bool, sqlx::Error> {
+        sqlx::query(self.sql(
+            "UPDATE document SET text = $1, hash = $2, changed_ms = @NOW \
+             WHERE tenant = $3 AND folder = $4 AND name = $5 AND hash = COALESCE($6, hash)",
         ))
         .bind(text)
-        .bind(&hash)
+        .bind(hash_of(text))
         .bind(tenant)
         .bind(kind.folder())
         .bind(name)
+        .bind(hash)
         .execute(&self.pool)
-        .await?
-        .rows_affected();
-        Ok(if replaced == 1 {
-            Written::Replaced
-        } else {
-            Written::Full
-        })
+        .await
+        .map(|done| done.rows_affected() == 1)
     }
 
     async fn has_document(&self, tenant: &str, kind: DocumentKind, name: &str) -> Result<bool, sqlx::Error> {
@@ -226,11 +219,11 @@ impl App {
             tokio::task::spawn_blocking(move || lay_over(&shelf, &texts, &root))
                 .await
                 .map_err(|error| Problem::internal(&error))?
-                .map_err(|error| match error.kind() {
-                    io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-                        Problem::disk_full("your documents cannot be laid out: the disk of the data folder is full")
-                    }
-                    _ => Problem::internal(&error),
+                .map_err(|error| {
+                    Problem::unwritten(
+                        &error,
+                        "your documents cannot be laid out: the disk of the data folder is full",
+                    )
                 })?;
             clear_away(&folder, &digest);
         }

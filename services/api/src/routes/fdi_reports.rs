@@ -149,11 +149,11 @@ async fn stored(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem
 
 /// The body as a file of its own, which is gone when it is dropped.
 async fn received(app: &App, body: Body) -> Result<tempfile::NamedTempFile, Problem> {
-    let told = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
-            Problem::disk_full("the log cannot be kept while it is judged: the disk of the data folder is full")
-        }
-        _ => Problem::internal(&error),
+    let told = |error: std::io::Error| {
+        Problem::unwritten(
+            &error,
+            "the log cannot be kept while it is judged: the disk of the data folder is full",
+        )
     };
     let file = tempfile::Builder::new()
         .prefix("upload-")

@@ -170,10 +170,7 @@ async fn receive(app: &App, body: Body, file: &str) -> Result<(String, u64, Stri
     let key = format!("uploads/{}", new_id());
     let folder = app.artifacts.place(&key);
     let (mut size, mut hash) = (0_u64, Xxh3::new());
-    let io = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::StorageFull => Problem::disk_full("the file cannot be kept: the disk is full"),
-        _ => Problem::internal(&error),
-    };
+    let io = |error: std::io::Error| Problem::unwritten(&error, "the file cannot be kept: the disk is full");
     tokio::fs::create_dir_all(&folder).await.map_err(io)?;
     let received = async {
         let mut target = tokio::fs::File::create(folder.join(file)).await.map_err(io)?;
