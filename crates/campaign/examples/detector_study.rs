@@ -208,6 +208,17 @@ fn median(values: &mut [f64]) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
+/// Flights of the protocol slower than this are listed one by one, s.
+const SLOW_S: f64 = 1.0;
+
+/// So are those with more windows that are not right than this, of about 1,280.
+const NOTABLE_WINDOWS: u64 = 32;
+
+/// A rotor without a fault is named, alone or with another one.
+fn names_healthy(w: &Window) -> bool {
+    w.faulty != 0 && w.report.sequential > 0 && w.report.suspect_rotors & !w.faulty != 0
+}
+
 fn run_protocol(study: &Study) {
     let plans: Vec<FlightPlan> = study
         .seeds
@@ -222,7 +233,8 @@ fn run_protocol(study: &Study) {
     let (mut healthy_s, mut alarm_count, mut others) = (0.0, 0, BTreeMap::<&str, u64>::new());
     for course in Course::ALL {
         let mut fold = (0u64, 0u64);
-        for (_, windows) in plans.iter().zip(&flights).filter(|(plan, _)| plan.course == course) {
+        for (plan, windows) in plans.iter().zip(&flights).filter(|(plan, _)| plan.course == course) {
+            let before = (fold, others.clone());
             for w in windows.iter().filter(|w| w.report.sequential != -2) {
                 fold.0 += u64::from(w.report.sequential == w.label);
                 fold.1 += 1;
@@ -241,7 +253,21 @@ fn run_protocol(study: &Study) {
             alarm_count += alarms(windows);
             let onset = windows.iter().find(|w| w.label != 0).map_or(f64::NAN, |w| w.end_s);
             let found = windows.iter().find(|w| w.label != 0 && w.report.sequential == w.label);
-            delays.push(found.map_or(f64::INFINITY, |w| w.end_s - onset + 25.0 * STEP_S));
+            let delay = found.map_or(f64::INFINITY, |w| w.end_s - onset + 25.0 * STEP_S);
+            delays.push(delay);
+            let healthy_named = windows.iter().filter(|w| names_healthy(w)).count();
+            let missed = (fold.1 - before.0.1) - (fold.0 - before.0.0);
+            if delay > SLOW_S || healthy_named > 0 || alarms(windows) > 0 || missed > NOTABLE_WINDOWS {
+                println!(
+                    "  {} charge {} rotor {} seed {}: isolated after {delay:.2} s, {missed} windows not right, \
+                     a healthy rotor named in {healthy_named}, {} false alarms",
+                    plan.course.name(),
+                    plan.charge,
+                    plan.rotor + 1,
+                    plan.seed,
+                    alarms(windows)
+                );
+            }
         }
         println!(
             "  {:<10} {:>8.3} % of {} windows",

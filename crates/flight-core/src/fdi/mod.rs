@@ -423,6 +423,7 @@ impl FdiEngine {
             &config.sequential,
             &config.geometry,
             config.mass,
+            config.inertia_body,
             config.gravity,
             config.period,
             config.window_len,

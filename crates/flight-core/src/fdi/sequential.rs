@@ -284,12 +284,13 @@ impl SequentialDetector {
     /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`, and starts afresh; in place,
     /// as a board has no room for two.
     ///
-    /// * `mass`: kg   * `gravity`: m/s²   * `period`: dt, s   * `window_len`: samples per decision
+    /// * `mass`: kg   * `inertia_body`: diagonal of J, kg·m²   * `gravity`: m/s²   * `period`: dt, s   * `window_len`: samples per decision
     pub fn configure(
         &mut self,
         config: &SequentialConfig,
         geometry: &Geometry,
         mass: f32,
+        inertia_body: [f32; 3],
         gravity: f32,
         period: f32,
         window_len: u16,
@@ -374,7 +375,7 @@ impl SequentialDetector {
         *pair_blocks = count(config.ambiguity_time, block_period);
         *phase = Phase::WarmUp;
         *samples = 0;
-        *meter = DefectMeter::new(geometry, weight, arm, hover_thrust, config.rotor_time_constant, period);
+        *meter = DefectMeter::new(geometry, weight, inertia_body, arm, hover_thrust, config.rotor_time_constant, period);
         for level in contender.as_flattened_mut() {
             *level = Contender::BLANK;
         }
@@ -521,6 +522,7 @@ impl SequentialDetector {
             block.wrench[axis],
             second,
             block.lag_slope[axis],
+            if axis == 0 { 0.0 } else { block.gyroscopic[axis - 1] },
         ]
     }
 
@@ -563,6 +565,7 @@ impl SequentialDetector {
                 c.gain_spread * c.gain_spread,
                 second * second,
                 c.rotor_time_constant_spread * c.rotor_time_constant_spread,
+                if axis == 0 { 0.0 } else { c.gain_spread * c.gain_spread },
             ];
             let mut level = floor;
             for contender in &mut self.contender[axis] {

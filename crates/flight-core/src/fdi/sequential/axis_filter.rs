@@ -4,17 +4,23 @@
 //! a rotor, N, and the defect D is N·s.
 //!
 //! ```text
-//!  D' = w + b + g φ_own + s φ_second + t φ_lag        D: momentum defect      measured once per block, white noise
-//!  w' = −w/T + noise                                  w: gusts, level σ       b: constant (bias), slowly drifting
-//!  g, s, t constant                                   g: gain error of the axis   s: see below   t: error of ln τ
+//!  D' = w + b + g φ_own + s φ_second + t φ_lag + j φ_gyr    D: momentum defect      measured once per block, white noise
+//!  w' = −w/T + noise                                        w: gusts, level σ       b: constant (bias), slowly drifting
+//!  g, s, t, j constant                                      g: gain error of the axis   s: see below   t: error of ln τ
 //! ```
 //!
 //! φ_second is the vertical force for roll, pitch and yaw (offset of the centre of mass) and the vertical speed for the vertical
-//! axis (drag). φ_lag is the sensitivity of the lagged wrench to ln τ. All φ are integrated over the flight and averaged over the
+//! axis (drag). φ_lag is the sensitivity of the lagged wrench to ln τ. φ_gyr is what errors of the other two moments of inertia, ε_b and
+//! ε_c, do to the gyroscopic torque (J_b − J_c) ω_b ω_c of Euler's equations; on yaw the document's own torque is 0 where roll and pitch
+//! are alike, and turning a corner shows nothing but the error:
+//!
+//! j φ_gyr = (ε_b J_b − ε_c J_c) ω_b ω_c,  φ_gyr = √(J_b² + J_c²) ω_b ω_c,  j as uncertain as ε_b and ε_c each (none for vertical force)
+//!
+//! All φ are integrated over the flight and averaged over the
 //! samples of a block like D itself, so that the model is exact for constant parameters.
 
-/// Number of states of [`AxisFilter`].
-pub(super) const STATES: usize = 6;
+/// Number of states of [`AxisFilter`]; the last one is the error of the gyroscopic torque.
+pub(super) const STATES: usize = 7;
 /// Momentum defect.
 pub(super) const DEFECT: usize = 0;
 /// Gusts.
@@ -69,7 +75,7 @@ impl Innovation {
     }
 }
 
-/// Kalman filter with the six states of the module documentation.
+/// Kalman filter with the states of the module documentation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisFilter {
     pub state: [f32; STATES],
@@ -161,7 +167,7 @@ impl AxisFilter {
         }
     }
 
-    /// Predicted change of D, and its variance, from the parameters that are not disturbances: gain, second, lag.
+    /// Predicted change of D, and its variance, from the parameters that are not disturbances.
     #[inline]
     pub(super) fn parameter_effect(&self, phi: &[f32; STATES]) -> (f32, f32) {
         let mut mean = 0.0;
@@ -322,7 +328,7 @@ mod tests {
         }
     }
 
-    const VARIANCE: [f32; STATES] = [1e-6, 5e-5, 0.25, 2.5e-3, 2e-4, 2e-2];
+    const VARIANCE: [f32; STATES] = [1e-6, 5e-5, 0.25, 2.5e-3, 2e-4, 2e-2, 2.5e-3];
 
     /// Fifty seconds of blocks with a corner every nine: the range of one flight.
     fn blocks() -> impl Iterator<Item = ([f32; STATES], f32)> {
@@ -336,12 +342,14 @@ mod tests {
                 0.031 * (0.02 * libm::sinf(3.0 * t) + corner),
                 0.031 * (0.1 * libm::sinf(0.4 * t) + corner),
                 0.02 * (0.02 * libm::cosf(3.0 * t) - corner),
+                0.031 * corner * libm::cosf(0.7 * t),
             ];
             // 0.1 N of bias, a gust, noise, and what wrong parameters leave.
             let defect = 0.031 * (0.1 + 0.01 * libm::sinf(0.7 * t))
                 + 2e-4 * libm::sinf(k as f32 * 12.9)
                 + 0.03 * phi[3]
-                + 0.15 * phi[5];
+                + 0.15 * phi[5]
+                - 0.04 * phi[6];
             (phi, defect)
         })
     }
@@ -375,10 +383,10 @@ mod tests {
     #[test]
     fn val_probe_is_the_filter_without_parameters() {
         let d = disturbance();
-        let mut filter = AxisFilter::new(&[1e-6, 5e-5, 0.25, 0.0, 0.0, 0.0]);
+        let mut filter = AxisFilter::new(&[1e-6, 5e-5, 0.25, 0.0, 0.0, 0.0, 0.0]);
         let mut probe = LevelProbe::new(&filter);
         for (phi, defect) in blocks() {
-            let phi = [0.0, phi[1], phi[2], 0.0, 0.0, 0.0];
+            let phi = [0.0, phi[1], phi[2], 0.0, 0.0, 0.0, 0.0];
             filter.predict(&phi, &d);
             let want = filter.update(defect, d.measurement).log_likelihood();
             let got = probe.step(phi[1], 0.0, &d, defect);

@@ -22,10 +22,14 @@ pub(super) const AXES: usize = 4;
 /// Most samples in a row that may be taken for spikes; then the jump is taken for real.
 const MAX_SPIKES_IN_ROW: u32 = 4;
 
-/// Integrals beside the defect: wrench (4), lag sensitivity (4), vertical speed, time.
-const REGRESSORS: usize = 10;
+/// Integrals beside the defect: wrench (4), lag sensitivity (4), vertical speed, time, gyroscopic torque (3).
+const REGRESSORS: usize = 13;
 const SPEED: usize = 8;
 const TIME: usize = 9;
+const GYROSCOPIC: usize = 10;
+
+/// Axes of the two momenta whose product makes the gyroscopic torque about each body axis.
+const OTHER_AXES: [[usize; 2]; 3] = [[2, 3], [3, 1], [1, 2]];
 
 /// Smallest noise variance of one sample, (N·s)²: 1e-7 N·s, rounding of `f32`.
 const LEAST_NOISE_VARIANCE: f32 = 1e-14;
@@ -110,6 +114,8 @@ pub(super) struct Block {
     pub lag_slope: [f32; AXES],
     /// ∫ vertical speed, m.
     pub vertical_path: f32,
+    /// ∫ √(J_b² + J_c²) ω_b ω_c of roll, pitch and yaw, N·s.
+    pub gyroscopic: [f32; 3],
     /// Mean over the block of Σ (f̄_i − hover thrust)², lagged, N².
     pub excursion: f32,
     /// Mean static nominal thrust of every rotor, N.
@@ -128,6 +134,8 @@ pub(super) struct DefectMeter {
     effectiveness: [[f32; AXES]; MAX_ROTORS],
     hover_thrust: [f32; MAX_ROTORS],
     time_constant_range: (f32, f32),
+    /// √(J_b⁻² + J_c⁻²) over the lever: makes the torque of a product of momenta.
+    gyroscopic_weight: [f32; 3],
 
     started: bool,
     /// Momentum that the model accounts for; the defect is what the measured one is above it.
@@ -162,6 +170,7 @@ impl DefectMeter {
         effectiveness: [[0.0; AXES]; MAX_ROTORS],
         hover_thrust: [0.0; MAX_ROTORS],
         time_constant_range: (0.0, 0.0),
+        gyroscopic_weight: [0.0; 3],
         started: false,
         accounted: [0.0; AXES],
         rate: [0.0; AXES],
@@ -185,11 +194,12 @@ impl DefectMeter {
         noise_square: [0.0; AXES],
     };
 
-    /// * `weight`: m g, N   * `arm`: longest lever of each axis   * `hover_thrust`: of every rotor, N
+    /// * `weight`: m g, N   * `inertia_body`: diagonal of J, kg·m²   * `arm`: longest lever of each axis   * `hover_thrust`: of every rotor, N
     /// * `time_constant`: τ of the rotors, s   * `period`: dt, s
     pub(super) fn new(
         geometry: &Geometry,
         weight: f32,
+        inertia_body: [f32; 3],
         arm: [f32; AXES],
         hover_thrust: [f32; MAX_ROTORS],
         time_constant: f32,
@@ -205,6 +215,10 @@ impl DefectMeter {
             effectiveness: core::array::from_fn(|i| core::array::from_fn(|axis| f[axis][i])),
             hover_thrust,
             time_constant_range: (0.25 * time_constant, 4.0 * time_constant),
+            gyroscopic_weight: core::array::from_fn(|k| {
+                let [b, c] = OTHER_AXES[k].map(|axis| 1.0 / inertia_body[axis - 1]);
+                libm::sqrtf(b * b + c * c) / arm[k + 1]
+            }),
             lag: [Lag::new(time_constant, period); AXES],
             spike_limit: [f32::INFINITY; AXES],
             ..Self::BLANK
@@ -305,6 +319,10 @@ impl DefectMeter {
         self.regressor_rate[0] += self.weight;
         self.regressor_rate[SPEED] = body.vertical_speed;
         self.regressor_rate[TIME] = 1.0;
+        for k in 0..3 {
+            let [b, c] = OTHER_AXES[k];
+            self.regressor_rate[GYROSCOPIC + k] = self.gyroscopic_weight[k] * body.momentum[b] * body.momentum[c];
+        }
         // The mean of a square is at least the square of the mean: an upper bound on what lagged rotors deviate by.
         self.excursion += (excursion - self.excursion) * self.lag[0].end_weight;
         self.excursion_sum += self.excursion;
@@ -348,6 +366,7 @@ impl DefectMeter {
             wrench: core::array::from_fn(|axis| regressor[axis]),
             lag_slope: core::array::from_fn(|axis| regressor[AXES + axis]),
             vertical_path: regressor[SPEED],
+            gyroscopic: core::array::from_fn(|k| regressor[GYROSCOPIC + k]),
             excursion: self.excursion_sum * share,
             thrust: self.thrust_sum.map(|sum| sum * share),
         };
@@ -400,6 +419,7 @@ mod tests {
     use crate::fdi::test_vectors;
 
     const PERIOD: f32 = 0.0025;
+    const INERTIA: [f32; 3] = [0.0266, 0.0266, 0.0498];
 
     #[test]
     fn val_lag_sensitivity_is_the_derivative() {
@@ -421,7 +441,7 @@ mod tests {
         let geometry = test_vectors::hexa_x();
         let mut hover = [0.0; MAX_ROTORS];
         hover[..6].fill(1.55 * 9.81 / 6.0);
-        DefectMeter::new(&geometry, 1.55 * 9.81, [1.0, 0.275, 0.238, 0.016], hover, 0.05, PERIOD)
+        DefectMeter::new(&geometry, 1.55 * 9.81, INERTIA, [1.0, 0.275, 0.238, 0.016], hover, 0.05, PERIOD)
     }
 
     fn hover() -> ([f32; AXES], [f32; MAX_ROTORS], BodyMomentum) {
