@@ -422,9 +422,7 @@ impl FdiEngine {
         sequential.configure(
             &config.sequential,
             &config.geometry,
-            config.mass,
-            config.inertia_body,
-            config.gravity,
+            body,
             config.period,
             config.window_len,
         );

@@ -58,7 +58,7 @@ mod onset;
 mod sets;
 
 use super::FaultVerdict;
-use super::residual::BodyMomentum;
+use super::residual::{BodyMomentum, RigidBody};
 use crate::MAX_ROTORS;
 use crate::geometry::Geometry;
 use axis_filter::{AxisFilter, BIAS, Disturbance, GUST, Innovation, LevelProbe, STATES};
@@ -284,20 +284,18 @@ impl SequentialDetector {
     /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`, and starts afresh; in place,
     /// as a board has no room for two.
     ///
-    /// * `mass`: kg   * `inertia_body`: diagonal of J, kg·m²   * `gravity`: m/s²   * `period`: dt, s   * `window_len`: samples per decision
+    /// * `body`: mass, inertia and gravity of the document   * `period`: dt, s   * `window_len`: samples per decision
     pub fn configure(
         &mut self,
         config: &SequentialConfig,
         geometry: &Geometry,
-        mass: f32,
-        inertia_body: [f32; 3],
-        gravity: f32,
+        body: &RigidBody,
         period: f32,
         window_len: u16,
     ) {
         let rotor_count = geometry.rotor_count();
         let f = geometry.effectiveness();
-        let weight = mass * gravity;
+        let weight = body.mass * body.gravity;
         let mean_hover_thrust = weight / rotor_count as f32;
         // Rotors that hardly carry anything in hover get a tenth of the mean, so that shares of them stay meaningful.
         let hover_thrust = geometry.allocate([-weight, 0.0, 0.0, 0.0]);
@@ -322,7 +320,7 @@ impl SequentialDetector {
             hover_thrust: own_hover_thrust,
             column,
             arm: own_arm,
-            mass: own_mass,
+            mass,
             noise_from,
             calibration_from,
             watch_from,
@@ -366,7 +364,7 @@ impl SequentialDetector {
             }
         }
         *own_arm = arm;
-        *own_mass = mass;
+        *mass = body.mass;
         *noise_from = count(NOISE_SKIP * config.calibration_start, period);
         *calibration_from = count(config.calibration_start, period);
         *watch_from = count(config.calibration_end, period);
@@ -375,7 +373,15 @@ impl SequentialDetector {
         *pair_blocks = count(config.ambiguity_time, block_period);
         *phase = Phase::WarmUp;
         *samples = 0;
-        *meter = DefectMeter::new(geometry, weight, inertia_body, arm, hover_thrust, config.rotor_time_constant, period);
+        *meter = DefectMeter::new(
+            geometry,
+            weight,
+            body.inertia_body,
+            arm,
+            hover_thrust,
+            config.rotor_time_constant,
+            period,
+        );
         for level in contender.as_flattened_mut() {
             *level = Contender::BLANK;
         }

@@ -419,7 +419,7 @@ mod tests {
             .iter()
             .map(|factor| {
                 d.variance = 5e-5 * factor;
-                let mut probe = LevelProbe::new(&AxisFilter::new(&[1e-6, d.variance, 0.01, 0.0, 0.0, 0.0]));
+                let mut probe = LevelProbe::new(&AxisFilter::new(&[1e-6, d.variance, 0.01, 0.0, 0.0, 0.0, 0.0]));
                 defects.iter().map(|defect| probe.step(0.031, 0.0, &d, *defect)).sum()
             })
             .collect();
@@ -432,7 +432,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
         fn prop_covariance_stays_positive(
-            steps in proptest::collection::vec((proptest::array::uniform6(-1.0f32..1.0), -1.0f32..1.0), 1..200),
+            steps in proptest::collection::vec((proptest::array::uniform7(-1.0f32..1.0), -1.0f32..1.0), 1..200),
         ) {
             let d = disturbance();
             let mut filter = AxisFilter::new(&VARIANCE);

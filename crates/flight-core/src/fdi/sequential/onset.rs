@@ -413,8 +413,8 @@ mod tests {
     fn run(column: &[f32; AXES], loss: f32, blocks: u32) -> OnsetHypotheses {
         let d = disturbance();
         let mut hypotheses = fresh();
-        let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0]); AXES];
-        let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0]; AXES];
+        let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0, 0.0]); AXES];
+        let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0, 0.0]; AXES];
         for block in 0..blocks {
             let mut innovation = [Innovation::default(); AXES];
             let input = match block.checked_sub(100) {
@@ -467,8 +467,8 @@ mod tests {
 
         let d = disturbance();
         let mut jump = fresh();
-        let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0]); AXES];
-        let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0]; AXES];
+        let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0, 0.0]); AXES];
+        let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0, 0.0]; AXES];
         for block in 0..110 {
             let mut innovation = [Innovation::default(); AXES];
             for axis in 0..AXES {
