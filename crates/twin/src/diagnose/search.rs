@@ -211,6 +211,14 @@ pub(crate) fn search(
                 None => (about, left),
             };
         }
+        while let Some(without) = gusts::without_stand_in(&problem, weather.as_ref(), threshold)? {
+            let (about, _) = posterior_of(&without)?;
+            let Some(found) = gusts::find(&without, &about)? else { break };
+            named.retain(|one| without.active.iter().any(|a| a.candidate == one.candidate));
+            problem = without;
+            posterior = found.posterior.clone();
+            weather = Some(found);
+        }
         if let Some(found) = &weather {
             goodness = judge(&problem, &before, &found.fits);
         }
@@ -264,7 +272,7 @@ fn at_rest(predictor: &Predictor) -> bool {
 }
 
 /// Lowers the trust in channels that even the whole library with wide priors leaves coloured.
-fn trust(problem: &mut Problem) {
+pub(super) fn trust(problem: &mut Problem) {
     for one in &mut problem.weights {
         *one = [1.0; CHANNELS];
     }

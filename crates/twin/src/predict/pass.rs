@@ -232,7 +232,7 @@ impl Plant {
             accel: at(&measured.accel, c.imu_latency_s),
             // The noise of a reading must not come back through its own prediction: a load that pulls with its mass times what the
             // accelerometer reads would add its share of the noise, and lose to any rival that does not.
-            driving_accel: at(&self.series.smooth.accel, c.imu_latency_s),
+            driving_accel: at(&self.series.smooth.driving_accel, c.imu_latency_s),
             ned_from_body: Vec::new(),
         };
         motion.ned_from_body = motion.attitude.iter().map(|&attitude| rotation(attitude)).collect();
