@@ -213,7 +213,9 @@ pub(crate) fn search(
         }
         while let Some(without) = gusts::without_stand_in(&problem, weather.as_ref(), threshold)? {
             let (about, _) = posterior_of(&without)?;
-            let Some(found) = gusts::find(&without, &about)? else { break };
+            let Some(found) = gusts::find(&without, &about)? else {
+                break;
+            };
             named.retain(|one| without.active.iter().any(|a| a.candidate == one.candidate));
             problem = without;
             posterior = found.posterior.clone();
