@@ -368,7 +368,7 @@ pub(crate) fn without_stand_in(
             .active
             .iter()
             .any(|other| other.candidate != active.candidate && declaration(other).needs.contains(&own.id));
-        if places.is_empty() || needed || active.onset_s.is_some() || acts_through.contains(&own.id) {
+        if places.is_empty() || needed || acts_through.contains(&own.id) {
             continue;
         }
         let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
