@@ -7,11 +7,14 @@
 use crate::flight::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Scenario;
-use rotortwin_wire::frames::FdiReport;
+use rotortwin_wire::frames::{FdiReport, MAX_HYPOTHESES};
 use xxhash_rust::xxh3::Xxh3;
 
-/// Bytes of one step at most: 3 × 8 (truth header) + 4-byte and 8-byte signals, see `update`.
-const CAPACITY: usize = 2048;
+/// Bytes of one step at most, of 16 rotors: 16 (truth header), 141 signals of 4 bytes, 31 of 8, see [`RunHasher::update_step`].
+const STEP_CAPACITY: usize = 1024;
+
+/// Bytes that are hashed at a time: several steps, as the hash copies what it is given in smaller pieces.
+const CAPACITY: usize = 4096;
 
 /// Content hash of a document: 32 hexadecimal digits.
 pub fn content_hash(bytes: &[u8]) -> String {
@@ -31,7 +34,8 @@ pub fn model_hash(scenario: &Scenario) -> String {
 pub struct RunHasher {
     state: Xxh3,
     rotor_count: usize,
-    bytes: StepBytes,
+    /// Steps that the state has not taken in yet.
+    waiting: StepBytes,
 }
 
 impl RunHasher {
@@ -41,7 +45,7 @@ impl RunHasher {
         Self {
             state: Xxh3::new(),
             rotor_count,
-            bytes: StepBytes::new(),
+            waiting: StepBytes::new(),
         }
     }
 
@@ -83,7 +87,7 @@ impl RunHasher {
             saturated_rotors: sample.command.saturated_rotors,
             residuals: sample.report.residuals_nms[..n].as_flattened(),
             wrench_residual: &sample.report.wrench_residual,
-            verdicts: &sample.report,
+            verdicts: &VerdictWords::of(&sample.report),
             window_end: sample.report.window_end,
             motion: &motion,
             rotor_thrust_n: &truth.rotor_thrust_n[..n],
@@ -95,8 +99,7 @@ impl RunHasher {
     /// Adds one step: the one place that says what is hashed, and in which order.
     #[inline]
     pub(crate) fn update_step(&mut self, s: &HashedStep<'_>) {
-        let bytes = &mut self.bytes;
-        bytes.len = 0;
+        let bytes = &mut self.waiting;
         bytes.u64(s.step);
         bytes.u64(s.sim_time_ns);
         bytes.f32s(s.sensed);
@@ -107,30 +110,24 @@ impl RunHasher {
 
         bytes.f32s(s.residuals);
         bytes.f32s(s.wrench_residual);
-        let report = s.verdicts;
-        for code in [report.t_test, report.network, report.sequential] {
-            bytes.u32(code.cast_unsigned());
-        }
-        bytes.f32s(&[report.sequential_probability]);
-        bytes.f32s(&report.thrust_loss.values());
-        bytes.f32s(&report.second_thrust_loss.values());
-        bytes.u32(report.suspect_rotors);
-        bytes.u32(report.hypothesis_count);
-        for rotors in report.hypothesis_rotors {
-            bytes.u32(rotors);
-        }
+        bytes.put(&s.verdicts.0);
         bytes.u32(s.window_end);
 
         bytes.f64s(s.motion);
         bytes.f64s(s.rotor_thrust_n);
         bytes.f64s(s.battery);
         bytes.u32(s.faulty_rotors);
-        self.state.update(self.bytes.filled());
+        if bytes.len > CAPACITY - STEP_CAPACITY {
+            self.state.update(bytes.filled());
+            bytes.len = 0;
+        }
     }
 
     /// The hash of everything added so far: 32 hexadecimal digits.
     pub fn digest(&self) -> String {
-        format!("{:032x}", self.state.digest128())
+        let mut state = self.state.clone();
+        state.update(self.waiting.filled());
+        format!("{:032x}", state.digest128())
     }
 }
 
@@ -145,8 +142,7 @@ pub(crate) struct HashedStep<'a> {
     pub(crate) saturated_rotors: u32,
     pub(crate) residuals: &'a [f32],
     pub(crate) wrench_residual: &'a [f32; 4],
-    /// Verdicts, probability, losses, suspects.
-    pub(crate) verdicts: &'a FdiReport,
+    pub(crate) verdicts: &'a VerdictWords,
     pub(crate) window_end: u32,
     /// Position, velocity, attitude, body rates.
     pub(crate) motion: &'a [f64; 12],
@@ -156,7 +152,32 @@ pub(crate) struct HashedStep<'a> {
     pub(crate) faulty_rotors: u32,
 }
 
-/// The signals of one step, laid out byte by byte.
+/// What a report says beside its residuals, as it is hashed: verdicts, probability, losses, suspects. The same for all steps of a window.
+#[derive(Clone)]
+pub(crate) struct VerdictWords([u8; 4 * VERDICT_WORDS]);
+
+/// Three verdicts, a probability, two estimates, and the suspects.
+const VERDICT_WORDS: usize = 3 + 1 + 2 * 6 + 2 + MAX_HYPOTHESES;
+
+impl VerdictWords {
+    pub(crate) fn of(report: &FdiReport) -> Self {
+        let verdicts = [report.t_test, report.network, report.sequential].map(i32::cast_unsigned);
+        let losses = [report.thrust_loss.values(), report.second_thrust_loss.values()];
+        let words = verdicts
+            .into_iter()
+            .chain([report.sequential_probability.to_bits()])
+            .chain(losses.as_flattened().iter().map(|loss| loss.to_bits()))
+            .chain([report.suspect_rotors, report.hypothesis_count])
+            .chain(report.hypothesis_rotors);
+        let mut bytes = [0; 4 * VERDICT_WORDS];
+        for (place, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(words) {
+            *place = word.to_le_bytes();
+        }
+        Self(bytes)
+    }
+}
+
+/// The signals of some steps, laid out byte by byte.
 #[derive(Clone)]
 struct StepBytes {
     buffer: [u8; CAPACITY],
@@ -173,19 +194,19 @@ impl StepBytes {
     }
 
     #[inline]
-    fn put<const N: usize>(&mut self, bytes: [u8; N]) {
-        self.buffer[self.len..self.len + N].copy_from_slice(&bytes);
+    fn put<const N: usize>(&mut self, bytes: &[u8; N]) {
+        self.buffer[self.len..self.len + N].copy_from_slice(bytes);
         self.len += N;
     }
 
     #[inline]
     fn u32(&mut self, value: u32) {
-        self.put(value.to_le_bytes());
+        self.put(&value.to_le_bytes());
     }
 
     #[inline]
     fn u64(&mut self, value: u64) {
-        self.put(value.to_le_bytes());
+        self.put(&value.to_le_bytes());
     }
 
     #[inline]

@@ -7,6 +7,28 @@
 use crate::frames::wrap_angle;
 use core::f64::consts::FRAC_PI_2;
 
+#[cfg(not(target_os = "none"))]
+extern crate std;
+
+/// √x. Rounded as IEEE 754 demands, so that every way to it gives the same bits: `libm` on a board; elsewhere the compiler's own, as that of
+/// `libm` is an assembly instruction there, around which no loop over flights becomes one over vector registers.
+#[inline(always)]
+pub(crate) fn square_root(x: f32) -> f32 {
+    #[cfg(target_os = "none")]
+    return libm::sqrtf(x);
+    #[cfg(not(target_os = "none"))]
+    x.sqrt()
+}
+
+/// [`square_root`] in `f64`.
+#[inline(always)]
+fn square_root_f64(x: f64) -> f64 {
+    #[cfg(target_os = "none")]
+    return libm::sqrt(x);
+    #[cfg(not(target_os = "none"))]
+    x.sqrt()
+}
+
 /// The functions that the control and residual equations need.
 pub trait Elementary {
     /// sin x and cos x.
@@ -146,7 +168,7 @@ impl Elementary for BranchFree {
         let p = z * (ASIN[0] + z * (ASIN[1] + z * ASIN[2]));
         let q = 1.0 + z * ASIN[3];
         let r = p / q;
-        let s = libm::sqrt(f64::from(z));
+        let s = square_root_f64(f64::from(z));
         let of_large = (FRAC_PI_2 - 2.0 * (s + s * f64::from(r))) as f32;
         if large { of_large.copysign(x) } else { x + x * r }
     }

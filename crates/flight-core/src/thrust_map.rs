@@ -9,6 +9,8 @@
 //! Below a small duty (7.12 % with blade (a)) the fit turns negative; the thrust is 0 there, and the inverse never
 //! returns a duty in that dead band other than 0.
 
+use crate::elementary::square_root;
+
 /// Intervals of the table that the inverse starts from.
 const CELLS: usize = 64;
 
@@ -142,7 +144,7 @@ impl ThrustMap {
     #[doc(alias = "lift")]
     pub fn thrust(&self, duty: f32, voltage: f32) -> f32 {
         let u = 100.0 * duty.clamp(0.0, 1.0);
-        let root = libm::sqrtf(u);
+        let root = square_root(u);
         let excess = voltage - self.voltage_offset;
         let thrust = positive_part(excess * self.shape(root, u));
         if excess > 0.0 { thrust } else { 0.0 }

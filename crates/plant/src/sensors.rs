@@ -216,17 +216,17 @@ impl SensorSuite {
         self.voltage_bias
     }
 
-    /// This step's standard normals: three for each sensor, one for the voltage (0 if it is exact).
+    /// Puts this step's standard normals into a column: three for each sensor, one for the voltage (0 if it is exact).
     #[inline]
-    pub(crate) fn noise(&mut self) -> [f64; 3 * SENSORS - 2] {
-        let mut normals = [0.0; 3 * SENSORS - 2];
+    pub(crate) fn noise<const L: usize>(&mut self, rows: &mut [[f64; L]; 3 * SENSORS - 2], lane: usize) {
         for sensor in 0..SENSORS - 1 {
-            normals[3 * sensor..3 * sensor + 3].copy_from_slice(&self.noise[sensor].sample3());
+            let normals = self.noise[sensor].sample3();
+            for axis in 0..3 {
+                rows[3 * sensor + axis][lane] = normals[axis];
+            }
         }
-        if self.deviation[SENSORS - 1] > 0.0 {
-            normals[3 * SENSORS - 3] = self.noise[SENSORS - 1].sample();
-        }
-        normals
+        let exact = self.deviation[SENSORS - 1] <= 0.0;
+        rows[3 * SENSORS - 3][lane] = if exact { 0.0 } else { self.noise[SENSORS - 1].sample() };
     }
 
     /// What the sensors say of `truth` at `step`, which must be one after the step before; and the bit mask of stale sensors.

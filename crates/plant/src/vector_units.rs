@@ -12,6 +12,9 @@ pub trait VectorWork {
     type Input;
     /// What it writes.
     type Output;
+    /// Whether registers of 512 bits are worth it. Rows of eight `f32` fill 256, and so may rows of `f64` that were written number by
+    /// number just before: a load across many stores waits for them.
+    const WIDE: bool;
     /// Does it.
     fn run(input: &Self::Input, output: &mut Self::Output);
 }
@@ -45,8 +48,7 @@ impl VectorUnit {
                 && std::arch::is_x86_feature_detected!("avx512bw")
                 && std::arch::is_x86_feature_detected!("avx512vl");
             match (avx2, avx512) {
-                // Eight lanes fill a register of AVX-512, but AVX2 was a few per cent faster on the processor at hand.
-                (true, true) => &[Self::Baseline, Self::Avx512, Self::Avx2],
+                (true, true) => &[Self::Baseline, Self::Avx2, Self::Avx512],
                 (true, false) => &[Self::Baseline, Self::Avx2],
                 _ => &[Self::Baseline],
             }
@@ -102,10 +104,10 @@ impl Dispatch {
             VectorUnit::Baseline => baseline::<W>(input, output),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: a `Dispatch` is made by `detect` or by `new`, both of which ask the processor for exactly these features.
-            VectorUnit::Avx2 => unsafe { avx2::<W>(input, output) },
+            VectorUnit::Avx512 if W::WIDE => unsafe { avx512::<W>(input, output) },
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            VectorUnit::Avx512 => unsafe { avx512::<W>(input, output) },
+            // SAFETY: as above; AVX-512 is only available beside AVX2.
+            VectorUnit::Avx2 | VectorUnit::Avx512 => unsafe { avx2::<W>(input, output) },
         }
     }
 }
@@ -135,6 +137,7 @@ mod tests {
     impl VectorWork for Double {
         type Input = [f64; 8];
         type Output = [f64; 8];
+        const WIDE: bool = true;
         #[inline(always)]
         fn run(input: &[f64; 8], output: &mut [f64; 8]) {
             for lane in 0..8 {

@@ -2,7 +2,7 @@
 
 use super::{BatchOutcome, GroupKey, RUN_ID, Waiting};
 use crate::flight::{Failure, FlightEnd, FlightObserver, FlightOutcome, Sample, StopReason};
-use crate::run_hash::{HashedStep, RunHasher};
+use crate::run_hash::{HashedStep, RunHasher, VerdictWords};
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::control::lanes::{ControlRows, MeasuredRows, ReferenceRows, SineRows};
 use rotortwin_flight_core::fdi::FdiEngine;
@@ -31,11 +31,20 @@ struct Rider<O> {
     index: usize,
     engine: Box<FdiEngine>,
     hasher: RunHasher,
-    /// Verdicts of the last window.
+    /// Verdicts of the last window, and as they are hashed.
     report: FdiReport,
+    verdicts: VerdictWords,
     observer: O,
     steps: u64,
     start: Instant,
+}
+
+impl<O> Rider<O> {
+    /// New verdicts.
+    fn report(&mut self, report: FdiReport) {
+        self.report = report.canonical();
+        self.verdicts = VerdictWords::of(&self.report);
+    }
 }
 
 /// Peers' inputs in canonical form, where −0 has become +0.
@@ -60,6 +69,7 @@ struct Control<const N: usize>;
 impl<const N: usize> VectorWork for Control<N> {
     type Input = PeerInputs;
     type Output = PeerOutputs<N>;
+    const WIDE: bool = false;
 
     #[inline(always)]
     fn run(input: &PeerInputs, output: &mut PeerOutputs<N>) {
@@ -86,6 +96,7 @@ struct Diagnose<const N: usize>;
 impl<const N: usize> VectorWork for Diagnose<N> {
     type Input = PeerInputs;
     type Output = PeerOutputs<N>;
+    const WIDE: bool = false;
 
     #[inline(always)]
     fn run(input: &PeerInputs, output: &mut PeerOutputs<N>) {
@@ -164,6 +175,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             engine: self.inputs.engine.clone(),
             hasher: RunHasher::new(N),
             report: FdiReport::default(),
+            verdicts: VerdictWords::of(&FdiReport::default()),
             observer: waiting.observer,
             steps: 0,
             start: Instant::now(),
@@ -238,7 +250,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             if output.rejected_samples > 0 || !out.fdi.seat(lane, &rider.engine) {
                 return false;
             }
-            rider.report = report(stamp, &output).canonical();
+            rider.report(report(stamp, &output));
             out.fdi.set_output(lane, &output);
             output.window_end
         } else {
@@ -247,7 +259,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             }
             let window_end = out.fdi.close(lane, &mut rider.engine);
             if window_end {
-                rider.report = report(stamp, &out.fdi.output(lane, &rider.engine)).canonical();
+                rider.report(report(stamp, &out.fdi.output(lane, &rider.engine)));
                 // The link's own check where verdicts are new: it would refuse the report, and with it the flight.
                 if check_report(&rider.report, N).is_err() {
                     return false;
@@ -255,11 +267,14 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             }
             window_end
         };
-        let (residuals, wrench_residual) = out.fdi.residuals_of(lane);
+        let (mut residuals, wrench_residual) = out.fdi.residuals_of(lane);
         if !wrench_residual.iter().all(|r| r.abs() < LARGEST_RESIDUAL) {
             return false;
         }
-        let (residuals, wrench_residual) = (residuals.map(canonical), canonical(wrench_residual));
+        for residual in residuals.as_flattened_mut() {
+            *residual += 0.0;
+        }
+        let wrench_residual = canonical(wrench_residual);
         let motion = self.plant.motion(lane);
         let sensed = &self.inputs.sensed;
         let mut heard = [0.0; 20];
@@ -279,7 +294,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             saturated_rotors,
             residuals: residuals.as_flattened(),
             wrench_residual: &wrench_residual,
-            verdicts: &rider.report,
+            verdicts: &rider.verdicts,
             window_end: u32::from(window_end),
             motion: &motion.motion,
             rotor_thrust_n: &motion.rotor_thrust_n,

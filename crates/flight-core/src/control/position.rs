@@ -2,7 +2,7 @@
 
 use super::ControllerConfig;
 use super::pid::PidState;
-use crate::elementary::Elementary;
+use crate::elementary::{Elementary, square_root};
 use crate::frames::{AttitudeSines, EulerAngles, Ned, Vec3};
 use crate::signals::{NavState, Reference};
 
@@ -57,7 +57,7 @@ pub(super) fn thrust_vector(
         MIN_SPECIFIC_THRUST
     };
     let (b_x, b_y) = (-acceleration.x, -acceleration.y);
-    let horizontal = libm::sqrtf(b_x * b_x + b_y * b_y);
+    let horizontal = square_root(b_x * b_x + b_y * b_y);
     let limit = tilt_limit_tan * b_z;
     let scale = limit / horizontal;
     let (b_x, b_y) = if horizontal > limit {
@@ -66,7 +66,7 @@ pub(super) fn thrust_vector(
         (b_x, b_y)
     };
     // At least b_z, which is at least 1: no division by zero.
-    let norm = libm::sqrtf(b_x * b_x + b_y * b_y + b_z * b_z);
+    let norm = square_root(b_x * b_x + b_y * b_y + b_z * b_z);
     let (n_x, n_y, n_z) = (b_x / norm, b_y / norm, b_z / norm);
 
     let (sin_yaw, cos_yaw) = sines.yaw;

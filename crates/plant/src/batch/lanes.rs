@@ -170,6 +170,7 @@ pub(super) struct Integrate<const N: usize>;
 impl<const N: usize> VectorWork for Integrate<N> {
     type Input = LaneInputs<N>;
     type Output = Integrated<N>;
+    const WIDE: bool = true;
 
     #[inline(always)]
     fn run(input: &LaneInputs<N>, output: &mut Integrated<N>) {
@@ -254,6 +255,7 @@ pub(super) struct RecordTruth<const N: usize>;
 impl<const N: usize> VectorWork for RecordTruth<N> {
     type Input = LaneInputs<N>;
     type Output = TruthRows;
+    const WIDE: bool = true;
 
     #[inline(always)]
     fn run(input: &LaneInputs<N>, truth: &mut TruthRows) {
@@ -321,6 +323,7 @@ pub(super) struct Measure<const N: usize>;
 impl<const N: usize> VectorWork for Measure<N> {
     type Input = LaneInputs<N>;
     type Output = [[f32; LANES]; 13];
+    const WIDE: bool = false;
 
     #[inline(always)]
     fn run(input: &LaneInputs<N>, sensed: &mut [[f32; LANES]; 13]) {

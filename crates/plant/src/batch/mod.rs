@@ -79,6 +79,8 @@ pub struct BatchSimulation<const N: usize> {
     wind_moves: [bool; LANES],
     /// An earlier lane that follows the same trajectory: its reference is this lane's, too, while their steps are the same.
     same_trajectory: [Option<usize>; LANES],
+    /// A later lane follows this one's trajectory.
+    leads: [bool; LANES],
 }
 
 impl<const N: usize> BatchSimulation<N> {
@@ -106,6 +108,7 @@ impl<const N: usize> BatchSimulation<N> {
             },
             wind_moves: [false; LANES],
             same_trajectory: [None; LANES],
+            leads: [false; LANES],
         }
     }
 
@@ -161,6 +164,7 @@ impl<const N: usize> BatchSimulation<N> {
             self.same_trajectory[lane] =
                 trajectory(lane).and_then(|own| (0..lane).find(|other| trajectory(*other) == Some(own)));
         }
+        self.leads = core::array::from_fn(|lane| self.same_trajectory.contains(&Some(lane)));
         self.read_rotors(lane);
         self.read_surroundings(lane);
         self.read_reference(lane);
@@ -182,7 +186,7 @@ impl<const N: usize> BatchSimulation<N> {
     pub fn sense(&mut self) -> &SensedRows {
         for lane in 0..LANES {
             if let Some(seat) = &mut self.seats[lane] {
-                set_column(&mut self.inputs.sensors.noise, lane, &seat.simulation.sensors.noise());
+                seat.simulation.sensors.noise(&mut self.inputs.sensors.noise, lane);
             }
         }
         self.dispatch.run::<Measure<N>>(&self.inputs, &mut self.sensed.values);
@@ -214,7 +218,9 @@ impl<const N: usize> BatchSimulation<N> {
                     .filter(|(step, _)| *step == simulation.step() + 1)
             });
             let changed = simulation.advance_around(known.map(|(_, reference)| reference));
-            references[lane] = Some((simulation.step(), simulation.reference.point()));
+            if self.leads[lane] {
+                references[lane] = Some((simulation.step(), simulation.reference.point()));
+            }
             if changed {
                 self.read_rotors(lane);
             }

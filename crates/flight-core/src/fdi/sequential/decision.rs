@@ -3,7 +3,7 @@
 use super::axis_filter::{BIAS, GAIN, LAG, LevelProbe, STATES};
 use super::defect::AXES;
 use super::estimate::{LossEstimate, Suspects};
-use super::onset::{Evidence, FreeEvidence};
+use super::onset::{ABREAST, Evidence, FreeEvidence};
 use super::sets::{Demands, Observation, SetFit, Sets};
 use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, within};
 use crate::MAX_ROTORS;
@@ -74,9 +74,17 @@ impl SequentialDetector {
         self.known_rotors() >> rotor & 1 == 1 && change > (1.0 - HEALING_SHARE) * self.least_change(rotor)
     }
 
-    fn rotor_evidence(&self, rotor: usize) -> Evidence {
-        self.onset
-            .evidence(&self.column[within(rotor)], self.least_change(rotor))
+    /// Of every rotor; of places past the last one, that of no loss or nothing at all.
+    fn evidence(&self) -> [Evidence; MAX_ROTORS] {
+        let mut evidence = [Evidence::NONE; MAX_ROTORS];
+        let groups = evidence.as_chunks_mut::<ABREAST>().0.iter_mut();
+        for (group, place) in groups.enumerate().take(self.rotors().div_ceil(ABREAST)) {
+            let rotor = |k: usize| within(group * ABREAST + k);
+            let column = core::array::from_fn(|axis| core::array::from_fn(|k| self.column[rotor(k)][axis]));
+            let least = core::array::from_fn(|k| self.least_change(rotor(k)));
+            *place = self.onset.evidence(&column, &least);
+        }
+        evidence
     }
 
     /// After the last block of a window.
@@ -88,9 +96,10 @@ impl SequentialDetector {
         let known = self.known_rotors();
         let mut first = 0;
         let mut log_likelihood = [0.0; MAX_ROTORS];
-        let mut leading = self.rotor_evidence(0);
+        let evidence = self.evidence();
+        let mut leading = evidence[0];
         for rotor in 0..self.rotors() {
-            let evidence = self.rotor_evidence(rotor);
+            let evidence = evidence[rotor];
             log_likelihood[rotor] = evidence.log_likelihood;
             if self.goes_on(rotor, evidence.loss) {
                 log_likelihood[rotor] += c.repeat_bonus;

@@ -18,6 +18,9 @@ use super::axis_filter::{DEFECT, GUST, Innovation, STATES};
 use super::defect::AXES;
 use super::sets::Observation;
 
+/// Rotors that are weighed at a time: as many `f32` as the registers of every vector unit hold.
+pub(super) const ABREAST: usize = 4;
+
 /// Moments of onset under test.
 const MOMENTS: usize = 20;
 
@@ -31,18 +34,27 @@ const LEAST_INFORMATION: f32 = 1e-9;
 /// large late one look alike.
 const LATER_MARGIN: f32 = 2.0;
 
+/// What one block tells every signature; the axes side by side, for vector registers.
+struct BlockRows {
+    phi: [[f32; AXES]; STATES],
+    gain: [[f32; AXES]; STATES],
+    value: [f32; AXES],
+    evidence: [f32; AXES],
+    correlation: f32,
+}
+
 /// One signature on every axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct Signature {
-    /// True state less estimated state per unit of what is supposed.
-    error: [[f32; STATES]; AXES],
+    /// True state less estimated state per unit of what is supposed; a row for each state, a column for each axis.
+    error: [[f32; AXES]; STATES],
     score: [f32; AXES],
     information: [f32; AXES],
 }
 
 impl Signature {
     const BLANK: Self = Self {
-        error: [[0.0; STATES]; AXES],
+        error: [[0.0; AXES]; STATES],
         score: [0.0; AXES],
         information: [0.0; AXES],
     };
@@ -61,29 +73,37 @@ impl Signature {
     ///
     /// * `input`: what the supposition adds to the defect in this block, per unit
     #[inline]
-    fn update(
-        &mut self,
-        input: f32,
-        phi: &[[f32; STATES]; AXES],
-        innovation: &[Innovation; AXES],
-        evidence: &[f32; AXES],
-        correlation: f32,
-    ) {
+    fn update(&mut self, input: f32, block: &BlockRows) {
+        let mut signature = self.error[DEFECT];
         for axis in 0..AXES {
-            let error = &mut self.error[axis];
-            let mut signature = error[DEFECT] + input;
-            for j in 1..STATES {
-                signature += phi[axis][j] * error[j];
-            }
-            error[DEFECT] = signature;
-            error[GUST] *= correlation;
-            let weighted = signature * evidence[axis];
-            self.score[axis] += weighted * innovation[axis].value;
-            self.information[axis] += weighted * signature;
-            for j in 0..STATES {
-                error[j] -= innovation[axis].gain[j] * signature;
+            signature[axis] += input;
+        }
+        for j in 1..STATES {
+            for axis in 0..AXES {
+                signature[axis] += block.phi[j][axis] * self.error[j][axis];
             }
         }
+        self.error[DEFECT] = signature;
+        for axis in 0..AXES {
+            self.error[GUST][axis] *= block.correlation;
+            let weighted = signature[axis] * block.evidence[axis];
+            self.score[axis] += weighted * block.value[axis];
+            self.information[axis] += weighted * signature[axis];
+        }
+        for j in 0..STATES {
+            for axis in 0..AXES {
+                self.error[j][axis] -= block.gain[j][axis] * signature[axis];
+            }
+        }
+    }
+
+    /// Of one axis.
+    fn error_of(&self, axis: usize) -> [f32; STATES] {
+        let mut error = [0.0; STATES];
+        for j in 0..STATES {
+            error[j] = self.error[j][axis.min(AXES - 1)];
+        }
+        error
     }
 }
 
@@ -115,6 +135,14 @@ pub(super) struct Evidence {
     pub loss: f32,
     /// Place of the moment.
     pub index: usize,
+}
+
+impl Evidence {
+    pub(super) const NONE: Self = Self {
+        log_likelihood: 0.0,
+        loss: 0.0,
+        index: 0,
+    };
 }
 
 /// What all moments together say about something that acts on every axis as it likes.
@@ -213,14 +241,26 @@ impl OnsetHypotheses {
         extra: f32,
     ) {
         self.open();
+        let mut block = BlockRows {
+            phi: [[0.0; AXES]; STATES],
+            gain: [[0.0; AXES]; STATES],
+            value: [0.0; AXES],
+            evidence: *evidence,
+            correlation,
+        };
+        for axis in 0..AXES {
+            block.value[axis] = innovation[axis].value;
+            for j in 0..STATES {
+                block.phi[j][axis] = phi[axis][j];
+                block.gain[j][axis] = innovation[axis].gain[j];
+            }
+        }
         for moment in self.moment.iter_mut().take(self.count) {
             let age = self.block.wrapping_sub(moment.block) as usize;
             let input = self.response.get(age).copied().unwrap_or(elapsed);
-            moment
-                .loss
-                .update(input + extra * elapsed, phi, innovation, evidence, correlation);
+            moment.loss.update(input + extra * elapsed, &block);
             let impulse = if age == 0 { 1.0 } else { 0.0 };
-            moment.jump.update(impulse, phi, innovation, evidence, correlation);
+            moment.jump.update(impulse, &block);
         }
         self.block = self.block.wrapping_add(1);
     }
@@ -253,36 +293,38 @@ impl OnsetHypotheses {
         self.count += 1;
     }
 
-    /// Best moment and size of a change of one rotor.
+    /// Best moment and size of a change of each of some rotors, which are weighed side by side.
     ///
-    /// * `column`: F of the rotor, divided by the levers   * `least`: smallest Δ possible, N: not more can come back than was lost
+    /// * `column`: F of the rotors, divided by the levers; a row for each axis   * `least`: smallest Δ possible of each, N: not more can
+    ///   come back than was lost
     #[inline]
-    pub(super) fn evidence(&self, column: &[f32; AXES], least: f32) -> Evidence {
-        let mut best = Evidence {
-            log_likelihood: 0.0,
-            loss: 0.0,
-            index: 0,
-        };
+    pub(super) fn evidence(&self, column: &[[f32; ABREAST]; AXES], least: &[f32; ABREAST]) -> [Evidence; ABREAST] {
+        let (mut best, mut best_loss, mut best_index) = ([0.0; ABREAST], [0.0; ABREAST], [0u32; ABREAST]);
+        // From the oldest to the newest.
         for (index, moment) in self.moment.iter().take(self.count).enumerate() {
-            let mut numerator = 0.0;
-            let mut information = LEAST_INFORMATION;
-            for axis in 0..AXES {
-                numerator -= column[axis] * moment.loss.score[axis];
-                information += column[axis] * column[axis] * moment.loss.information[axis];
-            }
-            let loss = (numerator / information).max(least);
-            let log_likelihood = loss * (numerator - 0.5 * loss * information);
-            // From the oldest to the newest.
             let lead = if index == 0 { 0.0 } else { LATER_MARGIN };
-            if log_likelihood > best.log_likelihood + lead {
-                best = Evidence {
-                    log_likelihood,
-                    loss,
-                    index,
-                };
+            let mut numerator = [0.0; ABREAST];
+            let mut information = [LEAST_INFORMATION; ABREAST];
+            for axis in 0..AXES {
+                for k in 0..ABREAST {
+                    numerator[k] -= column[axis][k] * moment.loss.score[axis];
+                    information[k] += column[axis][k] * column[axis][k] * moment.loss.information[axis];
+                }
+            }
+            for k in 0..ABREAST {
+                let loss = (numerator[k] / information[k]).max(least[k]);
+                let log_likelihood = loss * (numerator[k] - 0.5 * loss * information[k]);
+                let better = log_likelihood > best[k] + lead;
+                best[k] = if better { log_likelihood } else { best[k] };
+                best_loss[k] = if better { loss } else { best_loss[k] };
+                best_index[k] = if better { index as u32 } else { best_index[k] };
             }
         }
-        best
+        core::array::from_fn(|k| Evidence {
+            log_likelihood: best[k],
+            loss: best_loss[k],
+            index: best_index[k] as usize,
+        })
     }
 
     /// Best moment and sizes of a jump.
@@ -355,7 +397,7 @@ impl OnsetHypotheses {
     pub(super) fn jump(&self, evidence: &FreeEvidence, axis: usize) -> (f32, [f32; STATES]) {
         let jump = &self.at(evidence.index).jump;
         let size = jump.score[axis] / jump.information[axis].max(LEAST_INFORMATION);
-        (size, jump.error[axis])
+        (size, jump.error_of(axis))
     }
 
     /// Says which hypotheses lead.
@@ -381,7 +423,8 @@ impl OnsetHypotheses {
 
     /// Error of each axis filter per unit of wrench lost since a moment of onset.
     pub(super) fn error(&self, index: usize) -> [[f32; STATES]; AXES] {
-        self.at(index).loss.error
+        let loss = &self.at(index).loss;
+        core::array::from_fn(|axis| loss.error_of(axis))
     }
 }
 
@@ -409,6 +452,15 @@ mod tests {
         hypotheses
     }
 
+    /// Of one rotor, in the last of the places abreast.
+    fn evidence_of(hypotheses: &OnsetHypotheses, column: &[f32; AXES]) -> Evidence {
+        let mut columns = [[0.0; ABREAST]; AXES];
+        for axis in 0..AXES {
+            columns[axis][ABREAST - 1] = column[axis];
+        }
+        hypotheses.evidence(&columns, &[0.0; ABREAST])[ABREAST - 1]
+    }
+
     /// Runs one axis filter per axis over noiseless defects with a loss from block 100 on; the other axes see nothing.
     fn run(column: &[f32; AXES], loss: f32, blocks: u32) -> OnsetHypotheses {
         let d = disturbance();
@@ -428,7 +480,7 @@ mod tests {
             }
             let weight = innovation.map(|i| i.information);
             hypotheses.update(&phi, &innovation, &weight, d.correlation, BLOCK, 0.0);
-            let evidence = hypotheses.evidence(column, 0.0);
+            let evidence = evidence_of(&hypotheses, column);
             let (jump, push) = (hypotheses.jump_evidence(), hypotheses.push_evidence());
             hypotheses.set_leading(&evidence, &jump, &push);
         }
@@ -440,7 +492,7 @@ mod tests {
         let column = [-1.0, -0.5, 0.866, 1.0];
         for blocks in [104, 110, 130] {
             let hypotheses = run(&column, 0.09, blocks);
-            let evidence = hypotheses.evidence(&column, 0.0);
+            let evidence = evidence_of(&hypotheses, &column);
             assert!((evidence.loss / 0.09 - 1.0).abs() < 1e-3, "{evidence:?}");
             assert_eq!(hypotheses.age(evidence.index), blocks - 100);
             assert!(evidence.log_likelihood > 100.0);
@@ -451,7 +503,7 @@ mod tests {
             assert!((evidence.log_likelihood / want - 1.0).abs() < 1e-3);
             // A rotor on the other side would have to gain thrust.
             let opposite = [-1.0, 0.5, -0.866, -1.0];
-            assert!(hypotheses.evidence(&opposite, 0.0).log_likelihood < 0.5 * evidence.log_likelihood);
+            assert!(evidence_of(&hypotheses, &opposite).log_likelihood < 0.5 * evidence.log_likelihood);
         }
     }
 
@@ -460,7 +512,7 @@ mod tests {
         let column = [-1.0, -0.5, 0.866, 1.0];
         let loss = run(&column, 0.09, 110);
         let (as_loss, as_jump) = (
-            loss.evidence(&column, 0.0).log_likelihood,
+            evidence_of(&loss, &column).log_likelihood,
             loss.jump_evidence().log_likelihood,
         );
         assert!(as_loss > 1.3 * as_jump, "{as_loss} {as_jump}");
@@ -480,14 +532,14 @@ mod tests {
             jump.update(&phi, &innovation, &weight, d.correlation, BLOCK, 0.0);
         }
         let evidence = jump.jump_evidence();
-        assert!(evidence.log_likelihood > 1.5 * jump.evidence(&column, 0.0).log_likelihood);
+        assert!(evidence.log_likelihood > 1.5 * evidence_of(&jump, &column).log_likelihood);
         assert_eq!(jump.jump_age(&evidence), 10);
         assert!((jump.jump(&evidence, 0).0 / 2e-3 - 1.0).abs() < 1e-3);
     }
 
     #[test]
     fn val_nothing_is_found_where_nothing_is() {
-        let evidence = run(&[-1.0, -0.5, 0.866, 1.0], 0.0, 200).evidence(&[-1.0, -0.5, 0.866, 1.0], 0.0);
+        let evidence = evidence_of(&run(&[-1.0, -0.5, 0.866, 1.0], 0.0, 200), &[-1.0, -0.5, 0.866, 1.0]);
         assert_eq!(evidence.log_likelihood, 0.0);
     }
 
