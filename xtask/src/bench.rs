@@ -2,7 +2,6 @@
 //!
 //! Nothing here is a test: a rate that depends on the machine and its load proves nothing by passing a limit.
 
-use crate::cargo;
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -33,7 +32,7 @@ pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
 
 /// Flights side by side only.
 pub(crate) fn side_by_side_only(root: &Path) -> Result<()> {
-    build(root)?;
+    crate::build(root, &["--example", "batch_rate"])?;
     println!("{}", machine());
     let bench = Bench {
         root: root.to_path_buf(),
@@ -43,29 +42,13 @@ pub(crate) fn side_by_side_only(root: &Path) -> Result<()> {
     bench.side_by_side_flights()
 }
 
+/// What the benchmarks run.
 pub(crate) fn build(root: &Path) -> Result<()> {
-    crate::run(
-        "build",
-        cargo(root).args(["build", "--release", "--locked", "--quiet", "-p", "rotortwin"]),
-    )?;
-    for (package, example) in [
-        ("rotortwin-campaign", "closed_loop_rate"),
-        ("rotortwin-campaign", "batch_rate"),
-        ("rotortwin-wire", "link_rate"),
-    ] {
-        let args = [
-            "build",
-            "--release",
-            "--locked",
-            "--quiet",
-            "-p",
-            package,
-            "--example",
-            example,
-        ];
-        crate::run(example, cargo(root).args(args))?;
+    let mut targets = vec!["--bin", "rotortwin"];
+    for example in ["closed_loop_rate", "batch_rate", "link_rate"] {
+        targets.extend(["--example", example]);
     }
-    Ok(())
+    crate::build(root, &targets)
 }
 
 /// CPU, cores, kernel, load: without them a rate says nothing.

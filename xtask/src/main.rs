@@ -79,20 +79,27 @@ fn seeds(root: &Path, scenario: &str) -> Result<()> {
     example(root, "seed_study", &[scenario, "100"])
 }
 
-/// Runs an example of the campaign crate.
+/// Builds and runs an example.
 fn example(root: &Path, name: &str, settings: &[&str]) -> Result<()> {
-    let args = [
-        "run",
+    build(root, &["--example", name])?;
+    let mut command = std::process::Command::new(root.join("target/release/examples").join(name));
+    run(name, command.current_dir(root).args(settings))
+}
+
+/// Builds programs or examples with the features of the whole workspace, as `./run` and `./test` do: with those of one package alone
+/// the large dependencies would be compiled once more.
+fn build(root: &Path, targets: &[&str]) -> Result<()> {
+    let mut command = cargo(root);
+    command.args([
+        "build",
         "--release",
         "--locked",
         "--quiet",
-        "-p",
-        "rotortwin-campaign",
-        "--example",
-        name,
-        "--",
-    ];
-    run(name, cargo(root).args(args).args(settings))
+        "--workspace",
+        "--exclude",
+        "xtask",
+    ]);
+    run("build", command.args(targets))
 }
 
 /// A `cargo` command in the repository root.

@@ -3,7 +3,6 @@
 //! Over loopback, without compression, a connection a query, from its opening to the last byte.
 
 use crate::bench::{Spread, machine};
-use crate::cargo;
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -81,10 +80,7 @@ impl Server {
 
 /// Measures and prints.
 pub(crate) fn run(root: &Path) -> Result<()> {
-    crate::run(
-        "build",
-        cargo(root).args(["build", "--release", "--locked", "--quiet", "-p", "rotortwin"]),
-    )?;
+    crate::build(root, &["--bin", "rotortwin"])?;
     let data = std::env::temp_dir().join(format!("rotortwin-telemetry-bench-{}", std::process::id()));
     let measured = measure(root, &data);
     std::fs::remove_dir_all(&data).with_context(|| format!("removing {}", data.display()))?;

@@ -42,12 +42,12 @@ impl Covariance {
     }
 }
 
-/// The two diagonals of L⁻¹'s recursion for one mask.
+/// The two diagonals of L⁻¹'s recursion for one mask, w_k = g_k r_k − p_k w_{k−1}.
 #[derive(Debug, Clone)]
 pub struct Whitener {
-    /// 1/l_kk; 0 where masked.
+    /// g = 1/l_kk; 0 where masked.
     gain: Vec<f64>,
-    /// l_{k,k−1}.
+    /// p = l_{k,k−1}/l_kk: divided here, or every sample would wait for one more multiplication of the one before.
     previous: Vec<f64>,
 }
 
@@ -68,7 +68,7 @@ impl Whitener {
                 .max(1e-12 * covariance.variance)
                 .sqrt();
             gain[k] = 1.0 / pivot;
-            previous[k] = off;
+            previous[k] = off / pivot;
             before = pivot;
         }
         Self { gain, previous }
@@ -82,7 +82,7 @@ impl Whitener {
                 // A masked sample may be NaN: 0 · NaN would spread.
                 before = 0.0;
             } else {
-                before = (*r - previous * before) * gain;
+                before = gain * *r - previous * before;
             }
             *r = before;
         }
@@ -91,16 +91,16 @@ impl Whitener {
     /// L⁻¹ (a − b) · `factor` as f32, for columns of a Jacobian.
     pub fn difference(&self, a: &[f64], b: &[f64], factor: f64) -> Vec<f32> {
         let mut before = 0.0;
-        let mut out = Vec::with_capacity(a.len());
-        for (((&x, &y), &gain), &previous) in a.iter().zip(b).zip(&self.gain).zip(&self.previous) {
+        let samples = a.iter().zip(b).zip(&self.gain).zip(&self.previous);
+        let whitened = samples.map(|(((&x, &y), &gain), &previous)| {
             before = if gain == 0.0 {
                 0.0
             } else {
-                ((x - y) * factor - previous * before) * gain
+                gain * ((x - y) * factor) - previous * before
             };
-            out.push(before as f32);
-        }
-        out
+            before as f32
+        });
+        whitened.collect()
     }
 
     /// Length of the channel.
