@@ -68,6 +68,7 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Table, LogEr
             let group = reader.get_row_group(group).map_err(wrap)?;
             let expected = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
             let before = raw.values.len();
+            raw.values.reserve_exact(expected);
             read_column(
                 group.get_column_reader(index).map_err(wrap)?,
                 column.max_def_level(),

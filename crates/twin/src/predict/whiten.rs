@@ -43,47 +43,55 @@ impl Covariance {
 }
 
 /// The two diagonals of L⁻¹'s recursion for one mask, w_k = g_k r_k − p_k w_{k−1}.
+///
+/// They depend on nothing but the samples since the last masked one, and soon no more on these: kept is the table of (g, p) until they
+/// stand still, and for each sample its place there.
 #[derive(Debug, Clone)]
 pub struct Whitener {
-    /// g = 1/l_kk; 0 where masked.
-    gain: Vec<f64>,
-    /// p = l_{k,k−1}/l_kk: divided here, or every sample would wait for one more multiplication of the one before.
-    previous: Vec<f64>,
+    /// Place in `steps`; 0 where masked.
+    place: Vec<u16>,
+    /// g = 1/l_kk and p = l_{k,k−1}/l_kk; zeros first.
+    steps: Vec<[f64; 2]>,
 }
 
 impl Whitener {
     /// For a covariance and a mask (true: sample counts).
     pub fn new(covariance: Covariance, mask: &[bool]) -> Self {
-        let (mut gain, mut previous) = (vec![0.0; mask.len()], vec![0.0; mask.len()]);
+        let mut steps = vec![[0.0; 2]];
         // l of the sample before; 0 starts anew.
         let mut before = 0.0;
-        for (k, &counts) in mask.iter().enumerate() {
+        let mut place = 0u16;
+        let place = mask.iter().map(|&counts| {
             if !counts {
-                before = 0.0;
-                continue;
+                place = 0;
+                return place;
             }
-            let off = if before > 0.0 { covariance.lag_one / before } else { 0.0 };
-            // Rounding alone could bring the pivot of a nearly singular covariance to 0.
-            let pivot = (covariance.variance - off * off)
-                .max(1e-12 * covariance.variance)
-                .sqrt();
-            gain[k] = 1.0 / pivot;
-            previous[k] = off / pivot;
-            before = pivot;
-        }
-        Self { gain, previous }
+            let last = steps.len() - 1;
+            if usize::from(place) == last && steps.len() <= usize::from(u16::MAX) {
+                let off = if before > 0.0 { covariance.lag_one / before } else { 0.0 };
+                // Rounding alone could bring the pivot of a nearly singular covariance to 0.
+                let pivot = (covariance.variance - off * off)
+                    .max(1e-12 * covariance.variance)
+                    .sqrt();
+                if pivot != before {
+                    steps.push([1.0 / pivot, off / pivot]);
+                    before = pivot;
+                }
+            }
+            place = usize::from(place).saturating_add(1).min(steps.len() - 1) as u16;
+            place
+        });
+        let place = place.collect();
+        Self { place, steps }
     }
 
     /// L⁻¹ r in place; masked samples become 0.
     pub fn apply(&self, residual: &mut [f64]) {
         let mut before = 0.0;
-        for ((r, &gain), &previous) in residual.iter_mut().zip(&self.gain).zip(&self.previous) {
-            if gain == 0.0 {
-                // A masked sample may be NaN: 0 · NaN would spread.
-                before = 0.0;
-            } else {
-                before = gain * *r - previous * before;
-            }
+        for (r, &place) in residual.iter_mut().zip(&self.place) {
+            let [gain, previous] = self.steps[usize::from(place)];
+            // A masked sample may be NaN: 0 · NaN would spread.
+            before = if place == 0 { 0.0 } else { gain * *r - previous * before };
             *r = before;
         }
     }
@@ -91,9 +99,9 @@ impl Whitener {
     /// L⁻¹ (a − b) · `factor` as f32, for columns of a Jacobian.
     pub fn difference(&self, a: &[f64], b: &[f64], factor: f64) -> Vec<f32> {
         let mut before = 0.0;
-        let samples = a.iter().zip(b).zip(&self.gain).zip(&self.previous);
-        let whitened = samples.map(|(((&x, &y), &gain), &previous)| {
-            before = if gain == 0.0 {
+        let whitened = a.iter().zip(b).zip(&self.place).map(|((&x, &y), &place)| {
+            let [gain, previous] = self.steps[usize::from(place)];
+            before = if place == 0 {
                 0.0
             } else {
                 gain * ((x - y) * factor) - previous * before
@@ -105,17 +113,17 @@ impl Whitener {
 
     /// Length of the channel.
     pub fn len(&self) -> usize {
-        self.gain.len()
+        self.place.len()
     }
 
     /// True for a channel without samples.
     pub fn is_empty(&self) -> bool {
-        self.gain.is_empty()
+        self.place.is_empty()
     }
 
     /// True where a sample counts.
     pub fn counts(&self, k: usize) -> bool {
-        self.gain[k] != 0.0
+        self.place[k] != 0
     }
 }
 
