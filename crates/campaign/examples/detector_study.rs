@@ -404,6 +404,9 @@ enum Outcome {
     Wrong,
 }
 
+/// Probability from which a wrong verdict is called a confident one.
+const CONFIDENT: f32 = 0.95;
+
 fn outcome(w: &Window, pair: [usize; 2]) -> Outcome {
     let truth = 1u32 << pair[0] | 1 << pair[1];
     let code = 100 * (pair[0] as i32 + 1) + pair[1] as i32 + 1;
@@ -433,12 +436,13 @@ fn run_pairs(study: &Study) {
     }
     let n = study.rotor_count();
     println!(
-        "  20 s after the second onset; helix 1 and hover in turn; \"ever\": a healthy rotor was named in some window"
+        "  20 s after the second onset; helix 1 and hover in turn; \"sure\": wrong with a probability of {CONFIDENT} or more; \"ever\": a healthy \
+         rotor was named in some window"
     );
     println!(
-        "  losses %   when         named ambiguous unknown one-of-two missed wrong | ever | suspects of ambiguous, mean"
+        "  losses %   when         named ambiguous unknown one-of-two missed wrong sure | ever | suspects of ambiguous, mean"
     );
-    let mut sums = [0usize; 8];
+    let mut sums = [0usize; 9];
     for one_after_the_other in [false, true] {
         for severity in &severities {
             let mut jobs = Vec::new();
@@ -481,7 +485,8 @@ fn run_pairs(study: &Study) {
                         last.report.second_thrust_loss.values()
                     );
                 }
-                (outcome, ever, last.report.suspect_rotors.count_ones())
+                let sure = outcome == Outcome::Wrong && last.report.sequential_probability >= CONFIDENT;
+                (outcome, ever, last.report.suspect_rotors.count_ones(), sure)
             });
             let count = |what| results.iter().filter(|r| r.0 == what).count();
             let open: Vec<u32> = results
@@ -497,6 +502,7 @@ fn run_pairs(study: &Study) {
                 count(Outcome::OneOfTwo),
                 count(Outcome::Missed),
                 count(Outcome::Wrong),
+                results.iter().filter(|r| r.3).count(),
                 ever,
                 results.len(),
             ];
@@ -504,7 +510,7 @@ fn run_pairs(study: &Study) {
                 *sum += value;
             }
             println!(
-                "  {:>4} {:>4}   {:<12} {:>5} {:>9} {:>7} {:>10} {:>6} {:>5} | {ever:>4} | {:.1}   of {}",
+                "  {:>4} {:>4}   {:<12} {:>5} {:>9} {:>7} {:>10} {:>6} {:>5} {:>4} | {ever:>4} | {:.1}   of {}",
                 severity[0],
                 severity[1],
                 if one_after_the_other { "20 s apart" } else { "together" },
@@ -514,14 +520,15 @@ fn run_pairs(study: &Study) {
                 row[3],
                 row[4],
                 row[5],
+                row[6],
                 f64::from(open.iter().sum::<u32>()) / open.len().max(1) as f64,
                 results.len()
             );
         }
     }
     println!(
-        "  all                    {:>5} {:>9} {:>7} {:>10} {:>6} {:>5} | {:>4} |       of {}",
-        sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6], sums[7]
+        "  all                    {:>5} {:>9} {:>7} {:>10} {:>6} {:>5} {:>4} | {:>4} |       of {}",
+        sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6], sums[7], sums[8]
     );
 }
 

@@ -48,7 +48,7 @@ pub struct SequentialConfig {
     /// What a second rotor must add to the likelihood before a single one does not do, nats.
     pub evidence_for_second: f32,
     /// By how much a pair of other rotors may be likelier than the single one that is named, nats: two faults at the same moment are
-    /// rarer than one.
+    /// rarer than one, by as much. The probability that is reported counts the pair with these odds against it.
     pub handicap_of_pairs: f32,
     /// ln of the odds against a fault at any moment, for the reported probability, nats.
     pub prior_log_odds: f32,
@@ -149,7 +149,7 @@ impl SequentialConfig {
             evidence_to_isolate: 25.0,
             margin_to_isolate: 6.0,
             evidence_for_second: 10.0,
-            handicap_of_pairs: 1.5,
+            handicap_of_pairs: 3.0,
             prior_log_odds: 12.0,
             smallest_loss: 0.0012,
             settling_time: 1.5,

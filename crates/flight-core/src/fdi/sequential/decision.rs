@@ -5,7 +5,7 @@ use super::defect::AXES;
 use super::estimate::{LossEstimate, Suspects};
 use super::onset::{ABREAST, Evidence, FreeEvidence};
 use super::sets::{Demands, Observation, SetFit, Sets};
-use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, within};
+use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, limited, within};
 use crate::MAX_ROTORS;
 use crate::fdi::FaultVerdict;
 
@@ -207,11 +207,12 @@ impl SequentialDetector {
             && (leading.loss > smallest_loss || (known >> first & 1 == 1 && leading.loss < 0.0));
         // Of any fault, and of this one.
         let odds_of_none = libm::expf((c.prior_log_odds - best.min(supported)).clamp(-80.0, 80.0));
+        let odds_of_next = libm::expf((next - best).clamp(-80.0, 0.0));
         let mut finding = Finding {
             named: None,
             open: None,
             relevant,
-            probability: 1.0 / (1.0 + odds_of_none + libm::expf((next - best).clamp(-80.0, 0.0))),
+            probability: 1.0 / (1.0 + odds_of_none + odds_of_next),
             probability_of_any: 1.0 / (1.0 + odds_of_none),
             best,
             gain_of_second: 0.0,
@@ -250,6 +251,9 @@ impl SequentialDetector {
             && gain_of_second <= c.evidence_for_second
             && lead >= -c.handicap_of_pairs
         {
+            // Of the one named, while a pair of others stays possible.
+            let odds_of_pair = libm::expf(-limited(lead + c.handicap_of_pairs, 0.0, 80.0));
+            finding.probability = 1.0 / (1.0 + odds_of_none + odds_of_next + odds_of_pair);
             finding.named = Some(sets.single(first));
             return finding;
         }
