@@ -313,49 +313,89 @@ fn model_and_branch(text: &str) -> (&str, &str) {
 
 /// A model of the store at the head of a branch; a vehicle or version file begins one of its name.
 pub(crate) fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVersion, String), StoreError> {
-    let path = Path::new(text);
-    if path.is_file() {
-        let version = ModelVersion::load(path)?;
-        let first = ModelVersion::first(version.name.clone(), version.documents());
-        if version != first {
-            return Err(StoreError::Refused(format!(
-                "{text}: expected a model of {}; take this version in with 'rotortwin model import {text}'",
-                store.root().display()
-            )));
+    let head = Head::find(store, text)?;
+    head.begin(store)?;
+    Ok((head.version, head.branch))
+}
+
+/// Where a model stands, or would begin.
+struct Head {
+    version: ModelVersion,
+    branch: String,
+    /// The store does not have the model yet.
+    is_new: bool,
+}
+
+impl Head {
+    /// Begins the model if it is new.
+    fn begin(&self, store: &ModelStore) -> Result<(), StoreError> {
+        if self.is_new {
+            store.create(&self.version)?;
         }
-        if store.has(&first.name) {
-            let begun = store.find(&format!("{}@v0", first.name))?.version;
-            if begun != first {
+        Ok(())
+    }
+
+    /// Looks it up, and writes nothing.
+    fn find(store: &ModelStore, text: &str) -> Result<Self, StoreError> {
+        let path = Path::new(text);
+        if path.is_file() {
+            let version = ModelVersion::load(path)?;
+            let first = ModelVersion::first(version.name.clone(), version.documents());
+            if version != first {
                 return Err(StoreError::Refused(format!(
-                    "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
-                    first.name
+                    "{text}: expected a model of {}; take this version in with 'rotortwin model import {text}'",
+                    store.root().display()
                 )));
             }
-        } else {
-            store.create(&first)?;
+            let is_new = !store.has(&first.name);
+            if !is_new {
+                let begun = store.find(&format!("{}@v0", first.name))?.version;
+                if begun != first {
+                    return Err(StoreError::Refused(format!(
+                        "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
+                        first.name
+                    )));
+                }
+            }
+            let version = if is_new {
+                first
+            } else {
+                store.find(&first.name)?.version
+            };
+            return Ok(Self {
+                version,
+                branch: MAIN.to_owned(),
+                is_new,
+            });
         }
-        let name = first.name;
-        return Ok((store.find(&name)?.version, MAIN.to_owned()));
-    }
-    let (_, branch) = model_and_branch(text);
-    let found = store.find(text)?;
-    match found.place {
-        Some(Place { branch: Some(_), .. }) => Ok((found.version, branch.to_owned())),
-        _ => Err(StoreError::Refused(format!(
-            "{text}: expected a branch, as a version never changes; make one with 'rotortwin model branch {text} NAME'"
-        ))),
+        let (_, branch) = model_and_branch(text);
+        let found = store.find(text)?;
+        match found.place {
+            Some(Place { branch: Some(_), .. }) => Ok(Self {
+                version: found.version,
+                branch: branch.to_owned(),
+                is_new: false,
+            }),
+            _ => Err(StoreError::Refused(format!(
+                "{text}: expected a branch, as a version never changes; make one with 'rotortwin model branch {text} NAME'"
+            ))),
+        }
     }
 }
 
 impl Add {
     fn run(&self, store: &ModelStore) -> Result<(), StoreError> {
-        let (version, branch) = find_or_begin(store, &self.model)?;
+        let head = Head::find(store, &self.model)?;
         let (documents, effects) = self.effects()?;
-        let next = version
+        let next = head
+            .version
             .with_effects(effects, self.note.clone())
             .with_documents(&documents);
-        let place = store.append(&branch, &next)?;
-        announce(&version, &next, &place);
+        // Before anything is begun, so that a refusal leaves nothing.
+        ModelStore::check(&next)?;
+        head.begin(store)?;
+        let place = store.append(&head.branch, &next)?;
+        announce(&head.version, &next, &place);
         Ok(())
     }
 

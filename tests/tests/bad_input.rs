@@ -658,6 +658,34 @@ fn scenario_runs_that_cannot_be_read() {
 
 /// What nobody wrote is not opened: a summary that is a pipe must not keep the program waiting.
 #[test]
+fn scenario_a_refused_version_of_a_model_begins_nothing() {
+    let scratch = Scratch::new();
+    let vehicle = repository().join("config/vehicles/f550.toml");
+    let models = scratch.path("models");
+    let add = |rest: &[&str]| {
+        let fixed = ["model".into(), "add".into(), vehicle.clone().into_os_string()];
+        Call::new(&scratch, fixed)
+            .with(rest.iter().map(OsString::from))
+            .with(["--models".into(), models.clone().into_os_string()])
+    };
+    refuses(
+        &scratch,
+        "a file that is not there",
+        add(&["--from", "none.json"]),
+        &["none.json", "readable"],
+    );
+    refuses(
+        &scratch,
+        "a parameter of no effect",
+        add(&["mass", "shape=0.1"]),
+        &["shape"],
+    );
+    assert!(!models.exists(), "a refused version has left {}", models.display());
+    add(&["mass", "share=0.1"]).run().expect_code(0);
+    assert!(models.join("f550").is_dir());
+}
+
+#[test]
 fn scenario_nothing_waits_for_a_pipe() {
     let scratch = Scratch::new();
     let made = std::process::Command::new("mkfifo")

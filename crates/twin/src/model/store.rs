@@ -257,15 +257,26 @@ impl ModelStore {
                 head.label()
             ));
         }
-        version.check().map_err(|refusal| {
-            StoreError::Refused(format!("model {model}, key `{}`: {}", refusal.key, refusal.reason))
-        })?;
+        Self::check(version)?;
         let number = self.write_next(model, version)?;
         self.set_head(model, branch, number)?;
         Ok(Place {
             model: model.clone(),
             number,
             branch: Some(branch.to_owned()),
+        })
+    }
+
+    /// Refuses a version that no store takes, and writes nothing.
+    ///
+    /// # Errors
+    /// A key and what is wrong with it.
+    pub fn check(version: &ModelVersion) -> Result<(), StoreError> {
+        version.check().map_err(|refusal| {
+            StoreError::Refused(format!(
+                "model {}, key `{}`: {}",
+                version.name, refusal.key, refusal.reason
+            ))
         })
     }
 
