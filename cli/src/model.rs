@@ -347,25 +347,26 @@ impl Head {
                     store.root().display()
                 )));
             }
-            let is_new = !store.has(&first.name);
-            if !is_new {
-                let begun = store.find(&format!("{}@v0", first.name))?.version;
-                if begun != first {
-                    return Err(StoreError::Refused(format!(
-                        "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
-                        first.name
-                    )));
-                }
+            let branch = MAIN.to_owned();
+            if !store.has(&first.name) {
+                return Ok(Self {
+                    version: first,
+                    branch,
+                    is_new: true,
+                });
             }
-            let version = if is_new {
-                first
-            } else {
-                store.find(&first.name)?.version
-            };
+            let begun = store.find(&format!("{}@v0", first.name))?.version;
+            if begun != first {
+                return Err(StoreError::Refused(format!(
+                    "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
+                    first.name
+                )));
+            }
+            let version = store.find(&first.name)?.version;
             return Ok(Self {
                 version,
-                branch: MAIN.to_owned(),
-                is_new,
+                branch,
+                is_new: false,
             });
         }
         let (_, branch) = model_and_branch(text);

@@ -656,7 +656,6 @@ fn scenario_runs_that_cannot_be_read() {
     }
 }
 
-/// What nobody wrote is not opened: a summary that is a pipe must not keep the program waiting.
 #[test]
 fn scenario_a_refused_version_of_a_model_begins_nothing() {
     let scratch = Scratch::new();
@@ -685,6 +684,7 @@ fn scenario_a_refused_version_of_a_model_begins_nothing() {
     assert!(models.join("f550").is_dir());
 }
 
+/// What nobody wrote is not opened: a summary that is a pipe must not keep the program waiting.
 #[test]
 fn scenario_nothing_waits_for_a_pipe() {
     let scratch = Scratch::new();

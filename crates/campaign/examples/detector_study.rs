@@ -234,7 +234,7 @@ fn run_protocol(study: &Study) {
     for course in Course::ALL {
         let mut fold = (0u64, 0u64);
         for (plan, windows) in plans.iter().zip(&flights).filter(|(plan, _)| plan.course == course) {
-            let before = (fold, others.clone());
+            let before = fold;
             for w in windows.iter().filter(|w| w.report.sequential != -2) {
                 fold.0 += u64::from(w.report.sequential == w.label);
                 fold.1 += 1;
@@ -250,22 +250,22 @@ fn run_protocol(study: &Study) {
                 }
                 healthy_s += if w.label == 0 { 25.0 * STEP_S } else { 0.0 };
             }
-            alarm_count += alarms(windows);
+            let alarms = alarms(windows);
+            alarm_count += alarms;
             let onset = windows.iter().find(|w| w.label != 0).map_or(f64::NAN, |w| w.end_s);
             let found = windows.iter().find(|w| w.label != 0 && w.report.sequential == w.label);
             let delay = found.map_or(f64::INFINITY, |w| w.end_s - onset + 25.0 * STEP_S);
             delays.push(delay);
             let healthy_named = windows.iter().filter(|w| names_healthy(w)).count();
-            let missed = (fold.1 - before.0.1) - (fold.0 - before.0.0);
-            if delay > SLOW_S || healthy_named > 0 || alarms(windows) > 0 || missed > NOTABLE_WINDOWS {
+            let missed = (fold.1 - before.1) - (fold.0 - before.0);
+            if delay > SLOW_S || healthy_named > 0 || alarms > 0 || missed > NOTABLE_WINDOWS {
                 println!(
                     "  {} charge {} rotor {} seed {}: isolated after {delay:.2} s, {missed} windows not right, \
-                     a healthy rotor named in {healthy_named}, {} false alarms",
+                     a healthy rotor named in {healthy_named}, {alarms} false alarms",
                     plan.course.name(),
                     plan.charge,
                     plan.rotor + 1,
                     plan.seed,
-                    alarms(windows)
                 );
             }
         }

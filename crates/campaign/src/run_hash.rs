@@ -87,7 +87,7 @@ impl RunHasher {
             saturated_rotors: sample.command.saturated_rotors,
             residuals: sample.report.residuals_nms[..n].as_flattened(),
             wrench_residual: &sample.report.wrench_residual,
-            verdicts: &VerdictWords::of(&sample.report),
+            verdicts: &VerdictBytes::of(&sample.report),
             window_end: sample.report.window_end,
             motion: &motion,
             rotor_thrust_n: &truth.rotor_thrust_n[..n],
@@ -142,7 +142,7 @@ pub(crate) struct HashedStep<'a> {
     pub(crate) saturated_rotors: u32,
     pub(crate) residuals: &'a [f32],
     pub(crate) wrench_residual: &'a [f32; 4],
-    pub(crate) verdicts: &'a VerdictWords,
+    pub(crate) verdicts: &'a VerdictBytes,
     pub(crate) window_end: u32,
     /// Position, velocity, attitude, body rates.
     pub(crate) motion: &'a [f64; 12],
@@ -154,12 +154,12 @@ pub(crate) struct HashedStep<'a> {
 
 /// What a report says beside its residuals, as it is hashed: verdicts, probability, losses, suspects. The same for all steps of a window.
 #[derive(Clone)]
-pub(crate) struct VerdictWords([u8; 4 * VERDICT_WORDS]);
+pub(crate) struct VerdictBytes([u8; 4 * VERDICT_WORDS]);
 
 /// Three verdicts, a probability, two estimates, and the suspects.
 const VERDICT_WORDS: usize = 3 + 1 + 2 * 6 + 2 + MAX_HYPOTHESES;
 
-impl VerdictWords {
+impl VerdictBytes {
     pub(crate) fn of(report: &FdiReport) -> Self {
         let verdicts = [report.t_test, report.network, report.sequential].map(i32::cast_unsigned);
         let losses = [report.thrust_loss.values(), report.second_thrust_loss.values()];

@@ -2,7 +2,7 @@
 
 use super::{BatchOutcome, GroupKey, RUN_ID, Waiting};
 use crate::flight::{Failure, FlightEnd, FlightObserver, FlightOutcome, Sample, StopReason};
-use crate::run_hash::{HashedStep, RunHasher, VerdictWords};
+use crate::run_hash::{HashedStep, RunHasher, VerdictBytes};
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::control::lanes::{ControlRows, MeasuredRows, ReferenceRows, SineRows};
 use rotortwin_flight_core::fdi::FdiEngine;
@@ -33,7 +33,7 @@ struct Rider<O> {
     hasher: RunHasher,
     /// Verdicts of the last window, and as they are hashed.
     report: FdiReport,
-    verdicts: VerdictWords,
+    verdicts: VerdictBytes,
     observer: O,
     steps: u64,
     start: Instant,
@@ -43,7 +43,7 @@ impl<O> Rider<O> {
     /// New verdicts.
     fn report(&mut self, report: FdiReport) {
         self.report = report.canonical();
-        self.verdicts = VerdictWords::of(&self.report);
+        self.verdicts = VerdictBytes::of(&self.report);
     }
 }
 
@@ -175,7 +175,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             engine: self.inputs.engine.clone(),
             hasher: RunHasher::new(N),
             report: FdiReport::default(),
-            verdicts: VerdictWords::of(&FdiReport::default()),
+            verdicts: VerdictBytes::of(&FdiReport::default()),
             observer: waiting.observer,
             steps: 0,
             start: Instant::now(),

@@ -11,12 +11,11 @@
 //! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s show too weak; σ and T are those of all logs.
 
 use super::dense::dot;
-use super::evidence::{Normal, Posterior, open};
+use super::evidence::{Normal, Posterior};
 use super::fit::{Problem, fitted_residual, position_of};
 use super::goodness::{ChannelFit, UNEXPLAINED_SCORE};
-use super::linear::{Active, Column};
-use super::ranking::priors;
-use super::search::trust;
+use super::linear::Column;
+use super::search::{move_to, weakest};
 use crate::predict::channels::{F, KV, M};
 use crate::predict::noise::white_deviation;
 use crate::predict::pass::{rotation, to_body};
@@ -346,49 +345,27 @@ pub(crate) fn find(problem: &Problem, posterior: &Posterior) -> Result<Option<Gu
 
 /// The problem without the effect that stood in for gusts, if there is one: with the gusts in the noise its evidence falls below
 /// `threshold`. Gusts have a mean over a flight that reads as wind, and a slow part that reads as a tilt.
+///
+/// * `posterior`: with the gusts in the noise
 pub(crate) fn without_stand_in(
     problem: &Problem,
-    weather: Option<&Gusts>,
+    posterior: &Posterior,
     threshold: f64,
 ) -> Result<Option<Problem>, PredictError> {
-    let Some(found) = weather else { return Ok(None) };
-    let prior = problem.deviations(&problem.active);
-    let position = position_of(&problem.library, &problem.logs, &problem.active);
-    let declaration = |a: &Active| problem.library.candidates[a.candidate].declaration;
     let acts_through = problem
         .logs
         .first()
         .and_then(|log| log.predictor.catalogue().find(ID))
         .map_or(&[][..], |gusts| gusts.needs);
-    let mut weakest: Option<(usize, f64)> = None;
-    for active in &problem.active {
-        let own = declaration(active);
-        let (places, spikes, slabs) = priors(problem, active.candidate);
-        let needed = problem
-            .active
-            .iter()
-            .any(|other| other.candidate != active.candidate && declaration(other).needs.contains(&own.id));
-        if places.is_empty() || needed || acts_through.contains(&own.id) {
-            continue;
-        }
-        let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
-        let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
-        let Some(opened) = open(&found.posterior, &places, &spikes, &now, &slabs, &at) else {
-            continue;
-        };
-        if weakest.is_none_or(|(_, least)| opened.log_bayes_factor < least) {
-            weakest = Some((active.candidate, opened.log_bayes_factor));
-        }
-    }
+    let prior = problem.deviations(&problem.active);
+    let weakest = weakest(problem, posterior, &prior, acts_through);
     let Some((candidate, _)) = weakest.filter(|(_, evidence)| *evidence < threshold) else {
         return Ok(None);
     };
     let mut without = problem.clone();
     without.active.retain(|a| a.candidate != candidate);
     let fitted = without.fit(&without.active)?;
-    without.accept(&fitted);
-    without.linearise(&|_| ())?;
-    trust(&mut without);
+    move_to(&mut without, &fitted)?;
     Ok(Some(without))
 }
 

@@ -179,9 +179,7 @@ pub(crate) fn search(
     let (mut posterior, mut deviations) = settled(&mut problem)?;
     while let Some(fitted) = superfluous(&problem, &posterior, &deviations, threshold)? {
         named.retain(|one| fitted.active.iter().any(|a| a.candidate == one.candidate));
-        problem.accept(&fitted);
-        problem.linearise(&|_| ())?;
-        trust(&mut problem);
+        move_to(&mut problem, &fitted)?;
         (posterior, deviations) = settled(&mut problem)?;
     }
     let before = before.unwrap_or_default();
@@ -189,9 +187,7 @@ pub(crate) fn search(
     if problem.active.is_empty() && coloured(&after) {
         // Nothing was named, but the nuisances may have stopped at a kink of the battery's chart.
         let fitted = problem.fit(&[])?;
-        problem.accept(&fitted);
-        problem.linearise(&|_| ())?;
-        trust(&mut problem);
+        move_to(&mut problem, &fitted)?;
         posterior = posterior_of(&problem)?.0;
         after = goodness::fits(&problem, &posterior.mean);
     }
@@ -211,7 +207,9 @@ pub(crate) fn search(
                 None => (about, left),
             };
         }
-        while let Some(without) = gusts::without_stand_in(&problem, weather.as_ref(), threshold)? {
+        while let Some(first) = &weather
+            && let Some(without) = gusts::without_stand_in(&problem, &first.posterior, threshold)?
+        {
             let (about, _) = posterior_of(&without)?;
             let Some(found) = gusts::find(&without, &about)? else {
                 break;
@@ -273,8 +271,16 @@ fn at_rest(predictor: &Predictor) -> bool {
     spread(&series.smooth.velocity) < REST_SPEED_M_S && spread(&series.smooth.rates) < REST_RATE_RAD_S
 }
 
+/// Takes a fit over, linearises about it, and asks anew which channels to trust.
+pub(super) fn move_to(problem: &mut Problem, fitted: &Fitted) -> Result<(), PredictError> {
+    problem.accept(fitted);
+    problem.linearise(&|_| ())?;
+    trust(problem);
+    Ok(())
+}
+
 /// Lowers the trust in channels that even the whole library with wide priors leaves coloured.
-pub(super) fn trust(problem: &mut Problem) {
+fn trust(problem: &mut Problem) {
     for one in &mut problem.weights {
         *one = [1.0; CHANNELS];
     }
@@ -365,9 +371,7 @@ fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), PredictError>
             return Ok((posterior, deviations));
         }
         let fitted = problem.fit(&problem.active)?;
-        problem.accept(&fitted);
-        problem.linearise(&|_| ())?;
-        trust(problem);
+        move_to(problem, &fitted)?;
     }
     posterior_of(problem)
 }
@@ -640,9 +644,7 @@ fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: f64) -> Res
         if let (Some(slot), Some(new)) = (named.iter_mut().find(|n| n.candidate == removed.candidate), found.pop()) {
             *slot = new;
         }
-        without.accept(&fitted);
-        without.linearise(&|_| ())?;
-        trust(&mut without);
+        move_to(&mut without, &fitted)?;
         *problem = without;
     }
     Ok(())
@@ -679,6 +681,25 @@ fn superfluous(
     prior: &[f64],
     threshold: f64,
 ) -> Result<Option<Fitted>, PredictError> {
+    if problem.active.len() < 2 {
+        return Ok(None);
+    }
+    let Some((candidate, _)) = weakest(problem, posterior, prior, &[]).filter(|(_, evidence)| *evidence <= threshold)
+    else {
+        return Ok(None);
+    };
+    let others: Vec<Active> = problem
+        .active
+        .iter()
+        .filter(|a| a.candidate != candidate)
+        .cloned()
+        .collect();
+    let (with, without) = (problem.fit(&problem.active)?, problem.fit(&others)?);
+    Ok((with.log_evidence - without.log_evidence < threshold).then_some(without))
+}
+
+/// The active effect with the least evidence, and that evidence, nats; effects that another one or `kept` acts through stay out of it.
+pub(super) fn weakest(problem: &Problem, posterior: &Posterior, prior: &[f64], kept: &[&str]) -> Option<(usize, f64)> {
     let position = position_of(&problem.library, &problem.logs, &problem.active);
     let mut weakest: Option<(usize, f64)> = None;
     for active in &problem.active {
@@ -689,7 +710,7 @@ fn superfluous(
             let needs = problem.library.candidates[other.candidate].declaration.needs;
             other.candidate != active.candidate && needs.contains(&id)
         });
-        if places.is_empty() || needed || problem.active.len() < 2 {
+        if places.is_empty() || needed || kept.contains(&id) {
             continue;
         }
         let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
@@ -702,20 +723,7 @@ fn superfluous(
             weakest = Some((active.candidate, opened.log_bayes_factor));
         }
     }
-    let Some((candidate, evidence)) = weakest else {
-        return Ok(None);
-    };
-    if evidence > threshold {
-        return Ok(None);
-    }
-    let others: Vec<Active> = problem
-        .active
-        .iter()
-        .filter(|a| a.candidate != candidate)
-        .cloned()
-        .collect();
-    let (with, without) = (problem.fit(&problem.active)?, problem.fit(&others)?);
-    Ok((with.log_evidence - without.log_evidence < threshold).then_some(without))
+    weakest
 }
 
 /// Findings with the final values.

@@ -233,9 +233,7 @@ impl ModelStore {
                 self.root.join(model).display()
             ));
         }
-        version.check().map_err(|refusal| {
-            StoreError::Refused(format!("model {model}, key `{}`: {}", refusal.key, refusal.reason))
-        })?;
+        Self::check(version)?;
         let folder = self.root.join(model);
         std::fs::create_dir_all(&folder).map_err(|source| self.io("creating", &folder, source))?;
         let number = self.write_next(model, version)?;
