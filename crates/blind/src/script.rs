@@ -224,7 +224,8 @@ fn waypoints(random: &mut Stream) -> Vec<Segment> {
     segments
 }
 
-/// Speeds to 5.5 m/s on both axes, yaw doublets, climbs, roll-with-yaw, slow turns and low passes.
+/// Speeds to 5.5 m/s on both axes, yaw doublets, climbs, roll-with-yaw, slow turns, low passes; a visit to where the drawn wall stands,
+/// and a drop at up to 4 m/s.
 fn excitation(random: &mut Stream) -> Vec<Segment> {
     let go = |duration_s, north_m, east_m, height_m| Segment::Go {
         duration_s,
@@ -250,12 +251,15 @@ fn excitation(random: &mut Stream) -> Vec<Segment> {
     };
     vec![
         Segment::Hold { duration_s: 1.0 },
-        sine(13.75 * stretch, 5.5 * stretch, 4.4, 0.0, 0.0, 0.0),
-        sine(13.75 * stretch, 5.5 * stretch, 0.0, 4.2 * side, 0.0, 0.0),
+        sine(11.0 * stretch, 5.5 * stretch, 4.4, 0.0, 0.0, 0.0),
+        sine(11.0 * stretch, 5.5 * stretch, 0.0, 4.2 * side, 0.0, 0.0),
         sine(6.0, 2.0, 0.0, 0.0, 0.0, 0.45),
         sine(4.8, 1.6, 0.0, 0.0, 0.25, 0.0),
-        go(2.4, 0.0, 0.0, 5.6),
-        go(3.6, 0.0, 0.0, 0.4),
+        go(2.8, 6.8, 2.1, 4.0),
+        go(2.8, 0.0, 0.0, 5.6),
+        go(2.1, 0.0, 0.0, 1.0),
+        go(2.4, 0.0, 0.0, 5.4),
+        go(3.4, 0.0, 0.0, 0.4),
         sine(5.0, 2.5, 1.0, 0.0, 0.05, 0.3),
         go(2.4, 0.0, -3.0 * side, 3.0),
         turn_at(3.0, 0.5 * turn),

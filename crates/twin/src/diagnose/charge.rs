@@ -6,6 +6,7 @@
 
 use rotortwin_plant::effects::ParameterKind;
 
+use super::dense::{Matrix, dot};
 use super::evidence::{Posterior, open};
 use super::fit::{Problem, fitted_residual};
 use super::goodness::{UNEXPLAINED_SCORE, channel_fits};
@@ -18,10 +19,20 @@ use crate::predict::{Source, channels::V};
 const MEAN_S: f64 = 0.1;
 /// Charges tried.
 const CHARGES: usize = 25;
+/// Deviation of the charge at the start from the one that the first voltage suggests.
+const CHARGE_DEVIATION: f64 = 0.25;
+/// Most Gauss–Newton steps of a fit, and how many of these move the effect alone.
+const MOST_STEPS: usize = 12;
+const STEPS_ALONE: usize = 1;
+/// Least part of a step that is tried, and least gain of ln posterior for which a fit goes on.
+const LEAST_SHARE: f64 = 0.04;
+const LEAST_GAIN: f64 = 0.1;
 /// Loss of ln likelihood against the best effect up to which an effect is still fitted.
 const WORTH: f64 = 200.0;
 /// Most effects that are fitted.
-const MOST_STARTS: usize = 3;
+const MOST_EFFECTS: usize = 3;
+/// Where the slow voltage has two minima this close, nats, and further apart than a cell, the whole log decides between them.
+const MINIMA_GAP: f64 = 30.0;
 /// Effects of the battery and of its sensor.
 const EFFECTS: [&str; 6] = [
     "voltage-gain",
@@ -74,21 +85,26 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
         .filter(|&c| EFFECTS.contains(&problem.library.candidates[c].declaration.id))
         .filter(|&c| problem.active.iter().all(|a| a.candidate != c))
         .filter_map(|c| scan(problem, c, &rest))
+        .flatten()
         .collect();
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
     let best = found.first().map_or(0.0, |t| t.log_bayes_factor);
     found.retain(|t| t.log_bayes_factor > best - WORTH);
+    let mut effects: Vec<usize> = Vec::new();
+    for one in &found {
+        if !effects.contains(&one.open[0].candidate) {
+            effects.push(one.open[0].candidate);
+        }
+    }
     let of_sensor = |t: &Trial| {
         let id = problem.library.candidates[t.open[0].candidate].declaration.id;
         id.starts_with("voltage-")
     };
     // Gain and offset of the sensor differ by little; the fit decides between them.
-    let sensor = found[..found.len().min(MOST_STARTS)].iter().any(of_sensor);
-    let mut rank = 0;
-    found.retain(|t| {
-        rank += 1;
-        rank <= MOST_STARTS || (sensor && of_sensor(t))
-    });
+    let leading = &effects[..effects.len().min(MOST_EFFECTS)];
+    let leads = |t: &Trial| leading.contains(&t.open[0].candidate);
+    let sensor = found.iter().any(|t| leads(t) && of_sensor(t));
+    found.retain(|t| leads(t) || (sensor && of_sensor(t)));
     found
 }
 
@@ -102,7 +118,8 @@ fn posterior_without_voltage(problem: &Problem) -> Option<Posterior> {
     Posterior::new(&normal, &problem.deviations(&problem.active))
 }
 
-fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Trial> {
+/// The best charge for an effect, and a second one that is nearly as good.
+fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Trial>> {
     let log = &problem.logs[0];
     let entry = &problem.library.candidates[candidate];
     let (places, spikes, slabs) = priors(problem, candidate);
@@ -153,8 +170,14 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Trial> 
             .ok()?;
         Some(log.predictor.coarse_prediction(&set, &base, &coarse))
     };
-    let k = columns.len();
-    let mut best: Option<(f64, f64, Vec<f64>)> = None;
+    let fit = Fit {
+        predict: &predict,
+        measured: &coarse.measured,
+        weight,
+        estimate: &others.estimate,
+        prior: &prior,
+    };
+    let mut minima = Vec::with_capacity(CHARGES);
     for i in 0..CHARGES {
         let target = (i as f64 + 0.5) / CHARGES as f64;
         let charge = target - log.predictor.initial_charge();
@@ -167,80 +190,167 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Trial> 
                 *t = 0.1;
             }
         }
-        let mut at = charge;
-        let mut objective = f64::INFINITY;
-        for _ in 0..4 {
-            let now = predict(at, &theta)?;
-            let residual: Vec<f64> = coarse.measured.iter().zip(&now).map(|(m, p)| m - p).collect();
-            // Unknowns: charge within its cell, then the effect's.
-            let mut jacobian = Vec::with_capacity(k + 1);
-            let step = 1e-3;
-            let moved = predict(at + step, &theta)?;
-            jacobian.push(
-                moved
-                    .iter()
-                    .zip(&now)
-                    .map(|(a, b)| (a - b) / step)
-                    .collect::<Vec<f64>>(),
-            );
-            for a in 0..k {
-                let mut next = theta.clone();
-                next[a] += 0.01;
-                let moved = predict(at, &next)?;
-                jacobian.push(moved.iter().zip(&now).map(|(a, b)| (a - b) / 0.01).collect());
-            }
-            let mut h = super::dense::Matrix::zero(k + 1);
-            let mut g = vec![0.0; k + 1];
-            let dot = |a: &[f64], b: &[f64]| weight * a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-            for a in 0..=k {
-                g[a] = dot(&jacobian[a], &residual);
-                for b in 0..=k {
-                    *h.at_mut(a, b) = dot(&jacobian[a], &jacobian[b]);
+        minima.push(fit.descend(charge, theta)?);
+    }
+    minima.sort_by(|a, b| a.value.total_cmp(&b.value));
+    let first = minima.first()?;
+    let second = minima[1..].iter().find(|m| {
+        let apart = (m.charge - first.charge).abs() > 1.0 / CHARGES as f64;
+        apart && m.value < first.value + MINIMA_GAP
+    });
+    let trial = |minimum: &Point| {
+        let mut values = entry.neutral();
+        for (t, &j) in minimum.theta.iter().zip(&columns) {
+            let column = &problem.library.columns[j];
+            values[column.parameter] = entry.clamped(column.parameter, values[column.parameter] + t * column.size);
+        }
+        Trial {
+            open: vec![Active {
+                candidate,
+                values,
+                onset_s: None,
+            }],
+            // Comparable among these trials only.
+            log_bayes_factor: others.log_bayes_factor - minimum.value,
+            charge: Some(minimum.charge),
+        }
+    };
+    Some(std::iter::once(first).chain(second).map(trial).collect())
+}
+
+/// Fit of the slow voltage: charge, and the parameters of one effect.
+struct Fit<'a> {
+    predict: &'a dyn Fn(f64, &[f64]) -> Option<Vec<f64>>,
+    measured: &'a [f64],
+    weight: f64,
+    /// What the other channels say of the effect: its mean, and the inverse of its covariance.
+    estimate: &'a [f64],
+    prior: &'a Matrix,
+}
+
+/// A point of a fit.
+struct Point {
+    charge: f64,
+    theta: Vec<f64>,
+    /// Negative ln posterior.
+    value: f64,
+    predicted: Vec<f64>,
+}
+
+impl Fit<'_> {
+    fn at(&self, charge: f64, theta: Vec<f64>) -> Option<Point> {
+        let predicted = (self.predict)(charge, &theta)?;
+        let misfit: f64 = self
+            .measured
+            .iter()
+            .zip(&predicted)
+            .map(|(m, p)| (m - p) * (m - p))
+            .sum();
+        let off = self.off(&theta);
+        let value =
+            0.5 * (self.weight * misfit + dot(&off, &self.prior.times(&off)) + (charge / CHARGE_DEVIATION).powi(2));
+        Some(Point {
+            charge,
+            theta,
+            value,
+            predicted,
+        })
+    }
+
+    fn off(&self, theta: &[f64]) -> Vec<f64> {
+        theta.iter().zip(self.estimate).map(|(t, e)| t - e).collect()
+    }
+
+    /// The lowest point within one cell of `charge`: the effect alone first, then both.
+    fn descend(&self, charge: f64, theta: Vec<f64>) -> Option<Point> {
+        let cell = 1.0 / CHARGES as f64;
+        let mut point = self.at(charge, theta)?;
+        for iteration in 0..MOST_STEPS {
+            let alone = iteration < STEPS_ALONE;
+            let Some(move_by) = self.step(&point, alone)? else {
+                break;
+            };
+            // The chart has kinks: where a step overshoots one, a part of it descends.
+            let mut share = 1.0;
+            let next = loop {
+                let at = (point.charge + share * move_by[0]).clamp(charge - cell, charge + cell);
+                let mut theta = point.theta.clone();
+                for (t, m) in theta.iter_mut().zip(&move_by[1..]) {
+                    *t = (*t + share * m.clamp(-1.0, 1.0)).clamp(-4.0, 4.0);
                 }
-            }
-            let off: Vec<f64> = theta.iter().zip(&others.estimate).map(|(t, e)| t - e).collect();
-            let pull = prior.times(&off);
-            for a in 0..k {
-                g[a + 1] -= pull[a];
-                for b in 0..k {
-                    *h.at_mut(a + 1, b + 1) += prior.at(a, b);
+                let next = self.at(at, theta)?;
+                if next.value < point.value {
+                    break Some(next);
                 }
-            }
-            // The charge: plausible as declared, and here at most one cell from its grid point.
-            *h.at_mut(0, 0) += 1.0 / (0.25 * 0.25);
-            g[0] -= at / (0.25 * 0.25);
-            let value = 0.5 * dot(&residual, &residual)
-                + 0.5 * off.iter().zip(&pull).map(|(o, p)| o * p).sum::<f64>()
-                + 0.5 * (at / 0.25) * (at / 0.25);
-            if value < objective {
-                objective = value;
-                if best.as_ref().is_none_or(|b| value < b.0) {
-                    best = Some((value, at, theta.clone()));
+                share *= 0.35;
+                if share < LEAST_SHARE {
+                    break None;
                 }
-            }
-            let Some(factor) = h.cholesky() else { break };
-            let move_by = factor.solve(&g);
-            let half = 1.0 / CHARGES as f64;
-            at = (at + move_by[0]).clamp(charge - half, charge + half);
-            for (t, m) in theta.iter_mut().zip(&move_by[1..]) {
-                *t = (*t + m.clamp(-1.0, 1.0)).clamp(-4.0, 4.0);
+            };
+            let Some(next) = next else {
+                if alone {
+                    continue;
+                }
+                break;
+            };
+            let gain = point.value - next.value;
+            point = next;
+            if gain < LEAST_GAIN && !alone {
+                break;
             }
         }
+        Some(point)
     }
-    let (objective, charge, theta) = best?;
-    let mut values = entry.neutral();
-    for (a, &j) in columns.iter().enumerate() {
-        let column = &problem.library.columns[j];
-        values[column.parameter] = entry.clamped(column.parameter, values[column.parameter] + theta[a] * column.size);
+
+    /// The Gauss–Newton step from a point, charge first; `alone` leaves the charge where it is.
+    fn step(&self, point: &Point, alone: bool) -> Option<Option<Vec<f64>>> {
+        const CHARGE_STEP: f64 = 1e-3;
+        const EFFECT_STEP: f64 = 0.01;
+        let slope = |high: &[f64], low: &[f64], by: f64| -> Vec<f64> {
+            high.iter().zip(low).map(|(h, l)| (h - l) / by).collect()
+        };
+        // Both sides of where the charge is, which may be a kink.
+        let mut jacobian = vec![slope(
+            &(self.predict)(point.charge + CHARGE_STEP, &point.theta)?,
+            &(self.predict)(point.charge - CHARGE_STEP, &point.theta)?,
+            2.0 * CHARGE_STEP,
+        )];
+        for a in 0..point.theta.len() {
+            let mut next = point.theta.clone();
+            next[a] += EFFECT_STEP;
+            jacobian.push(slope(
+                &(self.predict)(point.charge, &next)?,
+                &point.predicted,
+                EFFECT_STEP,
+            ));
+        }
+        let residual: Vec<f64> = self.measured.iter().zip(&point.predicted).map(|(m, p)| m - p).collect();
+        let size = jacobian.len();
+        let mut h = Matrix::zero(size);
+        let mut g = vec![0.0; size];
+        for a in 0..size {
+            g[a] = self.weight * dot(&jacobian[a], &residual);
+            for b in 0..size {
+                *h.at_mut(a, b) = self.weight * dot(&jacobian[a], &jacobian[b]);
+            }
+        }
+        let pull = self.prior.times(&self.off(&point.theta));
+        for a in 1..size {
+            g[a] -= pull[a - 1];
+            for b in 1..size {
+                *h.at_mut(a, b) += self.prior.at(a - 1, b - 1);
+            }
+        }
+        let stiffness = CHARGE_DEVIATION.powi(-2);
+        *h.at_mut(0, 0) += stiffness;
+        g[0] -= point.charge * stiffness;
+        if alone {
+            for b in 1..size {
+                *h.at_mut(0, b) = 0.0;
+                *h.at_mut(b, 0) = 0.0;
+            }
+            g[0] = 0.0;
+        }
+        Some(h.cholesky().map(|factor| factor.solve(&g)))
     }
-    Some(Trial {
-        open: vec![Active {
-            candidate,
-            values,
-            onset_s: None,
-        }],
-        // Comparable among these trials only.
-        log_bayes_factor: others.log_bayes_factor - objective,
-        charge: Some(charge),
-    })
 }

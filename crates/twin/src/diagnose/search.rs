@@ -133,6 +133,8 @@ pub(crate) fn search(
     let mut before = None;
     // Evidence that is left when nothing more is named.
     let mut left = 0.0;
+    let mut looked_again = false;
+    let mut to_rank = true;
     for round in 0..=options.most_effects {
         let done = round as f64 / (options.most_effects + 1) as f64;
         let text = if round == 0 {
@@ -155,18 +157,32 @@ pub(crate) fn search(
             Trials::default()
         };
         left = scored.first().map_or(0.0, |s| s.opened.log_bayes_factor);
-        if round == 0 {
+        if to_rank {
+            to_rank = false;
             diagnosis.ranking = table(&problem, &scored)?;
             (diagnosis.not_testable, diagnosis.detectable) =
                 detectable(&problem, &scored, &special.worst_minimum, threshold);
+        }
+        if round == 0 {
             diagnosis.timing.ranked_s = (options.clock)() - start;
         }
         if round == options.most_effects {
             break;
         }
+        if gusts_lead(&mut problem, &posterior, &scored, threshold)? {
+            break;
+        }
         (options.progress)("refining the leading candidates", 0.05 + 0.9 * done + per);
         let Some((fitted, found)) = best_of(&problem, &posterior, &scored, &special, threshold)? else {
-            break;
+            if left < LEFT_FACTOR * threshold || looked_again {
+                break;
+            }
+            // What the ranking saw and no fit confirms may be a charge that stood on the wrong side of a kink of the battery's chart.
+            looked_again = true;
+            to_rank = round == 0;
+            let fitted = problem.fit(&problem.active)?;
+            problem.accept(&fitted);
+            continue;
         };
         problem.accept(&fitted);
         named.extend(found);
@@ -604,6 +620,45 @@ fn best_of(
     }
     found.reverse();
     Ok(Some((fitted.clone(), found)))
+}
+
+/// Whether gusts through a drag that was found explain more than any further effect would, and leave none. An onset that only the gusts
+/// called for is dropped.
+fn gusts_lead(
+    problem: &mut Problem,
+    posterior: &Posterior,
+    scored: &[Scored],
+    threshold: f64,
+) -> Result<bool, PredictError> {
+    let fits = goodness::fits(problem, &posterior.mean);
+    let mut forces = fits.iter().flat_map(|own| (F..KV).filter_map(|c| own[c]));
+    if problem.active.is_empty() || !forces.any(|fit| fit.score() > goodness::UNEXPLAINED_SCORE) {
+        return Ok(false);
+    }
+    let evidence = |scored: &[Scored]| scored.first().map_or(0.0, |s| s.opened.log_bayes_factor);
+    let leads = |problem: &Problem, posterior: &Posterior| -> Result<bool, PredictError> {
+        Ok(gusts::find(problem, posterior)?.is_some_and(|found| {
+            found.gain > evidence(scored) && evidence(&score(problem, &found.posterior)) < threshold
+        }))
+    };
+    if leads(problem, posterior)? {
+        return Ok(true);
+    }
+    if problem.active.iter().all(|a| a.onset_s.is_none()) {
+        return Ok(false);
+    }
+    let mut plain = problem.clone();
+    for one in &mut plain.active {
+        one.onset_s = None;
+    }
+    let fitted = plain.fit(&plain.active)?;
+    move_to(&mut plain, &fitted)?;
+    let about = posterior_of(&plain)?.0;
+    let without_onset = leads(&plain, &about)?;
+    if without_onset {
+        *problem = plain;
+    }
+    Ok(without_onset)
 }
 
 /// Looks again for each effect but the last, now that the others are known: what was found first was found while all else was missing,

@@ -95,10 +95,11 @@ impl Proposal {
                     )
                 })
                 .collect();
-            return format!(
-                "No term of the motion explains it on blocks that the fit did not see; {}.",
-                follows.join("; ")
-            );
+            let clauses: Vec<String> =
+                std::iter::once("No term of the motion explains it on blocks that the fit did not see".to_owned())
+                    .chain(follows)
+                    .collect();
+            return clauses.join("; ") + ".";
         }
         let terms: Vec<String> = self
             .terms
