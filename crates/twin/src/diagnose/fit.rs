@@ -25,7 +25,8 @@ const HELD: f64 = 1e-6;
 pub(crate) struct Problem {
     pub(crate) library: Library,
     pub(crate) logs: Vec<LogState>,
-    pub(crate) linear: Vec<Linear>,
+    /// Shared: a copy of a problem starts from the same linearisation.
+    pub(crate) linear: Vec<Arc<Linear>>,
     pub(crate) active: Vec<Active>,
     /// Trust in each channel of each log: 1 unless its noise is larger or slower than assumed.
     pub(crate) weights: Vec<[f64; CHANNELS]>,
@@ -129,7 +130,7 @@ impl Problem {
                 made
             });
             for one in made {
-                linear.push(one?);
+                linear.push(Arc::new(one?));
             }
         }
         self.linear = linear;

@@ -14,9 +14,9 @@ use rotortwin_plant::effects::ParameterKind;
 
 use super::dense::Matrix;
 use super::evidence::{Posterior, sure_size};
-use super::fit::{Problem, fitted_residual};
+use super::fit::{Problem, fitted_residual, in_pairs};
 use super::goodness::channel_fits;
-use super::linear::{Active, Base, Column, column_product, residual_product};
+use super::linear::{Active, Base, Column, LogState, column_product, residual_product};
 use super::ranking::Scored;
 use crate::predict::channels::{F, KA, KV, M};
 
@@ -40,6 +40,8 @@ pub(crate) struct Trials {
 
 /// Gaps between the flight and a wall or ceiling that are tried, m; the last alone says what would show.
 const GAPS_M: [f64; 4] = [0.05, 0.3, 0.8, 2.5];
+/// Length of the secant of a shape, plausible sizes.
+const SECANT: f64 = 0.1;
 /// Normal score of a channel from which the shapes of its effects are searched.
 const SEARCHED_SCORE: f64 = 3.0;
 
@@ -110,91 +112,151 @@ fn searched(problem: &Problem, posterior: &Posterior) -> bool {
     })
 }
 
-/// Trial columns with their evidence.
+/// What is tried: a candidate about `values` by a secant of `step` plausible sizes, alone or beside a companion through which it acts.
+struct Variant {
+    candidate: usize,
+    values: Vec<f64>,
+    step: f64,
+    /// At its typical size.
+    companion: Option<Active>,
+}
+
+/// Products of a variant's columns with each other, the residual and the library.
+struct Products {
+    own: Matrix,
+    residual: Vec<f64>,
+    library: Vec<Vec<f64>>,
+}
+
+/// Evidence of a variant.
 struct Evidence {
     log_bayes_factor: f64,
     estimate: Vec<f64>,
     information: f64,
 }
 
-fn evidence(problem: &Problem, posterior: &Posterior, columns: &[Vec<Column>]) -> Option<Evidence> {
-    // columns[log][a]
-    let k = columns[0].len();
-    let size = problem.size();
-    let mut h = Matrix::zero(k);
-    let mut g = vec![0.0; k];
-    let mut cross = vec![vec![0.0; size]; k];
-    for (l, own) in columns.iter().enumerate() {
+impl Products {
+    fn of(problem: &Problem, l: usize, columns: &[Column]) -> Self {
         let (linear, weights) = (&problem.linear[l], &problem.weights[l]);
-        for (a, column) in own.iter().enumerate() {
-            g[a] += residual_product(column, &linear.residual, weights);
-            for (b, other) in own.iter().enumerate() {
-                *h.at_mut(a, b) += column_product(column, other, weights);
+        let mut products = Self {
+            own: Matrix::zero(columns.len()),
+            residual: Vec::with_capacity(columns.len()),
+            library: vec![vec![0.0; problem.size()]; columns.len()],
+        };
+        for (a, column) in columns.iter().enumerate() {
+            products
+                .residual
+                .push(residual_product(column, &linear.residual, weights));
+            for (b, other) in columns.iter().enumerate() {
+                *products.own.at_mut(a, b) = column_product(column, other, weights);
             }
             for (i, other) in linear.columns.iter().enumerate() {
-                cross[a][problem.global(l, i)] += column_product(column, other, weights);
+                products.library[a][problem.global(l, i)] = column_product(column, other, weights);
             }
         }
+        products
     }
-    for a in 0..k {
-        g[a] -= cross[a].iter().zip(&posterior.mean).map(|(c, m)| c * m).sum::<f64>();
-        let spread = posterior.covariance.times(&cross[a]);
-        for b in 0..k {
-            *h.at_mut(a, b) -= cross[b].iter().zip(&spread).map(|(c, s)| c * s).sum::<f64>();
+
+    fn add(&mut self, other: &Self) {
+        let sum = |own: &mut [f64], more: &[f64]| own.iter_mut().zip(more).for_each(|(own, more)| *own += more);
+        sum(&mut self.own.entries, &other.own.entries);
+        sum(&mut self.residual, &other.residual);
+        for (own, more) in self.library.iter_mut().zip(&other.library) {
+            sum(own, more);
         }
     }
-    for a in 0..k {
-        let diagonal = h.at_mut(a, a);
-        *diagonal = diagonal.max(0.0);
+
+    /// See the top of this file.
+    fn evidence(mut self, posterior: &Posterior) -> Option<Evidence> {
+        let k = self.residual.len();
+        let (h, g) = (&mut self.own, &mut self.residual);
+        for a in 0..k {
+            let row = &self.library[a];
+            g[a] -= row.iter().zip(&posterior.mean).map(|(c, m)| c * m).sum::<f64>();
+            let spread = posterior.covariance.times(row);
+            for b in 0..k {
+                *h.at_mut(a, b) -= self.library[b].iter().zip(&spread).map(|(c, s)| c * s).sum::<f64>();
+            }
+        }
+        for a in 0..k {
+            let diagonal = h.at_mut(a, a);
+            *diagonal = diagonal.max(0.0);
+        }
+        let factor = h.clone().plus_diagonal(&vec![1.0; k]).cholesky()?;
+        let estimate = factor.solve(g);
+        let fit: f64 = estimate.iter().zip(g.iter()).map(|(m, g)| m * g).sum();
+        Some(Evidence {
+            log_bayes_factor: 0.5 * fit - 0.5 * factor.log_determinant(),
+            estimate,
+            information: h.at(0, 0),
+        })
     }
-    let factor = h.clone().plus_diagonal(&vec![1.0; k]).cholesky()?;
-    let estimate = factor.solve(&g);
-    let fit: f64 = estimate.iter().zip(&g).map(|(m, g)| m * g).sum();
-    Some(Evidence {
-        log_bayes_factor: 0.5 * fit - 0.5 * factor.log_determinant(),
-        estimate,
-        information: h.at(0, 0),
-    })
 }
 
-/// Columns of the sizes of a candidate by a secant of `step` sizes about `values`, beside the active effects and `with`.
+/// Products of every variant in one log; `None` where it makes no vehicle. Log by log, because the predictions that secants start from
+/// are large.
+fn products_in(problem: &Problem, l: usize, log: &LogState, variants: &[Variant]) -> Vec<Option<Products>> {
+    let Ok(present) = log.base(&problem.library, &problem.active) else {
+        return variants.iter().map(|_| None).collect();
+    };
+    let mut beside: Vec<(usize, Option<Base>)> = Vec::new();
+    variants
+        .iter()
+        .map(|variant| {
+            let Some(companion) = &variant.companion else {
+                let own = columns(problem, log, &present, None, variant)?;
+                return Some(Products::of(problem, l, &own));
+            };
+            if beside.iter().all(|(of, _)| *of != companion.candidate) {
+                let mut active = problem.active.clone();
+                active.push(companion.clone());
+                beside.push((companion.candidate, log.base(&problem.library, &active).ok()));
+            }
+            let base = beside.iter().find(|(of, _)| *of == companion.candidate)?.1.as_ref()?;
+            let alone = Variant {
+                candidate: companion.candidate,
+                values: problem.library.candidates[companion.candidate].neutral(),
+                step: variant.step,
+                companion: None,
+            };
+            let mut own = columns(problem, log, &present, None, &alone)?;
+            own.extend(columns(problem, log, base, Some(companion), variant)?);
+            Some(Products::of(problem, l, &own))
+        })
+        .collect()
+}
+
+/// Columns of the sizes of a variant's candidate by secants about its values, beside the active effects and `with`.
 fn columns(
     problem: &Problem,
-    bases: &[Base],
-    with: &[Active],
-    candidate: usize,
-    values: &[f64],
-    step: f64,
-) -> Option<Vec<Vec<Column>>> {
-    let entry = &problem.library.candidates[candidate];
-    let mut all = Vec::new();
-    for (log, base) in problem.logs.iter().zip(bases) {
-        let mut active = problem.active.clone();
-        active.extend_from_slice(with);
-        let mut own = Vec::new();
-        for (i, p) in entry.parameters.iter().enumerate() {
-            if p.kind != ParameterKind::Size || entry.columns[i].is_none() {
-                continue;
-            }
-            let mut moved = values.to_vec();
+    log: &LogState,
+    base: &Base,
+    with: Option<&Active>,
+    variant: &Variant,
+) -> Option<Vec<Column>> {
+    let parameters = &problem.library.candidates[variant.candidate].parameters;
+    let mut active = problem.active.clone();
+    active.extend(with.cloned());
+    size_places(problem, variant.candidate)
+        .into_iter()
+        .map(|i| {
+            let p = &parameters[i];
             let (low, high) = p.accepted();
-            let change = if step * p.size > high || step * p.size < low {
-                -step * p.size
-            } else {
-                step * p.size
-            };
-            moved[i] += change;
+            let mut change = variant.step * p.size;
+            if change > high || change < low {
+                change = -change;
+            }
+            let mut values = variant.values.clone();
+            values[i] += change;
             let mut active = active.clone();
             active.push(Active {
-                candidate,
-                values: moved,
+                candidate: variant.candidate,
+                values,
                 onset_s: None,
             });
-            own.push(log.secant(&problem.library, &active, base, p.size / change).ok()?);
-        }
-        all.push(own);
-    }
-    Some(all)
+            log.secant(&problem.library, &active, base, p.size / change).ok()
+        })
+        .collect()
 }
 
 fn size_places(problem: &Problem, candidate: usize) -> Vec<usize> {
@@ -215,68 +277,67 @@ fn values_at(problem: &Problem, candidate: usize, base: &[f64], estimate: &[f64]
     values
 }
 
-fn bases(problem: &Problem, with: &[Active]) -> Option<Vec<Base>> {
-    let mut active = problem.active.clone();
-    active.extend_from_slice(with);
-    problem
-        .logs
-        .iter()
-        .map(|log| log.base(&problem.library, &active).ok())
-        .collect()
+/// What is tried with a candidate: its shapes or delays, and, if it does nothing alone, each effect through which it can act.
+fn variants(problem: &Problem, candidate: usize, all: bool) -> Vec<Variant> {
+    let entry = &problem.library.candidates[candidate];
+    let variant = |(values, step)| Variant {
+        candidate,
+        values,
+        step,
+        companion: None,
+    };
+    let mut found: Vec<Variant> = if ["command-delay", "imu-latency"].contains(&entry.declaration.id) {
+        [0.5, 1.0, 1.5].map(|step| variant((entry.neutral(), step))).into()
+    } else {
+        let shapes = shapes(problem, candidate, all).into_iter();
+        shapes.map(|values| variant((values, SECANT))).collect()
+    };
+    let silent = problem.linear.iter().zip(&problem.logs).all(|(linear, log)| {
+        let own = log.nuisance_count();
+        let mut columns = problem.library.columns_of(candidate).into_iter();
+        columns.all(|j| linear.columns[own + j].iter().all(Option::is_none))
+    });
+    let needs = entry.declaration.needs;
+    let others = problem.library.candidates.iter().enumerate();
+    for (companion, other) in others.filter(|(_, other)| silent && needs.contains(&other.declaration.id)) {
+        let mut typical = other.neutral();
+        for i in size_places(problem, companion) {
+            typical[i] = other.parameters[i].size;
+        }
+        found.push(Variant {
+            companion: Some(Active {
+                candidate: companion,
+                values: typical,
+                onset_s: None,
+            }),
+            ..variant((entry.neutral(), SECANT))
+        });
+    }
+    found
 }
 
 /// All trials of a round.
 pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -> Trials {
-    let mut trials = Trials::default();
-    let Some(present) = bases(problem, &[]) else {
-        return trials;
-    };
     let all = searched(problem, posterior);
-    let free = |c: usize| problem.active.iter().all(|a| a.candidate != c);
-    for candidate in (0..problem.library.candidates.len()).filter(|&c| free(c)) {
-        let entry = &problem.library.candidates[candidate];
-        let declaration = entry.declaration;
-        if size_places(problem, candidate).is_empty() {
-            continue;
-        }
-        let variants: Vec<(Vec<f64>, f64)> = if ["command-delay", "imu-latency"].contains(&declaration.id) {
-            [0.5, 1.0, 1.5].iter().map(|&step| (entry.neutral(), step)).collect()
-        } else {
-            shapes(problem, candidate, all).into_iter().map(|v| (v, 0.1)).collect()
-        };
-        let mut best: Option<Trial> = None;
-        let mut worst: f64 = 0.0;
-        for (base, step) in &variants {
-            let Some(own) = columns(problem, &present, &[], candidate, base, *step) else {
-                continue;
-            };
-            let Some(found) = evidence(problem, posterior, &own) else {
-                continue;
-            };
-            worst = worst.max(sure_size(found.information, 0.02, threshold));
-            let values = values_at(problem, candidate, base, &found.estimate);
-            if best
-                .as_ref()
-                .is_none_or(|b| found.log_bayes_factor > b.log_bayes_factor)
-            {
-                best = Some(Trial {
-                    open: vec![Active {
-                        candidate,
-                        values,
-                        onset_s: None,
-                    }],
-                    log_bayes_factor: found.log_bayes_factor,
-                    charge: None,
-                });
+    let variants: Vec<Variant> = (0..problem.library.candidates.len())
+        .filter(|&c| problem.active.iter().all(|a| a.candidate != c) && !size_places(problem, c).is_empty())
+        .flat_map(|c| variants(problem, c, all))
+        .collect();
+    let mut logs = in_pairs(&problem.logs, |l, log| products_in(problem, l, log, &variants)).into_iter();
+    let mut sums = logs.next().unwrap_or_default();
+    for log in logs {
+        for (sum, more) in sums.iter_mut().zip(log) {
+            match (sum.as_mut(), more) {
+                (Some(sum), Some(more)) => sum.add(&more),
+                _ => *sum = None,
             }
         }
-        if matches!(declaration.id, "ceiling-effect" | "wall-effect") && worst > 0.0 {
-            trials.worst_minimum.push((candidate, worst));
+    }
+    let mut trials = Trials::default();
+    for (variant, products) in variants.iter().zip(sums) {
+        if let Some(found) = products.and_then(|products| products.evidence(posterior)) {
+            trials.add(problem, variant, &found, threshold);
         }
-        trials.starts.extend(best);
-        trials
-            .starts
-            .extend(composites(problem, posterior, &present, candidate));
     }
     trials
         .starts
@@ -284,73 +345,47 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
     trials
 }
 
-/// An effect that does nothing alone, with each of the effects through which it can act.
-fn composites(problem: &Problem, posterior: &Posterior, present: &[Base], candidate: usize) -> Vec<Trial> {
-    let entry = &problem.library.candidates[candidate];
-    let silent = problem.linear.iter().zip(&problem.logs).all(|(linear, log)| {
-        let own = log.nuisance_count();
-        let columns = problem.library.columns_of(candidate);
-        columns
-            .iter()
-            .all(|&j| linear.columns[own + j].iter().all(Option::is_none))
-    });
-    if entry.declaration.needs.is_empty() || !silent {
-        return Vec::new();
-    }
-    let mut found = Vec::new();
-    for (companion, other) in problem.library.candidates.iter().enumerate() {
-        if !entry.declaration.needs.contains(&other.declaration.id) {
-            continue;
-        }
-        let places = size_places(problem, companion);
-        let mut typical = other.neutral();
-        for &i in &places {
-            typical[i] = other.parameters[i].size;
-        }
-        let with = [Active {
-            candidate: companion,
-            values: typical,
+impl Trials {
+    /// Keeps the best of a candidate's shapes, and each companion.
+    fn add(&mut self, problem: &Problem, variant: &Variant, found: &Evidence, threshold: f64) {
+        let candidate = variant.candidate;
+        let at = |of: usize, values: &[f64], estimate: &[f64]| Active {
+            candidate: of,
+            values: values_at(problem, of, values, estimate),
             onset_s: None,
-        }];
-        let Some(beside) = bases(problem, &with) else {
-            continue;
         };
-        let (Some(first), Some(second)) = (
-            columns(problem, present, &[], companion, &other.neutral(), 0.1),
-            columns(problem, &beside, &with, candidate, &entry.neutral(), 0.1),
-        ) else {
-            continue;
-        };
-        let own: Vec<Vec<Column>> = first
-            .into_iter()
-            .zip(second)
-            .map(|(a, b)| a.into_iter().chain(b).collect())
-            .collect();
-        let Some(result) = evidence(problem, posterior, &own) else {
-            continue;
-        };
-        let (a, b) = result.estimate.split_at(places.len());
-        // k = a k_typical, k w = b k_typical w_size.
-        let scale = if a[0].abs() > 0.05 { 1.0 / a[0] } else { 0.0 };
-        let b: Vec<f64> = b.iter().map(|b| b * scale).collect();
-        found.push(Trial {
-            open: vec![
-                Active {
-                    candidate: companion,
-                    values: values_at(problem, companion, &other.neutral(), a),
-                    onset_s: None,
-                },
-                Active {
-                    candidate,
-                    values: values_at(problem, candidate, &entry.neutral(), &b),
-                    onset_s: None,
-                },
-            ],
-            log_bayes_factor: result.log_bayes_factor,
+        let trial = |open| Trial {
+            open,
+            log_bayes_factor: found.log_bayes_factor,
             charge: None,
-        });
+        };
+        if let Some(companion) = &variant.companion {
+            let other = companion.candidate;
+            let (a, b) = found.estimate.split_at(size_places(problem, other).len());
+            // k = a k_typical, k w = b k_typical w_size.
+            let scale = if a[0].abs() > 0.05 { 1.0 / a[0] } else { 0.0 };
+            let b: Vec<f64> = b.iter().map(|b| b * scale).collect();
+            let neutral = problem.library.candidates[other].neutral();
+            self.starts
+                .push(trial(vec![at(other, &neutral, a), at(candidate, &variant.values, &b)]));
+            return;
+        }
+        let shown = sure_size(found.information, 0.02, threshold);
+        let id = problem.library.candidates[candidate].declaration.id;
+        if matches!(id, "ceiling-effect" | "wall-effect") && shown > 0.0 {
+            match self.worst_minimum.iter_mut().find(|(of, _)| *of == candidate) {
+                Some((_, worst)) => *worst = worst.max(shown),
+                None => self.worst_minimum.push((candidate, shown)),
+            }
+        }
+        let one = trial(vec![at(candidate, &variant.values, &found.estimate)]);
+        let same = |t: &&mut Trial| matches!(t.open.as_slice(), [only] if only.candidate == candidate);
+        match self.starts.iter_mut().find(same) {
+            Some(best) if one.log_bayes_factor > best.log_bayes_factor => *best = one,
+            Some(_) => {}
+            None => self.starts.push(one),
+        }
     }
-    found
 }
 
 /// The plain trial of a candidate at its linear estimate.
