@@ -125,6 +125,10 @@ pub struct Script {
     pub segment: Vec<Segment>,
 }
 
+/// Where the wall stands that a case may hide (`catalogue.rs`), and how near to it waypoints lie at most, measured from the start.
+const WALL_AZIMUTH_RAD: f64 = 0.3;
+const FARTHEST_TO_WALL_M: f64 = 6.9;
+
 /// Names of the built-in flights.
 pub const FLIGHTS: [&str; 4] = ["hover", "helix", "waypoint", "excitation"];
 
@@ -202,7 +206,9 @@ fn waypoints(random: &mut Stream) -> Vec<Segment> {
         let height = if count % 4 == 0 { 0.35 } else { random.between(1.0, 6.0) };
         let next = [random.between(-7.0, 7.0), random.between(-7.0, 7.0), height];
         let level = f64::hypot(next[0] - place[0], next[1] - place[1]);
-        if !(3.0..=12.0).contains(&level) {
+        // Before the wall that may be drawn (7.2 m away), not behind it.
+        let to_wall = libm::cos(WALL_AZIMUTH_RAD) * next[0] + libm::sin(WALL_AZIMUTH_RAD) * next[1];
+        if !(3.0..=12.0).contains(&level) || to_wall > FARTHEST_TO_WALL_M {
             continue;
         }
         let rise: f64 = (next[2] - place[2]).abs();

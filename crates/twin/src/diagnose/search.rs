@@ -447,8 +447,9 @@ fn possible(
     let best_special = special.starts.first().map_or(0.0, |t| t.log_bayes_factor);
     let least = threshold.max(REFINED_SHARE * first.max(best_special));
     let mut chosen: Vec<Trial> = Vec::new();
-    for one in plausible.iter().take(REFINED) {
-        // Without a share of its own the first of the ranking is tried in any case.
+    for (place, one) in plausible.iter().take(REFINED).enumerate() {
+        // The first of the ranking in any case: a special start promises what its fit may not keep.
+        let least = if place == 0 { threshold } else { least };
         if one.opened.log_bayes_factor >= least {
             chosen.push(trials::plain(problem, one));
         }
