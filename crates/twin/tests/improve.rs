@@ -29,6 +29,17 @@ fn model() -> ModelVersion {
 
 /// A flight of the foreign simulator with hidden effects.
 fn flown(flight: &str, effects: &[&str], duration: f64, seed: u64) -> (Vec<f64>, Vec<(String, Vec<f64>)>) {
+    flown_at(None, flight, effects, duration, seed)
+}
+
+/// The same from a charge at the start.
+fn flown_at(
+    state_of_charge: Option<f64>,
+    flight: &str,
+    effects: &[&str],
+    duration: f64,
+    seed: u64,
+) -> (Vec<f64>, Vec<(String, Vec<f64>)>) {
     let plan = FlightPlan {
         vehicle: Vehicle::load(&vehicle_path()).unwrap(),
         script: Script::built_in(flight, seed).unwrap(),
@@ -37,7 +48,7 @@ fn flown(flight: &str, effects: &[&str], duration: f64, seed: u64) -> (Vec<f64>,
         effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
         clutter: Vec::new(),
         noise_scale: 1.0,
-        state_of_charge: None,
+        state_of_charge,
     };
     let (rows, _) = fly(&plan).unwrap();
     let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
@@ -340,4 +351,40 @@ fn val_an_error_that_nothing_explains_is_not_given_a_term() {
     let proposal = propose(&[log("healthy", "waypoint", &[], 33)], &model()).unwrap();
     assert_eq!(proposal.terms, Vec::new());
     assert!(proposal.document.is_none() && proposal.correlates.is_empty());
+}
+
+/// Named effects of a diagnosis, sorted.
+fn named(d: &Diagnosis) -> Vec<String> {
+    let all = d.effects.iter().chain(&d.sensor_or_timing);
+    let mut ids: Vec<String> = all.map(|f| f.instance.effect.clone()).collect();
+    ids.sort();
+    ids
+}
+
+/// The chart of the open-circuit voltage has two places that fit a wrong offset; the forces tell which.
+#[test]
+fn scenario_an_offset_of_the_voltage_is_named_where_the_chart_of_the_battery_fits_at_two_charges() {
+    let hidden = ["voltage-offset:offset_v=-0.24"];
+    let (time, columns) = flown_at(Some(0.549), "helix", &hidden, 90.0, 3_781_345_927);
+    let log = FlightLog::from_columns("half full", time, columns).unwrap();
+    let found = diagnose(&[log], &model(), &Options::default()).unwrap();
+    assert_eq!(named(&found), ["voltage-offset"], "{}", found.sentence);
+    let offset = &found.sensor_or_timing[0].parameters[0];
+    assert!(
+        (offset.value + 0.24).abs() < 3.0 * offset.deviation,
+        "{} ± {}",
+        offset.value,
+        offset.deviation
+    );
+}
+
+/// Gusts look like a drag that begins late, a wind and a tilted motor, if they are only thought of last.
+#[test]
+fn scenario_drag_in_gusts_is_drag_and_gusts_alone() {
+    let hidden = ["rotor-drag:drag_n_s_m=0.25", "gusts:rms_m_s=1.5,correlation_s=1.5"];
+    let (time, columns) = flown("waypoint", &hidden, 90.0, 11);
+    let log = FlightLog::from_columns("gusts", time, columns).unwrap();
+    let found = diagnose(&[log], &model(), &Options::default()).unwrap();
+    assert_eq!(named(&found), ["gusts", "rotor-drag"], "{}", found.sentence);
+    assert!(found.effects.iter().all(|f| f.onset_s.is_none()));
 }
