@@ -388,3 +388,29 @@ fn scenario_drag_in_gusts_is_drag_and_gusts_alone() {
     assert_eq!(named(&found), ["gusts", "rotor-drag"], "{}", found.sentence);
     assert!(found.effects.iter().all(|f| f.onset_s.is_none()));
 }
+
+/// A flapping moment and a drag above or below the centre of mass are one torque in hover-like flight: whichever is named, the other is
+/// said to do as well.
+#[test]
+fn scenario_an_effect_that_came_with_its_companion_has_its_rivals_beside_that() {
+    let hidden = ["rotor-drag:drag_n_s_m=0.25", "flapping-moment:moment_n_s=0.003"];
+    let found = diagnose(&[log("both", "excitation", &hidden, 1)], &model(), &Options::default()).unwrap();
+    let ids = named(&found);
+    assert!(
+        ids.contains(&"rotor-drag".to_owned()) && ids.len() == 2,
+        "{}",
+        found.sentence
+    );
+    let pair = ["flapping-moment", "drag-centre"];
+    let other = found
+        .effects
+        .iter()
+        .find(|f| pair.contains(&f.instance.effect.as_str()))
+        .unwrap();
+    let rivals = other.also_compatible.iter().any(|r| pair.contains(&r.effect.as_str()));
+    assert!(
+        rivals || other.instance.effect == "flapping-moment",
+        "{}",
+        found.sentence
+    );
+}

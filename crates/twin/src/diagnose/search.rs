@@ -45,6 +45,8 @@ struct Named {
     minimum: f64,
     compatible: Vec<Rival>,
     lost: Vec<Rival>,
+    /// Found together with the effect through which it acts: its rivals have not been tried beside that.
+    together: bool,
 }
 
 pub(crate) fn search(
@@ -126,6 +128,7 @@ pub(crate) fn search(
             minimum: f64::INFINITY,
             compatible: Vec::new(),
             lost: Vec::new(),
+            together: false,
         });
         problem.active.push(active);
         problem.fit_nuisances()?;
@@ -617,6 +620,7 @@ fn best_of(
             minimum,
             compatible: std::mem::take(&mut compatible),
             lost: std::mem::take(&mut lost),
+            together: found.is_empty() && opened.len() > 1,
         });
     }
     found.reverse();
@@ -663,18 +667,21 @@ fn gusts_lead(
 }
 
 /// Looks again for each effect but the last, now that the others are known: what was found first was found while all else was missing,
-/// and may have been another effect that took over a part of the rest.
+/// and may have been another effect that took over a part of the rest. For the last, too, if it came together with the effect through
+/// which it acts: beside that another one may do as well.
 fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: f64) -> Result<(), PredictError> {
-    for place in 0..problem.active.len() - 1 {
+    for place in 0..problem.active.len() {
         let id = |p: &Problem, a: &Active| p.library.candidates[a.candidate].declaration;
         let removed = problem.active[place].clone();
         let own = id(problem, &removed);
+        let together = named.iter().any(|n| n.candidate == removed.candidate && n.together);
         let bound = problem.active.iter().any(|other| {
             let needs = id(problem, other).needs;
             other.candidate != removed.candidate
-                && (needs.contains(&own.id) || own.needs.contains(&id(problem, other).id))
+                && (needs.contains(&own.id) || (!together && own.needs.contains(&id(problem, other).id)))
         });
-        if bound || problem.library.columns_of(removed.candidate).is_empty() {
+        let last = place + 1 == problem.active.len();
+        if bound || (last && !together) || problem.library.columns_of(removed.candidate).is_empty() {
             continue;
         }
         let mut without = problem.clone();
@@ -688,13 +695,14 @@ fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: f64) -> Res
             continue;
         };
         let [only] = found.as_slice() else { continue };
-        if only.candidate == removed.candidate {
+        let same = only.candidate == removed.candidate;
+        if same && !together {
             continue;
         }
         let mut open = without.active.clone();
         open.push(removed.clone());
         // A clear gain: the first finding has its reasons and its rivals written down already.
-        if fitted.log_evidence < without.fit(&open)?.log_evidence + UNTOLD_GAP {
+        if !together && fitted.log_evidence < without.fit(&open)?.log_evidence + UNTOLD_GAP {
             continue;
         }
         if let (Some(slot), Some(new)) = (named.iter_mut().find(|n| n.candidate == removed.candidate), found.pop()) {
