@@ -451,8 +451,13 @@ fn possible(
     let least = threshold.max(REFINED_SHARE * first.max(best_special));
     let mut chosen: Vec<Trial> = Vec::new();
     for (place, one) in plausible.iter().take(REFINED).enumerate() {
-        // The first of the ranking in any case: a special start promises what its fit may not keep.
-        let least = if place == 0 { threshold } else { least };
+        // The first of the ranking in any case, as a special start promises what its fit may not keep; but none whose shape is free, which
+        // would bend to whatever the special start is about.
+        let shapeless = problem.library.candidates[one.candidate]
+            .parameters
+            .iter()
+            .all(|p| p.kind == ParameterKind::Size);
+        let least = if place == 0 && shapeless { threshold } else { least };
         if one.opened.log_bayes_factor >= least {
             chosen.push(trials::plain(problem, one));
         }
