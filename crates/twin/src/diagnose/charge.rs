@@ -218,9 +218,12 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     Some(std::iter::once(first).chain(second).map(trial).collect())
 }
 
+/// Means of the voltage at a charge and sizes of the effect; `None` where these make no vehicle.
+type Predict<'a> = dyn Fn(f64, &[f64]) -> Option<Vec<f64>> + 'a;
+
 /// Fit of the slow voltage: charge, and the parameters of one effect.
 struct Fit<'a> {
-    predict: &'a dyn Fn(f64, &[f64]) -> Option<Vec<f64>>,
+    predict: &'a Predict<'a>,
     measured: &'a [f64],
     weight: f64,
     /// What the other channels say of the effect: its mean, and the inverse of its covariance.
