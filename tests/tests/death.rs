@@ -393,8 +393,7 @@ fn stall(link: Link) {
         // The FDI engine is missed only once it trails by 128 steps.
         let trailing_ms = if victim == "fdi" { 320 } else { 0 };
         let noticed_ms = u64::try_from(timeout_ms + trailing_ms + NOTICE_MS).expect("it is positive");
-        // 1.5 s as a rule; other tests share the machine, and it has been seen to stand still for 2 s. What was noticed when is checked below.
-        let limit = Duration::from_millis(noticed_ms) + 5 * END_WITHIN;
+        let limit = Duration::from_millis(noticed_ms) + END_WITHIN;
         let stopped = Instant::now();
         let gone = wait_until(PATIENCE, || {
             run.has_ended() && members.iter().all(|member| !member.is_alive())
