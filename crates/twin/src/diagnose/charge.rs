@@ -10,9 +10,9 @@ use super::dense::{Matrix, dot};
 use super::evidence::{Posterior, open};
 use super::fit::{Problem, fitted_residual};
 use super::goodness::{UNEXPLAINED_SCORE, channel_fits};
-use super::linear::{Active, instances};
+use super::linear::instances;
 use super::ranking::{Scored, priors};
-use super::trials::Trial;
+use super::trials::{Trial, active_at};
 use crate::predict::{Source, channels::V};
 
 /// Length of a mean, s.
@@ -129,19 +129,7 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     // A wrong reading of the voltage acts through Eq. 19 on the thrust, and through that on the current: taken where the other
     // channels put it.
     let mut at_work = problem.active.clone();
-    at_work.push(Active {
-        candidate,
-        values: columns
-            .iter()
-            .zip(&others.estimate)
-            .fold(entry.neutral(), |mut values, (&j, e)| {
-                let column = &problem.library.columns[j];
-                let value = values[column.parameter] + e * column.size;
-                values[column.parameter] = entry.clamped(column.parameter, value);
-                values
-            }),
-        onset_s: None,
-    });
+    at_work.push(active_at(problem, candidate, &others.estimate));
     let base_set = log
         .predictor
         .effect_set(&log.nuisances, &instances(&problem.library, &at_work))
@@ -152,18 +140,8 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     let predict = |charge: f64, theta: &[f64]| -> Option<Vec<f64>> {
         let mut nuisances = log.nuisances;
         nuisances.charge = charge;
-        let mut values = entry.neutral();
-        for (a, &j) in columns.iter().enumerate() {
-            let column = &problem.library.columns[j];
-            values[column.parameter] =
-                entry.clamped(column.parameter, values[column.parameter] + theta[a] * column.size);
-        }
         let mut active = problem.active.clone();
-        active.push(Active {
-            candidate,
-            values,
-            onset_s: None,
-        });
+        active.push(active_at(problem, candidate, theta));
         let set = log
             .predictor
             .effect_set(&nuisances, &instances(&problem.library, &active))
@@ -198,22 +176,11 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
         let apart = (m.charge - first.charge).abs() > 1.0 / CHARGES as f64;
         apart && m.value < first.value + MINIMA_GAP
     });
-    let trial = |minimum: &Point| {
-        let mut values = entry.neutral();
-        for (t, &j) in minimum.theta.iter().zip(&columns) {
-            let column = &problem.library.columns[j];
-            values[column.parameter] = entry.clamped(column.parameter, values[column.parameter] + t * column.size);
-        }
-        Trial {
-            open: vec![Active {
-                candidate,
-                values,
-                onset_s: None,
-            }],
-            // Comparable among these trials only.
-            log_bayes_factor: others.log_bayes_factor - minimum.value,
-            charge: Some(minimum.charge),
-        }
+    let trial = |minimum: &Point| Trial {
+        open: vec![active_at(problem, candidate, &minimum.theta)],
+        // Comparable among these trials only.
+        log_bayes_factor: others.log_bayes_factor - minimum.value,
+        charge: Some(minimum.charge),
     };
     Some(std::iter::once(first).chain(second).map(trial).collect())
 }

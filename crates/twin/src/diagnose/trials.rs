@@ -390,20 +390,25 @@ impl Trials {
 
 /// The plain trial of a candidate at its linear estimate.
 pub(crate) fn plain(problem: &Problem, one: &Scored) -> Trial {
-    let candidate = &problem.library.candidates[one.candidate];
-    let mut values = candidate.neutral();
-    for (a, &j) in problem.library.columns_of(one.candidate).iter().enumerate() {
-        let column = &problem.library.columns[j];
-        let value = values[column.parameter] + one.opened.estimate[a] * column.size;
-        values[column.parameter] = candidate.clamped(column.parameter, value);
-    }
     Trial {
-        open: vec![Active {
-            candidate: one.candidate,
-            values,
-            onset_s: None,
-        }],
+        open: vec![active_at(problem, one.candidate, &one.opened.estimate)],
         log_bayes_factor: one.opened.log_bayes_factor,
         charge: None,
+    }
+}
+
+/// A candidate with all its columns at an estimate, in plausible sizes from where it does nothing.
+pub(crate) fn active_at(problem: &Problem, candidate: usize, estimate: &[f64]) -> Active {
+    let entry = &problem.library.candidates[candidate];
+    let mut values = entry.neutral();
+    for (&j, e) in problem.library.columns_of(candidate).iter().zip(estimate) {
+        let column = &problem.library.columns[j];
+        let value = values[column.parameter] + e * column.size;
+        values[column.parameter] = entry.clamped(column.parameter, value);
+    }
+    Active {
+        candidate,
+        values,
+        onset_s: None,
     }
 }
