@@ -584,7 +584,7 @@ pub static KINDS: &[Kind] = &[
         place: Place::Sensor,
         per_rotor: false,
         companion: None,
-        parameters: &[p("delay_s", "s", 0.006, false, true)],
+        parameters: &[p("delay_s", "s", 0.008, false, true)],
     },
     Kind {
         id: "attitude-latency",

@@ -12,8 +12,9 @@ const OUTER: [f64; 3] = [4.98, 2.08, 3.90];
 const INNER: [f64; 3] = [242.0, 720.0, 27.0];
 /// Largest tilt of the commanded thrust, rad.
 const TILT_LIMIT: f64 = 0.70;
-/// Largest commanded vertical acceleration, m/s².
-const VERTICAL_LIMIT: f64 = 4.5;
+/// Largest commanded vertical accelerations, m/s²: up, where full throttle is the limit of most vehicles, and down.
+const CLIMB_LIMIT: f64 = 40.0;
+const DROP_LIMIT: f64 = 4.5;
 /// Largest commanded angular acceleration, rad/s²: roll, pitch, yaw.
 const ANGULAR_LIMIT: [f64; 3] = [60.0, 60.0, 6.0];
 /// Largest integral of the position error, m s, and of the attitude error, rad s.
@@ -102,7 +103,7 @@ impl Pilot {
             + OUTER[0] * error
             + OUTER[1] * self.position_integral
             + OUTER[2] * (reference.velocity - seen.velocity);
-        wanted.z = wanted.z.clamp(-VERTICAL_LIMIT, VERTICAL_LIMIT);
+        wanted.z = wanted.z.clamp(-CLIMB_LIMIT, DROP_LIMIT);
         // Thrust per mass along the body's up axis, NED.
         let mut up = wanted - Vector3::new(0.0, 0.0, self.gravity);
         let level = up.x.hypot(up.y);

@@ -125,9 +125,15 @@ pub struct Script {
     pub segment: Vec<Segment>,
 }
 
-/// Where the wall stands that a case may hide (`catalogue.rs`), and how near to it waypoints lie at most, measured from the start.
+/// Where the wall stands that a case may hide (`catalogue.rs`: 7.2 m from the start), how near to it drawn waypoints lie at most, and
+/// the place right before it (north, east, m) that flights visit.
 const WALL_AZIMUTH_RAD: f64 = 0.3;
 const FARTHEST_TO_WALL_M: f64 = 6.9;
+const BEFORE_WALL_M: [f64; 2] = [6.8, 2.1];
+
+/// A punch: the target jumps up by this much, m, in so short a time, s. Smoothed at 8 rad/s that asks for 15 m/s² per metre.
+const PUNCH_M: f64 = 2.4;
+const PUNCH_S: f64 = 0.1;
 
 /// Names of the built-in flights.
 pub const FLIGHTS: [&str; 4] = ["hover", "helix", "waypoint", "excitation"];
@@ -196,42 +202,58 @@ impl Script {
     }
 }
 
-/// Legs of 3 to 12 m flown at peak speeds of 3 to 6 m/s, with turns, climbs and, every fourth time, a low pass.
+/// Legs of 3 to 12 m flown at peak speeds of 3 to 6 m/s, with turns and climbs. Every fourth time a low pass that ends with a punch, every
+/// eighth time a visit to where the drawn wall stands.
 fn waypoints(random: &mut Stream) -> Vec<Segment> {
     let mut segments = vec![Segment::Hold { duration_s: 1.0 }];
-    let (mut place, mut time) = ([0.0, 0.0, 3.0], 1.0);
-    let mut count = 0;
+    let (mut place, mut time, mut count) = ([0.0, 0.0, 3.0], 1.0, 1);
     while time < 600.0 {
-        count += 1;
-        let height = if count % 4 == 0 { 0.35 } else { random.between(1.0, 6.0) };
-        let next = [random.between(-7.0, 7.0), random.between(-7.0, 7.0), height];
+        let low_pass = count % 4 == 0;
+        let height = if low_pass { 0.35 } else { random.between(1.0, 6.0) };
+        let (north, east) = (random.between(-7.0, 7.0), random.between(-7.0, 7.0));
+        let next = if count % 8 == 2 {
+            [BEFORE_WALL_M[0], BEFORE_WALL_M[1], height]
+        } else {
+            [north, east, height]
+        };
         let level = f64::hypot(next[0] - place[0], next[1] - place[1]);
-        // Before the wall that may be drawn (7.2 m away), not behind it.
-        let to_wall = libm::cos(WALL_AZIMUTH_RAD) * next[0] + libm::sin(WALL_AZIMUTH_RAD) * next[1];
+        // Before the wall, not behind it.
+        let to_wall = libm::cos(WALL_AZIMUTH_RAD) * north + libm::sin(WALL_AZIMUTH_RAD) * east;
         if !(3.0..=12.0).contains(&level) || to_wall > FARTHEST_TO_WALL_M {
+            // From here the wall is too near or too far: another waypoint first.
+            count += usize::from(count % 8 == 2);
             continue;
         }
         let rise: f64 = (next[2] - place[2]).abs();
         // Least-jerk legs: peak speeds of at most 6 m/s level and 2.5 m/s up or down, peak acceleration of 6 m/s².
         let speed = random.between(3.5, 6.0);
         let leg_s = f64::max(1.875 * level / speed, 1.875 * rise / 2.5).max((5.77 * level / 6.0).sqrt());
-        segments.push(Segment::Go {
-            duration_s: leg_s,
-            north_m: next[0],
-            east_m: next[1],
-            height_m: next[2],
-            yaw_rad: Some(random.between(-1.4, 1.4)),
-        });
-        let pause_s = random.between(0.3, 1.2);
-        segments.push(Segment::Hold { duration_s: pause_s });
+        let mut go = |duration_s, [north_m, east_m, height_m]: [f64; 3], yaw_rad| {
+            segments.push(Segment::Go {
+                duration_s,
+                north_m,
+                east_m,
+                height_m,
+                yaw_rad,
+            });
+        };
+        go(leg_s, next, Some(random.between(-1.4, 1.4)));
         place = next;
+        let mut pause_s = random.between(0.3, 1.2);
+        if low_pass {
+            place[2] += PUNCH_M;
+            go(PUNCH_S, place, None);
+            pause_s += 1.0;
+        }
+        segments.push(Segment::Hold { duration_s: pause_s });
         time += leg_s + pause_s;
+        count += 1;
     }
     segments
 }
 
 /// Speeds to 5.5 m/s on both axes, yaw doublets, climbs, roll-with-yaw, slow turns, low passes; a visit to where the drawn wall stands,
-/// and a drop at up to 4 m/s.
+/// a drop at up to 4 m/s, and two punches at nearly full throttle.
 fn excitation(random: &mut Stream) -> Vec<Segment> {
     let go = |duration_s, north_m, east_m, height_m| Segment::Go {
         duration_s,
@@ -261,12 +283,17 @@ fn excitation(random: &mut Stream) -> Vec<Segment> {
         sine(11.0 * stretch, 5.5 * stretch, 0.0, 4.2 * side, 0.0, 0.0),
         sine(6.0, 2.0, 0.0, 0.0, 0.0, 0.45),
         sine(4.8, 1.6, 0.0, 0.0, 0.25, 0.0),
-        go(2.8, 6.8, 2.1, 4.0),
+        go(2.8, BEFORE_WALL_M[0], BEFORE_WALL_M[1], 4.0),
         go(2.8, 0.0, 0.0, 5.6),
         go(2.1, 0.0, 0.0, 1.0),
         go(2.4, 0.0, 0.0, 5.4),
         go(3.4, 0.0, 0.0, 0.4),
         sine(5.0, 2.5, 1.0, 0.0, 0.05, 0.3),
+        go(PUNCH_S, 0.0, 0.0, 0.4 + PUNCH_M),
+        Segment::Hold { duration_s: 1.4 },
+        go(1.8, 0.0, 0.0, 0.8),
+        go(PUNCH_S, 0.0, 0.0, 0.8 + PUNCH_M),
+        Segment::Hold { duration_s: 1.4 },
         go(2.4, 0.0, -3.0 * side, 3.0),
         turn_at(3.0, 0.5 * turn),
         sine(9.6 * stretch, 4.8 * stretch, -2.6, 2.6 * side, 0.7, 0.0),

@@ -14,7 +14,9 @@ use crate::predict::{CHANNELS, Nuisances, PredictError};
 const STEPS: usize = 8;
 /// A step shorter than this, in posterior deviations, ends the iteration.
 const SETTLED: f64 = 0.05;
-
+/// So does one that gains or loses less than this, nats: the columns of the linear parameters are not taken anew, so that steps go on
+/// about a maximum that they do not hit, and no decision depends on so little.
+const LEAST_GAIN: f64 = 0.1;
 /// Most halvings of a step.
 const MOST_HALVINGS: i32 = 3;
 /// Prior deviation of what is held where it is.
@@ -202,7 +204,8 @@ impl Problem {
             let arrived = Posterior::log_evidence_of(&shifted, &held)
                 .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
                 - 0.5 * (shifted.square_sum + penalty);
-            let better = best.as_ref().is_none_or(|best| arrived > best.arrived - 1e-9);
+            let gain = best.as_ref().map_or(f64::INFINITY, |best| arrived - best.arrived);
+            let better = gain > 0.0;
             let (base_logs, base_active, step) = if better {
                 shorter = 0;
                 // What wants to leave its limits explains nothing: as if it were not free.
@@ -241,10 +244,12 @@ impl Problem {
                     fitted,
                     step: posterior.mean.clone(),
                 });
-                if longest < SETTLED {
+                if longest < SETTLED || gain < LEAST_GAIN {
                     break;
                 }
                 (logs.clone(), active.clone(), posterior.mean)
+            } else if gain > -LEAST_GAIN {
+                break;
             } else {
                 match shortened(&best, &mut shorter) {
                     Some(again) => again,
