@@ -13,7 +13,7 @@ use super::goodness::{UNEXPLAINED_SCORE, channel_fits};
 use super::linear::instances;
 use super::ranking::{Scored, priors};
 use super::trials::{Trial, active_at};
-use crate::predict::{Source, channels::V};
+use crate::predict::{Prediction, Source, channels::V};
 
 /// Length of a mean, s.
 const MEAN_S: f64 = 0.1;
@@ -27,6 +27,8 @@ const STEPS_ALONE: usize = 1;
 /// Least part of a step that is tried, and least gain of ln posterior for which a fit goes on.
 const LEAST_SHARE: f64 = 0.04;
 const LEAST_GAIN: f64 = 0.1;
+/// Step of the differences in an effect's parameters, plausible sizes.
+const EFFECT_STEP: f64 = 0.01;
 /// Loss of ln likelihood against the best effect up to which an effect is still fitted.
 const WORTH: f64 = 200.0;
 /// Most effects that are fitted.
@@ -96,16 +98,21 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
             effects.push(one.open[0].candidate);
         }
     }
-    let of_sensor = |t: &Trial| {
-        let id = problem.library.candidates[t.open[0].candidate].declaration.id;
-        id.starts_with("voltage-")
-    };
+    let of_sensor = |t: &Trial| of_sensor(problem, t.open[0].candidate);
     // Gain and offset of the sensor differ by little; the fit decides between them.
     let leading = &effects[..effects.len().min(MOST_EFFECTS)];
     let leads = |t: &Trial| leading.contains(&t.open[0].candidate);
     let sensor = found.iter().any(|t| leads(t) && of_sensor(t));
     found.retain(|t| leads(t) || (sensor && of_sensor(t)));
     found
+}
+
+/// Errors of the voltage's sensor, of one parameter each.
+fn of_sensor(problem: &Problem, candidate: usize) -> bool {
+    problem.library.candidates[candidate]
+        .declaration
+        .id
+        .starts_with("voltage-")
 }
 
 /// What all other channels say.
@@ -126,16 +133,24 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     let others = open(rest, &places, &spikes, &spikes, &slabs, &vec![0.0; places.len()])?;
     let prior = others.covariance.cholesky()?.inverse();
     let columns = problem.library.columns_of(candidate);
-    // A wrong reading of the voltage acts through Eq. 19 on the thrust, and through that on the current: taken where the other
-    // channels put it.
-    let mut at_work = problem.active.clone();
-    at_work.push(active_at(problem, candidate, &others.estimate));
-    let base_set = log
-        .predictor
-        .effect_set(&log.nuisances, &instances(&problem.library, &at_work))
-        .ok()?;
-    let base = log.predictor.predict(&base_set, Source::Smooth, None);
-    let coarse = log.predictor.coarse_voltage(&base, MEAN_S);
+    let base_at = |theta: &[f64]| -> Option<Prediction> {
+        let mut at_work = problem.active.clone();
+        at_work.push(active_at(problem, candidate, theta));
+        let set = log
+            .predictor
+            .effect_set(&log.nuisances, &instances(&problem.library, &at_work))
+            .ok()?;
+        Some(log.predictor.predict(&set, Source::Smooth, None))
+    };
+    let base = base_at(&others.estimate)?;
+    let mut coarse = log.predictor.coarse_voltage(&base, MEAN_S);
+    if of_sensor(problem, candidate) {
+        // A wrong reading of the voltage acts through Eq. 19 on the thrust, and through that on the current.
+        let mut next = others.estimate.clone();
+        next[0] += EFFECT_STEP;
+        let moved = log.predictor.coarse_voltage(&base_at(&next)?, MEAN_S);
+        coarse.slope_towards(&moved, 1.0 / EFFECT_STEP);
+    }
     let weight = coarse.weight * problem.weights[0][V];
     let predict = |charge: f64, theta: &[f64]| -> Option<Vec<f64>> {
         let mut nuisances = log.nuisances;
@@ -146,7 +161,8 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
             .predictor
             .effect_set(&nuisances, &instances(&problem.library, &active))
             .ok()?;
-        Some(log.predictor.coarse_prediction(&set, &base, &coarse))
+        let shift = theta.first().zip(others.estimate.first()).map_or(0.0, |(t, e)| t - e);
+        Some(log.predictor.coarse_prediction(&set, &base, &coarse, shift))
     };
     let fit = Fit {
         predict: &predict,
@@ -275,7 +291,6 @@ impl Fit<'_> {
     /// The Gauss–Newton step from a point, charge first; `alone` leaves the charge where it is.
     fn step(&self, point: &Point, alone: bool) -> Option<Option<Vec<f64>>> {
         const CHARGE_STEP: f64 = 1e-3;
-        const EFFECT_STEP: f64 = 0.01;
         let slope = |high: &[f64], low: &[f64], by: f64| -> Vec<f64> {
             high.iter().zip(low).map(|(h, l)| (h - l) / by).collect()
         };

@@ -22,6 +22,7 @@
 mod charge;
 mod dense;
 mod evidence;
+mod findings;
 mod fit;
 mod goodness;
 mod gusts;
@@ -32,6 +33,9 @@ mod onset;
 mod ranking;
 mod result;
 mod search;
+mod second_looks;
+mod select;
+mod settle;
 mod trials;
 mod vehicle_size;
 mod wiring;

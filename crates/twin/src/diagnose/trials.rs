@@ -3,7 +3,8 @@
 //!
 //! * A shape (where a wall stands, how long a rope is) has no column while its effect has no size. Its range is searched on a grid;
 //!   each point has a column of its own.
-//! * A delay of several samples of a noisy command is not its derivative: a secant over the delay is its column.
+//! * A delay of several samples of a noisy command is not its derivative: a secant over the delay is its column. Nor is a limit of the
+//!   duty, which acts on the more samples the lower it is.
 //! * Wind does nothing without drag. Drag and wind together are bilinear, thus linear in (k, k w): the columns of the wind are taken
 //!   where the drag is at its typical size.
 //!
@@ -40,6 +41,9 @@ pub(crate) struct Trials {
 
 /// Gaps between the flight and a wall or ceiling that are tried, m; the last alone says what would show.
 const GAPS_M: [f64; 4] = [0.05, 0.3, 0.8, 2.5];
+/// Lengths of the secants of a delay and of a limit, plausible sizes.
+const DELAYS: [f64; 3] = [0.5, 1.0, 1.5];
+const LIMITS: [f64; 3] = [0.5, 1.0, 2.0];
 /// Length of the secant of a shape, plausible sizes.
 const SECANT: f64 = 0.1;
 /// Normal score of a channel from which the shapes of its effects are searched.
@@ -286,11 +290,14 @@ fn variants(problem: &Problem, candidate: usize, all: bool) -> Vec<Variant> {
         step,
         companion: None,
     };
-    let mut found: Vec<Variant> = if ["command-delay", "imu-latency"].contains(&entry.declaration.id) {
-        [0.5, 1.0, 1.5].map(|step| variant((entry.neutral(), step))).into()
-    } else {
-        let shapes = shapes(problem, candidate, all).into_iter();
-        shapes.map(|values| variant((values, SECANT))).collect()
+    let secants = |steps: &[f64]| steps.iter().map(|&step| variant((entry.neutral(), step))).collect();
+    let mut found: Vec<Variant> = match entry.declaration.id {
+        "command-delay" | "imu-latency" => secants(&DELAYS),
+        "saturation" => secants(&LIMITS),
+        _ => {
+            let shapes = shapes(problem, candidate, all).into_iter();
+            shapes.map(|values| variant((values, SECANT))).collect()
+        }
     };
     let silent = problem.linear.iter().zip(&problem.logs).all(|(linear, log)| {
         let own = log.nuisance_count();

@@ -30,7 +30,7 @@ pub use noise::NoiseModel;
 pub use series::{Drive, Series};
 pub use whiten::{Covariance, Whitener};
 
-pub(crate) use pass::{Plant, Prediction, Source, Stages};
+pub(crate) use pass::{Plant, Power, Prediction, Source, Stages};
 
 use crate::diagnose::VehicleSize;
 use crate::log::FlightLog;
@@ -83,13 +83,23 @@ pub struct ChannelResiduals {
 /// Means of the voltage.
 #[derive(Debug, Clone)]
 pub(crate) struct CoarseVoltage {
-    powers: Vec<f64>,
+    powers: Vec<Power>,
+    /// Rise of the mean powers with what a caller shifts.
+    slope: Option<Vec<f64>>,
     stride: usize,
     places: Vec<usize>,
     /// V.
     pub(crate) measured: Vec<f64>,
     /// 1/variance of a mean, 1/V².
     pub(crate) weight: f64,
+}
+
+impl CoarseVoltage {
+    /// Takes the slope of the powers from another base: their difference times `per`.
+    pub(crate) fn slope_towards(&mut self, other: &Self, per: f64) {
+        let rise = self.powers.iter().zip(&other.powers);
+        self.slope = Some(rise.map(|(a, b)| (b.mean - a.mean) * per).collect());
+    }
 }
 
 /// A model, a log, and everything that one needs to hold the first against the second.
@@ -379,6 +389,7 @@ impl Predictor {
         let places = (0..measured.len()).filter(|&j| measured[j].is_some()).collect();
         CoarseVoltage {
             powers: self.plant.powers(&base.thrust, stride),
+            slope: None,
             stride,
             places,
             measured: measured.into_iter().flatten().collect(),
@@ -386,11 +397,23 @@ impl Predictor {
         }
     }
 
-    /// Prediction of the means of the voltage, thrust and motion as in `base`.
-    pub(crate) fn coarse_prediction(&self, set: &EffectSet, base: &Prediction, coarse: &CoarseVoltage) -> Vec<f64> {
+    /// Prediction of the means of the voltage, thrust and motion as in `base`; the powers `shift` times their slope away from there.
+    pub(crate) fn coarse_prediction(
+        &self,
+        set: &EffectSet,
+        base: &Prediction,
+        coarse: &CoarseVoltage,
+        shift: f64,
+    ) -> Vec<f64> {
+        let mut powers = std::borrow::Cow::Borrowed(&coarse.powers);
+        if let Some(slope) = coarse.slope.as_ref().filter(|_| shift != 0.0) {
+            for (power, rise) in powers.to_mut().iter_mut().zip(slope) {
+                power.mean = (power.mean + shift * rise).max(0.0);
+            }
+        }
         let all = self
             .plant
-            .battery_of(set.clone(), &base.motion, &base.thrust, &coarse.powers, coarse.stride);
+            .battery_of(set.clone(), &base.motion, &base.thrust, &powers, coarse.stride);
         coarse.places.iter().map(|&j| all[j]).collect()
     }
 
