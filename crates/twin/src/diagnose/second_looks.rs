@@ -1,0 +1,151 @@
+//! Second looks at what was named: gusts instead of a further effect, effects that others have replaced or made superfluous.
+
+use super::evidence::{Posterior, open};
+use super::findings::UNTOLD_GAP;
+use super::fit::{Fitted, Problem, position_of};
+use super::linear::Active;
+use super::ranking::{Scored, priors, score};
+use super::select::{Named, best_of};
+use super::settle::{move_to, posterior_of, settled, trust};
+use super::{goodness, gusts, trials};
+use crate::predict::PredictError;
+use crate::predict::channels::{F, KV};
+
+/// Whether gusts through a drag that was found explain more than any further effect would, and leave none. An onset that only the gusts
+/// called for is dropped.
+pub(super) fn gusts_lead(
+    problem: &mut Problem,
+    posterior: &Posterior,
+    scored: &[Scored],
+    threshold: f64,
+) -> Result<bool, PredictError> {
+    let fits = goodness::fits(problem, &posterior.mean);
+    let mut forces = fits.iter().flat_map(|own| (F..KV).filter_map(|c| own[c]));
+    if problem.active.is_empty() || !forces.any(|fit| fit.score() > goodness::UNEXPLAINED_SCORE) {
+        return Ok(false);
+    }
+    let evidence = |scored: &[Scored]| scored.first().map_or(0.0, |s| s.opened.log_bayes_factor);
+    let leads = |problem: &Problem, posterior: &Posterior| -> Result<bool, PredictError> {
+        Ok(gusts::find(problem, posterior)?.is_some_and(|found| {
+            found.gain > evidence(scored) && evidence(&score(problem, &found.posterior)) < threshold
+        }))
+    };
+    if leads(problem, posterior)? {
+        return Ok(true);
+    }
+    if problem.active.iter().all(|a| a.onset_s.is_none()) {
+        return Ok(false);
+    }
+    let mut plain = problem.clone();
+    for one in &mut plain.active {
+        one.onset_s = None;
+    }
+    let fitted = plain.fit(&plain.active)?;
+    move_to(&mut plain, &fitted)?;
+    let about = posterior_of(&plain)?.0;
+    let without_onset = leads(&plain, &about)?;
+    if without_onset {
+        *problem = plain;
+    }
+    Ok(without_onset)
+}
+
+/// Looks again for each effect but the last, now that the others are known: what was found first was found while all else was missing,
+/// and may have been another effect that took over a part of the rest. For the last, too, if it came together with the effect through
+/// which it acts: beside that another one may do as well.
+pub(super) fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: f64) -> Result<(), PredictError> {
+    for place in 0..problem.active.len() {
+        let id = |p: &Problem, a: &Active| p.library.candidates[a.candidate].declaration;
+        let removed = problem.active[place].clone();
+        let own = id(problem, &removed);
+        let together = named.iter().any(|n| n.candidate == removed.candidate && n.together);
+        let bound = problem.active.iter().any(|other| {
+            let needs = id(problem, other).needs;
+            other.candidate != removed.candidate
+                && (needs.contains(&own.id) || (!together && own.needs.contains(&id(problem, other).id)))
+        });
+        let last = place + 1 == problem.active.len();
+        if bound || (last && !together) || problem.library.columns_of(removed.candidate).is_empty() {
+            continue;
+        }
+        let mut without = problem.clone();
+        without.active.remove(place);
+        without.linearise(&|_| ())?;
+        trust(&mut without);
+        let (posterior, _) = settled(&mut without)?;
+        let scored = score(&without, &posterior);
+        let special = trials::trials(&without, &posterior, threshold);
+        let Some((fitted, mut found)) = best_of(&without, &posterior, &scored, &special, threshold)? else {
+            continue;
+        };
+        let [only] = found.as_slice() else { continue };
+        let same = only.candidate == removed.candidate;
+        if same && !together {
+            continue;
+        }
+        let mut open = without.active.clone();
+        open.push(removed.clone());
+        // A clear gain: the first finding has its reasons and its rivals written down already.
+        if !together && fitted.log_evidence < without.fit(&open)?.log_evidence + UNTOLD_GAP {
+            continue;
+        }
+        if let (Some(slot), Some(new)) = (named.iter_mut().find(|n| n.candidate == removed.candidate), found.pop()) {
+            *slot = new;
+        }
+        move_to(&mut without, &fitted)?;
+        *problem = without;
+    }
+    Ok(())
+}
+
+/// The fit without an effect that a later finding has made superfluous, if there is one.
+pub(super) fn superfluous(
+    problem: &Problem,
+    posterior: &Posterior,
+    prior: &[f64],
+    threshold: f64,
+) -> Result<Option<Fitted>, PredictError> {
+    if problem.active.len() < 2 {
+        return Ok(None);
+    }
+    let Some((candidate, _)) = weakest(problem, posterior, prior, &[]).filter(|(_, evidence)| *evidence <= threshold)
+    else {
+        return Ok(None);
+    };
+    let others: Vec<Active> = problem
+        .active
+        .iter()
+        .filter(|a| a.candidate != candidate)
+        .cloned()
+        .collect();
+    let (with, without) = (problem.fit(&problem.active)?, problem.fit(&others)?);
+    Ok((with.log_evidence - without.log_evidence < threshold).then_some(without))
+}
+
+/// The active effect with the least evidence, and that evidence, nats; effects that another one or `kept` acts through stay out of it.
+pub(super) fn weakest(problem: &Problem, posterior: &Posterior, prior: &[f64], kept: &[&str]) -> Option<(usize, f64)> {
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    let mut weakest: Option<(usize, f64)> = None;
+    for active in &problem.active {
+        let (places, spikes, slabs) = priors(problem, active.candidate);
+        // A gross error has no columns; an effect that acts through another one keeps it.
+        let id = problem.library.candidates[active.candidate].declaration.id;
+        let needed = problem.active.iter().any(|other| {
+            let needs = problem.library.candidates[other.candidate].declaration.needs;
+            other.candidate != active.candidate && needs.contains(&id)
+        });
+        if places.is_empty() || needed || kept.contains(&id) {
+            continue;
+        }
+        let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
+        let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
+        // The posterior is about the point with the prior about 0: what the data alone say is asked for again.
+        let Some(opened) = open(posterior, &places, &spikes, &now, &slabs, &at) else {
+            continue;
+        };
+        if weakest.is_none_or(|(_, least)| opened.log_bayes_factor < least) {
+            weakest = Some((active.candidate, opened.log_bayes_factor));
+        }
+    }
+    weakest
+}

@@ -1,0 +1,297 @@
+//! Which effect a round adds: candidates worth a fit, their fits, and the best that passes, with its rivals.
+
+use rotortwin_plant::effects::ParameterKind;
+
+use super::evidence::{Posterior, minimum_size};
+use super::fit::{Fitted, Problem};
+use super::linear::Active;
+use super::ranking::Scored;
+use super::result::Rival;
+use super::trials::{Trial, Trials};
+use super::{charge, onset, trials, wiring, words};
+use crate::predict::PredictError;
+
+/// Evidence over the threshold that must not be left unnamed.
+pub(super) const LEFT_FACTOR: f64 = 3.0;
+
+/// Most candidates that are refined in one round.
+const REFINED: usize = 4;
+/// Share of the best ln Bayes factor from which a candidate is refined.
+const REFINED_SHARE: f64 = 0.35;
+/// Evidence gap below which a rival counts as compatible.
+const COMPATIBLE_GAP: f64 = 5.0;
+/// Gain of ln evidence from which an onset is believed.
+const ONSET_GAIN: f64 = 8.0;
+
+/// A named effect with what its round knew.
+pub(super) struct Named {
+    pub(super) candidate: usize,
+    pub(super) log_bayes_factor: f64,
+    pub(super) posterior: f64,
+    pub(super) minimum: f64,
+    pub(super) compatible: Vec<Rival>,
+    pub(super) lost: Vec<Rival>,
+    /// Found together with the effect through which it acts: its rivals have not been tried beside that.
+    pub(super) together: bool,
+}
+
+/// The best candidate of a round (with the companion that it needs) and its fit, if it passes.
+pub(super) fn best_of(
+    problem: &Problem,
+    posterior: &Posterior,
+    scored: &[Scored],
+    special: &Trials,
+    threshold: f64,
+) -> Result<Option<(Fitted, Vec<Named>)>, PredictError> {
+    let possible = possible(problem, posterior, scored, special, threshold);
+    if possible.is_empty() {
+        return Ok(None);
+    }
+    let null = problem.fit(&problem.active)?;
+    // Candidates that were opened, the one in question last; fit; gain of ln evidence.
+    let mut tried: Vec<(Vec<usize>, Fitted, f64)> = Vec::new();
+    for trial in &possible {
+        let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
+        let mut open = problem.active.clone();
+        open.extend(trial.open.iter().cloned());
+        // A candidate whose fit leaves what is a vehicle at all is out.
+        if let Ok(fitted) = problem.fit_from(&open, trial.charge) {
+            let gain = fitted.log_evidence - null.log_evidence;
+            tried.push((opened, fitted, gain));
+        }
+        let [only] = trial.open.as_slice() else { continue };
+        if trial.charge.is_some() || problem.library.candidates[only.candidate].is_log_fault() {
+            continue;
+        }
+        if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > ONSET_GAIN) {
+            let mut open = problem.active.clone();
+            open.push(Active {
+                onset_s: Some(onset_s),
+                ..only.clone()
+            });
+            if let Ok(fitted) = problem.fit(&open) {
+                // The scan chose the time among all; the gain must pay for that.
+                let gain = fitted.log_evidence - null.log_evidence - ONSET_GAIN;
+                tried.push((vec![only.candidate], fitted, gain));
+            }
+        }
+    }
+    tried.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let excuses: Vec<Option<String>> = tried
+        .iter()
+        .map(|(opened, fitted, _)| opened.iter().find_map(|&c| implausible(problem, c, fitted)))
+        .collect();
+    let Some(winner) = (0..tried.len()).find(|&i| excuses[i].is_none()) else {
+        return Ok(None);
+    };
+    let (opened, fitted, gain) = &tried[winner];
+    let Some(&candidate) = opened.last() else {
+        return Ok(None);
+    };
+    let sizes: Vec<(bool, f64)> = opened
+        .iter()
+        .map(|&c| large_enough(problem, c, fitted, threshold))
+        .collect();
+    // A size that its own shape leaves uncertain may still be beyond doubt as a whole.
+    let beyond_doubt = *gain > LEFT_FACTOR * threshold;
+    if *gain <= threshold || !(beyond_doubt || sizes.iter().all(|(seen, _)| *seen)) {
+        return Ok(None);
+    }
+    let (mut compatible, mut lost) = (Vec::new(), Vec::new());
+    for (i, (others, _, other_gain)) in tried.iter().enumerate() {
+        // The same with a companion, or from another start, is no rival.
+        if others.iter().any(|c| opened.contains(c)) {
+            continue;
+        }
+        let Some(&other) = others.last() else { continue };
+        if compatible.iter().chain(&lost).any(|r: &(usize, Rival)| r.0 == other) {
+            continue;
+        }
+        let (a, b) = (
+            &problem.library.candidates[candidate],
+            &problem.library.candidates[other],
+        );
+        let gap = gain - other_gain;
+        let close = gap < COMPATIBLE_GAP && excuses[i].is_none();
+        let rival = Rival {
+            effect: b.declaration.id.to_owned(),
+            rotor: b.rotor,
+            label: b.label(),
+            evidence_gap: gap,
+            reason: if close {
+                "this flight fits it nearly as well".into()
+            } else {
+                words::why_lost(a, b, gap, excuses[i].clone())
+            },
+        };
+        if close {
+            compatible.push((other, rival));
+        } else {
+            lost.push((other, rival));
+        }
+    }
+    // Equal prior odds over all candidates; those that were not refined by their linear evidence.
+    let largest = *gain;
+    let mut odds = 0.0;
+    for one in scored {
+        let refined = tried
+            .iter()
+            .filter(|t| t.0.last() == Some(&one.candidate))
+            .map(|t| t.2)
+            .fold(f64::NEG_INFINITY, f64::max);
+        let own = if refined.is_finite() {
+            refined
+        } else {
+            one.opened.log_bayes_factor.min(largest)
+        };
+        odds += (own - largest).exp();
+    }
+    let mut compatible: Vec<Rival> = compatible.into_iter().map(|(_, r)| r).collect();
+    let mut lost: Vec<Rival> = lost.into_iter().map(|(_, r)| r).collect();
+    let mut found: Vec<Named> = Vec::new();
+    // The rivals are those of the effect in question, the last.
+    for (&candidate, &(_, minimum)) in opened.iter().zip(&sizes).rev() {
+        found.push(Named {
+            candidate,
+            log_bayes_factor: *gain,
+            posterior: 1.0 / odds.max(1.0),
+            minimum,
+            compatible: std::mem::take(&mut compatible),
+            lost: std::mem::take(&mut lost),
+            together: found.is_empty() && opened.len() > 1,
+        });
+    }
+    found.reverse();
+    Ok(Some((fitted.clone(), found)))
+}
+
+/// What is worth a fit in this round: the leading candidates of the linear ranking, special starts, effects that set in late, and
+/// effects of the battery each at its own charge.
+fn possible(
+    problem: &Problem,
+    posterior: &Posterior,
+    scored: &[Scored],
+    special: &Trials,
+    threshold: f64,
+) -> Vec<Trial> {
+    let plausible: Vec<&Scored> = scored.iter().filter(|s| linearly_plausible(problem, s)).collect();
+    let first = plausible.first().map_or(0.0, |s| s.opened.log_bayes_factor);
+    let best_special = special.starts.first().map_or(0.0, |t| t.log_bayes_factor);
+    let least = threshold.max(REFINED_SHARE * first.max(best_special));
+    let mut chosen: Vec<Trial> = Vec::new();
+    for (place, one) in plausible.iter().take(REFINED).enumerate() {
+        // The first of the ranking in any case, as a special start promises what its fit may not keep; but none whose shape is free, which
+        // would bend to whatever the special start is about.
+        let shapeless = problem.library.candidates[one.candidate]
+            .parameters
+            .iter()
+            .all(|p| p.kind == ParameterKind::Size);
+        let least = if place == 0 && shapeless { threshold } else { least };
+        if one.opened.log_bayes_factor >= least {
+            chosen.push(trials::plain(problem, one));
+        }
+    }
+    for start in special
+        .starts
+        .iter()
+        .take_while(|t| t.log_bayes_factor >= least)
+        .take(REFINED)
+    {
+        // Beside the plain start, not instead of it: which of two shapes is near enough only the fits tell.
+        chosen.push(start.clone());
+    }
+    let evidence = |c: usize| {
+        scored
+            .iter()
+            .find(|s| s.candidate == c)
+            .map(|s| s.opened.log_bayes_factor)
+    };
+    let late = onset::late_candidates(problem, posterior);
+    for &(candidate, gain) in late.iter().take(2) {
+        let known = chosen.iter().any(|t| t.open.iter().any(|a| a.candidate == candidate));
+        let over = evidence(candidate).unwrap_or(0.0);
+        if !known && gain > least.max(over + ONSET_GAIN) {
+            chosen.extend(
+                scored
+                    .iter()
+                    .find(|s| s.candidate == candidate)
+                    .map(|s| trials::plain(problem, s)),
+            );
+        }
+    }
+    let leading: Vec<_> = chosen
+        .iter()
+        .flat_map(|t| &t.open)
+        .map(|a| problem.library.candidates[a.candidate].declaration)
+        .collect();
+    chosen.extend(wiring::guess(problem, &leading));
+    if charge::wanted(problem, posterior, scored, threshold) {
+        chosen.extend(charge::starts(problem));
+    }
+    chosen
+}
+
+/// False for a linear estimate far outside of what real vehicles have, by more than half the plausible range: no refinement brings
+/// that back.
+fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
+    let entry = &problem.library.candidates[one.candidate];
+    problem
+        .library
+        .columns_of(one.candidate)
+        .iter()
+        .enumerate()
+        .all(|(a, &j)| {
+            let column = &problem.library.columns[j];
+            let p = &entry.parameters[column.parameter];
+            let value = p.default_value() + one.opened.estimate[a] * column.size;
+            let deviation = one.opened.covariance.at(a, a).max(0.0).sqrt() * column.size;
+            let margin = 0.5 * (p.plausible_high - p.plausible_low) + 3.0 * deviation;
+            // What cannot be at all (a rotor of negative inertia) is out even if it is near.
+            let (low, high) = entry.limits[column.parameter];
+            let possible = entry.is_log_fault()
+                || p.kind != ParameterKind::Size
+                || (value <= high + 3.0 * deviation && value >= low - 3.0 * deviation);
+            possible && value <= p.plausible_high + margin && value >= p.plausible_low - margin
+        })
+}
+
+/// True if the values lie in the plausible range within two deviations, and the sizes are large enough to be seen.
+fn implausible(problem: &Problem, candidate: usize, fitted: &Fitted) -> Option<String> {
+    let entry = &problem.library.candidates[candidate];
+    let active = fitted.active.iter().find(|a| a.candidate == candidate)?;
+    entry.parameters.iter().enumerate().find_map(|(i, p)| {
+        let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
+        let value = active.values[i];
+        let margin = 2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low);
+        let outside = value > p.plausible_high + margin || value < p.plausible_low - margin;
+        (p.kind == ParameterKind::Size && outside).then(|| {
+            format!("{} = {} {}", p.symbol, words::number(value), p.unit)
+                .trim_end()
+                .to_owned()
+        })
+    })
+}
+
+/// Whether one of the sizes reaches what the flight can show by the fit, and the smallest such size of the first parameter.
+fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold: f64) -> (bool, f64) {
+    let Some(active) = fitted.active.iter().find(|a| a.candidate == candidate) else {
+        return (false, f64::INFINITY);
+    };
+    let entry = &problem.library.candidates[candidate];
+    let (mut seen, mut first) = (false, f64::INFINITY);
+    for j in problem.library.columns_of(candidate) {
+        let column = &problem.library.columns[j];
+        let p = &entry.parameters[column.parameter];
+        if p.kind != ParameterKind::Size {
+            continue;
+        }
+        // What is left of the precision without the prior.
+        let information = (1.0 / (fitted.deviations[j] * fitted.deviations[j]) - 1.0).max(0.0);
+        let least = minimum_size(information, column.spike, threshold) * column.size;
+        if first.is_infinite() {
+            first = least;
+        }
+        seen |= active.values[column.parameter].abs() >= least;
+    }
+    (seen, first)
+}
