@@ -10,11 +10,13 @@
 //!
 //! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s show too weak; σ and T are those of all logs.
 
+use rotortwin_plant::effects::Place;
+
 use super::dense::dot;
 use super::evidence::{Normal, Posterior};
 use super::fit::{Problem, fitted_residual, position_of};
 use super::goodness::{ChannelFit, UNEXPLAINED_SCORE};
-use super::linear::Column;
+use super::linear::{Active, Column, LogState};
 use super::second_looks::weakest;
 use super::settle::move_to;
 use crate::predict::channels::{F, KV, M};
@@ -165,17 +167,76 @@ fn filter(log: &Log, rms: f64, correlation_s: f64, keep: bool) -> Filtered {
     filtered
 }
 
+/// What a steady wind along each axis does beside some effects.
+fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<Vec<Column>, PredictError> {
+    let base = log.base(&problem.library, active)?;
+    (0..3)
+        .map(|axis| log.wind_column(&problem.library, active, &base, axis))
+        .collect()
+}
+
+/// The active effects, and the clutter at a mean: a gust acts through small errors, too (an inflow that nobody would name). An error whose
+/// sign no effect of the catalogue can have stands in the second list, mirrored; `None` if there are none.
+fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Active>>) {
+    let offset = problem.nuisances();
+    let (mut plain, mut mirrored) = (problem.active.clone(), problem.active.clone());
+    for (candidate, entry) in problem.library.candidates.iter().enumerate() {
+        let columns = problem.library.columns_of(candidate);
+        let known = problem.active.iter().any(|a| a.candidate == candidate);
+        let acts = |place: &Place| matches!(place, Place::RotorThrust | Place::Force | Place::Torque);
+        if known || !entry.declaration.places.iter().any(acts) || columns.iter().all(|&j| mean[offset + j] == 0.0) {
+            continue;
+        }
+        let values = |sign: f64| -> Option<Vec<f64>> {
+            let mut values = entry.neutral();
+            for &j in &columns {
+                let column = &problem.library.columns[j];
+                let value = values[column.parameter] + sign * mean[offset + j] * column.size;
+                if entry.clamped(column.parameter, value) != value {
+                    return None;
+                }
+                values[column.parameter] = value;
+            }
+            Some(values)
+        };
+        let active = |values| Active {
+            candidate,
+            values,
+            onset_s: None,
+        };
+        match values(1.0) {
+            Some(values) => plain.push(active(values)),
+            None => mirrored.extend(values(-1.0).map(active)),
+        }
+    }
+    let any = mirrored.len() > problem.active.len();
+    (plain, any.then_some(mirrored))
+}
+
+/// What a steady wind does beside the active effects and the clutter at a mean: columns along each axis, to be summed with their
+/// factors; `alone` are those beside the active effects only.
+fn winds(problem: &Problem, log: &LogState, mean: &[f64], alone: Vec<Column>) -> Vec<(f64, Vec<Column>)> {
+    let (plain, mirrored) = with_clutter(problem, mean);
+    let Ok(first) = wind_columns(problem, log, &plain) else {
+        return vec![(1.0, alone)];
+    };
+    let mut all = vec![(1.0, first)];
+    if let Some(Ok(columns)) = mirrored.map(|active| wind_columns(problem, log, &active)) {
+        // Small errors add up: what the mirrored ones change is taken off.
+        all.extend([(-1.0, columns), (1.0, alone)]);
+    }
+    all
+}
+
 /// The logs as means, with the wind's sensitivities; `None` where wind does nothing.
 fn means(problem: &Problem, mean: &[f64]) -> Result<Option<Vec<Log>>, PredictError> {
     let mut logs = Vec::new();
     for (l, state) in problem.logs.iter().enumerate() {
-        let base = state.base(&problem.library, &problem.active)?;
-        let wind: Vec<Column> = (0..3)
-            .map(|axis| state.wind_column(&problem.library, &problem.active, &base, axis))
-            .collect::<Result<_, _>>()?;
-        if wind.iter().all(|column| (F..KV).all(|c| column[c].is_none())) {
+        let alone = wind_columns(problem, state, &problem.active)?;
+        if alone.iter().all(|column| (F..KV).all(|c| column[c].is_none())) {
             return Ok(None);
         }
+        let winds = winds(problem, state, mean, alone);
         let residual = fitted_residual(problem, l, mean);
         let series = state.predictor.series();
         let rows = (MEAN_S / series.step_s).round().max(1.0) as usize;
@@ -207,7 +268,8 @@ fn means(problem: &Problem, mean: &[f64]) -> Result<Option<Vec<Log>>, PredictErr
                     })
                 };
                 one.count[seen] = count as f64;
-                one.wind[seen] = [0, 1, 2].map(|axis| of(&wind[axis]));
+                one.wind[seen] =
+                    [0, 1, 2].map(|axis| winds.iter().map(|(factor, columns)| factor * of(&columns[axis])).sum());
                 one.signals[0][seen] = per * residual[channel][range.clone()].iter().sum::<f64>();
                 for (j, column) in columns.iter().enumerate() {
                     one.signals[1 + j][seen] = of(column);
