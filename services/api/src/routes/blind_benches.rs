@@ -3,7 +3,6 @@
 use super::jobs::{JobView, Shared, Terms};
 use super::library::checked_name;
 use super::tasks::{Draft, laid_out, submit_in_parts};
-use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::jobs::spec::{Content, Input, Task};
@@ -259,9 +258,7 @@ fn checked(body: &BlindBenchSubmission, vehicles: &[BenchVehicle], longest_s: f6
     let cases = request.case_count();
     if cases > MOST_CASES {
         return Err(Problem::unprocessable(format!(
-            "{} of each of {} presets are {cases} cases; expected at most {MOST_CASES}",
-            request.n,
-            request.presets.len()
+            "`n` times the number of `presets` is {cases}; expected at most {MOST_CASES} cases"
         )));
     }
     Ok(request)
@@ -364,7 +361,7 @@ mod tests {
             (json!({ "n": 1, "presets": [] }), "`presets`: there is none"),
             (
                 json!({ "n": 5001, "presets": ["null", "pairs"] }),
-                "10002 cases; expected at most 10000",
+                "is 10002; expected at most 10000 cases",
             ),
             (
                 json!({ "n": u64::MAX, "presets": ["null", "pairs"] }),
