@@ -244,7 +244,10 @@ impl FlightWatch {
 /// any process of the same user gets a signal.
 fn ran(stat: &str, status: &str) -> Vec<String> {
     // The name in brackets may hold anything, also brackets; behind it, state is the first field, utime and stime are 12 and 13.
-    let fields = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_ascii_whitespace();
+    let fields = stat
+        .rsplit_once(')')
+        .map_or("", |(_, rest)| rest)
+        .split_ascii_whitespace();
     let switches = status.lines().filter(|line| line.contains("voluntary_ctxt_switches"));
     fields.skip(11).take(2).chain(switches).map(str::to_owned).collect()
 }
@@ -391,7 +394,8 @@ fn last_line(log: &Path) -> Option<String> {
 mod tests {
     use super::*;
 
-    const STAT: &str = "17 (rotortwin (sim)) T 1 17 17 0 -1 4194304 900 0 3 0 41 7 0 0 20 0 16 0 5000 900000 2100 1 1 0";
+    const STAT: &str =
+        "17 (rotortwin (sim)) T 1 17 17 0 -1 4194304 900 0 3 0 41 7 0 0 20 0 16 0 5000 900000 2100 1 1 0";
     const STATUS: &str = "Name:\trotortwin\nState:\tT (stopped)\nVmRSS:\t8400 kB\nSigQ:\t2/96365\nvoluntary_ctxt_switches:\t120\n\
                           nonvoluntary_ctxt_switches:\t4\n";
 
@@ -401,7 +405,12 @@ mod tests {
         let noted = ran(STAT, STATUS);
         assert_eq!(
             noted,
-            ["41", "7", "voluntary_ctxt_switches:\t120", "nonvoluntary_ctxt_switches:\t4"]
+            [
+                "41",
+                "7",
+                "voluntary_ctxt_switches:\t120",
+                "nonvoluntary_ctxt_switches:\t4"
+            ]
         );
         let elsewhere = STATUS.replace("2/96365", "3/96365").replace("8400 kB", "7000 kB");
         assert_eq!(noted, ran(&STAT.replace(" 2100 ", " 1750 "), &elsewhere));
