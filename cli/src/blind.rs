@@ -2,15 +2,18 @@
 
 use crate::output;
 use clap::{Args as ClapArgs, Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
-use rotortwin_blind::bench::cases::Preset;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rotortwin_blind::bench::cases::{Case, Preset};
 use rotortwin_blind::bench::product::{read_diagnosis, read_either};
-use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Request};
+use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Program, Request};
+use rotortwin_blind::bench::score::Row;
 use rotortwin_blind::bench::{report, sheet};
 use rotortwin_blind::command;
 use rotortwin_blind::error::BlindError;
 use rotortwin_blind::vehicle::Vehicle;
-use std::path::PathBuf;
+use serde_json::json;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Arguments of `rotortwin blind`.
@@ -36,37 +39,81 @@ enum Sub {
 }
 
 #[derive(Debug, ClapArgs)]
-struct BenchArgs {
+pub(crate) struct BenchArgs {
     /// What to show; several with commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "mixed")]
-    preset: Vec<Preset>,
+    pub(crate) preset: Vec<Preset>,
     /// Cases of each preset
     #[arg(long, default_value_t = 200)]
-    n: usize,
+    pub(crate) n: usize,
     /// Seed of the draws
     #[arg(long, default_value_t = 1)]
-    seed: u64,
+    pub(crate) seed: u64,
     /// Vehicle documents, taken in turn; several with commas
     #[arg(long, value_delimiter = ',', default_value = "config/vehicles/f550.toml")]
-    vehicles: Vec<PathBuf>,
+    pub(crate) vehicles: Vec<PathBuf>,
     /// Length of a flight, s
     #[arg(long, default_value_t = 90.0)]
-    duration_s: f64,
+    pub(crate) duration_s: f64,
     /// Folder of the results; a bench that was stopped goes on there
     #[arg(long, default_value = "runs/blind")]
-    out: PathBuf,
-    /// Processes at a time
-    #[arg(long, default_value_t = 1)]
-    jobs: usize,
+    pub(crate) out: PathBuf,
+    /// Processes at a time [default: 1]
+    #[arg(long)]
+    jobs: Option<usize>,
     /// Keep the generated logs
     #[arg(long)]
     keep_logs: bool,
     /// Another diagnosis: a command line with {log} and {vehicle} that prints an answer as JSON (docs/blind-bench.md)
     #[arg(long, value_name = "COMMAND")]
     diagnosis: Option<String>,
+    /// Do only these cases, counted over all presets, and leave them as they are: they are put together elsewhere
+    #[arg(long, value_name = "FIRST..END", value_parser = output::range)]
+    cases: Option<Range<u64>>,
     /// Print the score as JSON
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
+    /// With --json: print each case as a JSON line when it is done; end when the standard input does
+    #[arg(long, requires = "json")]
+    events: bool,
+}
+
+impl BenchArgs {
+    /// An option that a server cannot be asked for.
+    pub(crate) fn only_here(&self) -> Option<&'static str> {
+        let options = [
+            (self.jobs.is_some(), "--jobs"),
+            (self.keep_logs, "--keep-logs"),
+            (self.diagnosis.is_some(), "--diagnosis"),
+            (self.cases.is_some(), "--cases"),
+            (self.events, "--events"),
+        ];
+        options.into_iter().find_map(|(given, name)| given.then_some(name))
+    }
+
+    /// What is asked for.
+    ///
+    /// # Errors
+    /// It cannot be run.
+    pub(crate) fn request(&self) -> Result<Request, BlindError> {
+        let request = Request {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            presets: self.preset.clone(),
+            n: self.n,
+            seed: self.seed,
+            vehicles: self.vehicles.iter().map(|path| path.display().to_string()).collect(),
+            duration_s: self.duration_s,
+        };
+        request.check()?;
+        Ok(request)
+    }
+}
+
+impl Args {
+    /// The bench that is asked for; `None`: something by hand.
+    pub(crate) fn bench(&self) -> Option<&BenchArgs> {
+        self.command.is_none().then_some(&self.bench)
+    }
 }
 
 /// Runs the bench or the generator.
@@ -83,59 +130,162 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
+/// A command of this program, which ends with us.
+fn of_this_program(words: &[&str]) -> std::io::Result<Program> {
+    let program = std::env::current_exe()?.display().to_string();
+    let all = [&program, "--end-with-stdin"].into_iter().chain(words.iter().copied());
+    Ok(Program {
+        words: all.map(str::to_owned).collect(),
+        held: true,
+    })
+}
+
 fn bench(args: &BenchArgs) -> anyhow::Result<()> {
+    if args.events {
+        crate::fly::end_with_standard_input();
+    }
     let rotor_counts = args
         .vehicles
         .iter()
         .map(|path| Vehicle::load(path).map(|vehicle| vehicle.rotors.len()))
         .collect::<Result<Vec<_>, _>>()?;
-    let request = Request {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        presets: args.preset.clone(),
-        n: args.n,
-        seed: args.seed,
-        vehicles: args.vehicles.iter().map(|path| path.display().to_string()).collect(),
-        duration_s: args.duration_s,
-    };
-    let program = std::env::current_exe()?.display().to_string();
     let bench = Bench {
         folder: args.out.clone(),
-        generator: [&program, "blind", "generate"].map(str::to_owned).to_vec(),
-        jobs: args.jobs,
+        generator: of_this_program(&["blind", "generate"])?,
+        jobs: args.jobs.unwrap_or(1),
         keep_logs: args.keep_logs,
-        request,
+        request: args.request()?,
     };
     let diagnosis = match &args.diagnosis {
         Some(line) => DiagnosisCommand {
-            command: line.split_whitespace().map(str::to_owned).collect(),
+            command: Program {
+                words: line.split_whitespace().map(str::to_owned).collect(),
+                held: false,
+            },
             read: read_either,
         },
         None => DiagnosisCommand {
-            command: [&program, "diagnose", "{log}", "--model", "{vehicle}", "--json"]
-                .map(str::to_owned)
-                .to_vec(),
+            command: of_this_program(&["diagnose", "{log}", "--model", "{vehicle}", "--json"])?,
             read: read_diagnosis,
         },
     };
-    bench.open()?;
     let cases = bench.request.cases(&rotor_counts);
-    let bar = ProgressBar::new(cases.len() as u64).with_style(
-        ProgressStyle::with_template("{bar:30} {pos}/{len}  {elapsed} of {duration}  {msg}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    );
-    bar.set_position(bench.rows(&cases).len() as u64);
-    let rows = bench.run(&cases, &diagnosis, &|row| {
+    let cases = match &args.cases {
+        None => &cases[..],
+        Some(range) => part_of(&cases, range)?,
+    };
+    bench.open()?;
+    let bar = progress_bar(args.events, cases.len() as u64);
+    bar.set_position(bench.rows(cases).len() as u64);
+    let rows = bench.run(cases, &diagnosis, &|row| {
         bar.set_message(format!("{} → {}", row.truth, row.named));
         bar.inc(1);
+        if args.events {
+            output::line(&case_event(row).to_string());
+        }
     })?;
     bar.finish_and_clear();
+    if args.cases.is_some() {
+        let done = json!({ "cases": cases.len(), "rows": rows.len() });
+        output::line(&if args.json {
+            done.to_string()
+        } else {
+            format!(
+                "{} of {} cases; rows in {}",
+                rows.len(),
+                cases.len(),
+                bench.folder.display()
+            )
+        });
+        return Ok(());
+    }
     let sheet = sheet::sum_up(&rows);
     report::write(&bench.folder, &bench.request, &rows, &sheet)?;
     if args.json {
         println!("{:#}", serde_json::to_value(&sheet)?);
     } else {
-        print!("{}", sheet::text(&sheet));
-        println!("Report: {}", bench.folder.join("report.html").display());
+        print_text(&rows, &bench.folder);
     }
     Ok(())
+}
+
+/// The cases of a range that was asked for.
+fn part_of<'a>(cases: &'a [Case], range: &Range<u64>) -> anyhow::Result<&'a [Case]> {
+    let end = |number: u64| usize::try_from(number).unwrap_or(usize::MAX);
+    cases
+        .get(end(range.start)..end(range.end))
+        .ok_or_else(|| {
+            let reason = format!("{}..{}; expected within 0..{}", range.start, range.end, cases.len());
+            BlindError::Input {
+                place: "--cases".to_owned(),
+                reason,
+            }
+        })
+        .map_err(anyhow::Error::from)
+}
+
+/// What is said of a case that is done.
+fn case_event(row: &Row) -> serde_json::Value {
+    json!({
+        "event": "case", "case": row.case.index, "preset": row.case.preset, "truth": row.truth, "named": row.named,
+        "outcome": row.outcome,
+    })
+}
+
+pub(crate) fn progress_bar(hidden: bool, cases: u64) -> ProgressBar {
+    let target = if hidden {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    };
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len}  {elapsed} of {duration}  {msg}")
+        .expect("the template is well formed");
+    ProgressBar::with_draw_target(Some(cases), target).with_style(style)
+}
+
+/// The score sheet, and where the report is.
+pub(crate) fn print_text(rows: &[Row], folder: &Path) {
+    print!("{}", sheet::text(&sheet::sum_up(rows)));
+    println!("Report: {}", folder.join("report.html").display());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        blind: Args,
+    }
+
+    fn parsed(words: &[&str]) -> Args {
+        Line::try_parse_from([&["blind"], words].concat()).unwrap().blind
+    }
+
+    #[test]
+    fn val_what_a_server_cannot_be_asked_for() {
+        assert_eq!(parsed(&["--n", "3"]).bench().and_then(BenchArgs::only_here), None);
+        for words in [
+            &["--jobs", "2"][..],
+            &["--keep-logs"],
+            &["--diagnosis", "tool {log}"],
+            &["--cases", "0..4"],
+            &["--events", "--json"],
+        ] {
+            assert_eq!(parsed(words).bench().and_then(BenchArgs::only_here), Some(words[0]));
+        }
+        assert!(parsed(&["effects"]).bench().is_none());
+    }
+
+    #[test]
+    fn val_parts_lie_within_the_bench() {
+        let mut request = parsed(&["--n", "5"]).bench().unwrap().request().unwrap();
+        request.vehicles.truncate(1);
+        let cases = request.cases(&[6]);
+        let part = part_of(&cases, &(3..5)).unwrap();
+        assert_eq!(part.iter().map(|case| case.index).collect::<Vec<_>>(), [3, 4]);
+        let error = part_of(&cases, &(3..6)).unwrap_err().to_string();
+        assert!(error.contains("within 0..5"), "{error}");
+    }
 }

@@ -58,7 +58,7 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
     check: bool,
     /// Fly only these shards of 32 flights, FIRST..END, and leave them as they are: they are put together elsewhere
-    #[arg(long, value_name = "FIRST..END", value_parser = shard_range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
+    #[arg(long, value_name = "FIRST..END", value_parser = output::range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
     shards: Option<Range<u64>>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
@@ -66,14 +66,6 @@ pub(crate) struct Args {
     /// With --json: print the progress as JSON lines before; end when the standard input does
     #[arg(long, requires = "json", conflicts_with_all = ["flight", "hunt", "check"])]
     events: bool,
-}
-
-fn shard_range(text: &str) -> Result<Range<u64>, String> {
-    let refuse = || "expected FIRST..END, such as 0..4, with FIRST below END".to_owned();
-    let (first, end) = text.split_once("..").ok_or_else(refuse)?;
-    let number = |text: &str| text.parse::<u64>().map_err(|_no| refuse());
-    let range = number(first)?..number(end)?;
-    if range.is_empty() { Err(refuse()) } else { Ok(range) }
 }
 
 impl Args {

@@ -93,6 +93,8 @@ enum Command {
     Runs(remote::JobArgs),
     /// Campaigns of a server: as runs
     Campaigns(remote::JobArgs),
+    /// Blind benches of a server: as runs
+    BlindBenches(remote::JobArgs),
     /// Does a server or router answer? Exit code 0 if so
     Health(health::Args),
     /// Who may use a server: create, list, revoke
@@ -144,6 +146,7 @@ pub fn run() -> ExitCode {
         Command::Router(args) => router::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Campaigns(args) => remote::jobs(&cli.server, "campaigns", &args),
+        Command::BlindBenches(args) => remote::jobs(&cli.server, "blind-benches", &args),
         Command::Runs(args) => remote::jobs(&cli.server, "runs", &args),
         Command::Health(args) => health::run(&args),
         Command::Token(args) => token::run(&args),

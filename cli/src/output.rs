@@ -3,6 +3,7 @@
 use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
 use rotortwin_campaign::reproduction::tables::ResultTable;
 use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -25,6 +26,15 @@ pub(crate) fn line(text: &str) {
     if let Err(error) = writeln!(out, "{text}").and_then(|()| out.flush()) {
         tracing::debug!(%error, "nobody reads the standard output");
     }
+}
+
+/// `FIRST..END` of an argument.
+pub(crate) fn range(text: &str) -> Result<Range<u64>, String> {
+    let refuse = || "expected FIRST..END, such as 0..4, with FIRST below END".to_owned();
+    let (first, end) = text.split_once("..").ok_or_else(refuse)?;
+    let number = |text: &str| text.parse::<u64>().map_err(|_no| refuse());
+    let range = number(first)?..number(end)?;
+    if range.is_empty() { Err(refuse()) } else { Ok(range) }
 }
 
 /// Writes a text that was also printed.

@@ -178,7 +178,7 @@ struct FlightWatch {
     last_step: Option<u64>,
     last_sign: Instant,
     /// What the kernel said of it when it was last asked.
-    noted: Option<[Vec<u8>; 2]>,
+    noted: Option<Vec<String>>,
 }
 
 impl FlightWatch {
@@ -218,8 +218,8 @@ impl FlightWatch {
             return silence;
         }
         // Processor time, and counts of how often it went to sleep: the same as before only if it has not run since.
-        let read = |file: &str| std::fs::read(format!("/proc/{}/{file}", self.pid));
-        let noted = read("stat").and_then(|stat| Ok([stat, read("status")?])).ok();
+        let read = |file: &str| std::fs::read_to_string(format!("/proc/{}/{file}", self.pid));
+        let noted = read("stat").and_then(|stat| Ok(ran(&stat, &read("status")?))).ok();
         if noted.is_none() || noted != self.noted {
             self.noted = noted;
             self.last_sign = Instant::now();
@@ -237,6 +237,19 @@ impl FlightWatch {
             Stage::Join => in_flight.max(Duration::from_secs(10)),
         }
     }
+}
+
+/// What tells that a process has run since: its processor time in `/proc/PID/stat`, and how often it went to sleep or was put aside in
+/// `/proc/PID/status`. All else there also changes while it stands still: its memory when the kernel takes pages away, and `SigQ` whenever
+/// any process of the same user gets a signal.
+fn ran(stat: &str, status: &str) -> Vec<String> {
+    // The name in brackets may hold anything, also brackets; behind it, state is the first field, utime and stime are 12 and 13.
+    let fields = stat
+        .rsplit_once(')')
+        .map_or("", |(_, rest)| rest)
+        .split_ascii_whitespace();
+    let switches = status.lines().filter(|line| line.contains("voluntary_ctxt_switches"));
+    fields.skip(11).take(2).chain(switches).map(str::to_owned).collect()
 }
 
 /// One child.
@@ -375,4 +388,45 @@ fn last_line(log: &Path) -> Option<String> {
         .map(str::trim)
         .find(|line| !line.is_empty())
         .map(str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STAT: &str =
+        "17 (rotortwin (sim)) T 1 17 17 0 -1 4194304 900 0 3 0 41 7 0 0 20 0 16 0 5000 900000 2100 1 1 0";
+    const STATUS: &str = "Name:\trotortwin\nState:\tT (stopped)\nVmRSS:\t8400 kB\nSigQ:\t2/96365\nvoluntary_ctxt_switches:\t120\n\
+                          nonvoluntary_ctxt_switches:\t4\n";
+
+    /// `SigQ` counts the signals of all processes of the user: with it, a stopped plant seemed alive as long as anybody else was busy.
+    #[test]
+    fn regress_only_what_a_process_does_itself_is_a_sign_of_life() {
+        let noted = ran(STAT, STATUS);
+        assert_eq!(
+            noted,
+            [
+                "41",
+                "7",
+                "voluntary_ctxt_switches:\t120",
+                "nonvoluntary_ctxt_switches:\t4"
+            ]
+        );
+        let elsewhere = STATUS.replace("2/96365", "3/96365").replace("8400 kB", "7000 kB");
+        assert_eq!(noted, ran(&STAT.replace(" 2100 ", " 1750 "), &elsewhere));
+        for (stat, status) in [
+            (STAT.replace(" 41 7 ", " 42 7 "), STATUS.to_owned()),
+            (STAT.replace(" 41 7 ", " 41 8 "), STATUS.to_owned()),
+            (STAT.to_owned(), STATUS.replace("120", "121")),
+            (STAT.to_owned(), STATUS.replace("\t4\n", "\t5\n")),
+        ] {
+            assert_ne!(noted, ran(&stat, &status));
+        }
+    }
+
+    #[test]
+    fn val_the_kernel_says_of_this_process_what_is_looked_for() {
+        let read = |file: &str| std::fs::read_to_string(format!("/proc/self/{file}")).unwrap();
+        assert_eq!(ran(&read("stat"), &read("status")).len(), 4);
+    }
 }

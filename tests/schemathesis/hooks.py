@@ -124,6 +124,8 @@ def body(case: schemathesis.Case, choice: int) -> None:
     if case.operation.path.endswith("/campaigns"):
         case.body.pop("campaign", None)
         case.body["text"] = CAMPAIGN
+    elif case.operation.path.endswith("/blind-benches"):
+        case.body["vehicles"] = [{"vehicle": "f550"}]
     elif "scenario" in case.body or "text" in case.body:
         for key in ("text", "documents", "set"):
             case.body.pop(key, None)
@@ -136,6 +138,11 @@ def quick(case: schemathesis.Case) -> None:
         return
     if case.body.get("pace") == "real-time":
         case.body["pace"] = "fast"
+    if case.operation.path.endswith("/blind-benches"):
+        # What the document forbids is sent as it is.
+        for key, most, allowed in (("n", 2, 10_000), ("duration_s", 5, 3600)):
+            if isinstance(value := case.body.get(key), (int, float)) and most < value <= allowed:
+                case.body[key] = most
     for part in ("controller", "fdi"):
         if case.body.get(part) in ("external", "worker"):
             case.body[part] = "beside"

@@ -97,6 +97,11 @@ impl Worker {
         Self(child)
     }
 
+    /// The worker's process.
+    pub fn process(&self) -> Process {
+        Process::of_child(&self.0)
+    }
+
     /// `kill -9`.
     ///
     /// # Panics

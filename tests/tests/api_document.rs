@@ -60,6 +60,7 @@ fn something_of_everything(scratch: &Scratch, server: &Server) -> String {
         ("diagnoses", &twin),
         ("improvements", &twin),
         ("campaigns", &campaign),
+        ("blind-benches", &json!({ "n": 1, "duration_s": 10 })),
         ("classifiers", &json!({ "seeds": 1 })),
     ];
     for (collection, body) in jobs {

@@ -10,6 +10,9 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::net::TcpStream;
 use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// What the issue asks: from a death to the end of all the others.
@@ -433,6 +436,52 @@ fn scenario_stalled_over_shared_memory() {
 
 #[test]
 fn scenario_stalled_over_tcp() {
+    stall(Link::Zenoh);
+}
+
+/// Signals that other processes of the same user get, all the time, until it is dropped: the kernel's count of them changes.
+struct SignalsOfOthers {
+    over: Arc<AtomicBool>,
+    sender: Option<std::thread::JoinHandle<()>>,
+}
+
+impl SignalsOfOthers {
+    fn begin() -> Self {
+        let over = Arc::new(AtomicBool::new(false));
+        let is_over = Arc::clone(&over);
+        let sender = std::thread::spawn(move || {
+            while !is_over.load(Ordering::Relaxed) {
+                let mut other = Command::new("sleep").arg("60").spawn().expect("it starts");
+                let process = Process::of_child(&other);
+                // Stopped, it does not take the second signal, which waits in the queue until it is killed.
+                process.signal(Signal::STOP);
+                process.signal(Signal::USR1);
+                std::thread::sleep(Duration::from_millis(150));
+                other.kill().expect("it can be killed");
+                other.wait().expect("it can be waited for");
+                std::thread::sleep(Duration::from_millis(150));
+            }
+        });
+        Self {
+            over,
+            sender: Some(sender),
+        }
+    }
+}
+
+impl Drop for SignalsOfOthers {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        if let Some(sender) = self.sender.take() {
+            sender.join().expect("it sends until the end");
+        }
+    }
+}
+
+/// They once counted as signs of life of a stopped plant, which was killed late, or never.
+#[test]
+fn regress_a_stalled_plant_among_signals_of_others() {
+    let _signals = SignalsOfOthers::begin();
     stall(Link::Zenoh);
 }
 

@@ -1,9 +1,8 @@
 //! `rotortwin --server URL campaign`: flown by the server's workers, in parts; table and files here.
 
-use super::events::{Event, Follow};
+use super::events::Event;
 use super::http::{Ask, Remote};
-use super::stop::Stop;
-use super::{RemoteError, ServerArgs, fetch, with_server};
+use super::{RemoteError, ServerArgs, fetch, task, with_server};
 use crate::campaign::{self, Args};
 use crate::output;
 use indicatif::ProgressBar;
@@ -33,7 +32,7 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         .out
         .clone()
         .map_or_else(|| output::next_free_folder(&format!("campaign-{name}")), Ok);
-    let folder = match folder.and_then(|folder| empty(&folder).map(|()| folder)) {
+    let folder = match folder.and_then(|folder| fetch::empty(&folder).map(|()| folder)) {
         Ok(folder) => folder,
         Err(sentence) => return output::bad_input(sentence),
     };
@@ -57,16 +56,6 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
     })
 }
 
-fn empty(folder: &Path) -> Result<(), String> {
-    if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
-        return Err(format!(
-            "{} is not empty; expected a folder that does not exist or is empty",
-            folder.display()
-        ));
-    }
-    Ok(())
-}
-
 /// Shows it until it has ended; Ctrl-C asks the server to end it.
 async fn watch(remote: &Remote, id: &str, campaign: &Campaign, quiet: bool) -> Result<(), RemoteError> {
     let path = format!("/api/v1/campaigns/{id}");
@@ -74,32 +63,11 @@ async fn watch(remote: &Remote, id: &str, campaign: &Campaign, quiet: bool) -> R
         .as_u64()
         .unwrap_or(0);
     let bar = campaign::progress_bar(quiet, campaign.flights(), 0);
-    let mut stop = Stop::new()?;
-    let mut events = Follow::new(remote, path.clone(), 0);
-    let (mut done, mut canceled) = (0, false);
-    loop {
-        tokio::select! {
-            event = events.next() => match event? {
-                Some(event) => show(&bar, &event, &mut done, parts, campaign.flights()),
-                None => break,
-            },
-            () = stop.wanted() => {
-                if canceled {
-                    return Err(RemoteError::Failed("given up".to_owned()));
-                }
-                canceled = true;
-                bar.set_message("the server is asked to end it; once more to leave it there");
-                match remote.call(&Ask::cancel(format!("{path}/cancel"))).await {
-                    Ok(_) => {}
-                    // Ended meanwhile.
-                    Err(RemoteError::BadInput(sentence)) => tracing::debug!(sentence, "nothing to cancel"),
-                    Err(error) => return Err(error),
-                }
-            }
-        }
-    }
-    bar.finish_and_clear();
-    Ok(())
+    let mut done = 0;
+    task::follow(remote, &path, &bar, &mut |event| {
+        show(&bar, event, &mut done, parts, campaign.flights());
+    })
+    .await
 }
 
 fn show(bar: &ProgressBar, event: &Event, done: &mut u64, parts: u64, flights: u64) {

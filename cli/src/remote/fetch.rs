@@ -12,6 +12,20 @@ use std::time::Duration;
 /// No piece of a file takes longer.
 const PIECE: Duration = Duration::from_secs(30);
 
+/// Whether a folder can take files that are fetched.
+///
+/// # Errors
+/// There is something in it.
+pub(crate) fn empty(folder: &Path) -> Result<(), String> {
+    if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
+        return Err(format!(
+            "{} is not empty; expected a folder that does not exist or is empty",
+            folder.display()
+        ));
+    }
+    Ok(())
+}
+
 /// Fetches all files of a job into a folder; how many.
 pub(crate) async fn everything(remote: &Remote, job: &str, folder: &Path) -> Result<usize, RemoteError> {
     let names = names(remote, job).await?;

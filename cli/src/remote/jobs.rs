@@ -165,12 +165,7 @@ impl Jobs<'_> {
             Some(folder) => folder,
             None => output::next_free_folder(&name).map_err(RemoteError::BadInput)?,
         };
-        if std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_some()) {
-            return Err(RemoteError::BadInput(format!(
-                "{} is not empty; expected a folder that does not exist or is empty",
-                folder.display()
-            )));
-        }
+        fetch::empty(&folder).map_err(RemoteError::BadInput)?;
         let files = fetch::everything(self.remote, &path, &folder).await?;
         if files == 0 {
             return Err(RemoteError::BadInput(format!(

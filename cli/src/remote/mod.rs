@@ -10,6 +10,7 @@
 //! A scenario is read and checked here and sent with all its documents, so that the server flies what this machine means, whatever its
 //! library holds. A submission carries an idempotency key: trying again cannot make a second run.
 
+mod blind;
 mod campaign;
 mod events;
 mod fetch;
@@ -56,6 +57,7 @@ pub(crate) fn run(server: &ServerArgs, command: &crate::Command) -> ExitCode {
         crate::Command::Show(args) => results::show(server, args),
         crate::Command::Replay(args) => results::replay(server, args),
         crate::Command::Campaign(args) => campaign::run(server, args),
+        crate::Command::Blind(args) => blind::run(server, args),
         crate::Command::Compare(args) => twin::compare(server, args),
         crate::Command::Diagnose(args) => twin::diagnose(server, args),
         crate::Command::Improve(args) => twin::improve(server, args),
@@ -64,9 +66,10 @@ pub(crate) fn run(server: &ServerArgs, command: &crate::Command) -> ExitCode {
         crate::Command::Train(args) => library::train(server, args),
         crate::Command::Runs(args) => jobs(server, "runs", args),
         crate::Command::Campaigns(args) => jobs(server, "campaigns", args),
+        crate::Command::BlindBenches(args) => jobs(server, "blind-benches", args),
         _ => output::bad_input(
-            "--server: this command works on this machine only; expected fly, campaign, show, replay, check, compare, diagnose, improve, \
-             log import, train, runs or campaigns after --server URL",
+            "--server: this command works on this machine only; expected fly, campaign, blind, show, replay, check, compare, diagnose, \
+             improve, log import, train, runs, campaigns or blind-benches after --server URL",
         ),
     }
 }

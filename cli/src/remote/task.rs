@@ -23,6 +23,23 @@ pub(super) struct Done {
     pub(super) job: Value,
 }
 
+/// Submits a job; its address. `what`: one word for people, `quiet`: nothing on the terminal.
+pub(super) async fn submit(
+    remote: &Remote,
+    collection: &str,
+    what: &str,
+    body: Value,
+    quiet: bool,
+) -> Result<String, RemoteError> {
+    let ask = Ask::post(format!("/api/v1/{collection}")).json(body).once();
+    let job = remote.json(&ask).await?;
+    let id = fetch::text(&job, "id");
+    if !quiet {
+        eprintln!("{what} {id} of {}", remote.url());
+    }
+    Ok(format!("/api/v1/{collection}/{id}"))
+}
+
 /// Submits a job, shows it, and waits until it is done; `what`: one word for people, `quiet`: nothing on the terminal.
 pub(super) async fn perform(
     remote: &Remote,
@@ -31,13 +48,8 @@ pub(super) async fn perform(
     body: Value,
     quiet: bool,
 ) -> Result<Done, RemoteError> {
-    let ask = Ask::post(format!("/api/v1/{collection}")).json(body).once();
-    let job = remote.json(&ask).await?;
-    let id = fetch::text(&job, "id");
-    if !quiet {
-        eprintln!("{what} {id} of {}", remote.url());
-    }
-    let path = format!("/api/v1/{collection}/{id}");
+    let path = submit(remote, collection, what, body, quiet).await?;
+    let id = path.rsplit('/').next().unwrap_or_default().to_owned();
     done(remote, path, what, quiet).await.map_err(|error| {
         let (RemoteError::BadInput(sentence) | RemoteError::Failed(sentence)) = error;
         RemoteError::Failed(format!("{sentence}; {what} {id} is the server's"))
@@ -53,13 +65,24 @@ pub(super) async fn done(remote: &Remote, path: String, what: &str, quiet: bool)
         ProgressBar::new_spinner().with_style(style)
     };
     bar.enable_steady_tick(TURN);
+    follow(remote, &path, &bar, &mut |event| show(&bar, event)).await?;
+    ended(remote, path, what).await
+}
+
+/// Shows a job until it has ended; Ctrl-C asks the server to end it.
+pub(super) async fn follow(
+    remote: &Remote,
+    path: &str,
+    bar: &ProgressBar,
+    show: &mut dyn FnMut(&Event),
+) -> Result<(), RemoteError> {
     let mut stop = Stop::new()?;
-    let mut events = Follow::new(remote, path.clone(), 0);
+    let mut events = Follow::new(remote, path.to_owned(), 0);
     let mut canceled = false;
     loop {
         tokio::select! {
             event = events.next() => match event? {
-                Some(event) => show(&bar, &event),
+                Some(event) => show(&event),
                 None => break,
             },
             () = stop.wanted() => {
@@ -78,6 +101,11 @@ pub(super) async fn done(remote: &Remote, path: String, what: &str, quiet: bool)
         }
     }
     bar.finish_and_clear();
+    Ok(())
+}
+
+/// A job that has ended, if it is done.
+pub(super) async fn ended(remote: &Remote, path: String, what: &str) -> Result<Done, RemoteError> {
     let job = remote.json(&Ask::get(&path)).await?;
     if job["status"] == "done" {
         return Ok(Done { path, job });

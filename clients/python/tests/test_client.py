@@ -111,6 +111,25 @@ def test_scenario_documents_of_ones_own_are_left_used_and_taken_away(client: Cli
         client.vehicles.get("mine")
 
 
+def test_scenario_a_blind_bench_is_scored(client: Client, tmp_path: Path) -> None:
+    for name in ("vehicles/f550.toml", "blades/t9545.toml"):
+        target = tmp_path / name.replace("f550", "mine")
+        target.parent.mkdir()
+        target.write_text((ROOT / "config" / name).read_text())
+    job = client.blind_benches.submit(2, presets=["null-hover"], vehicles=["f550", tmp_path / "vehicles/mine.toml"], duration_s=10.0)
+    seen: list[str] = []
+    done = client.blind_benches.wait(job.id, check=True, progress=lambda event: seen.append(event.kind))
+    assert done.kind == "blind-bench" and done.result["groups"][0]["cases"] == 2
+    assert seen.count("case") == 2
+    vehicles = client.blind_benches.rows(done.id).column("vehicle").to_pylist()
+    assert vehicles == ["config/vehicles/f550.toml", "config/vehicles/mine.toml"]
+    assert "Blind bench" in client.blind_benches.report(done.id)
+    with pytest.raises(Unprocessable, match="nonsense"):
+        client.blind_benches.submit(1, presets=["nonsense"])
+    with pytest.raises(NotFound, match="vehicle"):
+        client.blind_benches.submit(1, vehicles=["nobody"])
+
+
 CAMPAIGN = """
 name = "small"
 description = "eight flights"

@@ -64,12 +64,14 @@ def test_val_the_words_are_those_of_the_openapi_document() -> None:
 def test_val_submit_offers_every_field_of_a_submission() -> None:
     import inspect
 
-    from rotortwin import AsyncCampaigns, AsyncClassifiers, AsyncFdi, AsyncRuns, Campaigns, Classifiers, Fdi, Runs
+    from rotortwin import AsyncBlindBenches, AsyncCampaigns, AsyncClassifiers, AsyncFdi, AsyncRuns
+    from rotortwin import BlindBenches, Campaigns, Classifiers, Fdi, Runs
 
     schemas = document()["components"]["schemas"]
     submits: list[tuple[typing.Any, str]] = [(cls.submit, "Submission") for cls in (Runs, AsyncRuns)]
     submits += [(cls.fork, "Fork") for cls in (Runs, AsyncRuns)]
     submits += [(cls.submit, "CampaignSubmission") for cls in (Campaigns, AsyncCampaigns)]
+    submits += [(cls.submit, "BlindBenchSubmission") for cls in (BlindBenches, AsyncBlindBenches)]
     submits += [(cls.submit, "Training") for cls in (Classifiers, AsyncClassifiers)]
     submits += [(cls.evaluate, "Evaluation") for cls in (Classifiers, AsyncClassifiers)]
     submits += [(cls.open, "SessionBody") for cls in (Fdi, AsyncFdi)]

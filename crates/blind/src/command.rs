@@ -14,6 +14,9 @@ use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+/// Shortest and longest flight, s.
+pub const DURATION_S: [f64; 2] = [1.0, 3600.0];
+
 /// Foreign simulator that writes flight logs with hidden effects.
 #[derive(Debug, Parser)]
 #[command(name = "rotortwin-blind", version, max_term_width = 120)]
@@ -90,7 +93,7 @@ impl GenerateArgs {
                 ))
             }
         };
-        range("--duration-s", self.duration_s, 1.0, 3600.0)?;
+        range("--duration-s", self.duration_s, DURATION_S[0], DURATION_S[1])?;
         range("--noise-scale", self.noise_scale, 0.0, 100.0)?;
         range("--state-of-charge", self.state_of_charge.unwrap_or(0.5), 0.05, 1.0)?;
         let script = match Script::built_in(&self.flight, self.seed) {

@@ -126,11 +126,25 @@ fn read<T: for<'a> Deserialize<'a>>(action: &'static str, path: &Path) -> Result
     toml::from_str(&text).map_err(|error| BlindError::input(path.display().to_string(), error.message()))
 }
 
+/// The file of the blade document that a vehicle document names.
+///
+/// # Errors
+/// The vehicle document cannot be read.
+pub fn blades_of(path: &Path) -> Result<PathBuf> {
+    let document: Document = read("reading the vehicle document", path)?;
+    Ok(beside(path, &document.rotors.blades))
+}
+
+/// A path that a document names, relative to that document.
+fn beside(document: &Path, named: &Path) -> PathBuf {
+    document.parent().unwrap_or(Path::new(".")).join(named)
+}
+
 impl Vehicle {
     /// Reads a vehicle document and the blade document that it names.
     pub fn load(path: &Path) -> Result<Self> {
         let document: Document = read("reading the vehicle document", path)?;
-        let blades_path = path.parent().unwrap_or(Path::new(".")).join(&document.rotors.blades);
+        let blades_path = beside(path, &document.rotors.blades);
         let blades: BladeDocument = read("reading the blade document", &blades_path)?;
         let blade = blades.blade.get(&document.rotors.nominal_blade).ok_or_else(|| {
             BlindError::input(

@@ -10,10 +10,10 @@
 
 from ._aio_resource import AsyncResource
 from ._resource import Resource
-from .aio import AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncRuns, AsyncScenarios
+from .aio import AsyncBlindBenches, AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncRuns, AsyncScenarios
 from .aio_fdi import AsyncFdi, AsyncFdiSession
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .client import Campaigns, Client, Jobs, Library, Runs, Scenarios
+from .client import BlindBenches, Campaigns, Client, Jobs, Library, Runs, Scenarios
 from .errors import (
     BadRequest,
     Conflict,
@@ -48,6 +48,7 @@ from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
 __all__ = [
     "Artifact",
+    "AsyncBlindBenches",
     "AsyncCampaigns",
     "AsyncClassifiers",
     "AsyncClient",
@@ -63,6 +64,7 @@ __all__ = [
     "AsyncRuns",
     "AsyncScenarios",
     "BadRequest",
+    "BlindBenches",
     "Campaigns",
     "Channel",
     "Complaint",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import uuid
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +31,14 @@ def new_key() -> str:
     return uuid.uuid4().hex
 
 
+def _noun(kind: str) -> str:
+    """One of a kind, in words."""
+    if kind.endswith("ies"):
+        return f"{kind[:-3]}y"
+    one = kind[:-2] if kind.endswith("ches") else kind.rstrip("s")
+    return one.replace("-", " ")
+
+
 class JobOperations(Generic[J]):
     """The verbs of `/api/v1/KIND`."""
 
@@ -37,7 +46,7 @@ class JobOperations(Generic[J]):
         self.settings = settings
         self.root = f"/api/v1/{kind}"
         #: One of it, in words.
-        self.noun = kind.rstrip("s") if not kind.endswith("ies") else f"{kind[:-3]}y"
+        self.noun = _noun(kind)
         self.parse = parse
 
     def path(self, id: str, *more: str) -> str:
@@ -191,6 +200,25 @@ def campaign_body(campaign: str | Path | None, text: str | None) -> Json:
     if isinstance(campaign, Path):
         return {"text": campaign.read_text(encoding="utf-8")}
     return {"campaign": campaign, "text": text}
+
+
+def bench_body(presets: Sequence[str], n: int, seed: int, vehicles: Sequence[str | Path], duration_s: float) -> Json:
+    """Which blind bench a request means."""
+    sent = [_bench_vehicle(vehicle) for vehicle in vehicles]
+    return {"presets": list(presets), "n": n, "seed": seed, "vehicles": sent, "duration_s": duration_s}
+
+
+def _bench_vehicle(vehicle: str | Path) -> Json:
+    """A name of the library, or a file here with the blades that it names."""
+    if not isinstance(vehicle, Path):
+        return {"vehicle": vehicle}
+    text = vehicle.read_text(encoding="utf-8")
+    body: Json = {"vehicle": vehicle.stem, "text": text}
+    # Python 3.10 has no reader of TOML: the one key that is looked for stands in a line of its own.
+    named = re.search(r"""^\s*blades\s*=\s*(["'])(.+?)\1""", text, re.MULTILINE)
+    if named:
+        body["blades"] = (vehicle.parent / named[2]).read_text(encoding="utf-8")
+    return body
 
 
 def toml_value(value: Any) -> str:

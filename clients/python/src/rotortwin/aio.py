@@ -17,6 +17,7 @@ from ._operations import (
     as_frame,
     as_table,
     as_text,
+    bench_body,
     campaign_body,
     job_operations,
     scenario_body,
@@ -57,6 +58,38 @@ class AsyncCampaigns(AsyncResource[Job]):
         body = campaign_body(campaign, text) | {"priority": priority, "max_wall_s": max_wall_s}
         body |= {} if classifier is None else {"classifier": classifier}
         return await self._do(self._operations.submit(body, idempotency_key))
+
+
+class AsyncBlindBenches(AsyncResource[Job]):
+    """Does the diagnosis find what is missing in a model? Logs with hidden effects, diagnosed and scored."""
+
+    async def submit(
+        self,
+        n: int,
+        *,
+        presets: Sequence[str] = ("mixed",),
+        seed: int = 1,
+        vehicles: Sequence[str | Path] = (),
+        duration_s: float = 90.0,
+        priority: int = 0,
+        max_wall_s: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Submits a bench: n cases of each preset (`singles`, `pairs`, `null`, …), done in parts by all workers.
+
+        vehicles: names of the server's library, or a `Path` of a file here, which is sent with its blades; taken in turn, `f550` without.
+        The result is the score sheet; `rows.parquet` among the files has a row for each case.
+        """
+        body = bench_body(presets, n, seed, vehicles, duration_s) | {"priority": priority, "max_wall_s": max_wall_s}
+        return await self._do(self._operations.submit(body, idempotency_key))
+
+    async def rows(self, id: str) -> pyarrow.Table:
+        """What became of each case, as an Arrow table."""
+        return as_table(await self.artifact(id, "rows.parquet"), None)
+
+    async def report(self, id: str) -> str:
+        """The report (HTML)."""
+        return (await self.artifact(id, "report.html")).decode()
 
 
 class AsyncRuns(AsyncResource[Run]):
@@ -207,6 +240,7 @@ class AsyncClient:
         self._http = httpx.AsyncClient(verify=self._settings.verify())
         self.runs = AsyncRuns(self)
         self.campaigns = AsyncCampaigns(self, job_operations(self._settings, "campaigns"))
+        self.blind_benches = AsyncBlindBenches(self, job_operations(self._settings, "blind-benches"))
         self.logs = AsyncLogs(self)
         self.comparisons = AsyncComparisons(self)
         self.diagnoses = AsyncDiagnoses(self)

@@ -16,6 +16,7 @@ from ._operations import (
     as_frame,
     as_table,
     as_text,
+    bench_body,
     campaign_body,
     job_operations,
     scenario_body,
@@ -57,6 +58,38 @@ class Campaigns(Resource[Job]):
         body = campaign_body(campaign, text) | {"priority": priority, "max_wall_s": max_wall_s}
         body |= {} if classifier is None else {"classifier": classifier}
         return self._do(self._operations.submit(body, idempotency_key))
+
+
+class BlindBenches(Resource[Job]):
+    """Does the diagnosis find what is missing in a model? Logs with hidden effects, diagnosed and scored."""
+
+    def submit(
+        self,
+        n: int,
+        *,
+        presets: Sequence[str] = ("mixed",),
+        seed: int = 1,
+        vehicles: Sequence[str | Path] = (),
+        duration_s: float = 90.0,
+        priority: int = 0,
+        max_wall_s: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Submits a bench: n cases of each preset (`singles`, `pairs`, `null`, …), done in parts by all workers.
+
+        vehicles: names of the server's library, or a `Path` of a file here, which is sent with its blades; taken in turn, `f550` without.
+        The result is the score sheet; `rows.parquet` among the files has a row for each case.
+        """
+        body = bench_body(presets, n, seed, vehicles, duration_s) | {"priority": priority, "max_wall_s": max_wall_s}
+        return self._do(self._operations.submit(body, idempotency_key))
+
+    def rows(self, id: str) -> pyarrow.Table:
+        """What became of each case, as an Arrow table."""
+        return as_table(self.artifact(id, "rows.parquet"), None)
+
+    def report(self, id: str) -> str:
+        """The report (HTML)."""
+        return (self.artifact(id, "report.html")).decode()
 
 
 class Runs(Resource[Run]):
@@ -217,6 +250,7 @@ class Client:
         self._http = httpx.Client(verify=self._settings.verify())
         self.runs = Runs(self)
         self.campaigns = Campaigns(self, job_operations(self._settings, "campaigns"))
+        self.blind_benches = BlindBenches(self, job_operations(self._settings, "blind-benches"))
         self.logs = Logs(self)
         self.comparisons = Comparisons(self)
         self.diagnoses = Diagnoses(self)

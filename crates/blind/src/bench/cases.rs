@@ -32,6 +32,29 @@ pub enum Preset {
     Mixed,
 }
 
+impl Preset {
+    /// All of them.
+    pub fn all() -> &'static [Self] {
+        <Self as clap::ValueEnum>::value_variants()
+    }
+
+    /// As an argument has it, and a file.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Singles => "singles",
+            Self::Clutter => "clutter",
+            Self::Helix => "helix",
+            Self::Null => "null",
+            Self::NullHover => "null-hover",
+            Self::Small => "small",
+            Self::Pairs => "pairs",
+            Self::Outside => "outside",
+            Self::Onset => "onset",
+            Self::Mixed => "mixed",
+        }
+    }
+}
+
 /// One case: what the generator is asked for, and what the score expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Case {
@@ -194,6 +217,15 @@ mod tests {
             seeds.sort_unstable();
             seeds.dedup();
             assert_eq!(seeds.len(), 70);
+        }
+    }
+
+    #[test]
+    fn val_a_preset_has_one_name() {
+        use clap::ValueEnum as _;
+        for preset in Preset::all() {
+            assert_eq!(serde_json::to_value(preset).unwrap(), preset.name());
+            assert!(preset.to_possible_value().unwrap().matches(preset.name(), false));
         }
     }
 

@@ -36,7 +36,7 @@ fn write_parquet(path: &Path, rows: &[Row]) -> Result<()> {
     type Text = fn(&Row) -> String;
     type Number = fn(&Row) -> f64;
     let texts: [(&str, Text); 6] = [
-        ("preset", |row| kebab(row.case.preset)),
+        ("preset", |row| row.case.preset.name().to_owned()),
         ("flight", |row| row.case.flight.clone()),
         ("vehicle", |row| row.case.vehicle.clone()),
         ("truth", |row| row.truth.clone()),
@@ -180,7 +180,7 @@ fn colour(outcome: Outcome) -> &'static str {
 }
 
 fn html(request: &Request, rows: &[Row], sheet: &Sheet) -> String {
-    let presets: Vec<String> = request.presets.iter().map(|preset| kebab(*preset)).collect();
+    let presets: Vec<&str> = request.presets.iter().map(|preset| preset.name()).collect();
     let mut text = format!(
         "<!doctype html><html lang=en><meta charset=utf-8><title>Blind bench</title><style>{STYLE}</style><h1>Blind bench</h1>\
          <p>{} cases of {}; seed {}; {} s flights; vehicles {}; rotortwin {}.</p>\
@@ -221,7 +221,7 @@ fn html(request: &Request, rows: &[Row], sheet: &Sheet) -> String {
             "<tr class='{}'><td class=n>{}<td>{}<td>{}<td class=n>{}<td>{}<td>{}<td>{}<td class=n>{}<td class=n>{}<td class=n>{:.2}</tr>",
             colour(row.outcome),
             row.case.index,
-            kebab(row.case.preset),
+            row.case.preset.name(),
             escape(&row.case.flight),
             row.case.seed,
             escape(&row.case.effect_arguments().join(" ")),

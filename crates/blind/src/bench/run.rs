@@ -11,6 +11,7 @@
 use super::answer::Answer;
 use super::cases::{Case, Preset, draw_cases};
 use super::score::{Outcome, Row, failed, score};
+use crate::command::DURATION_S;
 use crate::error::{BlindError, Result};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -45,6 +46,36 @@ pub struct Request {
 }
 
 impl Request {
+    /// Whether it can be run at all.
+    ///
+    /// # Errors
+    /// No preset, no cases of each, no vehicle, or flights that the generator does not fly.
+    pub fn check(&self) -> Result<()> {
+        let refuse = |place: &str, reason: String| Err(BlindError::input(place, reason));
+        let [shortest, longest] = DURATION_S;
+        if self.presets.is_empty() {
+            return refuse("presets", "there is none; expected at least one".to_owned());
+        }
+        if self.n == 0 {
+            return refuse("n", "is 0; expected at least one case of each preset".to_owned());
+        }
+        if self.vehicles.is_empty() {
+            return refuse("vehicles", "there is none; expected at least one".to_owned());
+        }
+        if !(shortest..=longest).contains(&self.duration_s) {
+            return refuse(
+                "duration_s",
+                format!("is {}; expected {shortest} to {longest} s", self.duration_s),
+            );
+        }
+        Ok(())
+    }
+
+    /// How many cases [`cases`](Self::cases) draws; the largest number if that is beyond all bounds.
+    pub fn case_count(&self) -> usize {
+        self.presets.len().saturating_mul(self.n)
+    }
+
     /// Every case of the request, presets one after the other, with running indices.
     pub fn cases(&self, rotor_counts: &[usize]) -> Vec<Case> {
         let vehicles: Vec<(String, usize)> = self
@@ -68,10 +99,20 @@ pub trait Diagnose: Sync {
     fn diagnose(&self, log: &Path, vehicle: &Path, stem: &Path) -> std::result::Result<Answer, String>;
 }
 
+/// A program that the bench starts.
+#[derive(Debug, Clone)]
+pub struct Program {
+    /// Its path and first arguments.
+    pub words: Vec<String>,
+    /// Its standard input stays open until it ends: it takes the closing for our death and ends, too, so that none outlives a bench that
+    /// was killed. Otherwise its standard input is empty.
+    pub held: bool,
+}
+
 /// A program with arguments; `{log}` and `{vehicle}` are replaced. Its standard output is turned into an answer by `read`.
 pub struct DiagnosisCommand {
     /// Program and arguments.
-    pub command: Vec<String>,
+    pub command: Program,
     /// Reads the output.
     pub read: fn(&str) -> std::result::Result<Answer, String>,
 }
@@ -82,9 +123,12 @@ impl Diagnose for DiagnosisCommand {
             text.replace("{log}", &log.display().to_string())
                 .replace("{vehicle}", &vehicle.display().to_string())
         };
-        let words: Vec<String> = self.command.iter().map(replaced).collect();
+        let program = Program {
+            words: self.command.words.iter().map(replaced).collect(),
+            held: self.command.held,
+        };
         let output = stem.with_extension("json");
-        run_process(&words, &output, &stem.with_extension("err"))?;
+        run_process(&program, &output, &stem.with_extension("err"))?;
         let text = std::fs::read_to_string(&output).map_err(|error| error.to_string())?;
         (self.read)(&text)
     }
@@ -96,16 +140,17 @@ pub fn read_plain(text: &str) -> std::result::Result<Answer, String> {
 }
 
 /// Runs a process with a time limit; an exit code other than 0 is an error with the last line of its standard error.
-fn run_process(words: &[String], output: &Path, errors: &Path) -> std::result::Result<(), String> {
-    let (program, arguments) = words.split_first().ok_or("an empty command")?;
+fn run_process(process: &Program, output: &Path, errors: &Path) -> std::result::Result<(), String> {
+    let (program, arguments) = process.words.split_first().ok_or("an empty command")?;
     let create = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut child = Command::new(program)
         .args(arguments)
-        .stdin(Stdio::null())
+        .stdin(if process.held { Stdio::piped() } else { Stdio::null() })
         .stdout(create(output)?)
         .stderr(create(errors)?)
         .spawn()
         .map_err(|error| format!("starting `{program}`: {error}"))?;
+    let _held = child.stdin.take();
     let start = Instant::now();
     loop {
         match child.try_wait() {
@@ -138,8 +183,8 @@ pub struct Bench {
     pub folder: PathBuf,
     /// What is asked for.
     pub request: Request,
-    /// Program and first arguments of the generator: `generate …` is appended.
-    pub generator: Vec<String>,
+    /// The generator: its options are appended.
+    pub generator: Program,
     /// Processes at a time.
     pub jobs: usize,
     /// Keep the logs.
@@ -265,8 +310,8 @@ impl Bench {
 
     fn generate_with(&self, case: &Case, seed: u64, log: &Path) -> std::result::Result<(), String> {
         let truth = self.folder.join(format!("truth/{:05}.json", case.index));
-        let mut words = self.generator.clone();
-        let mut add = |name: &str, value: String| words.extend([name.to_owned(), value]);
+        let mut program = self.generator.clone();
+        let mut add = |name: &str, value: String| program.words.extend([name.to_owned(), value]);
         add("--vehicle", case.vehicle.clone());
         add("--flight", case.flight.clone());
         add("--duration-s", self.request.duration_s.to_string());
@@ -277,14 +322,73 @@ impl Bench {
             add("--effect", effect);
         }
         if case.clutter {
-            words.push("--clutter".to_owned());
+            program.words.push("--clutter".to_owned());
         }
         let stem = self.folder.join(format!("logs/{:05}", case.index));
         let (output, errors) = (stem.with_extension("out"), stem.with_extension("err"));
-        run_process(&words, &output, &errors)?;
+        run_process(&program, &output, &errors)?;
         for path in [output, errors] {
             std::fs::remove_file(&path).map_err(|source| format!("removing {}: {source}", path.display()))?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request() -> Request {
+        Request {
+            version: "0".to_owned(),
+            presets: vec![Preset::Mixed, Preset::Null],
+            n: 3,
+            seed: 1,
+            vehicles: vec!["f550.toml".to_owned()],
+            duration_s: 10.0,
+        }
+    }
+
+    #[test]
+    fn val_a_request_that_cannot_be_run_says_which_key() {
+        assert!(request().check().is_ok());
+        type Change = fn(&mut Request);
+        let wrong: [(&str, Change); 5] = [
+            ("presets", |request| request.presets.clear()),
+            ("n", |request| request.n = 0),
+            ("vehicles", |request| request.vehicles.clear()),
+            ("duration_s", |request| request.duration_s = 0.5),
+            ("duration_s", |request| request.duration_s = f64::NAN),
+        ];
+        for (key, change) in wrong {
+            let mut request = request();
+            change(&mut request);
+            let error = request.check().unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{key}: ")), "{error}");
+        }
+    }
+
+    #[test]
+    fn prop_as_many_cases_as_are_counted() {
+        let mut request = request();
+        assert_eq!(request.cases(&[6]).len(), request.case_count());
+        request.n = usize::MAX;
+        assert_eq!(request.case_count(), usize::MAX);
+    }
+
+    #[test]
+    fn val_only_a_held_process_keeps_its_standard_input() {
+        let folder = tempfile::tempdir().unwrap();
+        // Ends with 0 at once if the input is empty; else `read` waits until it is stopped after a moment.
+        let script = "if timeout 0.3 cat >/dev/null; then echo empty; else echo held; fi";
+        for (held, expected) in [(false, "empty"), (true, "held")] {
+            let program = Program {
+                words: ["sh", "-c", script].map(str::to_owned).to_vec(),
+                held,
+            };
+            let (output, errors) = (folder.path().join("out"), folder.path().join("err"));
+            run_process(&program, &output, &errors).unwrap();
+            assert_eq!(std::fs::read_to_string(output).unwrap().trim(), expected);
+        }
     }
 }

@@ -176,18 +176,11 @@ fn group(name: String, rows: &[&Row]) -> Group {
     }
 }
 
-fn preset_name(preset: Preset) -> String {
-    serde_json::to_value(preset)
-        .ok()
-        .and_then(|value| value.as_str().map(str::to_owned))
-        .unwrap_or_default()
-}
-
 /// Sums up the rows.
 pub fn sum_up(rows: &[Row]) -> Sheet {
     let mut sets: BTreeMap<(String, String), Vec<&Row>> = BTreeMap::new();
     for row in rows.iter().filter(|row| row.outcome != Outcome::NotFlown) {
-        let preset = preset_name(row.case.preset);
+        let preset = row.case.preset.name().to_owned();
         sets.entry((preset.clone(), format!("{preset}, {}", row.case.flight)))
             .or_default()
             .push(row);

@@ -75,6 +75,10 @@ pub(crate) enum JobKind {
     Campaign,
     /// Some of a campaign's flights.
     CampaignShard,
+    /// Logs with hidden effects, diagnosed and scored.
+    BlindBench,
+    /// Some of a blind bench's cases.
+    BlindBenchShard,
     /// A flight log that is imported.
     Log,
     /// A model held against a log.
@@ -89,10 +93,12 @@ pub(crate) enum JobKind {
 
 impl JobKind {
     /// All of them, for look-ups.
-    const ALL: [Self; 8] = [
+    const ALL: [Self; 10] = [
         Self::Run,
         Self::Campaign,
         Self::CampaignShard,
+        Self::BlindBench,
+        Self::BlindBenchShard,
         Self::Log,
         Self::Comparison,
         Self::Diagnosis,
@@ -106,6 +112,8 @@ impl JobKind {
             Self::Run => "run",
             Self::Campaign => "campaign",
             Self::CampaignShard => "campaign-shard",
+            Self::BlindBench => "blind-bench",
+            Self::BlindBenchShard => "blind-bench-shard",
             Self::Log => "log",
             Self::Comparison => "comparison",
             Self::Diagnosis => "diagnosis",
@@ -120,6 +128,8 @@ impl JobKind {
             Self::Run => "runs",
             Self::Campaign => "campaigns",
             Self::CampaignShard => "campaign-shards",
+            Self::BlindBench => "blind-benches",
+            Self::BlindBenchShard => "blind-bench-shards",
             Self::Log => "logs",
             Self::Comparison => "comparisons",
             Self::Diagnosis => "diagnoses",

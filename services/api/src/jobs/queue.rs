@@ -175,6 +175,41 @@ impl Database {
         Ok(true)
     }
 
+    /// Adds an event of a claimed part to the job that waits for it; nothing if the claim is lost or that job has ended.
+    ///
+    /// A transaction of its own that holds the whole's row alone: one that held the part's, too, would wait for a cancel that holds the
+    /// whole and waits for the part.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn event_of_whole(
+        &self,
+        part: &str,
+        token: &str,
+        whole: &str,
+        kind: &str,
+        data: &str,
+    ) -> Result<(), sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let waits = sqlx::query(
+            "UPDATE job SET waits_for = waits_for WHERE id = $1 AND status = 'queued' \
+             AND EXISTS (SELECT 1 FROM job p WHERE p.id = $2 AND p.claim = $3)",
+        )
+        .bind(whole)
+        .bind(part)
+        .bind(token)
+        .execute(&mut *transaction)
+        .await?
+        .rows_affected();
+        if waits == 0 {
+            return Ok(());
+        }
+        self.append(&mut transaction, whole, kind, data).await?;
+        transaction.commit().await?;
+        self.hub.wake(whole);
+        Ok(())
+    }
+
     /// Writes down how peers from outside join a claimed run; `false`: the claim is lost.
     ///
     /// # Errors

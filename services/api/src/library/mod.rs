@@ -265,21 +265,22 @@ impl Library {
         Ok(key)
     }
 
-    /// A copy with one more classifier, in a folder that is gone when it is dropped.
+    /// A copy with more files, each at a path within it, in a folder that is gone when it is dropped.
     ///
     /// # Errors
     /// A file cannot be read or written.
-    pub(crate) fn with_classifier(
+    pub(crate) fn with_files(
         &self,
         beside: &Path,
-        name: &str,
-        file: &Path,
+        files: &[(String, String)],
     ) -> io::Result<(Self, tempfile::TempDir)> {
         let folder = tempfile::Builder::new().prefix("library-").tempdir_in(beside)?;
         copy_all(&self.root, folder.path())?;
-        let classifiers = folder.path().join("classifiers");
-        std::fs::create_dir_all(&classifiers)?;
-        std::fs::copy(file, classifiers.join(name))?;
+        for (path, text) in files {
+            let target = folder.path().join(path);
+            std::fs::create_dir_all(target.parent().unwrap_or(&target))?;
+            std::fs::write(target, text)?;
+        }
         let root = folder.path().canonicalize()?;
         Ok((Self { root }, folder))
     }

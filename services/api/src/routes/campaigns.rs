@@ -1,11 +1,11 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
 
 use super::jobs::{JobView, Shared, Terms};
-use super::tasks::{Draft, LIBRARY, laid_out};
+use super::tasks::{Draft, LIBRARY, laid_out, submit_in_parts};
 use crate::App;
 use crate::access::Caller;
+use crate::jobs::JobKind;
 use crate::jobs::spec::{Content, Input, Task};
-use crate::jobs::{JobKind, NewJob};
 use crate::library::Library;
 use crate::problem::Problem;
 use crate::worker::task::THREADS;
@@ -17,6 +17,7 @@ use rotortwin_campaign::study::Campaign;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::ops::Range;
 use utoipa::ToSchema;
 
 super::collection!(
@@ -31,8 +32,6 @@ super::collection!(
     "/api/v1/campaigns/{id}/artifacts/{*path}"
 );
 
-/// A campaign has at most this many parts.
-const MOST_PARTS: u64 = 64;
 /// The file of a campaign that came as a text.
 const SUBMITTED: &str = "submitted-campaign.toml";
 
@@ -127,8 +126,9 @@ pub(super) async fn accept(
         Some(id) => {
             let file = super::classifiers::trained(app, caller, id).await?;
             let name = format!("trained-{id}.json");
-            let (library, folder) = library
-                .with_classifier(&app.config.work.data, &name, &file)
+            let (library, folder) = std::fs::read_to_string(&file)
+                .map(|text| vec![(format!("classifiers/{name}"), text)])
+                .and_then(|files| library.with_files(&app.config.work.data, &files))
                 .map_err(|error| Problem::internal(&error))?;
             (library, with_network(&text, &name)?, Some(folder))
         }
@@ -139,31 +139,33 @@ pub(super) async fn accept(
         .await
         .map_err(|error| Problem::internal(&error))??;
     let input = laid_out(app, &library).await?;
-    let draft = |kind: JobKind, name: String, facts: serde_json::Value, shards: Option<(u64, u64)>| Draft {
-        kind,
-        name,
-        facts,
-        task: task(&input, &document, shards),
-        terms,
+    let (name, flights) = (&campaign.document().name, campaign.flights());
+    let draft = |shards: Option<&Range<u64>>| {
+        let (kind, name, facts) = match shards {
+            None => {
+                let facts = json!({ "flights": flights, "seed": campaign.document().seed, "classifier": classifier });
+                (JobKind::Campaign, name.clone(), facts)
+            }
+            Some(part) => {
+                let first = part.start * SHARD_FLIGHTS;
+                let facts =
+                    json!({ "first_flight": first, "flights": (part.end * SHARD_FLIGHTS).min(flights) - first });
+                (
+                    JobKind::CampaignShard,
+                    format!("{name} {}..{}", part.start, part.end),
+                    facts,
+                )
+            }
+        };
+        Draft {
+            kind,
+            name,
+            facts,
+            task: task(&input, &document, shards),
+            terms,
+        }
     };
-    let name = &campaign.document().name;
-    let shards = campaign.flights().div_ceil(SHARD_FLIGHTS);
-    let of_a_part = shards.div_ceil(MOST_PARTS);
-    let parts: Vec<NewJob> = (0..shards.div_ceil(of_a_part))
-        .map(|part| {
-            let (first, end) = (part * of_a_part, ((part + 1) * of_a_part).min(shards));
-            let flights = (end * SHARD_FLIGHTS).min(campaign.flights()) - first * SHARD_FLIGHTS;
-            let facts = json!({ "first_flight": first * SHARD_FLIGHTS, "flights": flights });
-            let name = format!("{name} {first}..{end}");
-            draft(JobKind::CampaignShard, name, facts, Some((first, end))).into_job(caller)
-        })
-        .collect::<Result<_, _>>()?;
-    let facts = json!({
-        "flights": campaign.flights(), "seed": campaign.document().seed, "parts": parts.len(), "classifier": classifier,
-    });
-    draft(JobKind::Campaign, name.clone(), facts, None)
-        .submit(app, caller, headers, body, parts)
-        .await
+    submit_in_parts(app, caller, headers, body, flights.div_ceil(SHARD_FLIGHTS), draft).await
 }
 
 /// The campaign with a classifier of the library in every flight.
@@ -204,7 +206,7 @@ fn read(library: &Library, text: &str) -> Result<Campaign, Problem> {
     Campaign::parse(text, &library.root().join("campaigns").join(SUBMITTED)).map_err(|error| library.refusal(&error))
 }
 
-fn task(library: &Input, text: &str, shards: Option<(u64, u64)>) -> Task {
+fn task(library: &Input, text: &str, shards: Option<&Range<u64>>) -> Task {
     let file = format!("{LIBRARY}/campaigns/{SUBMITTED}");
     let mut args: Vec<String> = [
         "campaign",
@@ -226,8 +228,8 @@ fn task(library: &Input, text: &str, shards: Option<(u64, u64)>) -> Task {
         },
     ];
     let discard = match shards {
-        Some((first, end)) => {
-            args.extend(["--shards".to_owned(), format!("{first}..{end}")]);
+        Some(part) => {
+            args.extend(["--shards".to_owned(), format!("{}..{}", part.start, part.end)]);
             vec!["campaign.lock".to_owned()]
         }
         None => {

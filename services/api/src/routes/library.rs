@@ -146,7 +146,10 @@ pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name:
 }
 
 /// It becomes the name of a file.
-fn checked_name(name: &str) -> Result<(), Problem> {
+///
+/// # Errors
+/// 400.
+pub(super) fn checked_name(name: &str) -> Result<(), Problem> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-".contains(c);
     let begins = name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit());
     if begins && name.len() <= LONGEST_NAME && name.chars().all(plain) {

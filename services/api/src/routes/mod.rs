@@ -1,6 +1,7 @@
 //! The addresses of the API, version 1, and the OpenAPI document that describes them.
 
 mod artifacts;
+mod blind_benches;
 mod campaigns;
 mod classifiers;
 mod collection;
@@ -55,6 +56,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "runs", description = "Flights: submit, list, watch, stop, compare"),
         (name = "telemetry", description = "What was recorded: channels, intervals, decimated so that a picture is true"),
         (name = "campaigns", description = "Many flights with statistics"),
+        (name = "blind_benches", description = "Does the diagnosis find what is missing? Logs with hidden effects, diagnosed and scored"),
         (name = "classifiers", description = "Networks, trained on the server"),
         (name = "logs", description = "Flight logs: upload and import"),
         (name = "comparisons", description = "A model held against flights"),
@@ -86,6 +88,8 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(live::live))
         .routes(routes!(campaigns::submit))
         .merge(campaigns::campaigns::routes())
+        .routes(routes!(blind_benches::submit))
+        .merge(blind_benches::blind_benches::routes())
         .routes(routes!(classifiers::submit))
         .routes(routes!(classifiers::evaluate))
         .merge(classifiers::classifiers::routes())

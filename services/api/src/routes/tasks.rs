@@ -11,12 +11,15 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_twin::model::ModelVersion;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use utoipa::ToSchema;
 
 /// Where a task finds the library.
 pub(super) const LIBRARY: &str = "library";
 /// Where a task finds a version of a model.
 const VERSION: &str = "version.toml";
+/// A job has at most this many parts.
+const MOST_PARTS: u64 = 64;
 /// A submission names at most this many logs and runs.
 const MOST_LOGS: usize = 64;
 
@@ -70,6 +73,36 @@ impl Draft {
         };
         jobs::accept(app, new, JobView::from).await
     }
+}
+
+/// Divides `units` (shards of flights, cases) into at most [`MOST_PARTS`] parts, all of one length but the last.
+fn divided(units: u64) -> Vec<Range<u64>> {
+    let length = units.div_ceil(MOST_PARTS).max(1);
+    (0..units.div_ceil(length))
+        .map(|part| part * length..((part + 1) * length).min(units))
+        .collect()
+}
+
+/// Puts a job into the queue that all workers do together: `draft` makes a job of a part of its `units`, and of what puts the parts together
+/// (`None`). The latter's facts get the number of `parts`.
+///
+/// # Errors
+/// 400, 409, 422, 429, 503, 507.
+pub(super) async fn submit_in_parts(
+    app: &App,
+    caller: &Caller,
+    headers: &HeaderMap,
+    body: &impl Serialize,
+    units: u64,
+    draft: impl Fn(Option<&Range<u64>>) -> Draft,
+) -> Result<Response, Problem> {
+    let parts = divided(units)
+        .iter()
+        .map(|part| draft(Some(part)).into_job(caller))
+        .collect::<Result<Vec<NewJob>, Problem>>()?;
+    let mut whole = draft(None);
+    whole.facts["parts"] = parts.len().into();
+    whole.submit(app, caller, headers, body, parts).await
 }
 
 /// A library as it is now, for a task.
@@ -291,4 +324,20 @@ pub(super) async fn done(app: &App, caller: &Caller, kind: JobKind, id: &str) ->
         )));
     }
     Ok(job)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_parts_cover_every_unit_once() {
+        for units in (1..200).chain([1000, 10_000, 1_000_003]) {
+            let parts = divided(units);
+            assert!(parts.len() as u64 <= MOST_PARTS.min(units), "{units}");
+            assert_eq!((parts[0].start, parts[parts.len() - 1].end), (0, units));
+            assert!(parts.iter().all(|part| !part.is_empty()), "{units}");
+            assert!(parts.windows(2).all(|two| two[0].end == two[1].start), "{units}");
+        }
+    }
 }

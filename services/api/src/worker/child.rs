@@ -19,6 +19,8 @@ const GRACE: Duration = Duration::from_millis(900);
 const EVENT_PATIENCE: Duration = Duration::from_secs(10);
 /// Between two live samples that servers in other processes are told.
 const LIVE_NOTICE: Duration = Duration::from_millis(100);
+/// Events of a part that the whole has, too: a case of a bench is done.
+const TOLD_TO_WHOLE: &[&str] = &["case"];
 /// What a process may say that is no event, bytes.
 const MOST_WORDS: usize = 64 << 20;
 
@@ -157,7 +159,10 @@ async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: 
     let begun = Instant::now();
     loop {
         match shop.database.event(&job.id, token, kind, line).await {
-            Ok(held) => return held,
+            Ok(held) => {
+                tell_whole(shop, job, token, kind, line).await;
+                return held;
+            }
             Err(error) if begun.elapsed() < EVENT_PATIENCE => {
                 tracing::warn!(job = job.id, %error, "an event cannot be written; trying again");
                 tokio::time::sleep(Duration::from_millis(250)).await;
@@ -167,6 +172,17 @@ async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: 
                 return true;
             }
         }
+    }
+}
+
+/// Shows the progress of a part to whoever watches the whole. One that cannot be written costs nothing but that.
+async fn tell_whole(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) {
+    let Some(whole) = job.part_of.as_deref().filter(|_| TOLD_TO_WHOLE.contains(&kind)) else {
+        return;
+    };
+    let told = shop.database.event_of_whole(&job.id, token, whole, kind, line).await;
+    if let Err(error) = told {
+        tracing::warn!(job = whole, %error, "the progress of a part cannot be written");
     }
 }
 

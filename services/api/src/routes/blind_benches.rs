@@ -1,0 +1,434 @@
+//! Blind benches: submit. The cases are done in parts by all workers, and then put together.
+
+use super::jobs::{JobView, Shared, Terms};
+use super::library::checked_name;
+use super::tasks::{Draft, laid_out, submit_in_parts};
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::jobs::spec::{Content, Input, Task};
+use crate::library::Library;
+use crate::problem::Problem;
+use crate::worker::task::THREADS;
+use axum::Json;
+use axum::extract::rejection::JsonRejection;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use rotortwin_blind::bench::cases::Preset;
+use rotortwin_blind::bench::run::Request;
+use rotortwin_blind::error::BlindError;
+use rotortwin_blind::vehicle::Vehicle;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::collections::BTreeSet;
+use std::ops::Range;
+use utoipa::ToSchema;
+use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
+
+super::collection!(
+    blind_benches,
+    crate::jobs::JobKind::BlindBench,
+    "blind bench",
+    "/api/v1/blind-benches",
+    "/api/v1/blind-benches/{id}",
+    "/api/v1/blind-benches/{id}/cancel",
+    "/api/v1/blind-benches/{id}/events",
+    "/api/v1/blind-benches/{id}/artifacts",
+    "/api/v1/blind-benches/{id}/artifacts/{*path}"
+);
+
+/// A bench has at most this many cases: about a day of one core.
+const MOST_CASES: usize = 10_000;
+/// A bench has at most this many vehicles.
+const MOST_VEHICLES: usize = 32;
+/// Where a job finds the library: rows name their vehicle as a bench does that is run beside `config/`.
+const LAID_OUT: &str = "config";
+/// Taken where no vehicle is named, as by the command.
+const USUAL_VEHICLE: &str = "f550";
+
+/// A vehicle that flies.
+#[derive(Debug, Clone, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BenchVehicle {
+    /// Name of one of the server's vehicles, or with `text`: what to call it.
+    vehicle: String,
+    /// A vehicle document (TOML), as it would stand in the library's `vehicles`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    text: Option<String>,
+    /// With `text`: its blade document (TOML), instead of the one of the library that it names.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    blades: Option<String>,
+}
+
+/// Logs with hidden effects from a foreign simulator, each diagnosed, and the answers scored.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BlindBenchSubmission {
+    /// What is to be shown: one after the other.
+    #[serde(default = "usual_presets")]
+    #[schema(schema_with = presets_schema)]
+    presets: Vec<Preset>,
+    /// Cases of each preset.
+    #[schema(minimum = 1, maximum = 10_000)]
+    n: usize,
+    /// Of the draws.
+    #[serde(default = "usual_seed")]
+    seed: u64,
+    /// They are taken in turn; none: `f550`.
+    #[serde(default)]
+    vehicles: Vec<BenchVehicle>,
+    /// Length of a flight, s.
+    #[serde(default = "usual_duration_s")]
+    #[schema(minimum = 1, maximum = 3600)]
+    duration_s: f64,
+    /// From −100 to 100; larger goes first.
+    #[serde(default)]
+    #[schema(minimum = -100, maximum = 100)]
+    priority: i64,
+    /// An attempt at a part fails when it takes longer, s of wall time; by default 6 h.
+    #[serde(default)]
+    #[schema(minimum = 1, maximum = 86_400)]
+    max_wall_s: Option<u64>,
+}
+
+fn usual_presets() -> Vec<Preset> {
+    vec![Preset::Mixed]
+}
+
+const fn usual_seed() -> u64 {
+    1
+}
+
+const fn usual_duration_s() -> f64 {
+    90.0
+}
+
+fn presets_schema() -> Array {
+    let name = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .enum_values(Some(Preset::all().iter().map(|preset| preset.name())));
+    ArrayBuilder::new()
+        .description(Some("What is to be shown: one after the other; by default `mixed`."))
+        .items(name)
+        .min_items(Some(1))
+        .build()
+}
+
+/// Submits a blind bench.
+#[utoipa::path(post, path = "/api/v1/blind-benches", tag = "blind_benches", operation_id = "submit_blind_bench", request_body = BlindBenchSubmission,
+    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the blind bench that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "address of the blind bench"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such vehicle", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be run", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "too many jobs", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn submit(
+    app: Shared,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Result<Json<BlindBenchSubmission>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    let terms = Terms {
+        priority: body.priority,
+        max_wall_s: body.max_wall_s,
+    };
+    terms.check()?;
+    let vehicles = chosen(&body.vehicles)?;
+    let request = checked(&body, &vehicles, app.config.longest_flight_s)?;
+    let library = app.library(&caller).await?;
+    let files = own_files(&library, &vehicles)?;
+    // The folder with the vehicles that came along lives until the library has been copied.
+    let (library, _folder) = if files.is_empty() {
+        (library, None)
+    } else {
+        let (library, folder) = library
+            .with_files(&app.config.work.data, &files)
+            .map_err(|error| Problem::unwritten(&error, "the vehicles cannot be laid out: the disk is full"))?;
+        (library, Some(folder))
+    };
+    for vehicle in &vehicles {
+        readable(&library, &vehicle.vehicle)?;
+    }
+    let input = Input {
+        path: LAID_OUT.to_owned(),
+        ..laid_out(&app, &library).await?
+    };
+    let name = body
+        .presets
+        .iter()
+        .map(|preset| preset.name())
+        .collect::<Vec<_>>()
+        .join(",");
+    let cases = request.case_count();
+    let draft = |part: Option<&Range<u64>>| {
+        let (kind, name, facts) = match part {
+            None => {
+                let named: Vec<&str> = vehicles.iter().map(|vehicle| vehicle.vehicle.as_str()).collect();
+                let facts = json!({
+                    "cases": cases, "presets": body.presets, "n": body.n, "seed": body.seed, "vehicles": named,
+                    "duration_s": body.duration_s,
+                });
+                (JobKind::BlindBench, name.clone(), facts)
+            }
+            Some(part) => {
+                let facts = json!({ "first_case": part.start, "cases": part.end - part.start });
+                (
+                    JobKind::BlindBenchShard,
+                    format!("{name} {}..{}", part.start, part.end),
+                    facts,
+                )
+            }
+        };
+        Draft {
+            kind,
+            name,
+            facts,
+            task: task(&input, &request, part),
+            terms,
+        }
+    };
+    submit_in_parts(&app, &caller, &headers, &body, cases as u64, draft).await
+}
+
+/// The vehicles that are asked for, each once by its name.
+fn chosen(asked: &[BenchVehicle]) -> Result<Vec<BenchVehicle>, Problem> {
+    if asked.len() > MOST_VEHICLES {
+        return Err(Problem::unprocessable(format!(
+            "{} `vehicles`; expected at most {MOST_VEHICLES}",
+            asked.len()
+        )));
+    }
+    let mut names = BTreeSet::new();
+    for vehicle in asked {
+        if !names.insert(&vehicle.vehicle) {
+            return Err(Problem::unprocessable(format!(
+                "`vehicles` name '{}' twice; expected each once",
+                vehicle.vehicle
+            )));
+        }
+        if vehicle.text.is_some() {
+            checked_name(&vehicle.vehicle)?;
+        } else if vehicle.blades.is_some() {
+            return Err(Problem::unprocessable(format!(
+                "vehicle '{}' has `blades` and no `text`; expected both, or the name alone",
+                vehicle.vehicle
+            )));
+        }
+    }
+    if asked.is_empty() {
+        return Ok(vec![BenchVehicle {
+            vehicle: USUAL_VEHICLE.to_owned(),
+            text: None,
+            blades: None,
+        }]);
+    }
+    Ok(asked.to_vec())
+}
+
+/// What the bench is asked for, with vehicles as they are laid out.
+fn checked(body: &BlindBenchSubmission, vehicles: &[BenchVehicle], longest_s: f64) -> Result<Request, Problem> {
+    let path = |vehicle: &BenchVehicle| format!("{LAID_OUT}/vehicles/{}.toml", vehicle.vehicle);
+    let request = Request {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        presets: body.presets.clone(),
+        n: body.n,
+        seed: body.seed,
+        vehicles: vehicles.iter().map(path).collect(),
+        duration_s: body.duration_s,
+    };
+    request.check().map_err(|error| match error {
+        BlindError::Input { place, reason } => Problem::unprocessable(format!("`{place}`: {reason}")),
+        other => Problem::internal(&other),
+    })?;
+    if request.duration_s > longest_s {
+        return Err(Problem::unprocessable(format!(
+            "the flights take {} s of simulated time; this server flies at most {longest_s} s (`--longest-flight`)",
+            request.duration_s
+        )));
+    }
+    let cases = request.case_count();
+    if cases > MOST_CASES {
+        return Err(Problem::unprocessable(format!(
+            "`n` times the number of `presets` is {cases}; expected at most {MOST_CASES} cases"
+        )));
+    }
+    Ok(request)
+}
+
+/// Files that vehicles bring along, each with its path in the library. A vehicle that brings no blades names some of the library.
+fn own_files(library: &Library, vehicles: &[BenchVehicle]) -> Result<Vec<(String, String)>, Problem> {
+    let mut files = Vec::new();
+    for vehicle in vehicles {
+        let (name, Some(text)) = (&vehicle.vehicle, &vehicle.text) else {
+            continue;
+        };
+        let text = match &vehicle.blades {
+            None => {
+                library.parse_vehicle(text)?;
+                text.clone()
+            }
+            Some(blades) => {
+                let file = format!("{name}.toml");
+                files.push((format!("blades/{file}"), blades.clone()));
+                with_blades(text, name, &format!("../blades/{file}"))?
+            }
+        };
+        files.push((format!("vehicles/{name}.toml"), text));
+    }
+    Ok(files)
+}
+
+/// The vehicle with another path of its blades.
+fn with_blades(text: &str, name: &str, path: &str) -> Result<String, Problem> {
+    let mut document: toml::Table = toml::from_str(text)
+        .map_err(|error| Problem::unprocessable(format!("vehicle '{name}' is no TOML: {}", error.message())))?;
+    let rotors = document.get_mut("rotors").and_then(toml::Value::as_table_mut);
+    let rotors =
+        rotors.ok_or_else(|| Problem::unprocessable(format!("vehicle '{name}', key `rotors`: expected a table")))?;
+    rotors.insert("blades".to_owned(), path.into());
+    toml::to_string(&document).map_err(|error| Problem::internal(&error))
+}
+
+/// Whether the diagnosis and the foreign simulator, each with a reader of its own, can read a vehicle.
+fn readable(library: &Library, name: &str) -> Result<(), Problem> {
+    library.vehicle_documents(name)?;
+    Vehicle::load(&library.root().join("vehicles").join(format!("{name}.toml")))
+        .map(|_| ())
+        .map_err(|error| library.refusal(&error))
+}
+
+fn task(library: &Input, request: &Request, part: Option<&Range<u64>>) -> Task {
+    let presets: Vec<&str> = request.presets.iter().map(|preset| preset.name()).collect();
+    let mut args: Vec<String> = ["blind", "--json", "--events", "--out", "out", "--jobs", THREADS]
+        .map(str::to_owned)
+        .to_vec();
+    for (option, value) in [
+        ("--preset", presets.join(",")),
+        ("--n", request.n.to_string()),
+        ("--seed", request.seed.to_string()),
+        ("--vehicles", request.vehicles.join(",")),
+        ("--duration-s", request.duration_s.to_string()),
+    ] {
+        args.extend([option.to_owned(), value]);
+    }
+    let mut inputs = vec![library.clone()];
+    match part {
+        Some(part) => args.extend(["--cases".to_owned(), format!("{}..{}", part.start, part.end)]),
+        // A bench goes on where its files end: with the rows of all parts there is only the score to be made.
+        None => inputs.push(Input {
+            path: "out".to_owned(),
+            content: Content::Parts,
+        }),
+    }
+    Task {
+        args,
+        inputs,
+        result: None,
+        discard: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn submission(body: serde_json::Value) -> Result<BlindBenchSubmission, serde_json::Error> {
+        serde_json::from_value(body)
+    }
+
+    fn refusal(body: serde_json::Value) -> String {
+        let body = submission(body).unwrap();
+        let vehicles = match chosen(&body.vehicles) {
+            Ok(vehicles) => vehicles,
+            Err(problem) => return problem.detail,
+        };
+        checked(&body, &vehicles, 600.0).unwrap_err().detail
+    }
+
+    #[test]
+    fn val_what_cannot_be_run_is_said_in_one_sentence() {
+        for (body, words) in [
+            (json!({ "n": 0 }), "`n`: is 0; expected at least one"),
+            (json!({ "n": 1, "presets": [] }), "`presets`: there is none"),
+            (
+                json!({ "n": 5001, "presets": ["null", "pairs"] }),
+                "is 10002; expected at most 10000 cases",
+            ),
+            (
+                json!({ "n": u64::MAX, "presets": ["null", "pairs"] }),
+                "expected at most 10000",
+            ),
+            (json!({ "n": 1, "duration_s": 0.5 }), "expected 1 to 3600 s"),
+            (json!({ "n": 1, "duration_s": 601.0 }), "at most 600 s"),
+            (
+                json!({ "n": 1, "vehicles": [{ "vehicle": "a", "blades": "" }] }),
+                "no `text`",
+            ),
+            (
+                json!({ "n": 1, "vehicles": [{ "vehicle": "../a", "text": "" }] }),
+                "no name for a document",
+            ),
+            (
+                json!({ "n": 1, "vehicles": [{ "vehicle": "a" }, { "vehicle": "a" }] }),
+                "twice",
+            ),
+        ] {
+            let detail = refusal(body);
+            assert!(detail.contains(words), "{detail}");
+        }
+        let unknown = submission(json!({ "n": 1, "presets": ["nonsense"] }))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            unknown.contains("unknown variant `nonsense`") && unknown.contains("`mixed`"),
+            "{unknown}"
+        );
+    }
+
+    #[test]
+    fn val_parts_and_whole_ask_for_the_same_bench() {
+        let body = submission(json!({ "n": 4, "seed": 7, "presets": ["pairs", "null-hover"] })).unwrap();
+        let request = checked(&body, &chosen(&body.vehicles).unwrap(), 600.0).unwrap();
+        assert_eq!(request.vehicles, ["config/vehicles/f550.toml"]);
+        let library = Input {
+            path: LAID_OUT.to_owned(),
+            content: Content::Folder("library/0".to_owned()),
+        };
+        let (whole, part) = (task(&library, &request, None), task(&library, &request, Some(&(2..5))));
+        let (same, more) = part.args.split_at(whole.args.len());
+        assert_eq!(same, whole.args);
+        assert_eq!(more, ["--cases", "2..5"]);
+        assert!(
+            whole
+                .args
+                .join(" ")
+                .contains("--preset pairs,null-hover --n 4 --seed 7")
+        );
+        assert_eq!(whole.inputs.len(), 2);
+    }
+
+    #[test]
+    fn val_a_vehicle_gets_the_blades_that_came_with_it() {
+        let text = with_blades(
+            "name = 'a'\n[rotors]\nblades = '/etc/hostname'\nn = 6",
+            "a",
+            "../blades/a.toml",
+        )
+        .unwrap();
+        assert!(
+            text.contains("../blades/a.toml") && !text.contains("hostname"),
+            "{text}"
+        );
+        assert_eq!(with_blades("rotors = 3", "a", "x").unwrap_err().status, 422);
+        assert_eq!(with_blades("[", "a", "x").unwrap_err().status, 422);
+    }
+}
