@@ -139,10 +139,13 @@ impl Pilot {
         let thrust = self.mass * up.norm();
         let torque: [f64; 3] =
             std::array::from_fn(|k| self.inertia[k] * angular[k].clamp(-ANGULAR_LIMIT[k], ANGULAR_LIMIT[k]));
-        for (i, duty) in duties.iter_mut().enumerate() {
-            let row = &self.allocation[i];
-            let share = row[0] * thrust + row[1] * torque[0] + row[2] * torque[1] + row[3] * torque[2];
-            *duty = self.duty(share);
+        let turning = |row: &Vector4<f64>| row[1] * torque[0] + row[2] * torque[1] + row[3] * torque[2];
+        // Where a rotor cannot give both, the attitude goes first: a vehicle that cannot turn is lost.
+        let most = self.map[MAP_KNOTS];
+        let room = self.allocation.iter().map(|row| (most - turning(row)) / row[0]);
+        let thrust = room.fold(thrust, f64::min);
+        for (duty, row) in duties.iter_mut().zip(&self.allocation) {
+            *duty = self.duty(row[0] * thrust + turning(row));
         }
     }
 }

@@ -24,6 +24,10 @@ const CHARGE_DEVIATION: f64 = 0.25;
 /// Most Gauss–Newton steps of a fit, and how many of these move the effect alone.
 const MOST_STEPS: usize = 12;
 const STEPS_ALONE: usize = 1;
+/// Minima that are searched over the charge, most steps of the effect at each charge, and sections of the interval.
+const SEARCHED: usize = 3;
+const STEPS_AT_CHARGE: usize = 3;
+const SECTIONS: usize = 10;
 /// Least part of a step that is tried, and least gain of ln posterior for which a fit goes on.
 const LEAST_SHARE: f64 = 0.04;
 const LEAST_GAIN: f64 = 0.1;
@@ -187,6 +191,12 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
         minima.push(fit.descend(charge, theta)?);
     }
     minima.sort_by(|a, b| a.value.total_cmp(&b.value));
+    for minimum in minima.iter_mut().take(SEARCHED) {
+        if let Some(lower) = fit.searched(minimum).filter(|lower| lower.value < minimum.value) {
+            *minimum = lower;
+        }
+    }
+    minima.sort_by(|a, b| a.value.total_cmp(&b.value));
     let first = minima.first()?;
     let second = minima[1..].iter().find(|m| {
         let apart = (m.charge - first.charge).abs() > 1.0 / CHARGES as f64;
@@ -288,6 +298,67 @@ impl Fit<'_> {
         Some(point)
     }
 
+    /// The lowest point at a charge, from an effect nearby.
+    fn at_charge(&self, charge: f64, theta: &[f64]) -> Option<Point> {
+        let mut point = self.at(charge, theta.to_vec())?;
+        for _ in 0..STEPS_AT_CHARGE {
+            let Some(move_by) = self.step(&point, true)? else { break };
+            let theta = point.theta.iter().zip(&move_by[1..]);
+            let next = self.at(
+                charge,
+                theta.map(|(t, m)| (t + m.clamp(-1.0, 1.0)).clamp(-4.0, 4.0)).collect(),
+            )?;
+            let gain = point.value - next.value;
+            if gain <= 0.0 {
+                break;
+            }
+            point = next;
+            if gain < LEAST_GAIN {
+                break;
+            }
+        }
+        Some(point)
+    }
+
+    /// The lowest point about a minimum, searched over the charge: a descent along both stops at a kink of the chart that lies across its
+    /// valley. Every quarter of a cell, then a golden section, then a descent again.
+    fn searched(&self, about: &Point) -> Option<Point> {
+        let quarter = 0.25 / CHARGES as f64;
+        let mut best = self.at_charge(about.charge, &about.theta)?;
+        for side in [-1.0, 1.0] {
+            let mut theta = about.theta.clone();
+            for i in 1..=4 {
+                let point = self.at_charge(about.charge + side * quarter * f64::from(i), &theta)?;
+                theta.clone_from(&point.theta);
+                if point.value < best.value {
+                    best = point;
+                }
+            }
+        }
+        let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+        let (mut low, mut high) = (best.charge - quarter, best.charge + quarter);
+        let inner = |low: f64, high: f64| (high - golden * (high - low), low + golden * (high - low));
+        let (a, b) = inner(low, high);
+        let (mut left, mut right) = (self.at_charge(a, &best.theta)?, self.at_charge(b, &best.theta)?);
+        for _ in 0..SECTIONS {
+            if left.value < right.value {
+                high = right.charge;
+                right = left;
+                left = self.at_charge(inner(low, high).0, &right.theta)?;
+            } else {
+                low = left.charge;
+                left = right;
+                right = self.at_charge(inner(low, high).1, &left.theta)?;
+            }
+        }
+        for point in [left, right] {
+            if point.value < best.value {
+                best = point;
+            }
+        }
+        self.descend(best.charge, best.theta)
+    }
+
     /// The Gauss–Newton step from a point, charge first; `alone` leaves the charge where it is.
     fn step(&self, point: &Point, alone: bool) -> Option<Option<Vec<f64>>> {
         const CHARGE_STEP: f64 = 1e-3;
@@ -295,11 +366,15 @@ impl Fit<'_> {
             high.iter().zip(low).map(|(h, l)| (h - l) / by).collect()
         };
         // Both sides of where the charge is, which may be a kink.
-        let mut jacobian = vec![slope(
-            &(self.predict)(point.charge + CHARGE_STEP, &point.theta)?,
-            &(self.predict)(point.charge - CHARGE_STEP, &point.theta)?,
-            2.0 * CHARGE_STEP,
-        )];
+        let mut jacobian = vec![if alone {
+            vec![0.0; point.predicted.len()]
+        } else {
+            slope(
+                &(self.predict)(point.charge + CHARGE_STEP, &point.theta)?,
+                &(self.predict)(point.charge - CHARGE_STEP, &point.theta)?,
+                2.0 * CHARGE_STEP,
+            )
+        }];
         for a in 0..point.theta.len() {
             let mut next = point.theta.clone();
             next[a] += EFFECT_STEP;
@@ -330,10 +405,6 @@ impl Fit<'_> {
         *h.at_mut(0, 0) += stiffness;
         g[0] -= point.charge * stiffness;
         if alone {
-            for b in 1..size {
-                *h.at_mut(0, b) = 0.0;
-                *h.at_mut(b, 0) = 0.0;
-            }
             g[0] = 0.0;
         }
         Some(h.cholesky().map(|factor| factor.solve(&g)))

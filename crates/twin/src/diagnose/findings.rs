@@ -1,11 +1,13 @@
 //! What a search found in the words of its result: findings with final values, and the verdict.
 
+use rotortwin_plant::effects::ParameterKind;
+
 use super::evidence::Posterior;
 use super::fit::{Problem, position_of};
 use super::library::Candidate;
 use super::linear::{Active, Linear};
 use super::ranking::{parameters, parameters_of};
-use super::result::{Diagnosis, Finding, Verdict};
+use super::result::{Diagnosis, Finding, Rival, Verdict};
 use super::select::Named;
 use super::{gusts, words};
 use crate::predict::channels::{F, KV};
@@ -35,6 +37,17 @@ pub(super) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 deviations[column.parameter] =
                     posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt() * column.size;
             }
+            let (mut compatible, mut lost) = (one.compatible, one.lost);
+            if below(entry, &values, one.minimum) {
+                // What came out smaller than what would show is not known well enough to say of a look-alike that it lost.
+                let alike = |rival: &Rival| entry.declaration.confused_with.contains(&rival.effect.as_str());
+                let (near, far): (Vec<Rival>, Vec<Rival>) = lost.into_iter().partition(alike);
+                lost = far;
+                compatible.extend(near.into_iter().map(|rival| Rival {
+                    reason: "what was found is smaller than what this flight shows for certain".to_owned(),
+                    ..rival
+                }));
+            }
             let mut finding = Finding {
                 instance: entry.instance(&values, active.onset_s)?,
                 label: entry.label(),
@@ -44,8 +57,8 @@ pub(super) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 ln_bayes_factor: one.log_bayes_factor,
                 posterior: one.posterior,
                 channels: strongest(problem, one.candidate, &position),
-                also_compatible: one.compatible,
-                lost: one.lost,
+                also_compatible: compatible,
+                lost,
                 onset_s: active.onset_s,
                 reason: String::new(),
             };
@@ -53,6 +66,15 @@ pub(super) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
             Some(finding)
         })
         .collect()
+}
+
+/// True if the only size of an effect came out below the smallest that would have been seen.
+fn below(entry: &Candidate, values: &[f64], minimum: f64) -> bool {
+    let mut sizes = (0..values.len()).filter(|&i| entry.parameters[i].kind == ParameterKind::Size);
+    let (Some(only), None) = (sizes.next(), sizes.next()) else {
+        return false;
+    };
+    minimum.is_finite() && values[only].abs() < minimum
 }
 
 /// Gusts as a finding.
