@@ -8,7 +8,7 @@ use rotortwin_plant::effects::ParameterKind;
 
 use super::dense::{Matrix, dot};
 use super::evidence::{Posterior, open};
-use super::fit::{Problem, fitted_residual};
+use super::fit::{Problem, fitted_residual, position_of};
 use super::goodness::{UNEXPLAINED_SCORE, channel_fits};
 use super::linear::instances;
 use super::ranking::{Scored, priors};
@@ -84,7 +84,7 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
     if !log.predictor.has(V) {
         return Vec::new();
     }
-    let Some(rest) = posterior_without_voltage(problem) else {
+    let Some(rest) = posterior_without_voltage(problem, &[]) else {
         return Vec::new();
     };
     let mut found: Vec<Trial> = (0..problem.library.candidates.len())
@@ -119,14 +119,23 @@ fn of_sensor(problem: &Problem, candidate: usize) -> bool {
         .starts_with("voltage-")
 }
 
-/// What all other channels say.
-fn posterior_without_voltage(problem: &Problem) -> Option<Posterior> {
+/// What all other channels say, with the parameters at `opened` as free as the open effects. The priors pull towards 0, not towards the
+/// present point: there, biases of the rotors may stand in for the effect in question.
+fn posterior_without_voltage(problem: &Problem, opened: &[usize]) -> Option<Posterior> {
     let mut deaf = problem.weights.clone();
     for weights in &mut deaf {
         weights[V] = 0.0;
     }
-    let normal = problem.normal_with(&deaf, |_| true);
-    Posterior::new(&normal, &problem.deviations(&problem.active))
+    let mut normal = problem.normal_with(&deaf, |_| true);
+    let mut prior = problem.deviations(&problem.active);
+    for &i in opened {
+        prior[i] = 1.0;
+    }
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
+        *g -= x / (d * d);
+    }
+    Posterior::new(&normal, &prior)
 }
 
 /// The best charge for an effect, and a second one that is nearly as good.
@@ -134,30 +143,41 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     let log = &problem.logs[0];
     let entry = &problem.library.candidates[candidate];
     let (places, spikes, slabs) = priors(problem, candidate);
-    let others = open(rest, &places, &spikes, &spikes, &slabs, &vec![0.0; places.len()])?;
-    let prior = others.covariance.cholesky()?.inverse();
+    let gain = open(rest, &places, &spikes, &spikes, &slabs, &vec![0.0; places.len()])?.log_bayes_factor;
+    let opened = posterior_without_voltage(problem, &places)?;
+    let estimate: Vec<f64> = places.iter().map(|&i| opened.mean[i]).collect();
+    let prior = opened.covariance.part(&places).cholesky()?.inverse();
+    let mut nuisances = log.nuisances;
+    for (i, bias) in nuisances
+        .rotor_bias_n
+        .iter_mut()
+        .enumerate()
+        .take(log.predictor.series().rotors)
+    {
+        *bias += opened.mean[problem.global(0, i)] * log.nuisance_size(i);
+    }
     let columns = problem.library.columns_of(candidate);
     let base_at = |theta: &[f64]| -> Option<Prediction> {
         let mut at_work = problem.active.clone();
         at_work.push(active_at(problem, candidate, theta));
         let set = log
             .predictor
-            .effect_set(&log.nuisances, &instances(&problem.library, &at_work))
+            .effect_set(&nuisances, &instances(&problem.library, &at_work))
             .ok()?;
         Some(log.predictor.predict(&set, Source::Smooth, None))
     };
-    let base = base_at(&others.estimate)?;
+    let base = base_at(&estimate)?;
     let mut coarse = log.predictor.coarse_voltage(&base, MEAN_S);
     if of_sensor(problem, candidate) {
         // A wrong reading of the voltage acts through Eq. 19 on the thrust, and through that on the current.
-        let mut next = others.estimate.clone();
+        let mut next = estimate.clone();
         next[0] += EFFECT_STEP;
         let moved = log.predictor.coarse_voltage(&base_at(&next)?, MEAN_S);
         coarse.slope_towards(&moved, 1.0 / EFFECT_STEP);
     }
     let weight = coarse.weight * problem.weights[0][V];
     let predict = |charge: f64, theta: &[f64]| -> Option<Vec<f64>> {
-        let mut nuisances = log.nuisances;
+        let mut nuisances = nuisances;
         nuisances.charge = charge;
         let mut active = problem.active.clone();
         active.push(active_at(problem, candidate, theta));
@@ -165,21 +185,21 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
             .predictor
             .effect_set(&nuisances, &instances(&problem.library, &active))
             .ok()?;
-        let shift = theta.first().zip(others.estimate.first()).map_or(0.0, |(t, e)| t - e);
+        let shift = theta.first().zip(estimate.first()).map_or(0.0, |(t, e)| t - e);
         Some(log.predictor.coarse_prediction(&set, &base, &coarse, shift))
     };
     let fit = Fit {
         predict: &predict,
         measured: &coarse.measured,
         weight,
-        estimate: &others.estimate,
+        estimate: &estimate,
         prior: &prior,
     };
     let mut minima = Vec::with_capacity(CHARGES);
     for i in 0..CHARGES {
         let target = (i as f64 + 0.5) / CHARGES as f64;
         let charge = target - log.predictor.initial_charge();
-        let mut theta = others.estimate.clone();
+        let mut theta = estimate.clone();
         for (t, &j) in theta.iter_mut().zip(&columns) {
             // Without information of their own the sizes start at a tenth: neutral shapes would have no column.
             let column = &problem.library.columns[j];
@@ -205,7 +225,7 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     let trial = |minimum: &Point| Trial {
         open: vec![active_at(problem, candidate, &minimum.theta)],
         // Comparable among these trials only.
-        log_bayes_factor: others.log_bayes_factor - minimum.value,
+        log_bayes_factor: gain - minimum.value,
         charge: Some(minimum.charge),
     };
     Some(std::iter::once(first).chain(second).map(trial).collect())
