@@ -5,9 +5,10 @@ use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_blind::bench::cases::{Case, Preset};
 use rotortwin_blind::bench::product::{read_diagnosis, read_either};
+use rotortwin_blind::bench::report;
 use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Program, Request};
 use rotortwin_blind::bench::score::Row;
-use rotortwin_blind::bench::{report, sheet};
+use rotortwin_blind::bench::sheet::{self, Sheet};
 use rotortwin_blind::command;
 use rotortwin_blind::error::BlindError;
 use rotortwin_blind::vehicle::Vehicle;
@@ -204,7 +205,7 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
     if args.json {
         println!("{:#}", serde_json::to_value(&sheet)?);
     } else {
-        print_text(&rows, &bench.folder);
+        print_text(&sheet, &bench.folder);
     }
     Ok(())
 }
@@ -244,8 +245,8 @@ pub(crate) fn progress_bar(hidden: bool, cases: u64) -> ProgressBar {
 }
 
 /// The score sheet, and where the report is.
-pub(crate) fn print_text(rows: &[Row], folder: &Path) {
-    print!("{}", sheet::text(&sheet::sum_up(rows)));
+pub(crate) fn print_text(sheet: &Sheet, folder: &Path) {
+    print!("{}", sheet::text(sheet));
     println!("Report: {}", folder.join("report.html").display());
 }
 

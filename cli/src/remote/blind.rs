@@ -7,6 +7,7 @@ use crate::blind::{self, Args, BenchArgs};
 use crate::output;
 use indicatif::ProgressBar;
 use rotortwin_blind::bench::score::Row;
+use rotortwin_blind::bench::sheet::sum_up;
 use rotortwin_blind::vehicle::{Vehicle, blades_of};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -145,7 +146,7 @@ async fn finish(remote: &Remote, done: &task::Done, args: &BenchArgs) -> Result<
     let text = std::fs::read_to_string(&file).map_err(|error| told(&error))?;
     let mut score: Value = serde_json::from_str(&text).map_err(|error| told(&error))?;
     let rows: Vec<Row> = serde_json::from_value(score["rows"].take()).map_err(|error| told(&error))?;
-    blind::print_text(&rows, &args.out);
+    blind::print_text(&sum_up(&rows), &args.out);
     Ok(ExitCode::SUCCESS)
 }
 

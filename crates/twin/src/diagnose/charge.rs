@@ -8,10 +8,11 @@ use rotortwin_plant::effects::ParameterKind;
 
 use super::dense::{Matrix, dot};
 use super::evidence::{Posterior, open};
-use super::fit::{Problem, fitted_residual, position_of};
+use super::fit::{Problem, fitted_residual};
 use super::goodness::{UNEXPLAINED_SCORE, channel_fits};
 use super::linear::instances;
 use super::ranking::{Scored, priors};
+use super::settle::pulled;
 use super::trials::{Trial, active_at};
 use crate::predict::{Prediction, Source, channels::V};
 
@@ -119,23 +120,19 @@ fn of_sensor(problem: &Problem, candidate: usize) -> bool {
         .starts_with("voltage-")
 }
 
-/// What all other channels say, with the parameters at `opened` as free as the open effects. The priors pull towards 0, not towards the
-/// present point: there, biases of the rotors may stand in for the effect in question.
+/// What all other channels say, with the parameters at `opened` as free as the open effects. The priors' pull counts: at the present
+/// point biases of the rotors may stand in for the effect in question.
 fn posterior_without_voltage(problem: &Problem, opened: &[usize]) -> Option<Posterior> {
     let mut deaf = problem.weights.clone();
     for weights in &mut deaf {
         weights[V] = 0.0;
     }
-    let mut normal = problem.normal_with(&deaf, |_| true);
+    let normal = problem.normal_with(&deaf, |_| true);
     let mut prior = problem.deviations(&problem.active);
     for &i in opened {
         prior[i] = 1.0;
     }
-    let position = position_of(&problem.library, &problem.logs, &problem.active);
-    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
-        *g -= x / (d * d);
-    }
-    Posterior::new(&normal, &prior)
+    pulled(problem, normal, &prior)
 }
 
 /// The best charge for an effect, and a second one that is nearly as good.

@@ -14,11 +14,11 @@ use rotortwin_plant::effects::Place;
 
 use super::dense::dot;
 use super::evidence::{Normal, Posterior};
-use super::fit::{Problem, fitted_residual, position_of};
+use super::fit::{Problem, fitted_residual};
 use super::goodness::{ChannelFit, UNEXPLAINED_SCORE};
 use super::linear::{Active, Column, LogState};
 use super::second_looks::weakest;
-use super::settle::move_to;
+use super::settle::{move_to, pulled};
 use crate::predict::channels::{F, KV, M};
 use crate::predict::noise::white_deviation;
 use crate::predict::pass::{rotation, to_body};
@@ -553,10 +553,5 @@ fn posterior_with(problem: &Problem, filtered: &[Filtered], old: &Posterior) -> 
             }
         }
     }
-    let prior = problem.deviations(&problem.active);
-    let position = position_of(&problem.library, &problem.logs, &problem.active);
-    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
-        *g -= x / (d * d);
-    }
-    Posterior::new(&normal, &prior)
+    pulled(problem, normal, &problem.deviations(&problem.active))
 }

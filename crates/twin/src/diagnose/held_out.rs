@@ -1,9 +1,9 @@
 //! Errors on blocks that the fit did not see: fitted on the even blocks of 5 s, tested on the odd ones, smoothed over 0.1 s.
 
-use super::evidence::Posterior;
-use super::fit::{Problem, position_of};
+use super::fit::Problem;
 use super::linear::{Active, instances};
 use super::result::HeldOutError;
+use super::settle::pulled;
 use crate::predict::channels::{F, M, V};
 use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series};
 
@@ -12,7 +12,7 @@ const SMOOTH_S: f64 = 0.1;
 
 /// The parameters fitted on even blocks only: one more step from the fit on all blocks, which forgets where it starts.
 fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictError> {
-    let mut normal = problem.normal(|b| b % 2 == 0);
+    let normal = problem.normal(|b| b % 2 == 0);
     // Clutter stays at 0: the model that is handed on has none.
     const FIXED: f64 = 1e-9;
     let mut prior = problem.deviations(&problem.active);
@@ -21,11 +21,7 @@ fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictE
             *d = FIXED;
         }
     }
-    let position = position_of(&problem.library, &problem.logs, &problem.active);
-    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
-        *g -= x / (d * d);
-    }
-    let posterior = Posterior::new(&normal, &prior)
+    let posterior = pulled(problem, normal, &prior)
         .ok_or_else(|| PredictError("the fit on half the blocks met numbers that are not finite".into()))?;
     let mut even = problem.clone();
     even.advance(&posterior.mean);

@@ -1,6 +1,6 @@
 //! The point of a diagnosis: moving it to a fit, which channels to trust there, and the posterior about it.
 
-use super::evidence::Posterior;
+use super::evidence::{Normal, Posterior};
 use super::fit::{Fitted, Problem, fitted_residual, position_of};
 use super::goodness::{self, channel_fits, weights};
 use super::linear::Active;
@@ -63,15 +63,19 @@ pub(super) fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), Pr
 
 /// Posterior about the present point, as a step from it, with the prior's pull.
 pub(super) fn posterior_of(problem: &Problem) -> Result<(Posterior, Vec<f64>), PredictError> {
-    let mut normal = problem.normal(|_| true);
     let prior = problem.deviations(&problem.active);
-    let position = position_of(&problem.library, &problem.logs, &problem.active);
-    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(&prior) {
-        *g -= x / (d * d);
-    }
-    Posterior::new(&normal, &prior)
+    pulled(problem, problem.normal(|_| true), &prior)
         .map(|p| (p, prior))
         .ok_or_else(|| PredictError("the log holds numbers that make no fit".into()))
+}
+
+/// Posterior of a normal matrix about the present point: the priors pull towards 0, not towards that point.
+pub(super) fn pulled(problem: &Problem, mut normal: Normal, prior: &[f64]) -> Option<Posterior> {
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(prior) {
+        *g -= x / (d * d);
+    }
+    Posterior::new(&normal, prior)
 }
 
 /// Posterior averaged over how far real vehicles are off their nominal values: the clutter's prior times [`CLUTTER_SCALES`], each by
