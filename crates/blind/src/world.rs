@@ -75,7 +75,7 @@ pub struct World {
 pub struct StepEnd {
     /// Specific force, body, m/s², with the white force of the step that ends.
     pub specific_force: Vector3<f64>,
-    /// Angular acceleration in the last sub-step, body, rad/s².
+    /// Angular acceleration at that instant, body, rad/s².
     pub angular_acceleration: Vector3<f64>,
     /// Σf/(m g).
     pub load: f64,
@@ -151,13 +151,14 @@ impl World {
         };
         let gravity = Vector3::new(0.0, 0.0, self.vehicle.gravity);
         let mut end = StepEnd::default();
+        let mut reaction = 0.0;
         for sub in 0..SUBSTEPS {
             self.update_battery(active, h);
             self.update_wind(active, h);
             let speeds_before: Vec<f64> = self.rotor_speeds();
             let half = self.advance_rotors(sub, active, h);
             let speeds_after = self.rotor_speeds();
-            let reaction: f64 = (0..self.rotors.len())
+            reaction = (0..self.rotors.len())
                 .map(|i| self.vehicle.rotors[i].yaw_sign * (speeds_after[i] - speeds_before[i]) / h)
                 .sum::<f64>()
                 * active.reaction;
@@ -185,10 +186,10 @@ impl World {
             self.vertical_acceleration = a2.z;
             self.advance_oscillators(active, a2, loads.rotor_torque, h);
             self.time += h;
-
-            end.angular_acceleration = w2;
         }
         self.orthonormalise();
+        // What is logged of this instant belongs to this instant, not to the middle or the start of the last sub-step.
+        self.update_battery(active, 0.0);
         let thrusts: Vec<f64> = self.rotors.iter().map(|rotor| rotor.thrust).collect();
         let loads = self.loads(
             active,
@@ -199,6 +200,8 @@ impl World {
             self.rates,
         );
         end.specific_force = (loads.force + force_floor) / mass;
+        let torque = loads.torque + torque_floor + Vector3::new(0.0, 0.0, reaction);
+        end.angular_acceleration = inverse * (torque - self.rates.cross(&(inertia * self.rates)));
         end.load = thrusts.iter().sum::<f64>() / (self.vehicle.mass * self.vehicle.gravity);
         end
     }

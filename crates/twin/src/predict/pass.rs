@@ -455,6 +455,19 @@ impl Plant {
         Battery::new(&self.battery_model).open_circuit_voltage(self.charge)
     }
 
+    /// What the mean of the thrust over the two steps around t_k has more than the thrust at t_k: (f_{k−1} − 2 f_k + f_{k+1})/4, N.
+    /// A new duty bends the thrust there by up to step/τ of the duty's change; rounded off, it looks like a command that is early.
+    fn corner(&self, k: usize, thrust: &[f64]) -> [f64; MAX_ROTORS] {
+        let n = self.series.rotors;
+        let mut out = [0.0; MAX_ROTORS];
+        if k > 0 && k + 1 < self.series.len {
+            for (i, out) in out.iter_mut().enumerate().take(n) {
+                *out = 0.25 * (thrust[(k - 1) * n + i] - 2.0 * thrust[k * n + i] + thrust[(k + 1) * n + i]);
+            }
+        }
+        out
+    }
+
     /// Predicted readings of accelerometer (row k) and angular acceleration (step k), and the true specific force of step k.
     /// (the latter only where there is no accelerometer). `root` is √thrust, where effects of rotors or wrench act.
     fn body(
@@ -467,8 +480,11 @@ impl Plant {
         let s = &self.series;
         let n = s.rotors;
         let zero = [0.0; 3];
-        let (mut specific, mut spin_up) = (vec![zero; s.len], vec![zero; s.len]);
+        let (mut force, mut spin_up) = (vec![zero; s.len], vec![zero; s.len]);
+        let mut of_steps = (!s.available.accel).then(|| vec![zero; s.len]);
         let mut f = [0.0; MAX_ROTORS];
+        // Σ f at t_{k−1}, t_k, t_{k+1}.
+        let mut sums = [0.0, 0.0, thrust[..n].iter().sum::<f64>()];
         let (mut ratio, mut rate) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
         // A copy, because the hooks change the set; taken anew only where effects set in or vary.
         let mut c = *set.constants();
@@ -491,8 +507,11 @@ impl Plant {
                 root = roots(hooked);
             }
             let active = set.hooks();
+            sums = [sums[1], sums[2], 0.0];
             for i in 0..n {
-                f[i] = 0.5 * (thrust[k * n + i] + thrust[(k + 1) * n + i]);
+                let after = thrust[(k + 1) * n + i];
+                f[i] = 0.5 * (thrust[k * n + i] + after);
+                sums[2] += after;
             }
             let mut w: Wrench;
             if hooked {
@@ -528,7 +547,7 @@ impl Plant {
             let omega = motion.rates[k];
             let momentum = times(&c.inertia_body_kg_m2, omega);
             let gyroscopic = cross(omega, momentum);
-            let (torque, force) = (w.torque_body, w.force_body);
+            let (torque, push) = (w.torque_body, w.force_body);
             let net = [
                 torque[0] - gyroscopic[0],
                 torque[1] - gyroscopic[1],
@@ -536,17 +555,26 @@ impl Plant {
             ];
             spin_up[k] = times(&inverse, net);
             let per_mass = 1.0 / c.mass_kg;
-            specific[k] = [force[0] * per_mass, force[1] * per_mass, force[2] * per_mass];
+            let mean = [push[0] * per_mass, push[1] * per_mass, push[2] * per_mass];
+            if let Some(of_steps) = &mut of_steps {
+                of_steps[k] = mean;
+            }
+            // The value at t_k lies between the means of the steps on either side, less the corner of the thrust between them (along
+            // the body's axis: what a tilted rotor's corner does sideways is nothing).
+            for i in 0..3 {
+                force[k][i] += 0.5 * mean[i];
+                force[k + 1][i] = 0.5 * mean[i];
+            }
+            if k > 0 {
+                force[k][2] += 0.25 * per_mass * (sums[0] - 2.0 * sums[1] + sums[2]);
+            }
         }
         spin_up[steps] = spin_up[steps - 1];
-        specific[steps] = specific[steps - 1];
-        let of_steps = (!s.available.accel).then(|| specific.clone());
-        let mut force = specific;
-        // The value at t_k lies between the means of the steps on either side.
-        for k in (1..s.len).rev() {
-            for i in 0..3 {
-                force[k][i] = 0.5 * (force[k - 1][i] + force[k][i]);
-            }
+        for end in [0, steps] {
+            force[end] = force[end].map(|half| 2.0 * half);
+        }
+        if let Some(of_steps) = &mut of_steps {
+            of_steps[steps] = of_steps[steps - 1];
         }
         let mut c = *set.constants();
         let hooked = set.hooks().uses(Hooks::READINGS);
@@ -569,7 +597,11 @@ impl Plant {
                 };
                 // The model's own angular acceleration at t_k: the measured one is all noise, or smoothed away.
                 let before = if k > 0 { spin_up[k - 1] } else { spin_up[k] };
-                let turning = [0, 1, 2].map(|i| 0.5 * (before[i] + spin_up[k][i]));
+                let mut turning = [0, 1, 2].map(|i| 0.5 * (before[i] + spin_up[k][i]));
+                if c.imu_lever_arm_m != zero {
+                    let rounded = times(&inverse, c.rotor_wrench(&self.corner(k, thrust)[..n]).torque_body);
+                    turning = [0, 1, 2].map(|i| turning[i] - rounded[i]);
+                }
                 c.corrupt(&mut read, turning);
                 if hooked {
                     for i in 0..n {
