@@ -40,6 +40,8 @@ pub(crate) struct Fitted {
     pub(crate) active: Vec<Active>,
     pub(crate) nuisances: Vec<Nuisances>,
     pub(crate) log_evidence: f64,
+    /// The same with the last of the open effects as clutter, by the linearisation at this point.
+    pub(crate) log_evidence_as_clutter: f64,
     /// Posterior deviations of the library's columns, in plausible sizes.
     pub(crate) deviations: Vec<f64>,
 }
@@ -195,7 +197,10 @@ impl Problem {
                 *g -= x / (d * d);
                 penalty += (x / d) * (x / d);
             }
-            let shifted = Normal { gradient, ..normal };
+            let shifted = Normal {
+                gradient,
+                ..normal.clone()
+            };
             let posterior = Posterior::new(&shifted, &prior)
                 .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
             let evidence = posterior.log_evidence - 0.5 * (shifted.square_sum + penalty);
@@ -225,10 +230,15 @@ impl Problem {
                         .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
                         - 0.5 * (shifted.square_sum + penalty)
                 };
+                let closed = self.deviations(&active[..active.len().saturating_sub(1)]);
+                let log_evidence_as_clutter = self
+                    .evidence_under(&normal, &position, &closed)
+                    .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
                 let fitted = Fitted {
                     active: active.clone(),
                     nuisances: logs.iter().map(|log| log.nuisances).collect(),
                     log_evidence: evidence,
+                    log_evidence_as_clutter,
                     deviations: (0..self.library.columns.len())
                         .map(|j| posterior.covariance.at(nuisances + j, nuisances + j).max(0.0).sqrt())
                         .collect(),
@@ -261,6 +271,17 @@ impl Problem {
         }
         best.map(|best| best.fitted)
             .ok_or_else(|| PredictError("the fit made no step".into()))
+    }
+
+    /// ln evidence of a normal matrix about a point under priors towards 0.
+    fn evidence_under(&self, normal: &Normal, position: &[f64], prior: &[f64]) -> Option<f64> {
+        let mut shifted = normal.clone();
+        let mut penalty = 0.0;
+        for ((g, x), d) in shifted.gradient.iter_mut().zip(position).zip(prior) {
+            *g -= x / (d * d);
+            penalty += (x / d) * (x / d);
+        }
+        Some(Posterior::log_evidence_of(&shifted, prior)? - 0.5 * (shifted.square_sum + penalty))
     }
 
     /// True if an open parameter stands at a limit and wants further out by a step of its plausible size.

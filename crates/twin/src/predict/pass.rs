@@ -146,6 +146,20 @@ pub(crate) struct Prediction {
     pub(crate) channels: [Arc<Vec<f64>>; CHANNELS],
 }
 
+/// What a moment stands for: the instant t_k, or the step from t_k to t_{k+1} (kinematics as means of both ends).
+#[derive(Debug, Clone, Copy)]
+enum When {
+    Sample(usize),
+    Step(usize),
+}
+
+/// Mean of two samples.
+#[inline]
+fn between(x: &[Vector3], k: usize, next: usize) -> Vector3 {
+    let (a, b) = (&x[k], &x[next]);
+    [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])]
+}
+
 /// The three components of a vector series.
 fn split(x: &[Vector3]) -> [Vec<f64>; 3] {
     std::array::from_fn(|axis| x.iter().map(|v| v[axis]).collect())
@@ -245,6 +259,11 @@ impl Plant {
         let nothing = [0.0; MAX_ROTORS];
         let n = self.series.rotors;
         let mut c = *c;
+        // What an error of the IMU amounts to is told by smoothed readings, and taken off the raw ones as a sum. To divide a raw reading
+        // by its scale would shrink or swell its noise, and win or lose for that.
+        let smooth = self.series.driving_rates();
+        let rates = at(&smooth.rates, c.imu_latency_s);
+        let turning = at(&smooth.angular_acceleration, c.imu_latency_s);
         for k in 0..self.series.len {
             if set.begin(self.series.time(k)) {
                 c = *set.constants();
@@ -253,19 +272,19 @@ impl Plant {
                 position_ned: motion.position[k],
                 velocity_ned: motion.velocity[k],
                 attitude: motion.attitude[k],
-                body_rates: motion.rates[k],
-                specific_force: motion.accel[k],
+                body_rates: rates[k],
+                specific_force: motion.driving_accel[k],
                 battery_voltage: 0.0,
             };
             let mut truth = read;
             for _ in 0..3 {
                 let mut again = truth;
-                c.corrupt(&mut again, motion.angular_acceleration[k]);
+                c.corrupt(&mut again, turning[k]);
                 if hooked {
                     // The rotors' thrust comes later in the chain; the specific force tells their sum.
                     let each = (-c.mass_kg * truth.specific_force[2] / n as f64).max(0.0);
                     let thrust = [each; MAX_ROTORS];
-                    let at = self.moment(k, &motion, &c, &thrust[..n], &nothing[..n], &nothing[..n]);
+                    let at = self.moment(When::Sample(k), &motion, &c, &thrust[..n], &nothing[..n], &nothing[..n]);
                     set.readings(&at, &mut again);
                 }
                 for i in 0..3 {
@@ -282,18 +301,18 @@ impl Plant {
                 motion.attitude[k] = truth.attitude;
                 motion.ned_from_body[k] = rotation(truth.attitude);
             }
-            motion.rates[k] = truth.body_rates;
-            motion.accel[k] = truth.specific_force;
-            for (driving, i) in motion.driving_accel[k].iter_mut().zip(0..3) {
-                *driving += truth.specific_force[i] - read.specific_force[i];
+            for i in 0..3 {
+                motion.rates[k][i] += truth.body_rates[i] - read.body_rates[i];
+                motion.accel[k][i] += truth.specific_force[i] - read.specific_force[i];
             }
+            motion.driving_accel[k] = truth.specific_force;
         }
         motion
     }
 
     fn moment<'a>(
         &'a self,
-        k: usize,
+        when: When,
         motion: &Kinematics,
         constants: &'a Constants,
         thrust: &'a [f64],
@@ -301,9 +320,13 @@ impl Plant {
         rate: &'a [f64],
     ) -> Moment<'a> {
         let s = &self.series;
+        let (k, next) = match when {
+            When::Sample(k) => (k, k),
+            When::Step(k) => (k, k + 1),
+        };
         let ned_from_body = motion.ned_from_body[k];
         let wind = constants.wind_ned_m_s;
-        let v = motion.velocity[k];
+        let v = between(&motion.velocity, k, next);
         let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
         let n = s.rotors;
         Moment {
@@ -312,9 +335,9 @@ impl Plant {
             position_ned: motion.position[k],
             velocity_ned: v,
             air_velocity_body: to_body(&ned_from_body, relative),
-            body_rates: motion.rates[k],
-            angular_acceleration: motion.angular_acceleration[k],
-            specific_force: motion.driving_accel[k],
+            body_rates: between(&motion.rates, k, next),
+            angular_acceleration: between(&motion.angular_acceleration, k, next),
+            specific_force: between(&motion.driving_accel, k, next),
             ned_from_body,
             height_above_ground: s.height[k],
             rotor_thrust: thrust,
@@ -365,9 +388,7 @@ impl Plant {
                     1.0 - libm::exp(-s.step_s / c.thrust_lag_down_s),
                 );
             }
-            if let Some(&v) = s.voltage.get(k)
-                && v.is_finite()
-            {
+            if let Some(v) = self.logged_voltage(k) {
                 voltage = (v - c.voltage_offset_v) / (1.0 + c.voltage_gain);
             }
             self.delayed_input(k, c.command_delay_s, &mut duty);
@@ -378,7 +399,7 @@ impl Plant {
                     ratio[i] = (thrust[i].max(0.0) / c.hover_thrust_n).sqrt();
                     rate[i] = 0.0;
                 }
-                let at = self.moment(k, motion, &c, &thrust[..n], &ratio[..n], &rate[..n]);
+                let at = self.moment(When::Sample(k), motion, &c, &thrust[..n], &ratio[..n], &rate[..n]);
                 set.command(&at, &mut duty[..n]);
                 self.static_lift(&c, &duty, voltage, &thrust, &mut lift);
                 set.static_lift(&at, &mut lift[..n]);
@@ -405,6 +426,17 @@ impl Plant {
         }
         out.truncate(s.len * n);
         out
+    }
+
+    /// Logged voltage of step k, V, the mean of both ends where there are two: it sags while the thrust rises, and that of the start
+    /// alone would pass for a slower motor.
+    #[inline]
+    fn logged_voltage(&self, k: usize) -> Option<f64> {
+        let voltage = &self.series.voltage;
+        let start = *voltage.get(k)?;
+        let end = voltage.get(k + 1).copied().filter(|v| v.is_finite()).unwrap_or(start);
+        let mean = 0.5 * (start + end);
+        mean.is_finite().then_some(mean)
     }
 
     /// The input in force over step k, `delay_s` late; of two samples in one step, the mean by their share of the time.
@@ -507,6 +539,9 @@ impl Plant {
                 root = roots(hooked);
             }
             let active = set.hooks();
+            // Of both ends of the step: with the rates of its start alone, their noise stands in the measured difference with one sign
+            // only, and passes for damping.
+            let omega = between(&motion.rates, k, k + 1);
             sums = [sums[1], sums[2], 0.0];
             for i in 0..n {
                 let after = thrust[(k + 1) * n + i];
@@ -522,7 +557,7 @@ impl Plant {
                     rate[i] = (after - before) / s.step_s;
                 }
                 let undisturbed = f;
-                let mut at = self.moment(k, motion, &c, &undisturbed[..n], &ratio[..n], &rate[..n]);
+                let mut at = self.moment(When::Step(k), motion, &c, &undisturbed[..n], &ratio[..n], &rate[..n]);
                 if active.uses(Hooks::WIND) {
                     let mut wind = c.wind_ned_m_s;
                     set.wind(&at, &mut wind);
@@ -539,12 +574,11 @@ impl Plant {
                 w = c.rotor_wrench(&f[..n]);
                 if c.linear_drag_kg_s != 0.0 || c.angular_drag_nms != 0.0 {
                     let r = motion.ned_from_body[k];
-                    let (v, wind) = (motion.velocity[k], c.wind_ned_m_s);
+                    let (v, wind) = (between(&motion.velocity, k, k + 1), c.wind_ned_m_s);
                     let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
-                    w = w.closed(to_body(&r, relative), motion.rates[k], &c);
+                    w = w.closed(to_body(&r, relative), omega, &c);
                 }
             }
-            let omega = motion.rates[k];
             let momentum = times(&c.inertia_body_kg_m2, omega);
             let gyroscopic = cross(omega, momentum);
             let (torque, push) = (w.torque_body, w.force_body);
@@ -607,7 +641,7 @@ impl Plant {
                     for i in 0..n {
                         ratio[i] = (thrust[k * n + i].max(0.0) / c.hover_thrust_n).sqrt();
                     }
-                    let at = self.moment(k, motion, &c, &thrust[k * n..(k + 1) * n], &ratio[..n], &nothing[..n]);
+                    let at = self.moment(When::Sample(k), motion, &c, &thrust[k * n..(k + 1) * n], &ratio[..n], &nothing[..n]);
                     set.readings(&at, &mut read);
                 }
                 force[k] = read.specific_force;
@@ -751,7 +785,7 @@ impl Plant {
             out.push((1.0 + c.voltage_gain) * voltage + c.voltage_offset_v);
             if advancing {
                 let c = *c;
-                let mut at = self.moment(k, motion, &c, &thrust[k * n..(k + 1) * n], &nothing[..n], &nothing[..n]);
+                let mut at = self.moment(When::Sample(k), motion, &c, &thrust[k * n..(k + 1) * n], &nothing[..n], &nothing[..n]);
                 at.battery_current = current;
                 set.advance(&at, step_s);
             }
