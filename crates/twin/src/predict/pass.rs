@@ -160,6 +160,21 @@ fn between(x: &[Vector3], k: usize, next: usize) -> Vector3 {
     [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])]
 }
 
+/// What comes of the body.
+#[derive(Debug, Default)]
+struct Body {
+    /// Reading of the accelerometer at t_k, m/s².
+    accel: Vec<Vector3>,
+    /// Rate of the gyroscope's reading over step k, rad/s².
+    spin_up: Vec<Vector3>,
+    /// True specific force over step k, m/s²; only where there is no accelerometer.
+    of_steps: Option<Vec<Vector3>>,
+    /// What the accelerometer reads too much at t_k, m/s², told by the model's own force; `None` if its readings are true. The velocity
+    /// is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise, and win or lose for
+    /// that.
+    accel_error: Option<Vec<Vector3>>,
+}
+
 /// The three components of a vector series.
 fn split(x: &[Vector3]) -> [Vec<f64>; 3] {
     std::array::from_fn(|axis| x.iter().map(|v| v[axis]).collect())
@@ -201,20 +216,19 @@ impl Plant {
             None => std::array::from_fn(|_| Arc::new(Vec::new())),
         };
         let have = self.series.available;
-        let mut force: Option<Vec<Vector3>> = None;
+        let mut body = Body::default();
         if stages.body && self.series.drive != Drive::None {
-            let (f, m, specific) = self.body(effects.clone(), &motion, &thrust, &root);
+            body = self.body(effects.clone(), &motion, &thrust, &root);
             if have.accel {
-                put(&mut channels, F, split(&f), base);
+                put(&mut channels, F, split(&body.accel), base);
             }
             if have.rates {
-                put(&mut channels, M, split(&m), base);
+                put(&mut channels, M, split(&body.spin_up), base);
             }
-            force = specific;
         }
         // Without an accelerometer the force of the model shows in the velocity.
         if stages.kinematics || (!have.accel && stages.body) {
-            self.kinematics(effects.constants(), &motion, force.as_deref(), &mut channels);
+            self.kinematics(effects.constants(), &motion, &body, &mut channels);
         }
         if stages.battery && have.voltage && self.series.drive != Drive::None {
             channels[V] = Arc::new(self.battery(effects.clone(), &motion, &thrust));
@@ -259,11 +273,7 @@ impl Plant {
         let nothing = [0.0; MAX_ROTORS];
         let n = self.series.rotors;
         let mut c = *c;
-        // What an error of the IMU amounts to is told by smoothed readings, and taken off the raw ones as a sum. To divide a raw reading
-        // by its scale would shrink or swell its noise, and win or lose for that.
-        let smooth = self.series.driving_rates();
-        let rates = at(&smooth.rates, c.imu_latency_s);
-        let turning = at(&smooth.angular_acceleration, c.imu_latency_s);
+        let turning = at(&self.series.smooth.angular_acceleration, c.imu_latency_s);
         for k in 0..self.series.len {
             if set.begin(self.series.time(k)) {
                 c = *set.constants();
@@ -272,7 +282,7 @@ impl Plant {
                 position_ned: motion.position[k],
                 velocity_ned: motion.velocity[k],
                 attitude: motion.attitude[k],
-                body_rates: rates[k],
+                body_rates: motion.rates[k],
                 specific_force: motion.driving_accel[k],
                 battery_voltage: 0.0,
             };
@@ -301,11 +311,14 @@ impl Plant {
                 motion.attitude[k] = truth.attitude;
                 motion.ned_from_body[k] = rotation(truth.attitude);
             }
-            for i in 0..3 {
-                motion.rates[k][i] += truth.body_rates[i] - read.body_rates[i];
-                motion.accel[k][i] += truth.specific_force[i] - read.specific_force[i];
-            }
+            motion.rates[k] = truth.body_rates;
             motion.driving_accel[k] = truth.specific_force;
+            if self.series.drive == Drive::None {
+                // Without a model's force; with one, `body` tells the accelerometer's errors.
+                for i in 0..3 {
+                    motion.accel[k][i] += truth.specific_force[i] - read.specific_force[i];
+                }
+            }
         }
         motion
     }
@@ -500,15 +513,14 @@ impl Plant {
         out
     }
 
-    /// Predicted readings of accelerometer (row k) and angular acceleration (step k), and the true specific force of step k.
-    /// (the latter only where there is no accelerometer). `root` is √thrust, where effects of rotors or wrench act.
+    /// What the model does to the body, and what the IMU reads of it. `root` is √thrust, where effects of rotors or wrench act.
     fn body(
         &self,
         mut set: EffectSet,
         motion: &Kinematics,
         thrust: &[f64],
         root: &OnceLock<Vec<f64>>,
-    ) -> (Vec<Vector3>, Vec<Vector3>, Option<Vec<Vector3>>) {
+    ) -> Body {
         let s = &self.series;
         let n = s.rotors;
         let zero = [0.0; 3];
@@ -613,8 +625,10 @@ impl Plant {
         let mut c = *set.constants();
         let hooked = set.hooks().uses(Hooks::READINGS);
         let mut moments = spin_up;
+        let mut accel_error = None;
         if hooked || !sensors_are_exact(&c) {
             let spin_up = moments.clone();
+            let error = accel_error.insert(vec![zero; s.len]);
             let nothing = [0.0; MAX_ROTORS];
             let mut set = set.clone();
             for k in 0..s.len {
@@ -644,6 +658,7 @@ impl Plant {
                     let at = self.moment(When::Sample(k), motion, &c, &thrust[k * n..(k + 1) * n], &ratio[..n], &nothing[..n]);
                     set.readings(&at, &mut read);
                 }
+                error[k] = [0, 1, 2].map(|i| read.specific_force[i] - force[k][i]);
                 force[k] = read.specific_force;
                 // The rate of what the gyroscope reads: its errors without the bias.
                 let scale = 1.0 + c.gyro_scale;
@@ -656,7 +671,12 @@ impl Plant {
             // Means over steps: what was measured after t_k must not come in (the duty of row k + 1 answers to its noise).
             moments = late_means(&moments, c.imu_latency_s, s.step_s);
         }
-        (force, moments, of_steps)
+        Body {
+            accel: force,
+            spin_up: moments,
+            of_steps,
+            accel_error,
+        }
     }
 
     /// KV, KA, KP.
@@ -664,7 +684,7 @@ impl Plant {
         &self,
         c: &Constants,
         motion: &Kinematics,
-        model_force: Option<&[Vector3]>,
+        body: &Body,
         channels: &mut [Arc<Vec<f64>>; CHANNELS],
     ) {
         let s = &self.series;
@@ -687,12 +707,21 @@ impl Plant {
             }
         };
         if have.velocity && have.attitude {
-            let force: Option<&[Vector3]> = if have.accel { Some(&motion.accel) } else { model_force };
+            let force = if have.accel {
+                Some(&motion.accel)
+            } else {
+                body.of_steps.as_ref()
+            };
             if let Some(force) = force {
+                let error = body.accel_error.as_ref().filter(|_| have.accel);
                 let rate = (0..s.len)
                     .map(|k| {
                         let r = motion.ned_from_body[k];
-                        let mut a = times(&r, force[k]);
+                        let mut f = force[k];
+                        if let Some(error) = error {
+                            f = [f[0] - error[k][0], f[1] - error[k][1], f[2] - error[k][2]];
+                        }
+                        let mut a = times(&r, f);
                         a[2] += c.gravity_m_s2;
                         a
                     })

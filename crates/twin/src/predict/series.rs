@@ -3,8 +3,6 @@
 //! Residuals use the raw values, sensitivities the smoothed ones: raw noise in a regressor biases its coefficient towards 0 and
 //! invents scale errors (errors in variables). The smoother is a Hann window of 0.15 s in all, symmetric, so that it has no phase.
 
-use std::sync::OnceLock;
-
 use rotortwin_plant::Vector3;
 
 use super::channels::{KA, KP, KV, M, V};
@@ -38,15 +36,6 @@ pub struct Kinematics {
     pub driving_accel: Vec<Vector3>,
     /// NED from body, rows first; filled where a pass reconstructs the motion.
     pub ned_from_body: Vec<[Vector3; 3]>,
-}
-
-/// Body rates smoothed twice over ([`twiced`]), as [`Kinematics::driving_accel`] is, and their derivative.
-#[derive(Debug, Clone)]
-pub struct DrivingRates {
-    /// rad/s, body.
-    pub rates: Vec<Vector3>,
-    /// rad/s², body.
-    pub angular_acceleration: Vec<Vector3>,
 }
 
 /// What of a log is there.
@@ -97,8 +86,6 @@ pub struct Series {
     pub bridged: Option<Kinematics>,
     /// Smoothed with [`SMOOTHING_S`].
     pub smooth: Kinematics,
-    /// What errors of the IMU are told by; made where one is asked for.
-    driving_rates: OnceLock<DrivingRates>,
     /// Input of each rotor, sample by sample (`k * rotors + i`): duty, or rotor speed in rad/s; thrust N for [`Drive::Wrench`].
     pub input: Vec<f64>,
     /// Kind of the input.
@@ -212,7 +199,6 @@ impl Series {
             raw,
             bridged,
             smooth,
-            driving_rates: OnceLock::new(),
             input,
             drive,
             voltage: voltage.unwrap_or_default(),
@@ -232,21 +218,6 @@ impl Series {
              {scale:.3}, so mass, air density and any common error of the thrust are not testable",
             1.0 / scale
         ));
-    }
-
-    /// Body rates and their derivative without the loss of the smoother.
-    pub(crate) fn driving_rates(&self) -> &DrivingRates {
-        self.driving_rates.get_or_init(|| {
-            let rates = twiced(&self.smooth.rates, self.smoother_rows());
-            DrivingRates {
-                angular_acceleration: derivative(&rates, self.step_s),
-                rates,
-            }
-        })
-    }
-
-    fn smoother_rows(&self) -> usize {
-        (0.5 * SMOOTHING_S / self.step_s).round() as usize
     }
 
     /// Time of sample `k`, s.
