@@ -157,6 +157,7 @@ impl World {
             self.update_wind(active, h);
             let speeds_before: Vec<f64> = self.rotor_speeds();
             let half = self.advance_rotors(sub, active, h);
+            self.slung[0] += 0.5 * h * self.slung[1];
             let speeds_after = self.rotor_speeds();
             reaction = (0..self.rotors.len())
                 .map(|i| self.vehicle.rotors[i].yaw_sign * (speeds_after[i] - speeds_before[i]) / h)
@@ -463,14 +464,14 @@ impl World {
         }
     }
 
-    /// Slung load and sloshing tank, driven by the body's acceleration, and flexible arms, driven by the rotors' torque.
+    /// Slung load (in the middle of its drift), sloshing tank, driven by the body's acceleration, and flexible arms, driven by the rotors' torque.
     fn advance_oscillators(&mut self, active: &Active, acceleration: Vector3<f64>, rotor_torque: Vector3<f64>, h: f64) {
         if active.slung_mass > 0.0 {
             let [angle, rate] = &mut self.slung;
             let mut drive = acceleration / active.slung_length;
             drive.z = 0.0;
             *rate += h * (-self.vehicle.gravity / active.slung_length * *angle - active.slung_damping * *rate - drive);
-            *angle += h * *rate;
+            *angle += 0.5 * h * *rate;
         }
         if active.slosh_mass > 0.0 {
             let w = std::f64::consts::TAU * active.slosh_frequency;

@@ -1,11 +1,11 @@
-//! Second looks at what was named: gusts instead of a further effect, effects that others have replaced or made superfluous.
+//! Second looks at what was named: gusts instead of a further effect, effects that others have replaced or made superfluous, onsets.
 
 use super::evidence::{Posterior, open};
 use super::findings::UNTOLD_GAP;
 use super::fit::{Fitted, Problem, position_of};
 use super::linear::Active;
 use super::ranking::{Scored, priors, score};
-use super::select::{Named, best_of};
+use super::select::{Named, ONSET_GAIN, best_of};
 use super::settle::{move_to, posterior_of, settled, trust};
 use super::{goodness, gusts, trials};
 use crate::predict::PredictError;
@@ -94,6 +94,22 @@ pub(super) fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: 
         }
         move_to(&mut without, &fitted)?;
         *problem = without;
+    }
+    Ok(())
+}
+
+/// Drops onsets that were called for only while another effect was missing.
+pub(super) fn doubt_onsets(problem: &mut Problem) -> Result<(), PredictError> {
+    for place in 0..problem.active.len() {
+        if problem.active[place].onset_s.is_none() {
+            continue;
+        }
+        let mut from_the_start = problem.active.clone();
+        from_the_start[place].onset_s = None;
+        let (with, without) = (problem.fit(&problem.active)?, problem.fit(&from_the_start)?);
+        if with.log_evidence - without.log_evidence < ONSET_GAIN {
+            move_to(problem, &without)?;
+        }
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Which effect a round adds: candidates worth a fit, their fits, and the best that passes, with its rivals.
 
-use rotortwin_plant::effects::{EffectClass, ParameterKind};
+use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use super::evidence::{Posterior, minimum_size};
 use super::fit::{Fitted, Problem};
@@ -21,7 +21,7 @@ const REFINED_SHARE: f64 = 0.35;
 /// Evidence gap below which a rival counts as compatible.
 const COMPATIBLE_GAP: f64 = 5.0;
 /// Gain of ln evidence from which an onset is believed.
-const ONSET_GAIN: f64 = 8.0;
+pub(super) const ONSET_GAIN: f64 = 8.0;
 
 /// A named effect with what its round knew.
 pub(super) struct Named {
@@ -169,11 +169,13 @@ pub(super) fn best_of(
 ///
 /// A late channel of the log hides from the residual at zero latency that the vehicle answers to its noise before the log has it: the
 /// model without the latency foresees noise, and looks better than it is (on the calm helix by 30 nats). So a latency is weighed
-/// where it is fitted, where the causes come before their effects, against its own clutter there.
+/// where it is fitted, where the causes come before their effects, against its own clutter there. Not so that of the IMU, which has
+/// rivals (the delay of the command, a flex): all are weighed against the same model without them.
 fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) -> f64 {
-    let late = opened
-        .last()
-        .is_some_and(|&c| problem.library.candidates[c].declaration.class == EffectClass::TimingFault);
+    let late = opened.last().is_some_and(|&c| {
+        let declaration = problem.library.candidates[c].declaration;
+        declaration.class == EffectClass::TimingFault && !declaration.channels.contains(&ChannelGroup::Force)
+    });
     if late {
         fitted.log_evidence - fitted.log_evidence_as_clutter
     } else {

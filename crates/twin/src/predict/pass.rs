@@ -160,6 +160,20 @@ fn between(x: &[Vector3], k: usize, next: usize) -> Vector3 {
     [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])]
 }
 
+/// Rotation in the middle of two samples: their mean is one to the second order of the angle between them.
+#[inline]
+fn turned(x: &[[Vector3; 3]], k: usize, next: usize) -> [Vector3; 3] {
+    let (a, b) = (&x[k], &x[next]);
+    let row = |i: usize| {
+        [
+            0.5 * (a[i][0] + b[i][0]),
+            0.5 * (a[i][1] + b[i][1]),
+            0.5 * (a[i][2] + b[i][2]),
+        ]
+    };
+    [row(0), row(1), row(2)]
+}
+
 /// What comes of the body.
 #[derive(Debug, Default)]
 struct Body {
@@ -337,7 +351,7 @@ impl Plant {
             When::Sample(k) => (k, k),
             When::Step(k) => (k, k + 1),
         };
-        let ned_from_body = motion.ned_from_body[k];
+        let ned_from_body = turned(&motion.ned_from_body, k, next);
         let wind = constants.wind_ned_m_s;
         let v = between(&motion.velocity, k, next);
         let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
@@ -585,7 +599,7 @@ impl Plant {
             } else {
                 w = c.rotor_wrench(&f[..n]);
                 if c.linear_drag_kg_s != 0.0 || c.angular_drag_nms != 0.0 {
-                    let r = motion.ned_from_body[k];
+                    let r = turned(&motion.ned_from_body, k, k + 1);
                     let (v, wind) = (between(&motion.velocity, k, k + 1), c.wind_ned_m_s);
                     let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
                     w = w.closed(to_body(&r, relative), omega, &c);
