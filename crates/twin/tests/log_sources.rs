@@ -172,6 +172,15 @@ fn val_text_dataflash_without_times_gets_its_nominal_rate() {
     assert!((voltage[6] - 11.945).abs() < 1e-9, "{}", voltage[6]);
 }
 
+/// Found by `prop_damaged_files_never_panic`: the type of a variable was a line feed, which broke the sentence that quoted it.
+#[test]
+fn regress_a_line_feed_in_a_name_stays_within_the_sentence() {
+    let mut content = bytes("crazyflie-sysid.usdlog");
+    let place = content.windows(6).position(|w| w == b"acc.x(").expect("a variable") + 6;
+    content[place] = b'\n';
+    survive("named", &content);
+}
+
 /// Whatever the bytes are: a log or one sentence.
 fn survive(name: &str, content: &[u8]) {
     let folder = tempfile::tempdir().expect("a temporary folder");

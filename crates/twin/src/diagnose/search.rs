@@ -8,7 +8,7 @@ use super::library::Library;
 use super::linear::LogState;
 use super::ranking::{detectable, score, table};
 use super::result::{Diagnosis, Goodness, Timing, Verdict};
-use super::second_looks::{doubt_onsets, gusts_lead, reconsider, superfluous};
+use super::second_looks::{doubt_onsets, gusts_lead, in_place_of_two, reconsider, superfluous};
 use super::select::{LEFT_FACTOR, Named, best_of};
 use super::settle::{averaged, coloured, move_to, posterior_of, settled, trust};
 use super::trials::Trials;
@@ -163,6 +163,7 @@ pub(crate) fn search(
     if problem.active.len() > 1 {
         (options.progress)("looking again at what was found first", 0.9);
         reconsider(&mut problem, &mut named, threshold)?;
+        in_place_of_two(&mut problem, &mut named, threshold)?;
         doubt_onsets(&mut problem)?;
     }
     (options.progress)("goodness of fit", 0.95);

@@ -1,4 +1,5 @@
-//! Second looks at what was named: gusts instead of a further effect, effects that others have replaced or made superfluous, onsets.
+//! Second looks at what was named: gusts instead of a further effect, effects that others have replaced or made
+//! superfluous, onsets.
 
 use super::evidence::{Posterior, open};
 use super::findings::UNTOLD_GAP;
@@ -94,6 +95,54 @@ pub(super) fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: 
         }
         move_to(&mut without, &fitted)?;
         *problem = without;
+    }
+    Ok(())
+}
+
+/// One effect in place of two, where three or more were named. Selection goes forward: what it took first for something else stays as a
+/// patch, with the next one to mend the patch (a gain of the voltage sensor and another capacity, for thin air).
+pub(super) fn in_place_of_two(
+    problem: &mut Problem,
+    named: &mut Vec<Named>,
+    threshold: f64,
+) -> Result<(), PredictError> {
+    let count = problem.active.len();
+    if count < 3 {
+        return Ok(());
+    }
+    let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+    for (a, b) in pairs {
+        let removed = [problem.active[a].clone(), problem.active[b].clone()];
+        let gone = |c: usize| removed.iter().any(|one| one.candidate == c);
+        let needed = problem.active.iter().any(|other| {
+            let needs = problem.library.candidates[other.candidate].declaration.needs;
+            let id = |one: &Active| problem.library.candidates[one.candidate].declaration.id;
+            !gone(other.candidate) && removed.iter().any(|one| needs.contains(&id(one)))
+        });
+        if needed || removed.iter().any(|one| problem.library.columns_of(one.candidate).is_empty()) {
+            continue;
+        }
+        let mut without = problem.clone();
+        without.active.retain(|one| !gone(one.candidate));
+        without.linearise(&|_| ())?;
+        trust(&mut without);
+        let (posterior, _) = settled(&mut without)?;
+        let scored = score(&without, &posterior);
+        let special = trials::trials(&without, &posterior, threshold);
+        let Some((fitted, mut found)) = best_of(&without, &posterior, &scored, &special, threshold)? else {
+            continue;
+        };
+        let [only] = found.as_slice() else { continue };
+        let mut both = without.active.clone();
+        both.extend(removed.iter().cloned());
+        if gone(only.candidate) || fitted.log_evidence < without.fit(&both)?.log_evidence {
+            continue;
+        }
+        named.retain(|one| !gone(one.candidate));
+        named.append(&mut found);
+        move_to(&mut without, &fitted)?;
+        *problem = without;
+        return Ok(());
     }
     Ok(())
 }

@@ -51,7 +51,7 @@ impl LogError {
     pub(crate) fn format(path: &Path, reason: impl Into<String>) -> Self {
         Self::Format {
             path: path.to_path_buf(),
-            reason: reason.into(),
+            reason: one_line(&reason.into()),
         }
     }
 
@@ -59,16 +59,16 @@ impl LogError {
         Self::Cell {
             path: path.to_path_buf(),
             row,
-            column: column.to_owned(),
-            reason: reason.into(),
+            column: one_line(column),
+            reason: one_line(&reason.into()),
         }
     }
 
     pub(crate) fn column(path: &Path, column: &str, reason: impl Into<String>) -> Self {
         Self::Column {
             path: path.to_path_buf(),
-            column: column.to_owned(),
-            reason: reason.into(),
+            column: one_line(column),
+            reason: one_line(&reason.into()),
         }
     }
 }
@@ -80,4 +80,17 @@ pub(crate) fn io<'a>(path: &'a Path, action: &'static str) -> impl FnOnce(std::i
         action,
         source,
     }
+}
+
+/// What a damaged file spells, quoted in a sentence, must not break it: control characters are written out.
+fn one_line(text: &str) -> String {
+    let mut line = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() {
+            line.extend(c.escape_default());
+        } else {
+            line.push(c);
+        }
+    }
+    line
 }
