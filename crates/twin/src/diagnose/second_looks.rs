@@ -119,7 +119,11 @@ pub(super) fn in_place_of_two(
             let id = |one: &Active| problem.library.candidates[one.candidate].declaration.id;
             !gone(other.candidate) && removed.iter().any(|one| needs.contains(&id(one)))
         });
-        if needed || removed.iter().any(|one| problem.library.columns_of(one.candidate).is_empty()) {
+        if needed
+            || removed
+                .iter()
+                .any(|one| problem.library.columns_of(one.candidate).is_empty())
+        {
             continue;
         }
         let mut without = problem.clone();

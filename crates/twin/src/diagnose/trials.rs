@@ -354,7 +354,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
 
 /// Evidence of each variant over all logs; `None` where one of them makes no vehicle.
 fn weighed(problem: &Problem, posterior: &Posterior, variants: &[Variant]) -> Vec<Option<Evidence>> {
-    let mut logs = in_pairs(&problem.logs, |l, log| products_in(problem, l, log, &variants)).into_iter();
+    let mut logs = in_pairs(&problem.logs, |l, log| products_in(problem, l, log, variants)).into_iter();
     let mut sums = logs.next().unwrap_or_default();
     for log in logs {
         for (sum, more) in sums.iter_mut().zip(log) {
@@ -382,13 +382,24 @@ fn sharpen(problem: &Problem, posterior: &Posterior, start: &mut Trial) {
     };
     let reach = |angle: f64| {
         let (sin, cos) = libm::sincos(angle);
-        let positions = problem.logs.iter().flat_map(|log| &log.predictor.series().smooth.position);
+        let positions = problem
+            .logs
+            .iter()
+            .flat_map(|log| &log.predictor.series().smooth.position);
         positions.map(|p| cos * p[0] + sin * p[1]).fold(0.0, f64::max)
     };
-    let (mut angle, mut gap) = (one.values[azimuth], (one.values[distance] - reach(one.values[azimuth])).max(0.01));
+    let (mut angle, mut gap) = (
+        one.values[azimuth],
+        (one.values[distance] - reach(one.values[azimuth])).max(0.01),
+    );
     let (mut turn, mut factor) = (TURN_RAD, WIDENED);
     for _ in 0..MOST_COMPASS_STEPS {
-        let around = [(angle + turn, gap), (angle - turn, gap), (angle, gap * factor), (angle, gap / factor)];
+        let around = [
+            (angle + turn, gap),
+            (angle - turn, gap),
+            (angle, gap * factor),
+            (angle, gap / factor),
+        ];
         let variants: Vec<Variant> = around
             .iter()
             .map(|&(angle, gap)| {

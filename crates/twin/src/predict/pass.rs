@@ -528,13 +528,7 @@ impl Plant {
     }
 
     /// What the model does to the body, and what the IMU reads of it. `root` is √thrust, where effects of rotors or wrench act.
-    fn body(
-        &self,
-        mut set: EffectSet,
-        motion: &Kinematics,
-        thrust: &[f64],
-        root: &OnceLock<Vec<f64>>,
-    ) -> Body {
+    fn body(&self, mut set: EffectSet, motion: &Kinematics, thrust: &[f64], root: &OnceLock<Vec<f64>>) -> Body {
         let s = &self.series;
         let n = s.rotors;
         let zero = [0.0; 3];
@@ -669,7 +663,14 @@ impl Plant {
                     for i in 0..n {
                         ratio[i] = (thrust[k * n + i].max(0.0) / c.hover_thrust_n).sqrt();
                     }
-                    let at = self.moment(When::Sample(k), motion, &c, &thrust[k * n..(k + 1) * n], &ratio[..n], &nothing[..n]);
+                    let at = self.moment(
+                        When::Sample(k),
+                        motion,
+                        &c,
+                        &thrust[k * n..(k + 1) * n],
+                        &ratio[..n],
+                        &nothing[..n],
+                    );
                     set.readings(&at, &mut read);
                 }
                 error[k] = [0, 1, 2].map(|i| read.specific_force[i] - force[k][i]);
@@ -694,13 +695,7 @@ impl Plant {
     }
 
     /// KV, KA, KP.
-    fn kinematics(
-        &self,
-        c: &Constants,
-        motion: &Kinematics,
-        body: &Body,
-        channels: &mut [Arc<Vec<f64>>; CHANNELS],
-    ) {
+    fn kinematics(&self, c: &Constants, motion: &Kinematics, body: &Body, channels: &mut [Arc<Vec<f64>>; CHANNELS]) {
         let s = &self.series;
         let have = s.available;
         let step = s.step_s;
@@ -828,7 +823,14 @@ impl Plant {
             out.push((1.0 + c.voltage_gain) * voltage + c.voltage_offset_v);
             if advancing {
                 let c = *c;
-                let mut at = self.moment(When::Sample(k), motion, &c, &thrust[k * n..(k + 1) * n], &nothing[..n], &nothing[..n]);
+                let mut at = self.moment(
+                    When::Sample(k),
+                    motion,
+                    &c,
+                    &thrust[k * n..(k + 1) * n],
+                    &nothing[..n],
+                    &nothing[..n],
+                );
                 at.battery_current = current;
                 set.advance(&at, step_s);
             }
