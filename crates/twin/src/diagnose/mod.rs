@@ -20,6 +20,7 @@
 //! Gusts are noise, not a column: where forces stay unexplained beside a drag, their covariance is tried (`gusts.rs`).
 
 mod charge;
+mod compass;
 mod dense;
 mod evidence;
 mod findings;

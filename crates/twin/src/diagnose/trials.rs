@@ -13,6 +13,7 @@
 
 use rotortwin_plant::effects::ParameterKind;
 
+use super::compass;
 use super::dense::Matrix;
 use super::evidence::{Posterior, sure_size};
 use super::fit::{Problem, fitted_residual, in_pairs};
@@ -45,12 +46,7 @@ const GAPS_M: [f64; 4] = [0.05, 0.3, 0.8, 2.5];
 const DELAYS: [f64; 3] = [0.5, 1.0, 1.5];
 const LIMITS: [f64; 3] = [0.5, 1.0, 2.0];
 /// Length of the secant of a shape, plausible sizes.
-const SECANT: f64 = 0.1;
-/// First and last turn and first factor of the gap of a compass search, and its most steps.
-const TURN_RAD: f64 = 0.2;
-const LEAST_TURN_RAD: f64 = 0.01;
-const WIDENED: f64 = 2.0;
-const MOST_COMPASS_STEPS: usize = 24;
+pub(super) const SECANT: f64 = 0.1;
 /// Normal score of a channel from which the shapes of its effects are searched.
 const SEARCHED_SCORE: f64 = 3.0;
 
@@ -122,12 +118,12 @@ fn searched(problem: &Problem, posterior: &Posterior) -> bool {
 }
 
 /// What is tried: a candidate about `values` by a secant of `step` plausible sizes, alone or beside a companion through which it acts.
-struct Variant {
-    candidate: usize,
-    values: Vec<f64>,
-    step: f64,
+pub(super) struct Variant {
+    pub(super) candidate: usize,
+    pub(super) values: Vec<f64>,
+    pub(super) step: f64,
     /// At its typical size.
-    companion: Option<Active>,
+    pub(super) companion: Option<Active>,
 }
 
 /// Products of a variant's columns with each other, the residual and the library.
@@ -138,9 +134,9 @@ struct Products {
 }
 
 /// Evidence of a variant.
-struct Evidence {
-    log_bayes_factor: f64,
-    estimate: Vec<f64>,
+pub(super) struct Evidence {
+    pub(super) log_bayes_factor: f64,
+    pub(super) estimate: Vec<f64>,
     information: f64,
 }
 
@@ -276,7 +272,7 @@ fn size_places(problem: &Problem, candidate: usize) -> Vec<usize> {
 }
 
 /// Values of a candidate at the estimate (in plausible sizes) of its sizes.
-fn values_at(problem: &Problem, candidate: usize, base: &[f64], estimate: &[f64]) -> Vec<f64> {
+pub(super) fn values_at(problem: &Problem, candidate: usize, base: &[f64], estimate: &[f64]) -> Vec<f64> {
     let entry = &problem.library.candidates[candidate];
     let mut values = base.to_vec();
     for (&i, e) in size_places(problem, candidate).iter().zip(estimate) {
@@ -343,7 +339,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
     }
     for start in &mut trials.starts {
         if start.log_bayes_factor > threshold {
-            sharpen(problem, posterior, start);
+            compass::sharpen(problem, posterior, start);
         }
     }
     trials
@@ -353,7 +349,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
 }
 
 /// Evidence of each variant over all logs; `None` where one of them makes no vehicle.
-fn weighed(problem: &Problem, posterior: &Posterior, variants: &[Variant]) -> Vec<Option<Evidence>> {
+pub(super) fn weighed(problem: &Problem, posterior: &Posterior, variants: &[Variant]) -> Vec<Option<Evidence>> {
     let mut logs = in_pairs(&problem.logs, |l, log| products_in(problem, l, log, variants)).into_iter();
     let mut sums = logs.next().unwrap_or_default();
     for log in logs {
@@ -367,71 +363,6 @@ fn weighed(problem: &Problem, posterior: &Posterior, variants: &[Variant]) -> Ve
     sums.into_iter()
         .map(|products| products.and_then(|products| products.evidence(posterior)))
         .collect()
-}
-
-/// Moves the start of a wall to where it stands by a compass search over gap and azimuth, the strength following linearly: strength
-/// and gap belong to each other along a bent valley that a Gauss–Newton fit from the next point of a coarse grid does not follow.
-fn sharpen(problem: &Problem, posterior: &Posterior, start: &mut Trial) {
-    let [one] = start.open.as_slice() else { return };
-    let (candidate, entry) = (one.candidate, &problem.library.candidates[one.candidate]);
-    let place = |name: &str| entry.declaration.parameter_index(name);
-    let ("wall-effect", Some(distance), Some(azimuth)) =
-        (entry.declaration.id, place("distance_m"), place("azimuth_rad"))
-    else {
-        return;
-    };
-    let reach = |angle: f64| {
-        let (sin, cos) = libm::sincos(angle);
-        let positions = problem
-            .logs
-            .iter()
-            .flat_map(|log| &log.predictor.series().smooth.position);
-        positions.map(|p| cos * p[0] + sin * p[1]).fold(0.0, f64::max)
-    };
-    let (mut angle, mut gap) = (
-        one.values[azimuth],
-        (one.values[distance] - reach(one.values[azimuth])).max(0.01),
-    );
-    let (mut turn, mut factor) = (TURN_RAD, WIDENED);
-    for _ in 0..MOST_COMPASS_STEPS {
-        let around = [
-            (angle + turn, gap),
-            (angle - turn, gap),
-            (angle, gap * factor),
-            (angle, gap / factor),
-        ];
-        let variants: Vec<Variant> = around
-            .iter()
-            .map(|&(angle, gap)| {
-                let mut values = entry.neutral();
-                values[azimuth] = angle;
-                values[distance] = entry.clamped(distance, reach(angle) + gap);
-                Variant {
-                    candidate,
-                    values,
-                    step: SECANT,
-                    companion: None,
-                }
-            })
-            .collect();
-        let found = weighed(problem, posterior, &variants).into_iter();
-        let best = (0..around.len())
-            .zip(found)
-            .filter_map(|(i, found)| Some((i, found?)))
-            .max_by(|a, b| a.1.log_bayes_factor.total_cmp(&b.1.log_bayes_factor))
-            .filter(|(_, found)| found.log_bayes_factor > start.log_bayes_factor);
-        if let Some((i, found)) = best {
-            (angle, gap) = around[i];
-            start.log_bayes_factor = found.log_bayes_factor;
-            start.open[0].values = values_at(problem, candidate, &variants[i].values, &found.estimate);
-        } else {
-            turn *= 0.5;
-            factor = factor.sqrt();
-            if turn < LEAST_TURN_RAD {
-                return;
-            }
-        }
-    }
 }
 
 impl Trials {
