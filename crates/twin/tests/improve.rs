@@ -414,3 +414,62 @@ fn scenario_an_effect_that_came_with_its_companion_has_its_rivals_beside_that() 
         found.sentence
     );
 }
+
+/// A flight of full length.
+fn whole(name: &str, flight: &str, effects: &[&str], seed: u64) -> FlightLog {
+    let (time, columns) = flown(flight, effects, 90.0, seed);
+    FlightLog::from_columns(name, time, columns).unwrap()
+}
+
+/// Value and half of the 95 % interval of a parameter of the only effect that is named.
+fn only(found: &Diagnosis, effect: &str, name: &str) -> (f64, f64) {
+    assert_eq!(named(found), [effect], "{}", found.sentence);
+    let finding = found.effects.iter().chain(&found.sensor_or_timing).next().unwrap();
+    let parameter = finding.parameters.iter().find(|p| p.name == name).unwrap();
+    (parameter.value, parameter.interval_95)
+}
+
+/// Strength and distance of a wall belong to each other along a bent valley, where a fit from a coarse grid stuck.
+#[test]
+fn scenario_a_wall_that_is_passed_once_is_found_where_it_stands() {
+    let hidden = ["wall-effect:strength=0.091,distance_m=7.2,azimuth_rad=0.3"];
+    let found = diagnose(
+        &[whole("wall", "waypoint", &hidden, 2_936_950_453)],
+        &model(),
+        &Options::default(),
+    )
+    .unwrap();
+    for (name, truth) in [("strength", 0.091), ("distance_m", 7.2), ("azimuth_rad", 0.3)] {
+        let (value, interval) = only(&found, "wall-effect", name);
+        // Two intervals: one in twenty is outside of one.
+        assert!((value - truth).abs() < 2.0 * interval, "{name} {value} ± {interval}");
+    }
+}
+
+/// At zero latency the noise of a late attitude foretells rates through the controller, so that the fit with the latency hardly gains.
+#[test]
+fn scenario_a_late_attitude_is_named_on_a_calm_flight() {
+    let hidden = ["attitude-latency:delay_s=0.0096"];
+    let found = diagnose(
+        &[whole("late", "helix", &hidden, 2_162_396_535)],
+        &model(),
+        &Options::default(),
+    )
+    .unwrap();
+    let (value, interval) = only(&found, "attitude-latency", "delay_s");
+    assert!((value - 0.0096).abs() < 2.0 * interval, "{value} ± {interval}");
+}
+
+/// A scale that is divided out of noisy readings scales their noise, and lost to a bias for that.
+#[test]
+fn scenario_a_scale_of_the_accelerometer_is_no_bias_where_the_thrust_hardly_changes() {
+    let hidden = ["accelerometer-scale:share=-0.0237"];
+    let found = diagnose(
+        &[whole("scale", "helix", &hidden, 2_162_396_548)],
+        &model(),
+        &Options::default(),
+    )
+    .unwrap();
+    let (value, interval) = only(&found, "accelerometer-scale", "share");
+    assert!((value + 0.0237).abs() < 2.0 * interval, "{value} ± {interval}");
+}
