@@ -464,7 +464,8 @@ impl World {
         }
     }
 
-    /// Slung load (in the middle of its drift), sloshing tank, driven by the body's acceleration, and flexible arms, driven by the rotors' torque.
+    /// Slung load (in the middle of its drift) and sloshing tank, driven by the body's acceleration, and flexible arms, driven by the
+    /// rotors' torque.
     fn advance_oscillators(&mut self, active: &Active, acceleration: Vector3<f64>, rotor_torque: Vector3<f64>, h: f64) {
         if active.slung_mass > 0.0 {
             let [angle, rate] = &mut self.slung;

@@ -2,7 +2,7 @@
 
 use super::evidence::Posterior;
 use super::fit::Problem;
-use super::trials::{SECANT, Trial, Variant, values_at, weighed};
+use super::trials::{SECANT, Trial, Variant, reach, values_at, weighed};
 
 /// First and last turn and first factor of the gap of a compass search, and its most steps.
 const TURN_RAD: f64 = 0.2;
@@ -21,17 +21,9 @@ pub(super) fn sharpen(problem: &Problem, posterior: &Posterior, start: &mut Tria
     else {
         return;
     };
-    let reach = |angle: f64| {
-        let (sin, cos) = libm::sincos(angle);
-        let positions = problem
-            .logs
-            .iter()
-            .flat_map(|log| &log.predictor.series().smooth.position);
-        positions.map(|p| cos * p[0] + sin * p[1]).fold(0.0, f64::max)
-    };
     let (mut angle, mut gap) = (
         one.values[azimuth],
-        (one.values[distance] - reach(one.values[azimuth])).max(0.01),
+        (one.values[distance] - reach(problem, one.values[azimuth])).max(0.01),
     );
     let (mut turn, mut factor) = (TURN_RAD, WIDENED);
     for _ in 0..MOST_COMPASS_STEPS {
@@ -46,7 +38,7 @@ pub(super) fn sharpen(problem: &Problem, posterior: &Posterior, start: &mut Tria
             .map(|&(angle, gap)| {
                 let mut values = entry.neutral();
                 values[azimuth] = angle;
-                values[distance] = entry.clamped(distance, reach(angle) + gap);
+                values[distance] = entry.clamped(distance, reach(problem, angle) + gap);
                 Variant {
                     candidate,
                     values,

@@ -35,6 +35,19 @@ pub(crate) struct Posterior {
     pub log_evidence: f64,
 }
 
+impl Normal {
+    /// With priors that pull towards 0, when it was taken about `position`: the pull joins the gradient, its penalty the square sum.
+    pub(crate) fn pulled(mut self, position: &[f64], prior: &[f64]) -> Self {
+        let mut penalty = 0.0;
+        for ((g, x), d) in self.gradient.iter_mut().zip(position).zip(prior) {
+            *g -= x / (d * d);
+            penalty += (x / d) * (x / d);
+        }
+        self.square_sum += penalty;
+        self
+    }
+}
+
 impl Posterior {
     /// Under independent normal priors about 0 with these deviations. `None` if H is not a sum of squares (NaN in the data).
     pub(crate) fn new(normal: &Normal, deviations: &[f64]) -> Option<Self> {

@@ -40,8 +40,9 @@ pub(crate) struct Fitted {
     pub(crate) active: Vec<Active>,
     pub(crate) nuisances: Vec<Nuisances>,
     pub(crate) log_evidence: f64,
-    /// The same with the last of the open effects as clutter, by the linearisation at this point.
-    pub(crate) log_evidence_as_clutter: f64,
+    /// Normal matrix at this point without the priors, and where it is.
+    normal: Normal,
+    position: Vec<f64>,
     /// Posterior deviations of the library's columns, in plausible sizes.
     pub(crate) deviations: Vec<f64>,
 }
@@ -191,24 +192,15 @@ impl Problem {
                 }
             };
             // The prior pulls towards the neutral value, not towards the point of linearisation.
-            let mut gradient = normal.gradient.clone();
-            let mut penalty = 0.0;
-            for ((g, x), d) in gradient.iter_mut().zip(&position).zip(&prior) {
-                *g -= x / (d * d);
-                penalty += (x / d) * (x / d);
-            }
-            let shifted = Normal {
-                gradient,
-                ..normal.clone()
-            };
+            let shifted = normal.clone().pulled(&position, &prior);
             let posterior = Posterior::new(&shifted, &prior)
                 .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
-            let evidence = posterior.log_evidence - 0.5 * (shifted.square_sum + penalty);
+            let evidence = posterior.log_evidence - 0.5 * shifted.square_sum;
             // Whether a step was good is told where it arrived, with only the linear parameters following: the evidence about a
             // point promises what the next step may not keep.
             let arrived = Posterior::log_evidence_of(&shifted, &held)
                 .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
-                - 0.5 * (shifted.square_sum + penalty);
+                - 0.5 * shifted.square_sum;
             let gain = best.as_ref().map_or(f64::INFINITY, |best| arrived - best.arrived);
             let better = gain > 0.0;
             let (base_logs, base_active, step) = if better {
@@ -228,17 +220,14 @@ impl Problem {
                     }
                     Posterior::log_evidence_of(&shifted, &fixed)
                         .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
-                        - 0.5 * (shifted.square_sum + penalty)
+                        - 0.5 * shifted.square_sum
                 };
-                let closed = self.deviations(&active[..active.len().saturating_sub(1)]);
-                let log_evidence_as_clutter = self
-                    .evidence_under(&normal, &position, &closed)
-                    .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
                 let fitted = Fitted {
                     active: active.clone(),
                     nuisances: logs.iter().map(|log| log.nuisances).collect(),
                     log_evidence: evidence,
-                    log_evidence_as_clutter,
+                    normal,
+                    position,
                     deviations: (0..self.library.columns.len())
                         .map(|j| posterior.covariance.at(nuisances + j, nuisances + j).max(0.0).sqrt())
                         .collect(),
@@ -271,17 +260,6 @@ impl Problem {
         }
         best.map(|best| best.fitted)
             .ok_or_else(|| PredictError("the fit made no step".into()))
-    }
-
-    /// ln evidence of a normal matrix about a point under priors towards 0.
-    fn evidence_under(&self, normal: &Normal, position: &[f64], prior: &[f64]) -> Option<f64> {
-        let mut shifted = normal.clone();
-        let mut penalty = 0.0;
-        for ((g, x), d) in shifted.gradient.iter_mut().zip(position).zip(prior) {
-            *g -= x / (d * d);
-            penalty += (x / d) * (x / d);
-        }
-        Some(Posterior::log_evidence_of(&shifted, prior)? - 0.5 * (shifted.square_sum + penalty))
     }
 
     /// True if an open parameter stands at a limit and wants further out by a step of its plausible size.
@@ -473,6 +451,17 @@ impl Problem {
             }
         }
         Ok(log.nuisances)
+    }
+}
+
+impl Fitted {
+    /// ln evidence with the last of the open effects as clutter, by the linearisation at this point.
+    pub(crate) fn log_evidence_as_clutter(&self, problem: &Problem) -> Result<f64, PredictError> {
+        let prior = problem.deviations(&self.active[..self.active.len().saturating_sub(1)]);
+        let shifted = self.normal.clone().pulled(&self.position, &prior);
+        let evidence = Posterior::log_evidence_of(&shifted, &prior)
+            .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
+        Ok(evidence - 0.5 * shifted.square_sum)
     }
 }
 

@@ -51,6 +51,26 @@ pub(super) fn gusts_lead(
     Ok(without_onset)
 }
 
+/// The problem without the effects that are `gone`, and the one effect that is best in their place there, if it passes alone.
+fn best_without(
+    problem: &Problem,
+    gone: impl Fn(usize) -> bool,
+    threshold: f64,
+) -> Result<Option<(Problem, Fitted, Named)>, PredictError> {
+    let mut without = problem.clone();
+    without.active.retain(|one| !gone(one.candidate));
+    without.linearise(&|_| ())?;
+    trust(&mut without);
+    let (posterior, _) = settled(&mut without)?;
+    let scored = score(&without, &posterior);
+    let special = trials::trials(&without, &posterior, threshold);
+    let Some((fitted, mut found)) = best_of(&without, &posterior, &scored, &special, threshold)? else {
+        return Ok(None);
+    };
+    let only = found.pop().filter(|_| found.is_empty());
+    Ok(only.map(|only| (without, fitted, only)))
+}
+
 /// Looks again for each effect but the last, now that the others are known: what was found first was found while all else was missing,
 /// and may have been another effect that took over a part of the rest. For the last, too, if it came together with the effect through
 /// which it acts: beside that another one may do as well.
@@ -69,18 +89,10 @@ pub(super) fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: 
         if bound || (last && !together) || problem.library.columns_of(removed.candidate).is_empty() {
             continue;
         }
-        let mut without = problem.clone();
-        without.active.remove(place);
-        without.linearise(&|_| ())?;
-        trust(&mut without);
-        let (posterior, _) = settled(&mut without)?;
-        let scored = score(&without, &posterior);
-        let special = trials::trials(&without, &posterior, threshold);
-        let Some((fitted, mut found)) = best_of(&without, &posterior, &scored, &special, threshold)? else {
+        let Some((mut without, fitted, new)) = best_without(problem, |c| c == removed.candidate, threshold)? else {
             continue;
         };
-        let [only] = found.as_slice() else { continue };
-        let same = only.candidate == removed.candidate;
+        let same = new.candidate == removed.candidate;
         if same && !together {
             continue;
         }
@@ -90,7 +102,7 @@ pub(super) fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: 
         if !together && fitted.log_evidence < without.fit(&open)?.log_evidence + UNTOLD_GAP {
             continue;
         }
-        if let (Some(slot), Some(new)) = (named.iter_mut().find(|n| n.candidate == removed.candidate), found.pop()) {
+        if let Some(slot) = named.iter_mut().find(|n| n.candidate == removed.candidate) {
             *slot = new;
         }
         move_to(&mut without, &fitted)?;
@@ -126,24 +138,16 @@ pub(super) fn in_place_of_two(
         {
             continue;
         }
-        let mut without = problem.clone();
-        without.active.retain(|one| !gone(one.candidate));
-        without.linearise(&|_| ())?;
-        trust(&mut without);
-        let (posterior, _) = settled(&mut without)?;
-        let scored = score(&without, &posterior);
-        let special = trials::trials(&without, &posterior, threshold);
-        let Some((fitted, mut found)) = best_of(&without, &posterior, &scored, &special, threshold)? else {
+        let Some((mut without, fitted, new)) = best_without(problem, gone, threshold)? else {
             continue;
         };
-        let [only] = found.as_slice() else { continue };
         let mut both = without.active.clone();
         both.extend(removed.iter().cloned());
-        if gone(only.candidate) || fitted.log_evidence < without.fit(&both)?.log_evidence {
+        if gone(new.candidate) || fitted.log_evidence < without.fit(&both)?.log_evidence {
             continue;
         }
         named.retain(|one| !gone(one.candidate));
-        named.append(&mut found);
+        named.push(new);
         move_to(&mut without, &fitted)?;
         *problem = without;
         return Ok(());

@@ -56,7 +56,7 @@ pub(super) fn best_of(
         open.extend(trial.open.iter().cloned());
         // A candidate whose fit leaves what is a vehicle at all is out.
         if let Ok(fitted) = problem.fit_from(&open, trial.charge) {
-            let gain = gain_of(problem, &opened, &fitted, &null);
+            let gain = gain_of(problem, &opened, &fitted, &null)?;
             tried.push((opened, fitted, gain));
         }
         let [only] = trial.open.as_slice() else { continue };
@@ -171,16 +171,17 @@ pub(super) fn best_of(
 /// model without the latency foresees noise, and looks better than it is (on the calm helix by 30 nats). So a latency is weighed
 /// where it is fitted, where the causes come before their effects, against its own clutter there. Not so that of the IMU, which has
 /// rivals (the delay of the command, a flex): all are weighed against the same model without them.
-fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) -> f64 {
+fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) -> Result<f64, PredictError> {
     let late = opened.last().is_some_and(|&c| {
         let declaration = problem.library.candidates[c].declaration;
         declaration.class == EffectClass::TimingFault && !declaration.channels.contains(&ChannelGroup::Force)
     });
-    if late {
-        fitted.log_evidence - fitted.log_evidence_as_clutter
+    let without = if late {
+        fitted.log_evidence_as_clutter(problem)?
     } else {
-        fitted.log_evidence - null.log_evidence
-    }
+        null.log_evidence
+    };
+    Ok(fitted.log_evidence - without)
 }
 
 /// What is worth a fit in this round: the leading candidates of the linear ranking, special starts, effects that set in late, and

@@ -70,12 +70,9 @@ pub(super) fn posterior_of(problem: &Problem) -> Result<(Posterior, Vec<f64>), P
 }
 
 /// Posterior of a normal matrix about the present point: the priors pull towards 0, not towards that point.
-pub(super) fn pulled(problem: &Problem, mut normal: Normal, prior: &[f64]) -> Option<Posterior> {
+pub(super) fn pulled(problem: &Problem, normal: Normal, prior: &[f64]) -> Option<Posterior> {
     let position = position_of(&problem.library, &problem.logs, &problem.active);
-    for ((g, x), d) in normal.gradient.iter_mut().zip(&position).zip(prior) {
-        *g -= x / (d * d);
-    }
-    Posterior::new(&normal, prior)
+    Posterior::new(&normal.pulled(&position, prior), prior)
 }
 
 /// Posterior averaged over how far real vehicles are off their nominal values: the clutter's prior times [`CLUTTER_SCALES`], each by

@@ -50,22 +50,32 @@ pub(super) const SECANT: f64 = 0.1;
 /// Normal score of a channel from which the shapes of its effects are searched.
 const SEARCHED_SCORE: f64 = 3.0;
 
+/// How far the flights went along a direction, m.
+fn farthest(problem: &Problem, along: impl Fn(&[f64; 3]) -> f64) -> f64 {
+    let positions = problem
+        .logs
+        .iter()
+        .flat_map(|log| &log.predictor.series().smooth.position);
+    positions.map(along).fold(0.0, f64::max)
+}
+
+/// How far they went towards a wall at an azimuth, m.
+pub(super) fn reach(problem: &Problem, azimuth: f64) -> f64 {
+    let (sin, cos) = libm::sincos(azimuth);
+    farthest(problem, |p| cos * p[0] + sin * p[1])
+}
+
 /// Shapes of a candidate that are tried. With `all` false only those that say what would show.
 fn shapes(problem: &Problem, candidate: usize, all: bool) -> Vec<Vec<f64>> {
     let entry = &problem.library.candidates[candidate];
     let base = entry.neutral();
     let place = |name: &str| entry.declaration.parameter_index(name);
     let gaps = if all { &GAPS_M[..] } else { &GAPS_M[3..] };
-    let positions = problem
-        .logs
-        .iter()
-        .flat_map(|log| log.predictor.series().smooth.position.iter());
-    let farthest = |along: &dyn Fn(&[f64; 3]) -> f64| positions.clone().map(along).fold(0.0, f64::max);
     let mut found = Vec::new();
     match entry.declaration.id {
         "ceiling-effect" => {
             let Some(height) = place("height_m") else { return found };
-            let top = farthest(&|p| -p[2]);
+            let top = farthest(problem, |p| -p[2]);
             for gap in gaps {
                 let mut values = base.clone();
                 values[height] = entry.clamped(height, top + gap);
@@ -79,8 +89,7 @@ fn shapes(problem: &Problem, candidate: usize, all: bool) -> Vec<Vec<f64>> {
             let directions = if all { 8 } else { 4 };
             for i in 0..directions {
                 let angle = -3.0 + std::f64::consts::TAU * f64::from(i) / f64::from(directions);
-                let (sin, cos) = libm::sincos(angle);
-                let reach = farthest(&|p| cos * p[0] + sin * p[1]);
+                let reach = reach(problem, angle);
                 for gap in gaps {
                     let mut values = base.clone();
                     values[azimuth] = angle;

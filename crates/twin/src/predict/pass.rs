@@ -7,11 +7,12 @@
 //!                                              └─▶ kinematics ─▶ KV, KA, KP        └─▶ battery ─▶ V
 //! ```
 //! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) stand at k
-//! for the step from t_k to t_{k+1}. The prediction of step k never uses what was measured after t_k by the same sensor, so that
-//! the feedback of measurement noise through the controller cannot pass for physics.
+//! for the step from t_k to t_{k+1}. The duty that predicts step k never answers to what was measured after t_k, so that the feedback
+//! of measurement noise through the controller cannot pass for physics. Kinematics and voltage of a step are means of its two ends.
 //!
 //! Sensor errors are applied to the prediction, never taken off the measurement: dividing the measurement by 1 + s shrinks its noise
-//! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted.
+//! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted; the accelerometer's as
+//! what the model's force makes of it, so that the noise of the reading is not scaled.
 
 use std::sync::{Arc, OnceLock};
 
@@ -255,7 +256,8 @@ impl Plant {
         }
     }
 
-    /// The true motion behind the readings: latencies undone, sensor errors inverted by fixed-point iteration.
+    /// The true motion behind the readings: latencies undone, sensor errors inverted by fixed-point iteration; but for those of the
+    /// accelerometer, which [`Self::body`] tells where there is a model's force.
     fn motion(&self, effects: &EffectSet, measured: &Kinematics) -> Kinematics {
         let c = effects.constants();
         let step = self.series.step_s;
