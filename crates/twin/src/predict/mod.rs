@@ -37,6 +37,9 @@ use crate::log::FlightLog;
 
 /// Thrust over commanded thrust below which no mass, air or voltage that a vehicle may have explains a commanded wrench.
 const COMMAND_SCALE_LOW: f64 = 0.75;
+/// Time constant of the observer of the rates at most, s: where the model is wrong by an angular acceleration, the rates that it
+/// foretells are wrong by this times that.
+const RATES_SETTLE_S: f64 = 0.01;
 
 /// Why a log cannot be held against a model: one sentence.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -138,6 +141,7 @@ impl Predictor {
             blade: *documents.nominal_blade(),
             battery_model: documents.vehicle.battery.clone(),
             charge: 0.75,
+            rate_gain: [0, 1, 2].map(|axis| rate_gain(covariances[channels::M + axis], series.step_s)),
             series: Arc::new(series),
         };
         plant.charge = initial_charge(&plant, &nominal);
@@ -443,6 +447,11 @@ impl Predictor {
             mask,
         })
     }
+}
+
+/// Gain of the observer of a rate: the Kalman gain of the assumed noise, and not slower than [`RATES_SETTLE_S`].
+fn rate_gain(covariance: Covariance, step_s: f64) -> f64 {
+    covariance.gain().max(1.0 - libm::exp(-step_s / RATES_SETTLE_S))
 }
 
 /// A refusal as a sentence.

@@ -116,6 +116,8 @@ pub(crate) struct Plant {
     pub(crate) battery_model: BatteryModel,
     /// Charge at the start before any offset, fraction.
     pub(crate) charge: f64,
+    /// Gain of the observer of the rates by axis: share of what a reading differs from its forecast that is believed.
+    pub(crate) rate_gain: Vector3,
 }
 
 /// Σ f^1.5 of the rotors over a stride of steps, N^1.5.
@@ -143,6 +145,8 @@ pub(crate) struct Prediction {
     root: Arc<OnceLock<Vec<f64>>>,
     /// True motion as reconstructed from the readings.
     pub(crate) motion: Arc<Kinematics>,
+    /// Rates over step k as its start foretells them, rad/s: what torques are predicted with.
+    foretold: Arc<Vec<Vector3>>,
     /// Prediction of each channel.
     pub(crate) channels: [Arc<Vec<f64>>; CHANNELS],
 }
@@ -184,6 +188,8 @@ struct Body {
     spin_up: Vec<Vector3>,
     /// True specific force over step k, m/s²; only where there is no accelerometer.
     of_steps: Option<Vec<Vector3>>,
+    /// Rates over step k, rad/s, where the observer was run.
+    foretold: Option<Vec<Vector3>>,
     /// What the accelerometer reads too much at t_k, m/s², told by the model's own force; `None` if its readings are true. The velocity
     /// is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise, and win or lose for
     /// that.
@@ -214,13 +220,9 @@ impl Plant {
     /// Runs the stages that differ from `base`; all of them without one.
     pub(crate) fn run(&self, effects: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {
         let stages = base.map_or(Stages::ALL, |(_, stages)| stages);
-        let measured = match source {
-            Source::Raw => self.series.bridged.as_ref().unwrap_or(&self.series.raw),
-            Source::Smooth => &self.series.smooth,
-        };
         let motion = match base {
             Some((base, stages)) if !stages.motion => Arc::clone(&base.motion),
-            _ => Arc::new(self.motion(effects, measured)),
+            _ => Arc::new(self.motion(effects, source)),
         };
         let (thrust, root) = match base {
             Some((base, stages)) if !stages.actuators => (Arc::clone(&base.thrust), Arc::clone(&base.root)),
@@ -232,8 +234,13 @@ impl Plant {
         };
         let have = self.series.available;
         let mut body = Body::default();
+        let mut foretold = base.map_or_else(Arc::default, |(base, _)| Arc::clone(&base.foretold));
         if stages.body && self.series.drive != Drive::None {
-            body = self.body(effects.clone(), &motion, &thrust, &root);
+            let known = (!foretold.is_empty() && !stages.motion).then_some(foretold.as_slice());
+            body = self.body(effects.clone(), &motion, &thrust, &root, known);
+            if let Some(made) = body.foretold.take() {
+                foretold = Arc::new(made);
+            }
             if have.accel {
                 put(&mut channels, F, split(&body.accel), base);
             }
@@ -252,13 +259,18 @@ impl Plant {
             thrust,
             root,
             motion,
+            foretold,
             channels,
         }
     }
 
     /// The true motion behind the readings: latencies undone, sensor errors inverted by fixed-point iteration; but for those of the
     /// accelerometer, which [`Self::body`] tells where there is a model's force.
-    fn motion(&self, effects: &EffectSet, measured: &Kinematics) -> Kinematics {
+    fn motion(&self, effects: &EffectSet, source: Source) -> Kinematics {
+        let measured = match source {
+            Source::Raw => self.series.whole(),
+            Source::Smooth => &self.series.smooth,
+        };
         let c = effects.constants();
         let step = self.series.step_s;
         let at = |x: &Vec<Vector3>, latency: f64| {
@@ -278,6 +290,10 @@ impl Plant {
             // The noise of a reading must not come back through its own prediction: a load that pulls with its mass times what the
             // accelerometer reads would add its share of the noise, and lose to any rival that does not.
             driving_accel: at(&self.series.smooth.driving_accel, c.imu_latency_s),
+            observed_rates: match source {
+                Source::Raw => Vec::new(),
+                Source::Smooth => at(&self.series.whole().rates, c.imu_latency_s),
+            },
             ned_from_body: Vec::new(),
         };
         motion.ned_from_body = motion.attitude.iter().map(|&attitude| rotation(attitude)).collect();
@@ -328,6 +344,11 @@ impl Plant {
                 motion.ned_from_body[k] = rotation(truth.attitude);
             }
             motion.rates[k] = truth.body_rates;
+            if let Some(observed) = motion.observed_rates.get_mut(k) {
+                for i in 0..3 {
+                    observed[i] += truth.body_rates[i] - read.body_rates[i];
+                }
+            }
             motion.driving_accel[k] = truth.specific_force;
             if self.series.drive == Drive::None {
                 // Without a model's force; with one, `body` tells the accelerometer's errors.
@@ -529,8 +550,20 @@ impl Plant {
         out
     }
 
-    /// What the model does to the body, and what the IMU reads of it. `root` is √thrust, where effects of rotors or wrench act.
-    fn body(&self, mut set: EffectSet, motion: &Kinematics, thrust: &[f64], root: &OnceLock<Vec<f64>>) -> Body {
+    /// What the model does to the body, and what the IMU reads of it. `root` is √thrust, where effects of rotors or wrench act;
+    /// `foretold` the rates over each step, where they are known.
+    ///
+    /// The rates come of an observer, ω̂ ← ω̂ + h ω̇ + K (y − ω̂ − h ω̇), never of what was measured after the step began: a disturbance
+    /// of the step lives on in the rates that follow, and a damping told by these would come out too small by h q²/(2 ⟨ω²⟩), q the
+    /// disturbance as an angular acceleration (a third of a usual damping on a calm flight).
+    fn body(
+        &self,
+        mut set: EffectSet,
+        motion: &Kinematics,
+        thrust: &[f64],
+        root: &OnceLock<Vec<f64>>,
+        foretold: Option<&[Vector3]>,
+    ) -> Body {
         let s = &self.series;
         let n = s.rotors;
         let zero = [0.0; 3];
@@ -553,6 +586,13 @@ impl Plant {
         let mut hooked = hooked_body(&set);
         let mut root = roots(hooked);
         let steps = s.len - 1;
+        let read = if motion.observed_rates.is_empty() {
+            &motion.rates
+        } else {
+            &motion.observed_rates
+        };
+        let mut observed = read[0];
+        let mut made = foretold.is_none().then(|| Vec::with_capacity(s.len));
         for k in 0..steps {
             if set.begin(s.time(k)) {
                 c = *set.constants();
@@ -561,9 +601,14 @@ impl Plant {
                 root = roots(hooked);
             }
             let active = set.hooks();
-            // Of both ends of the step: with the rates of its start alone, their noise stands in the measured difference with one sign
-            // only, and passes for damping.
-            let omega = between(&motion.rates, k, k + 1);
+            let omega = match foretold {
+                Some(known) => known[k],
+                None => {
+                    // Half a step on; its own angular acceleration is not known yet.
+                    let turning = if k > 0 { spin_up[k - 1] } else { zero };
+                    [0, 1, 2].map(|i| observed[i] + 0.5 * s.step_s * turning[i])
+                }
+            };
             sums = [sums[1], sums[2], 0.0];
             for i in 0..n {
                 let after = thrust[(k + 1) * n + i];
@@ -580,6 +625,7 @@ impl Plant {
                 }
                 let undisturbed = f;
                 let mut at = self.moment(When::Step(k), motion, &c, &undisturbed[..n], &ratio[..n], &rate[..n]);
+                at.body_rates = omega;
                 if active.uses(Hooks::WIND) {
                     let mut wind = c.wind_ned_m_s;
                     set.wind(&at, &mut wind);
@@ -610,6 +656,13 @@ impl Plant {
                 torque[2] - gyroscopic[2],
             ];
             spin_up[k] = times(&inverse, net);
+            if let Some(made) = &mut made {
+                made.push(omega);
+                for i in 0..3 {
+                    let forecast = observed[i] + s.step_s * spin_up[k][i];
+                    observed[i] = forecast + self.rate_gain[i] * (read[k + 1][i] - forecast);
+                }
+            }
             let per_mass = 1.0 / c.mass_kg;
             let mean = [push[0] * per_mass, push[1] * per_mass, push[2] * per_mass];
             if let Some(of_steps) = &mut of_steps {
@@ -692,6 +745,7 @@ impl Plant {
             accel: force,
             spin_up: moments,
             of_steps,
+            foretold: made,
             accel_error,
         }
     }

@@ -34,6 +34,8 @@ pub struct Kinematics {
     pub accel: Vec<Vector3>,
     /// Specific force, smoothed twice over ([`twiced`]): what drives effects. Of raw readings empty; a pass fills it.
     pub driving_accel: Vec<Vector3>,
+    /// Rates as measured, which the torques' observer follows; of raw readings empty: these are `rates`.
+    pub observed_rates: Vec<Vector3>,
     /// NED from body, rows first; filled where a pass reconstructs the motion.
     pub ned_from_body: Vec<[Vector3; 3]>,
 }
@@ -174,6 +176,7 @@ impl Series {
             rates: rates.unwrap_or_else(zero),
             accel: accel.unwrap_or_else(zero),
             driving_accel: Vec::new(),
+            observed_rates: Vec::new(),
             ned_from_body: Vec::new(),
         };
         let bridged = (!raw.is_whole()).then(|| raw.bridged());
@@ -189,6 +192,7 @@ impl Series {
             rates,
             driving_accel: twiced(&accel, half),
             accel,
+            observed_rates: Vec::new(),
             ned_from_body: Vec::new(),
         };
         Ok(Self {
@@ -218,6 +222,11 @@ impl Series {
              {scale:.3}, so mass, air density and any common error of the thrust are not testable",
             1.0 / scale
         ));
+    }
+
+    /// As measured, gaps bridged.
+    pub(crate) fn whole(&self) -> &Kinematics {
+        self.bridged.as_ref().unwrap_or(&self.raw)
     }
 
     /// Time of sample `k`, s.
@@ -339,6 +348,7 @@ impl Kinematics {
             angular_acceleration: bridged(self.angular_acceleration.clone()),
             accel: bridged(self.accel.clone()),
             driving_accel: Vec::new(),
+            observed_rates: Vec::new(),
             ned_from_body: Vec::new(),
         }
     }

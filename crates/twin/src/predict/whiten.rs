@@ -32,6 +32,13 @@ impl Covariance {
         }
     }
 
+    /// Kalman gain of the sampled signal, once it stands still: with c₀ = l² + m² and c₁ = l m, the difference quotient is
+    /// r_k = (ε_{k+1} − (1 − K) ε_k)/h of innovations ε, so K = 1 + m/l.
+    pub fn gain(self) -> f64 {
+        let pivot = 0.5 * (self.variance + (self.variance * self.variance - 4.0 * self.lag_one * self.lag_one).sqrt());
+        1.0 + self.lag_one / pivot
+    }
+
     /// Times a factor on the deviation.
     pub fn scaled(self, factor: f64) -> Self {
         let square = factor * factor;
@@ -195,6 +202,20 @@ mod tests {
         // Rounding of 40 eliminations of a well-conditioned matrix.
         assert!((got - expected).abs() < 1e-9 * expected, "{got} against {expected}");
         assert_eq!(w[13], 0.0);
+    }
+
+    #[test]
+    fn val_gain_is_the_fixed_point_of_the_riccati_recursion() {
+        let (sample, disturbance, step_s) = (0.0078, 0.25, 0.0025);
+        let mut variance = 1.0;
+        let mut gain = 0.0;
+        for _ in 0..1000 {
+            let foretold: f64 = variance + (disturbance * step_s) * (disturbance * step_s);
+            gain = foretold / (foretold + sample * sample);
+            variance = (1.0 - gain) * foretold;
+        }
+        let got = Covariance::of_difference(sample, 0.0, disturbance, step_s).gain();
+        assert!((got - gain).abs() < 1e-9, "{got} against {gain}");
     }
 
     #[test]
