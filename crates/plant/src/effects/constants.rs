@@ -306,6 +306,50 @@ impl Constants {
         readings.battery_voltage = (1.0 + self.voltage_gain) * readings.battery_voltage + self.voltage_offset_v;
     }
 
+    /// The inverse of [`Self::corrupt`]: readings as the sensors would give them without their errors. The battery voltage stays.
+    pub fn restore(&self, readings: &mut Readings, angular_acceleration: Vector3) {
+        // (1 + [m]×)⁻¹ v = (v − m × v + m (m·v))/(1 + |m|²).
+        let m = self.imu_misalignment_rad;
+        let square = m[0] * m[0] + m[1] * m[1] + m[2] * m[2];
+        let straight = |v: Vector3| {
+            let (along, across) = (m[0] * v[0] + m[1] * v[1] + m[2] * v[2], cross(m, v));
+            [0, 1, 2].map(|i| (v[i] - across[i] + m[i] * along) / (1.0 + square))
+        };
+        for i in 0..3 {
+            readings.specific_force[i] =
+                (readings.specific_force[i] - self.accelerometer_bias_m_s2[i]) / (1.0 + self.accelerometer_scale);
+            readings.body_rates[i] = (readings.body_rates[i] - self.gyro_bias_rad_s[i]) / (1.0 + self.gyro_scale);
+        }
+        if m != [0.0; 3] {
+            readings.specific_force = straight(readings.specific_force);
+            readings.body_rates = straight(readings.body_rates);
+        }
+        let arm = self.imu_lever_arm_m;
+        if arm != [0.0; 3] {
+            let omega = readings.body_rates;
+            let tangential = cross(angular_acceleration, arm);
+            let centripetal = cross(omega, cross(omega, arm));
+            for i in 0..3 {
+                readings.specific_force[i] -= tangential[i] + centripetal[i];
+            }
+        }
+        readings.attitude[0] -= self.level_offset_rad[0];
+        readings.attitude[1] -= self.level_offset_rad[1];
+        readings.attitude[2] -= self.heading_offset_rad;
+    }
+
+    /// True if the inertial sensors and the attitude read what is; their latencies aside.
+    pub fn sensors_are_exact(&self) -> bool {
+        self.accelerometer_bias_m_s2 == [0.0; 3]
+            && self.accelerometer_scale == 0.0
+            && self.gyro_bias_rad_s == [0.0; 3]
+            && self.gyro_scale == 0.0
+            && self.imu_misalignment_rad == [0.0; 3]
+            && self.imu_lever_arm_m == [0.0; 3]
+            && self.level_offset_rad == [0.0; 2]
+            && self.heading_offset_rad == 0.0
+    }
+
     /// Refuses constants with which no vehicle can exist.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         let refuse = |reason: String| Err(Refusal::new("", reason));
@@ -360,5 +404,51 @@ impl Constants {
             ));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::VehicleDocuments;
+
+    #[test]
+    fn prop_restoring_undoes_what_sensors_do() {
+        let documents =
+            VehicleDocuments::load(std::path::Path::new("../../config/vehicles/f550.toml")).expect("it is there");
+        let constants = Constants {
+            accelerometer_bias_m_s2: [0.2, -0.1, 0.3],
+            accelerometer_scale: 0.03,
+            gyro_bias_rad_s: [0.01, -0.02, 0.005],
+            gyro_scale: -0.02,
+            imu_misalignment_rad: [0.02, -0.05, 0.03],
+            imu_lever_arm_m: [0.05, -0.02, 0.01],
+            level_offset_rad: [0.02, -0.01],
+            heading_offset_rad: 0.1,
+            ..Constants::nominal(&documents.vehicle)
+        };
+        let truth = Readings {
+            position_ned: [1.0, 2.0, -3.0],
+            velocity_ned: [0.5, -0.25, 0.125],
+            attitude: [0.1, -0.2, 1.5],
+            body_rates: [1.5, -0.7, 0.3],
+            specific_force: [0.4, -0.6, -11.0],
+            battery_voltage: 11.1,
+        };
+        let turning = [12.0, -7.0, 3.0];
+        let mut read = truth;
+        constants.corrupt(&mut read, turning);
+        constants.restore(&mut read, turning);
+        let pairs = [
+            (read.attitude, truth.attitude),
+            (read.body_rates, truth.body_rates),
+            (read.specific_force, truth.specific_force),
+        ];
+        for (read, truth) in pairs {
+            for i in 0..3 {
+                // Rounding of a dozen operations.
+                assert!((read[i] - truth[i]).abs() < 1e-13, "{read:?} against {truth:?}");
+            }
+        }
     }
 }

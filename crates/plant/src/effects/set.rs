@@ -130,6 +130,11 @@ impl EffectSet {
         self.hooks
     }
 
+    /// True if the constants or the hooks in use may still become others.
+    pub fn may_change(&self) -> bool {
+        self.next_onset_s.is_finite() || self.hooks.uses(Hooks::VARYING_CONSTANTS)
+    }
+
     #[inline]
     fn each(&mut self, hook: Hooks, mut call: impl FnMut(&mut dyn ActiveEffect)) {
         if !self.hooks.uses(hook) {

@@ -4,8 +4,8 @@ use serde::Serialize;
 
 use super::statistics::finite_mean;
 use crate::predict::Series;
-use crate::predict::pass::{rotation, to_body};
 use crate::predict::series::Drive;
+use crate::predict::vectors::{rotation, to_body};
 
 /// Bins of a condition.
 const BINS: usize = 12;

@@ -13,7 +13,8 @@ use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::{Constants, EffectSet, Hooks, Moment};
 use serde::Serialize;
 
-use crate::predict::pass::{Source, cross, inverted, rotation, times, to_body};
+use crate::predict::Source;
+use crate::predict::vectors::{cross, inverted, rotation, times, to_body};
 use crate::predict::{Drive, Nuisances, PredictError, Predictor};
 
 /// Horizons, s.

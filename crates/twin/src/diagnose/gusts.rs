@@ -21,7 +21,7 @@ use super::second_looks::weakest;
 use super::settle::{move_to, pulled};
 use crate::predict::channels::{F, KV, M};
 use crate::predict::noise::white_deviation;
-use crate::predict::pass::{rotation, to_body};
+use crate::predict::vectors::{rotation, to_body};
 use crate::predict::{CHANNELS, PredictError};
 
 /// In the catalogue.

@@ -55,7 +55,7 @@ fn farthest(problem: &Problem, along: impl Fn(&[f64; 3]) -> f64) -> f64 {
     let positions = problem
         .logs
         .iter()
-        .flat_map(|log| &log.predictor.series().smooth.position);
+        .flat_map(|log| log.predictor.series().smooth.position.iter());
     positions.map(along).fold(0.0, f64::max)
 }
 

@@ -114,7 +114,7 @@ fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) ->
             actuators: true,
             motion: false,
             body: true,
-            kinematics: false,
+            gravity: false,
             battery: false,
         };
         let prediction = predictor.predict(&set, Source::Raw, bases.map(|bases| (&bases[l], stages)));

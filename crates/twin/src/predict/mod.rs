@@ -15,6 +15,7 @@ pub mod channels;
 pub mod noise;
 pub(crate) mod pass;
 pub mod series;
+pub(crate) mod vectors;
 pub mod whiten;
 
 use std::sync::Arc;

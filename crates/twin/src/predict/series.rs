@@ -3,9 +3,12 @@
 //! Residuals use the raw values, sensitivities the smoothed ones: raw noise in a regressor biases its coefficient towards 0 and
 //! invents scale errors (errors in variables). The smoother is a Hann window of 0.15 s in all, symmetric, so that it has no phase.
 
+use std::sync::Arc;
+
 use rotortwin_plant::Vector3;
 
 use super::channels::{KA, KP, KV, M, V};
+use super::vectors::rotation;
 use crate::log::{FlightLog, names};
 
 /// Whole length of the Hann window, s.
@@ -17,27 +20,30 @@ const FLYING_SHARE: f64 = 0.3;
 /// Jitter of the intervals above which the log is resampled.
 const JITTER: f64 = 0.02;
 
+/// A vector at every sample, shared between all that has the same.
+pub type Vectors = Arc<Vec<Vector3>>;
+
 /// Measured motion of the vehicle.
 #[derive(Debug, Clone, Default)]
 pub struct Kinematics {
     /// m, NED.
-    pub position: Vec<Vector3>,
+    pub position: Vectors,
     /// m/s, NED.
-    pub velocity: Vec<Vector3>,
+    pub velocity: Vectors,
     /// Roll, pitch, yaw, rad; yaw and roll unwrapped.
-    pub attitude: Vec<Vector3>,
+    pub attitude: Vectors,
     /// rad/s, body.
-    pub rates: Vec<Vector3>,
+    pub rates: Vectors,
     /// Angular acceleration by central differences, rad/s², body.
-    pub angular_acceleration: Vec<Vector3>,
+    pub angular_acceleration: Vectors,
     /// Specific force, m/s², body.
-    pub accel: Vec<Vector3>,
+    pub accel: Vectors,
     /// Specific force, smoothed twice over ([`twiced`]): what drives effects. Of raw readings empty; a pass fills it.
-    pub driving_accel: Vec<Vector3>,
-    /// Rates as measured, which the torques' observer follows; of raw readings empty: these are `rates`.
-    pub observed_rates: Vec<Vector3>,
-    /// NED from body, rows first; filled where a pass reconstructs the motion.
-    pub ned_from_body: Vec<[Vector3; 3]>,
+    pub driving_accel: Vectors,
+    /// Rates as measured, which the torques' observer follows; a pass fills it.
+    pub observed_rates: Vectors,
+    /// NED from body, rows first; empty where samples are missing.
+    pub ned_from_body: Arc<Vec<[Vector3; 3]>>,
 }
 
 /// What of a log is there.
@@ -168,32 +174,36 @@ impl Series {
             <[f64]>::to_vec,
         );
         let (drive, input) = rotor_input(log, rotors, &allocate, &mut notes)?;
-        let raw = Kinematics {
-            angular_acceleration: rates.as_ref().map_or_else(zero, |r| derivative(r, step_s)),
-            position: position.unwrap_or_else(zero),
-            velocity: velocity.unwrap_or_else(zero),
-            attitude: attitude.unwrap_or_else(zero),
-            rates: rates.unwrap_or_else(zero),
-            accel: accel.unwrap_or_else(zero),
-            driving_accel: Vec::new(),
-            observed_rates: Vec::new(),
-            ned_from_body: Vec::new(),
+        let mut raw = Kinematics {
+            angular_acceleration: rates.as_ref().map_or_else(zero, |r| derivative(r, step_s)).into(),
+            position: position.unwrap_or_else(zero).into(),
+            velocity: velocity.unwrap_or_else(zero).into(),
+            attitude: attitude.unwrap_or_else(zero).into(),
+            rates: rates.unwrap_or_else(zero).into(),
+            accel: accel.unwrap_or_else(zero).into(),
+            ..Kinematics::default()
         };
-        let bridged = (!raw.is_whole()).then(|| raw.bridged());
+        let bridged = if raw.is_whole() {
+            raw.ned_from_body = rotations(&raw.attitude);
+            None
+        } else {
+            Some(raw.bridged())
+        };
         let half = (0.5 * SMOOTHING_S / step_s).round() as usize;
         let smoothed = |x: &[Vector3]| self::bridged(hann(x, half));
         let rates = smoothed(&raw.rates);
         let accel = smoothed(&raw.accel);
+        let attitude = smoothed(&raw.attitude);
         let smooth = Kinematics {
-            position: smoothed(&raw.position),
-            velocity: smoothed(&raw.velocity),
-            attitude: smoothed(&raw.attitude),
-            angular_acceleration: derivative(&rates, step_s),
-            rates,
-            driving_accel: twiced(&accel, half),
-            accel,
-            observed_rates: Vec::new(),
-            ned_from_body: Vec::new(),
+            position: smoothed(&raw.position).into(),
+            velocity: smoothed(&raw.velocity).into(),
+            ned_from_body: rotations(&attitude),
+            attitude: attitude.into(),
+            angular_acceleration: derivative(&rates, step_s).into(),
+            rates: rates.into(),
+            driving_accel: twiced(&accel, half).into(),
+            accel: accel.into(),
+            observed_rates: Vectors::default(),
         };
         Ok(Self {
             start_s: log.time_s[0],
@@ -340,18 +350,24 @@ impl Kinematics {
     }
 
     fn bridged(&self) -> Self {
+        let whole = |x: &Vectors| Arc::new(bridged(x.to_vec()));
+        let attitude = whole(&self.attitude);
         Self {
-            position: bridged(self.position.clone()),
-            velocity: bridged(self.velocity.clone()),
-            attitude: bridged(self.attitude.clone()),
-            rates: bridged(self.rates.clone()),
-            angular_acceleration: bridged(self.angular_acceleration.clone()),
-            accel: bridged(self.accel.clone()),
-            driving_accel: Vec::new(),
-            observed_rates: Vec::new(),
-            ned_from_body: Vec::new(),
+            position: whole(&self.position),
+            velocity: whole(&self.velocity),
+            ned_from_body: rotations(&attitude),
+            attitude,
+            rates: whole(&self.rates),
+            angular_acceleration: whole(&self.angular_acceleration),
+            accel: whole(&self.accel),
+            ..Self::default()
         }
     }
+}
+
+/// NED from body at every sample.
+fn rotations(attitude: &[Vector3]) -> Arc<Vec<[Vector3; 3]>> {
+    Arc::new(attitude.iter().map(|&attitude| rotation(attitude)).collect())
 }
 
 /// NaN bridged by straight lines between what was measured, held at the ends; all 0 where nothing ever was.

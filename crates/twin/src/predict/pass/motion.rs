@@ -1,0 +1,162 @@
+//! The motion of a pass: what the vehicle did, from readings whose latencies and errors are undone.
+
+use std::sync::Arc;
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::Vector3;
+use rotortwin_plant::effects::{EffectSet, Hooks, Readings};
+
+use super::{Plant, Source, When};
+use crate::predict::series::{Drive, Kinematics, Vectors, shifted};
+use crate::predict::vectors::rotation;
+
+/// Steps of the fixed point by which readings are undone that an effect changes in ways of its own.
+const FIXED_POINT_STEPS: usize = 3;
+
+/// The vectors that sensor errors reach, as they come to differ from what was measured; all others stay shared with the log.
+#[derive(Default)]
+struct Undone {
+    position: Option<Vec<Vector3>>,
+    velocity: Option<Vec<Vector3>>,
+    attitude: Option<Vec<Vector3>>,
+    rates: Option<Vec<Vector3>>,
+    observed_rates: Option<Vec<Vector3>>,
+    accel: Option<Vec<Vector3>>,
+    driving_accel: Option<Vec<Vector3>>,
+}
+
+/// Sets a sample of a copy of `shared`, which is made where the first sample differs.
+fn set(own: &mut Option<Vec<Vector3>>, shared: &Vectors, k: usize, value: Vector3) {
+    if own.is_some() || shared[k] != value {
+        own.get_or_insert_with(|| shared.to_vec())[k] = value;
+    }
+}
+
+impl Plant {
+    /// The true motion behind the readings: latencies undone, sensor errors inverted; but for those of the accelerometer, which
+    /// [`Self::imu`] tells where there is a model's force.
+    pub(super) fn motion(&self, effects: &EffectSet, source: Source) -> Kinematics {
+        let measured = match source {
+            Source::Raw => self.series.whole(),
+            Source::Smooth => &self.series.smooth,
+        };
+        let c = effects.constants();
+        let step = self.series.step_s;
+        let at = |x: &Vectors, latency: f64| {
+            if latency == 0.0 {
+                Arc::clone(x)
+            } else {
+                Arc::new(shifted(x, latency, step))
+            }
+        };
+        let mut motion = Kinematics {
+            position: at(&measured.position, c.position_latency_s),
+            velocity: at(&measured.velocity, c.velocity_latency_s),
+            attitude: at(&measured.attitude, c.attitude_latency_s),
+            rates: at(&measured.rates, c.imu_latency_s),
+            angular_acceleration: at(&measured.angular_acceleration, c.imu_latency_s),
+            accel: at(&measured.accel, c.imu_latency_s),
+            // The noise of a reading must not come back through its own prediction: a load that pulls with its mass times what the
+            // accelerometer reads would add its share of the noise, and lose to any rival that does not.
+            driving_accel: at(&self.series.smooth.driving_accel, c.imu_latency_s),
+            observed_rates: at(&self.series.whole().rates, c.imu_latency_s),
+            ned_from_body: Vec::new().into(),
+        };
+        let turned = |attitude: &Vectors| {
+            if Arc::ptr_eq(attitude, &measured.attitude) {
+                Arc::clone(&measured.ned_from_body)
+            } else {
+                Arc::new(attitude.iter().map(|&attitude| rotation(attitude)).collect())
+            }
+        };
+        motion.ned_from_body = turned(&motion.attitude);
+        if effects.may_change() || effects.hooks().uses(Hooks::READINGS) || !c.sensors_are_exact() {
+            self.undo_errors(effects.clone(), &mut motion);
+            motion.ned_from_body = turned(&motion.attitude);
+        }
+        motion
+    }
+
+    /// Takes the errors of the sensors off the readings.
+    fn undo_errors(&self, mut effects: EffectSet, motion: &mut Kinematics) {
+        let mut c = *effects.constants();
+        let nothing = [0.0; MAX_ROTORS];
+        let n = self.series.rotors;
+        let turning = if c.imu_latency_s == 0.0 {
+            Arc::clone(&self.series.smooth.angular_acceleration)
+        } else {
+            Arc::new(shifted(
+                &self.series.smooth.angular_acceleration,
+                c.imu_latency_s,
+                self.series.step_s,
+            ))
+        };
+        let mut undone = Undone::default();
+        for k in 0..self.series.len {
+            if effects.begin(self.series.time(k)) {
+                c = *effects.constants();
+            }
+            let read = Readings {
+                position_ned: motion.position[k],
+                velocity_ned: motion.velocity[k],
+                attitude: motion.attitude[k],
+                body_rates: motion.rates[k],
+                specific_force: motion.driving_accel[k],
+                battery_voltage: 0.0,
+            };
+            let mut truth = read;
+            if effects.hooks().uses(Hooks::READINGS) {
+                for _ in 0..FIXED_POINT_STEPS {
+                    let mut again = truth;
+                    c.corrupt(&mut again, turning[k]);
+                    // The rotors' thrust comes later in the chain; the specific force tells their sum.
+                    let each = (-c.mass_kg * truth.specific_force[2] / n as f64).max(0.0);
+                    let thrust = [each; MAX_ROTORS];
+                    let at = self.moment(When::Sample(k), motion, &c, &thrust[..n], &nothing[..n], &nothing[..n]);
+                    effects.readings(&at, &mut again);
+                    for i in 0..3 {
+                        truth.position_ned[i] += read.position_ned[i] - again.position_ned[i];
+                        truth.velocity_ned[i] += read.velocity_ned[i] - again.velocity_ned[i];
+                        truth.attitude[i] += read.attitude[i] - again.attitude[i];
+                        truth.body_rates[i] += read.body_rates[i] - again.body_rates[i];
+                        truth.specific_force[i] += read.specific_force[i] - again.specific_force[i];
+                    }
+                }
+            } else {
+                c.restore(&mut truth, turning[k]);
+            }
+            set(&mut undone.position, &motion.position, k, truth.position_ned);
+            set(&mut undone.velocity, &motion.velocity, k, truth.velocity_ned);
+            set(&mut undone.attitude, &motion.attitude, k, truth.attitude);
+            set(&mut undone.rates, &motion.rates, k, truth.body_rates);
+            set(
+                &mut undone.driving_accel,
+                &motion.driving_accel,
+                k,
+                truth.specific_force,
+            );
+            let too_much = |observed: Vector3, read: Vector3, truth: Vector3| {
+                [0, 1, 2].map(|i| observed[i] + (truth[i] - read[i]))
+            };
+            let observed = too_much(motion.observed_rates[k], read.body_rates, truth.body_rates);
+            set(&mut undone.observed_rates, &motion.observed_rates, k, observed);
+            if self.series.drive == Drive::None {
+                // Without a model's force; with one, `imu` tells the accelerometer's errors.
+                let accel = too_much(motion.accel[k], read.specific_force, truth.specific_force);
+                set(&mut undone.accel, &motion.accel, k, accel);
+            }
+        }
+        let put = |shared: &mut Vectors, own: Option<Vec<Vector3>>| {
+            if let Some(own) = own {
+                *shared = Arc::new(own);
+            }
+        };
+        put(&mut motion.position, undone.position);
+        put(&mut motion.velocity, undone.velocity);
+        put(&mut motion.attitude, undone.attitude);
+        put(&mut motion.rates, undone.rates);
+        put(&mut motion.observed_rates, undone.observed_rates);
+        put(&mut motion.accel, undone.accel);
+        put(&mut motion.driving_accel, undone.driving_accel);
+    }
+}
