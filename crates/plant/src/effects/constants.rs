@@ -230,28 +230,36 @@ impl Constants {
     /// n_i = −e₃ + t_a e_tan + t_b e_rad for small tilts: a positive radial tilt pushes outwards.
     #[inline]
     pub fn rotor_wrench(&self, thrust: &[f64]) -> Wrench {
-        let mut wrench = Wrench::default();
-        let c = self.centre_of_mass_m;
+        let mut sum = [0.0; 6];
         for (i, &f) in thrust.iter().enumerate().take(self.rotor_count) {
-            let [x, y, z] = self.rotor_position_body[i];
-            let [x, y, z] = [x - c[0], y - c[1], z - c[2]];
-            wrench.force_body[2] -= f;
-            wrench.torque_body[0] -= y * f;
-            wrench.torque_body[1] += x * f;
-            wrench.torque_body[2] += self.rotor_spin[i] * self.moment_ratio_m[i] * f;
-            let (tangential, radial) = (self.rotor_tilt_tangential[i], self.rotor_tilt_radial[i]);
-            if tangential != 0.0 || radial != 0.0 {
-                let [ex, ey] = self.rotor_direction(i);
-                let fx = f * (radial * ex - tangential * ey);
-                let fy = f * (radial * ey + tangential * ex);
-                wrench.force_body[0] += fx;
-                wrench.force_body[1] += fy;
-                wrench.torque_body[0] -= z * fy;
-                wrench.torque_body[1] += z * fx;
-                wrench.torque_body[2] += x * fy - y * fx;
-            }
+            add(&mut sum, &self.unit_wrench(i), f);
         }
-        wrench
+        wrench_of(sum)
+    }
+
+    /// What [`Self::rotor_wrench`] needs of the vehicle, for many thrusts.
+    pub fn allocation(&self) -> Allocation {
+        let mut units = [[0.0; 6]; MAX_ROTORS];
+        for (i, unit) in units.iter_mut().enumerate().take(self.rotor_count) {
+            *unit = self.unit_wrench(i);
+        }
+        Allocation { units }
+    }
+
+    /// Force and torque of 1 N of rotor `i`.
+    #[inline]
+    fn unit_wrench(&self, i: usize) -> [f64; 6] {
+        let c = self.centre_of_mass_m;
+        let [x, y, z] = self.rotor_position_body[i];
+        let [x, y, z] = [x - c[0], y - c[1], z - c[2]];
+        let drag = self.rotor_spin[i] * self.moment_ratio_m[i];
+        let (tangential, radial) = (self.rotor_tilt_tangential[i], self.rotor_tilt_radial[i]);
+        if tangential == 0.0 && radial == 0.0 {
+            return [0.0, 0.0, -1.0, -y, x, drag];
+        }
+        let [ex, ey] = self.rotor_direction(i);
+        let (fx, fy) = (radial * ex - tangential * ey, radial * ey + tangential * ex);
+        [fx, fy, -1.0, -y - z * fy, x + z * fx, drag + x * fy - y * fx]
     }
 
     /// Unit vector from the nominal centre to rotor `i` in the rotor plane; forward for a rotor at the centre.
@@ -404,6 +412,40 @@ impl Constants {
             ));
         }
         Ok(())
+    }
+}
+
+/// Force and torque that each rotor makes of 1 N.
+#[derive(Debug, Clone, Copy)]
+pub struct Allocation {
+    units: [[f64; 6]; MAX_ROTORS],
+}
+
+impl Allocation {
+    /// See [`Constants::rotor_wrench`].
+    #[inline]
+    pub fn wrench(&self, thrust: &[f64]) -> Wrench {
+        let mut sum = [0.0; 6];
+        for (unit, &f) in self.units.iter().zip(thrust) {
+            add(&mut sum, unit, f);
+        }
+        wrench_of(sum)
+    }
+}
+
+#[inline]
+fn add(sum: &mut [f64; 6], unit: &[f64; 6], f: f64) {
+    for (sum, unit) in sum.iter_mut().zip(unit) {
+        *sum += unit * f;
+    }
+}
+
+#[inline]
+fn wrench_of([x, y, z, roll, pitch, yaw]: [f64; 6]) -> Wrench {
+    Wrench {
+        force_body: [x, y, z],
+        torque_body: [roll, pitch, yaw],
+        ..Wrench::default()
     }
 }
 

@@ -56,7 +56,7 @@ mod vortex_ring;
 mod wind;
 mod wiring;
 
-pub use constants::Constants;
+pub use constants::{Allocation, Constants};
 pub use declaration::{
     Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, ParameterKind, Place, Setup,
 };

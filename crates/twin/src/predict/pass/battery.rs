@@ -2,7 +2,7 @@
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::battery::Battery;
-use rotortwin_plant::effects::{EffectSet, Hooks};
+use rotortwin_plant::effects::{Constants, EffectSet, Hooks};
 
 use super::{Plant, When};
 use crate::predict::series::Kinematics;
@@ -67,10 +67,15 @@ impl Plant {
         let mut out = Vec::with_capacity(powers.len());
         let nothing = [0.0; MAX_ROTORS];
         let advancing = set.hooks().uses(Hooks::ADVANCE) && set.hooks().uses(Hooks::VARYING_CONSTANTS);
+        let mut c = *set.constants();
+        let shares = |c: &Constants| (step_s / (3600.0 * c.capacity_ah), 1.0 - libm::exp(-step_s / c.rc_time_s));
+        let (mut per_ampere, mut relaxed) = shares(&c);
         for (j, sum) in powers.iter().enumerate() {
             let k = j * stride;
-            set.begin(s.time(k));
-            let c = set.constants();
+            if set.begin(s.time(k)) {
+                c = *set.constants();
+                (per_ampere, relaxed) = shares(&c);
+            }
             let power = sum.mean * c.power_coefficient_w_per_n15;
             let open = battery.open_circuit_voltage(charge) - relaxation;
             let root = (open * open - 4.0 * c.internal_resistance_ohm * power).max(0.0).sqrt();
@@ -80,14 +85,12 @@ impl Plant {
                 voltage -= bend * bend * sum.variance / (root * root * root);
             }
             let current = power / voltage.max(1e-3);
-            charge -= current * step_s / (3600.0 * c.capacity_ah);
+            charge -= current * per_ampere;
             if c.rc_resistance_ohm != 0.0 {
-                let share = 1.0 - libm::exp(-step_s / c.rc_time_s);
-                relaxation += share * (c.rc_resistance_ohm * current - relaxation);
+                relaxation += relaxed * (c.rc_resistance_ohm * current - relaxation);
             }
             out.push((1.0 + c.voltage_gain) * voltage + c.voltage_offset_v);
             if advancing {
-                let c = *c;
                 let mut at = self.moment(
                     When::Sample(k),
                     motion,

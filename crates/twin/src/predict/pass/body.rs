@@ -75,7 +75,7 @@ impl Plant {
         let (mut ratio, mut rate) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
         // A copy, because the hooks change the set; taken anew only where effects set in or vary.
         let mut c = *set.constants();
-        let mut inverse = inverted(&c.inertia_body_kg_m2);
+        let (mut inverse, mut allocation) = (inverted(&c.inertia_body_kg_m2), c.allocation());
         let roots = |hooked: bool| -> &[f64] {
             if hooked {
                 root.get_or_init(|| thrust.iter().map(|f| f.max(0.0).sqrt()).collect())
@@ -92,7 +92,7 @@ impl Plant {
         for k in 0..steps {
             if set.begin(s.time(k)) {
                 c = *set.constants();
-                inverse = inverted(&c.inertia_body_kg_m2);
+                (inverse, allocation) = (inverted(&c.inertia_body_kg_m2), c.allocation());
                 hooked = hooked_body(&set);
                 root = roots(hooked);
             }
@@ -130,12 +130,12 @@ impl Plant {
                     at.air_velocity_body = to_body(&at.ned_from_body, relative);
                 }
                 set.rotor_thrust(&at, &mut f[..n]);
-                w = c.rotor_wrench(&f[..n]);
+                w = allocation.wrench(&f[..n]);
                 set.wrench(&at, &mut w);
                 w = w.closed(at.air_velocity_body, at.body_rates, &c);
                 set.advance(&at, s.step_s);
             } else {
-                w = c.rotor_wrench(&f[..n]);
+                w = allocation.wrench(&f[..n]);
                 if c.linear_drag_kg_s != 0.0 || c.angular_drag_nms != 0.0 {
                     let r = turned(&motion.ned_from_body, k, k + 1);
                     let (v, wind) = (between(&motion.velocity, k, k + 1), c.wind_ned_m_s);
@@ -199,12 +199,12 @@ impl Plant {
             let Steps { force, spin_up, .. } = steps;
             let (mut accel, mut turned) = (force.clone(), spin_up.clone());
             let mut error = vec![[0.0; 3]; s.len];
-            let mut inverse = inverted(&c.inertia_body_kg_m2);
+            let (mut inverse, mut allocation) = (inverted(&c.inertia_body_kg_m2), c.allocation());
             let (mut ratio, nothing) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
             for k in 0..s.len {
                 if set.begin(s.time(k)) {
                     c = *set.constants();
-                    inverse = inverted(&c.inertia_body_kg_m2);
+                    (inverse, allocation) = (inverted(&c.inertia_body_kg_m2), c.allocation());
                 }
                 let mut read = Readings {
                     specific_force: force[k],
@@ -218,7 +218,7 @@ impl Plant {
                 let before = if k > 0 { spin_up[k - 1] } else { spin_up[k] };
                 let mut turning = [0, 1, 2].map(|i| 0.5 * (before[i] + spin_up[k][i]));
                 if c.imu_lever_arm_m != [0.0; 3] {
-                    let rounded = times(&inverse, c.rotor_wrench(&self.corner(k, thrust)[..n]).torque_body);
+                    let rounded = times(&inverse, allocation.wrench(&self.corner(k, thrust)[..n]).torque_body);
                     turning = [0, 1, 2].map(|i| turning[i] - rounded[i]);
                 }
                 c.corrupt(&mut read, turning);
