@@ -4,17 +4,17 @@
 //! effect patch what is left. The voltage depends on nothing else that is unknown (the thrust is that of the measured voltage), and it
 //! is slow: on means of 0.1 s, every charge is tried with the effect fitted to it.
 
-use rotortwin_plant::effects::ParameterKind;
+use rotortwin_plant::effects::{ChannelGroup, ParameterKind};
 
 use super::dense::{Matrix, dot};
 use super::evidence::{Posterior, open};
-use super::fit::{Problem, fitted_residual};
+use super::fit::{Fitted, Problem, fitted_residual, position_of};
 use super::goodness::{UNEXPLAINED_SCORE, channel_fits};
-use super::linear::instances;
+use super::linear::{Active, instances};
 use super::ranking::{Scored, priors};
-use super::settle::pulled;
+use super::settle::{move_to, pulled};
 use super::trials::{Trial, active_at};
-use crate::predict::{Prediction, Source, channels::V};
+use crate::predict::{PredictError, Prediction, Source, channels::V};
 
 /// Length of a mean, s.
 const MEAN_S: f64 = 0.1;
@@ -40,6 +40,8 @@ const WORTH: f64 = 200.0;
 const MOST_EFFECTS: usize = 3;
 /// Where the slow voltage has two minima this close, nats, and further apart than a cell, the whole log decides between them.
 const MINIMA_GAP: f64 = 30.0;
+/// Gain of ln evidence for which the charge moves once all is named.
+const LEAST_GAIN_AGAIN: f64 = 1.0;
 /// Effects of the battery and of its sensor.
 const EFFECTS: [&str; 6] = [
     "voltage-gain",
@@ -58,10 +60,9 @@ pub(crate) fn wanted(problem: &Problem, posterior: &Posterior, scored: &[Scored]
     if !log.predictor.has(V) {
         return false;
     }
-    let hint = scored.iter().any(|s| {
-        EFFECTS.contains(&problem.library.candidates[s.candidate].declaration.id)
-            && s.opened.log_bayes_factor > threshold
-    });
+    let hint = scored
+        .iter()
+        .any(|s| of_battery(problem, s.candidate) && s.opened.log_bayes_factor > threshold);
     // What scales the thrust may be a wrong voltage in Eq. 19: at the right charge the voltage itself tells.
     let scales = scored
         .iter()
@@ -89,9 +90,9 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
         return Vec::new();
     };
     let mut found: Vec<Trial> = (0..problem.library.candidates.len())
-        .filter(|&c| EFFECTS.contains(&problem.library.candidates[c].declaration.id))
+        .filter(|&c| of_battery(problem, c))
         .filter(|&c| problem.active.iter().all(|a| a.candidate != c))
-        .filter_map(|c| scan(problem, c, &rest))
+        .filter_map(|c| scan(problem, Some(c), &rest))
         .flatten()
         .collect();
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
@@ -110,6 +111,47 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
     let sensor = found.iter().any(|t| leads(t) && of_sensor(t));
     found.retain(|t| leads(t) || (sensor && of_sensor(t)));
     found
+}
+
+/// The active effects fitted, from where they stand and from where a search over all charges finds them: what was named one after the
+/// other stands where the first of them left the charge, and what is named next must not be but a mend of that.
+pub(crate) fn fit_anywhere(problem: &Problem) -> Result<Fitted, PredictError> {
+    let mut best = problem.fit(&problem.active)?;
+    if !may_stand_elsewhere(problem) {
+        return Ok(best);
+    }
+    let rest = posterior_without_voltage(problem, &[]);
+    for trial in rest.and_then(|rest| scan(problem, None, &rest)).unwrap_or_default() {
+        if let Ok(fitted) = problem.fit_from(&trial.moved, trial.charge)
+            && fitted.log_evidence > best.log_evidence
+        {
+            best = fitted;
+        }
+    }
+    Ok(best)
+}
+
+/// Moves to where [`fit_anywhere`] ends, if that is clearly better than where the effects stand.
+pub(crate) fn look_again(problem: &mut Problem) -> Result<(), PredictError> {
+    if !may_stand_elsewhere(problem) {
+        return Ok(());
+    }
+    let (here, best) = (problem.fit(&problem.active)?, fit_anywhere(problem)?);
+    if best.log_evidence > here.log_evidence + LEAST_GAIN_AGAIN {
+        move_to(problem, &best)?;
+    }
+    Ok(())
+}
+
+/// True if an effect of the battery was named and its charge can be searched.
+fn may_stand_elsewhere(problem: &Problem) -> bool {
+    let one_log = problem.logs.len() == 1 && problem.logs[0].predictor.has(V);
+    one_log && problem.active.iter().any(|a| of_battery(problem, a.candidate))
+}
+
+/// Effects of the battery and of its sensor.
+fn of_battery(problem: &Problem, candidate: usize) -> bool {
+    EFFECTS.contains(&problem.library.candidates[candidate].declaration.id)
 }
 
 /// Errors of the voltage's sensor, of one parameter each.
@@ -135,14 +177,51 @@ fn posterior_without_voltage(problem: &Problem, opened: &[usize]) -> Option<Post
     pulled(problem, normal, &prior)
 }
 
-/// The best charge for an effect, and a second one that is nearly as good.
-fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Trial>> {
+/// Effects that a search over the charge moves: the active ones that show in the voltage, and a further one.
+fn moving(problem: &Problem, further: Option<usize>) -> Vec<usize> {
+    let active = problem.active.iter().map(|a| a.candidate);
+    active
+        .filter(|&c| shows_in(problem, c, ChannelGroup::Voltage) && !problem.library.columns_of(c).is_empty())
+        .chain(further)
+        .collect()
+}
+
+fn shows_in(problem: &Problem, candidate: usize, channel: ChannelGroup) -> bool {
+    let declared = problem.library.candidates[candidate].declaration;
+    declared.channels.contains(&channel)
+}
+
+/// The active effects with the moving ones at `theta`, plausible sizes from where they do nothing.
+fn with_moved(problem: &Problem, moving: &[usize], theta: &[f64]) -> Vec<Active> {
+    let mut active = problem.active.clone();
+    let mut rest = theta;
+    for &candidate in moving {
+        let own;
+        (own, rest) = rest.split_at(problem.library.columns_of(candidate).len());
+        let moved = active_at(problem, candidate, own);
+        match active.iter_mut().find(|a| a.candidate == candidate) {
+            Some(one) => one.values = moved.values,
+            None => active.push(moved),
+        }
+    }
+    active
+}
+
+/// The best charge for a further effect, or for the active ones alone, and a second one that is nearly as good.
+fn scan(problem: &Problem, further: Option<usize>, rest: &Posterior) -> Option<Vec<Trial>> {
     let log = &problem.logs[0];
-    let entry = &problem.library.candidates[candidate];
-    let (places, spikes, slabs) = priors(problem, candidate);
-    let gain = open(rest, &places, &spikes, &spikes, &slabs, &vec![0.0; places.len()])?.log_bayes_factor;
+    let moving = moving(problem, further);
+    let (mut gain, mut places) = (0.0, Vec::new());
+    if let Some(further) = further {
+        let (own, spikes, slabs) = priors(problem, further);
+        gain = open(rest, &own, &spikes, &spikes, &slabs, &vec![0.0; own.len()])?.log_bayes_factor;
+        places = own;
+    }
     let opened = posterior_without_voltage(problem, &places)?;
-    let estimate: Vec<f64> = places.iter().map(|&i| opened.mean[i]).collect();
+    let columns: Vec<usize> = moving.iter().flat_map(|&c| problem.library.columns_of(c)).collect();
+    let places: Vec<usize> = columns.iter().map(|j| problem.nuisances() + j).collect();
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    let estimate: Vec<f64> = places.iter().map(|&i| position[i] + opened.mean[i]).collect();
     let prior = opened.covariance.part(&places).cholesky()?.inverse();
     let mut nuisances = log.nuisances;
     for (i, bias) in nuisances
@@ -153,10 +232,8 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     {
         *bias += opened.mean[problem.global(0, i)] * log.nuisance_size(i);
     }
-    let columns = problem.library.columns_of(candidate);
     let base_at = |theta: &[f64]| -> Option<Prediction> {
-        let mut at_work = problem.active.clone();
-        at_work.push(active_at(problem, candidate, theta));
+        let at_work = with_moved(problem, &moving, theta);
         let set = log
             .predictor
             .effect_set(&nuisances, &instances(&problem.library, &at_work))
@@ -165,25 +242,25 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
     };
     let base = base_at(&estimate)?;
     let mut coarse = log.predictor.coarse_voltage(&base, MEAN_S);
-    if of_sensor(problem, candidate) {
-        // A wrong reading of the voltage acts through Eq. 19 on the thrust, and through that on the current.
+    // What changes the thrust changes the current; a wrong reading of the voltage does so through Eq. 19.
+    let on_thrust = |j: usize| shows_in(problem, problem.library.columns[j].candidate, ChannelGroup::Force);
+    for (place, _) in columns.iter().enumerate().filter(|(_, j)| on_thrust(**j)) {
         let mut next = estimate.clone();
-        next[0] += EFFECT_STEP;
+        next[place] += EFFECT_STEP;
         let moved = log.predictor.coarse_voltage(&base_at(&next)?, MEAN_S);
-        coarse.slope_towards(&moved, 1.0 / EFFECT_STEP);
+        coarse.slope_towards(&moved, place, 1.0 / EFFECT_STEP);
     }
     let weight = coarse.weight * problem.weights[0][V];
     let predict = |charge: f64, theta: &[f64]| -> Option<Vec<f64>> {
         let mut nuisances = nuisances;
         nuisances.charge = charge;
-        let mut active = problem.active.clone();
-        active.push(active_at(problem, candidate, theta));
+        let active = with_moved(problem, &moving, theta);
         let set = log
             .predictor
             .effect_set(&nuisances, &instances(&problem.library, &active))
             .ok()?;
-        let shift = theta.first().zip(estimate.first()).map_or(0.0, |(t, e)| t - e);
-        Some(log.predictor.coarse_prediction(&set, &base, &coarse, shift))
+        let shift: Vec<f64> = theta.iter().zip(&estimate).map(|(t, e)| t - e).collect();
+        Some(log.predictor.coarse_prediction(&set, &base, &coarse, &shift))
     };
     let fit = Fit {
         predict: &predict,
@@ -192,20 +269,29 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
         estimate: &estimate,
         prior: &prior,
     };
+    let start: Vec<f64> = columns
+        .iter()
+        .zip(&places)
+        .zip(&estimate)
+        .map(|((&j, &place), &estimate)| {
+            let column = &problem.library.columns[j];
+            if Some(column.candidate) != further {
+                return position[place];
+            }
+            // Without information of their own the sizes start at a tenth: neutral shapes would have no column.
+            let declared = &problem.library.candidates[column.candidate].parameters[column.parameter];
+            if declared.kind == ParameterKind::Size && estimate.abs() < 0.02 {
+                0.1
+            } else {
+                estimate
+            }
+        })
+        .collect();
     let mut minima = Vec::with_capacity(CHARGES);
     for i in 0..CHARGES {
         let target = (i as f64 + 0.5) / CHARGES as f64;
         let charge = target - log.predictor.initial_charge();
-        let mut theta = estimate.clone();
-        for (t, &j) in theta.iter_mut().zip(&columns) {
-            // Without information of their own the sizes start at a tenth: neutral shapes would have no column.
-            let column = &problem.library.columns[j];
-            let size = entry.parameters[column.parameter].kind == ParameterKind::Size;
-            if size && t.abs() < 0.02 {
-                *t = 0.1;
-            }
-        }
-        minima.push(fit.descend(charge, theta)?);
+        minima.push(fit.descend(charge, start.clone())?);
     }
     minima.sort_by(|a, b| a.value.total_cmp(&b.value));
     for minimum in minima.iter_mut().take(SEARCHED) {
@@ -219,11 +305,17 @@ fn scan(problem: &Problem, candidate: usize, rest: &Posterior) -> Option<Vec<Tri
         let apart = (m.charge - first.charge).abs() > 1.0 / CHARGES as f64;
         apart && m.value < first.value + MINIMA_GAP
     });
-    let trial = |minimum: &Point| Trial {
-        open: vec![active_at(problem, candidate, &minimum.theta)],
-        // Comparable among these trials only.
-        log_bayes_factor: gain - minimum.value,
-        charge: Some(minimum.charge),
+    let trial = |minimum: &Point| {
+        let (open, moved) = with_moved(problem, &moving, &minimum.theta)
+            .into_iter()
+            .partition(|a| Some(a.candidate) == further);
+        Trial {
+            open,
+            moved,
+            // Comparable among these trials only.
+            log_bayes_factor: gain - minimum.value,
+            charge: Some(minimum.charge),
+        }
     };
     Some(std::iter::once(first).chain(second).map(trial).collect())
 }

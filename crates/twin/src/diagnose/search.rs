@@ -12,7 +12,7 @@ use super::second_looks::{doubt_onsets, gusts_lead, in_place_of_two, reconsider,
 use super::select::{LEFT_FACTOR, Named, best_of};
 use super::settle::{averaged, coloured, move_to, posterior_of, settled, trust};
 use super::trials::Trials;
-use super::{Options, THRESHOLD, THRESHOLD_AT_REST, findings, gusts, held_out, trials, wiring, words};
+use super::{Options, THRESHOLD, THRESHOLD_AT_REST, charge, findings, gusts, held_out, trials, wiring, words};
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor};
 
 /// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
@@ -166,6 +166,7 @@ pub(crate) fn search(
         in_place_of_two(&mut problem, &mut named, threshold)?;
         doubt_onsets(&mut problem)?;
     }
+    charge::look_again(&mut problem)?;
     (options.progress)("goodness of fit", 0.95);
     let (mut posterior, mut deviations) = settled(&mut problem)?;
     while let Some(fitted) = superfluous(&problem, &posterior, &deviations, threshold)? {

@@ -8,7 +8,7 @@ use super::linear::Active;
 use super::ranking::{Scored, priors, score};
 use super::select::{Named, ONSET_GAIN, best_of};
 use super::settle::{move_to, posterior_of, settled, trust};
-use super::{goodness, gusts, trials};
+use super::{charge, goodness, gusts, trials};
 use crate::predict::PredictError;
 use crate::predict::channels::{F, KV};
 
@@ -143,7 +143,10 @@ pub(super) fn in_place_of_two(
         };
         let mut both = without.active.clone();
         both.extend(removed.iter().cloned());
-        if gone(new.candidate) || fitted.log_evidence < without.fit(&both)?.log_evidence {
+        // The one of the two that is left may need another charge than both together.
+        move_to(&mut without, &fitted)?;
+        let fitted = charge::fit_anywhere(&without)?;
+        if fitted.log_evidence < without.fit(&both)?.log_evidence {
             continue;
         }
         named.retain(|one| !gone(one.candidate));

@@ -47,13 +47,16 @@ pub(super) fn best_of(
     if possible.is_empty() {
         return Ok(None);
     }
-    let null = problem.fit(&problem.active)?;
+    let null = if possible.iter().any(|trial| trial.charge.is_some()) {
+        charge::fit_anywhere(problem)?
+    } else {
+        problem.fit(&problem.active)?
+    };
     // Candidates that were opened, the one in question last; fit; gain of ln evidence.
     let mut tried: Vec<(Vec<usize>, Fitted, f64)> = Vec::new();
     for trial in &possible {
         let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
-        let mut open = problem.active.clone();
-        open.extend(trial.open.iter().cloned());
+        let open = trial.beside(&problem.active);
         // A candidate whose fit leaves what is a vehicle at all is out.
         if let Ok(fitted) = problem.fit_from(&open, trial.charge) {
             let gain = gain_of(problem, &opened, &fitted, &null)?;

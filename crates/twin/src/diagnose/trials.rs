@@ -31,6 +31,16 @@ pub(crate) struct Trial {
     pub(crate) log_bayes_factor: f64,
     /// Charge offset at the start, if not the present one.
     pub(crate) charge: Option<f64>,
+    /// The active effects, if they start elsewhere than where they stand.
+    pub(crate) moved: Vec<Active>,
+}
+
+impl Trial {
+    /// What is at work at the start of the fit.
+    pub(crate) fn beside(&self, active: &[Active]) -> Vec<Active> {
+        let before = if self.moved.is_empty() { active } else { &self.moved };
+        before.iter().chain(&self.open).cloned().collect()
+    }
 }
 
 /// Trials of this round, and the smallest size that shows whatever the shape is, by candidate.
@@ -387,6 +397,7 @@ impl Trials {
             open,
             log_bayes_factor: found.log_bayes_factor,
             charge: None,
+            moved: Vec::new(),
         };
         if let Some(companion) = &variant.companion {
             let other = companion.candidate;
@@ -423,6 +434,7 @@ pub(crate) fn plain(problem: &Problem, one: &Scored) -> Trial {
         open: vec![active_at(problem, one.candidate, &one.opened.estimate)],
         log_bayes_factor: one.opened.log_bayes_factor,
         charge: None,
+        moved: Vec::new(),
     }
 }
 

@@ -77,6 +77,7 @@ pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -
         open: vec![active],
         log_bayes_factor: 0.5 * (before - after),
         charge: None,
+        moved: Vec::new(),
     })
 }
 

@@ -88,8 +88,8 @@ pub struct ChannelResiduals {
 #[derive(Debug, Clone)]
 pub(crate) struct CoarseVoltage {
     powers: Vec<Power>,
-    /// Rise of the mean powers with what a caller shifts.
-    slope: Option<Vec<f64>>,
+    /// Rise of the mean powers with some of what a caller shifts.
+    slopes: Vec<(usize, Vec<f64>)>,
     stride: usize,
     places: Vec<usize>,
     /// V.
@@ -99,10 +99,11 @@ pub(crate) struct CoarseVoltage {
 }
 
 impl CoarseVoltage {
-    /// Takes the slope of the powers from another base: their difference times `per`.
-    pub(crate) fn slope_towards(&mut self, other: &Self, per: f64) {
+    /// Takes the slope of the powers with shift `which` from another base: their difference times `per`.
+    pub(crate) fn slope_towards(&mut self, other: &Self, which: usize, per: f64) {
         let rise = self.powers.iter().zip(&other.powers);
-        self.slope = Some(rise.map(|(a, b)| (b.mean - a.mean) * per).collect());
+        self.slopes
+            .push((which, rise.map(|(a, b)| (b.mean - a.mean) * per).collect()));
     }
 }
 
@@ -394,7 +395,7 @@ impl Predictor {
         let places = (0..measured.len()).filter(|&j| measured[j].is_some()).collect();
         CoarseVoltage {
             powers: self.plant.powers(&base.thrust, stride),
-            slope: None,
+            slopes: Vec::new(),
             stride,
             places,
             measured: measured.into_iter().flatten().collect(),
@@ -402,16 +403,21 @@ impl Predictor {
         }
     }
 
-    /// Prediction of the means of the voltage, thrust and motion as in `base`; the powers `shift` times their slope away from there.
+    /// Prediction of the means of the voltage, thrust and motion as in `base`; the powers as far from there as the shifts times their
+    /// slopes.
     pub(crate) fn coarse_prediction(
         &self,
         set: &EffectSet,
         base: &Prediction,
         coarse: &CoarseVoltage,
-        shift: f64,
+        shifts: &[f64],
     ) -> Vec<f64> {
         let mut powers = std::borrow::Cow::Borrowed(&coarse.powers);
-        if let Some(slope) = coarse.slope.as_ref().filter(|_| shift != 0.0) {
+        for (which, slope) in &coarse.slopes {
+            let shift = shifts[*which];
+            if shift == 0.0 {
+                continue;
+            }
             for (power, rise) in powers.to_mut().iter_mut().zip(slope) {
                 power.mean = (power.mean + shift * rise).max(0.0);
             }

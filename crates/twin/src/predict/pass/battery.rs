@@ -68,7 +68,12 @@ impl Plant {
         let nothing = [0.0; MAX_ROTORS];
         let advancing = set.hooks().uses(Hooks::ADVANCE) && set.hooks().uses(Hooks::VARYING_CONSTANTS);
         let mut c = *set.constants();
-        let shares = |c: &Constants| (step_s / (3600.0 * c.capacity_ah), 1.0 - libm::exp(-step_s / c.rc_time_s));
+        let shares = |c: &Constants| {
+            (
+                step_s / (3600.0 * c.capacity_ah),
+                1.0 - libm::exp(-step_s / c.rc_time_s),
+            )
+        };
         let (mut per_ampere, mut relaxed) = shares(&c);
         for (j, sum) in powers.iter().enumerate() {
             let k = j * stride;
