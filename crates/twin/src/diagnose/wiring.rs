@@ -20,44 +20,71 @@ const LEFT_SHARE: f64 = 0.25;
 /// centre of mass off the middle looks like swapped rotors on a flight that hardly turns, but only to a quarter of its error.
 const LEFT_CHI2: f64 = 3.0;
 
-/// The gross error that explains the flights, and half of the chi² that it removes.
-pub(crate) fn find(problem: &Problem) -> Option<(Active, f64)> {
-    let (before, samples, torque) = excess(problem, &[], None)?;
-    if torque < LARGE_CHI2 {
-        return None;
-    }
-    let (active, after, left) = likeliest(problem)?;
-    // Noise alone scatters by √(2 n).
-    let scatter = 6.0 * (2.0 * samples).sqrt();
-    let right = left < LEFT_CHI2 && after < (LEFT_SHARE * before).max(scatter) && before > 4.0 * scatter;
-    right.then_some((active, 0.5 * (before - after)))
+/// Gross errors of which the nuisances are fitted, after a first look without.
+const FITTED: usize = 4;
+
+/// How well a wiring explains the flights with the nuisances fitted to it.
+#[derive(Debug, Clone, Copy)]
+struct Explained {
+    /// Excess of chi² in forces and torques, and what the rotors' biases cost by their prior: these would explain away at rest what a
+    /// wrong wiring does.
+    cost: f64,
+    /// Samples of forces and torques.
+    samples: f64,
+    /// chi² per sample of the torques.
+    torque: f64,
 }
 
-/// The gross error that leaves least, with the excess of chi² and the chi² of the torques that it leaves.
-fn likeliest(problem: &Problem) -> Option<(Active, f64, f64)> {
-    let bases = problem
+impl Explained {
+    /// What noise alone may do to the cost: it scatters by √(2 n).
+    fn scatter(&self) -> f64 {
+        6.0 * (2.0 * self.samples).sqrt()
+    }
+}
+
+/// The gross error that explains the flights, and half of the chi² that it removes.
+pub(crate) fn find(problem: &Problem) -> Option<(Active, f64)> {
+    if excess(&without_nuisances(problem), &[], None)?.torque < LARGE_CHI2 {
+        return None;
+    }
+    let before = fitted(problem, &[])?;
+    let (active, after) = likeliest(problem)?;
+    let scatter = before.scatter();
+    let right =
+        after.torque < LEFT_CHI2 && after.cost < (LEFT_SHARE * before.cost).max(scatter) && before.cost > 4.0 * scatter;
+    right.then_some((active, 0.5 * (before.cost - after.cost)))
+}
+
+/// The gross error that costs least.
+fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
+    let plain = without_nuisances(problem);
+    let bases = plain
         .logs
         .iter()
         .map(|log| {
-            let set = log.predictor.effect_set(&Nuisances::default(), &[]).ok()?;
+            let set = log.predictor.effect_set(&log.nuisances, &[]).ok()?;
             Some(log.predictor.predict(&set, Source::Raw, None))
         })
         .collect::<Option<Vec<Prediction>>>()?;
-    let mut best: Option<(Active, f64, f64)> = None;
+    let mut all: Vec<(Active, f64)> = Vec::new();
     for (candidate, entry) in problem.library.candidates.iter().enumerate() {
         if !entry.columns.iter().all(Option::is_none) {
             continue;
         }
         for active in variants(problem, candidate) {
-            let Some((after, _, left)) = excess(problem, std::slice::from_ref(&active), Some(&bases)) else {
-                continue;
-            };
-            if best.as_ref().is_none_or(|(_, least, _)| after < *least) {
-                best = Some((active, after, left));
+            if let Some(after) = excess(&plain, std::slice::from_ref(&active), Some(&bases)) {
+                all.push((active, after.cost));
             }
         }
     }
-    best
+    all.sort_by(|a, b| a.1.total_cmp(&b.1));
+    all.into_iter()
+        .take(FITTED)
+        .filter_map(|(active, _)| {
+            let explained = fitted(problem, std::slice::from_ref(&active))?;
+            Some((active, explained))
+        })
+        .min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
 }
 
 /// The likeliest gross error as a start of a fit, where the leading candidates are such that it is taken for: on a flight that
@@ -70,15 +97,38 @@ pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -
     if !problem.active.is_empty() || !problem.library.candidates.iter().any(taken_for) {
         return None;
     }
-    let (before, samples, _) = excess(problem, &[], None)?;
-    let (active, after, _) = likeliest(problem)?;
-    // Noise alone scatters by √(2 n).
-    (after < before - 6.0 * (2.0 * samples).sqrt()).then(|| Trial {
+    let before = fitted(problem, &[])?;
+    let (active, after) = likeliest(problem)?;
+    (after.cost < before.cost - before.scatter()).then(|| Trial {
         open: vec![active],
-        log_bayes_factor: 0.5 * (before - after),
+        log_bayes_factor: 0.5 * (before.cost - after.cost),
         charge: None,
         moved: Vec::new(),
     })
+}
+
+/// The nuisances as the model has them: fitted to one wiring, they hide another one.
+fn without_nuisances(problem: &Problem) -> Problem {
+    let mut plain = problem.clone();
+    for log in &mut plain.logs {
+        log.nuisances = Nuisances::default();
+    }
+    plain
+}
+
+/// A wiring with the nuisances fitted to it.
+fn fitted(problem: &Problem, active: &[Active]) -> Option<Explained> {
+    let mut wired = problem.clone();
+    wired.active = active.to_vec();
+    wired.fit_nuisances().ok()?;
+    let mut explained = excess(&wired, active, None)?;
+    for log in &wired.logs {
+        let rotors = 0..log.predictor.series().rotors;
+        explained.cost += rotors
+            .map(|i| (log.nuisance(i) / log.nuisance_size(i)).powi(2))
+            .sum::<f64>();
+    }
+    Some(explained)
 }
 
 /// Every way to have this error.
@@ -102,13 +152,13 @@ fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
     }
 }
 
-/// Excess of chi² in forces and torques, its samples, and chi² per sample of the torques.
-fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) -> Option<(f64, f64, f64)> {
+/// A wiring with the nuisances as they are, without what these cost.
+fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) -> Option<Explained> {
     let (mut sum, mut samples, mut torque, mut torque_samples) = (0.0, 0.0, 0.0, 0.0);
     for (l, log) in problem.logs.iter().enumerate() {
         let predictor = &log.predictor;
         let set = predictor
-            .effect_set(&Nuisances::default(), &instances(&problem.library, active))
+            .effect_set(&log.nuisances, &instances(&problem.library, active))
             .ok()?;
         // Wiring acts on thrusts and their wrench alone.
         let stages = Stages {
@@ -137,5 +187,9 @@ fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) ->
             }
         }
     }
-    (torque_samples > 0.0).then(|| (sum, samples, torque / torque_samples))
+    (torque_samples > 0.0).then(|| Explained {
+        cost: sum,
+        samples,
+        torque: torque / torque_samples,
+    })
 }
