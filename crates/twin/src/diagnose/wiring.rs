@@ -26,7 +26,7 @@ const FITTED: usize = 4;
 /// How well a wiring explains the flights with the nuisances fitted to it.
 #[derive(Debug, Clone, Copy)]
 struct Explained {
-    /// Excess of chi² in forces and torques, and what the rotors' biases cost by their prior: these would explain away at rest what a
+    /// Excess of chi² in forces and torques about their means, and what the rotors' biases cost by their prior: these would explain away at rest what a
     /// wrong wiring does.
     cost: f64,
     /// Samples of forces and torques.
@@ -174,11 +174,10 @@ fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) ->
                 continue;
             };
             let count = (0..whitener.len()).filter(|&k| whitener.counts(k)).count() as f64;
-            let squares: f64 = predictor
-                .whitened_channel(channel, &prediction)
-                .iter()
-                .map(|x| x * x)
-                .sum();
+            // What is constant may be the rotors' biases.
+            let whitened = predictor.whitened_channel(channel, &prediction);
+            let total: f64 = whitened.iter().sum();
+            let squares = whitened.iter().map(|x| x * x).sum::<f64>() - total * total / count.max(1.0);
             sum += squares - count;
             samples += count;
             if channel >= M {
