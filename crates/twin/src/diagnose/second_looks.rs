@@ -12,6 +12,9 @@ use super::{charge, goodness, gusts, trials};
 use crate::predict::PredictError;
 use crate::predict::channels::{F, KV};
 
+/// Loss of ln evidence up to which one effect does as well as two.
+const AS_WELL: f64 = 1.0;
+
 /// Whether gusts through a drag that was found explain more than any further effect would, and leave none. An onset that only the gusts
 /// called for is dropped.
 pub(super) fn gusts_lead(
@@ -141,12 +144,13 @@ pub(super) fn in_place_of_two(
         let Some((mut without, fitted, new)) = best_without(problem, gone, threshold)? else {
             continue;
         };
-        let mut both = without.active.clone();
-        both.extend(removed.iter().cloned());
-        // The one of the two that is left may need another charge than both together.
+        // The new one may need another charge than the two.
         move_to(&mut without, &fitted)?;
         let fitted = charge::fit_anywhere(&without)?;
-        if fitted.log_evidence < without.fit(&both)?.log_evidence {
+        // Weighed where all is known: without the two the noise of a channel may pass for larger than it is.
+        let start = (problem.logs.len() == 1).then(|| fitted.nuisances[0].charge);
+        let (one, two) = (problem.fit_from(&fitted.active, start)?, problem.fit(&problem.active)?);
+        if one.log_evidence < two.log_evidence - AS_WELL {
             continue;
         }
         named.retain(|one| !gone(one.candidate));
