@@ -476,3 +476,39 @@ fn scenario_a_scale_of_the_accelerometer_is_no_bias_where_the_thrust_hardly_chan
 fn scenario_a_damping_is_named_on_a_calm_flight() {
     finds_alone("helix", 302, "rotational-damping", "damping_n_m_s", 0.0106);
 }
+
+/// At rest the biases of the rotors explain what a wrong wiring does: only with the biases fitted to each wiring does the right one show.
+#[test]
+fn scenario_weak_swapped_and_reversed_rotors_are_told_apart_on_a_calm_flight() {
+    let cases: [(&str, &str, u64, &[usize]); 3] = [
+        (
+            "rotor-thrust-scale",
+            "rotor=1,share=-0.035544469896883",
+            965_644_898,
+            &[1],
+        ),
+        ("swapped-rotors", "rotor=6,partner=5,share=1", 965_644_949, &[5, 6]),
+        ("reversed-spin", "rotor=6,share=1", 965_645_031, &[6]),
+    ];
+    for (effect, parameters, seed, rotors) in cases {
+        let hidden = format!("{effect}:{parameters}");
+        let log = whole(effect, "helix", &[&hidden], seed);
+        let found = diagnose(&[log], &model(), &Options::default()).unwrap();
+        assert_eq!(named(&found), [effect], "{}", found.sentence);
+        let finding = found.effects.iter().chain(&found.sensor_or_timing).next().unwrap();
+        let rotor = finding.instance.rotor;
+        assert!(rotor.is_some_and(|rotor| rotors.contains(&rotor)), "{effect} {rotor:?}");
+    }
+}
+
+/// The relaxation is found first, at a charge beyond a kink of the chart; from there an offset fits better than the gain that is hidden.
+#[test]
+fn scenario_a_gain_of_the_voltage_is_no_offset_beside_a_relaxing_battery() {
+    let hidden = [
+        "battery-rc:resistance_ohm=0.015315178686390946,time_s=15",
+        "voltage-gain:share=0.014142661837160331",
+    ];
+    let log = whole("relaxing", "excitation", &hidden, 3_711_504_375);
+    let found = diagnose(&[log], &model(), &Options::default()).unwrap();
+    assert_eq!(named(&found), ["battery-rc", "voltage-gain"], "{}", found.sentence);
+}

@@ -1,8 +1,8 @@
-//! Starts of fits of the battery voltage: charge at the start and a battery effect together.
+//! Starts of fits of the battery voltage: charge at the start and all effects that show in the voltage together.
 //!
 //! The open-circuit voltage is a chart with kinks, so a fit that starts at the wrong charge stays there and others than the true
-//! effect patch what is left. The voltage depends on nothing else that is unknown (the thrust is that of the measured voltage), and it
-//! is slow: on means of 0.1 s, every charge is tried with the effect fitted to it.
+//! effect patch what is left. The voltage is slow: on means of 0.1 s, every charge is tried with the effects fitted to it. What changes
+//! the thrust acts by the slope of the rotors' power, taken once.
 
 use rotortwin_plant::effects::{ChannelGroup, ParameterKind};
 
@@ -116,31 +116,37 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
 /// The active effects fitted, from where they stand and from where a search over all charges finds them: what was named one after the
 /// other stands where the first of them left the charge, and what is named next must not be but a mend of that.
 pub(crate) fn fit_anywhere(problem: &Problem) -> Result<Fitted, PredictError> {
-    let mut best = problem.fit(&problem.active)?;
-    if !may_stand_elsewhere(problem) {
-        return Ok(best);
-    }
-    let rest = posterior_without_voltage(problem, &[]);
-    for trial in rest.and_then(|rest| scan(problem, None, &rest)).unwrap_or_default() {
-        if let Ok(fitted) = problem.fit_from(&trial.moved, trial.charge)
-            && fitted.log_evidence > best.log_evidence
-        {
-            best = fitted;
-        }
-    }
-    Ok(best)
+    let here = problem.fit(&problem.active)?;
+    Ok(match elsewhere(problem)? {
+        Some(there) if there.log_evidence > here.log_evidence => there,
+        _ => here,
+    })
 }
 
-/// Moves to where [`fit_anywhere`] ends, if that is clearly better than where the effects stand.
-pub(crate) fn look_again(problem: &mut Problem) -> Result<(), PredictError> {
+/// Moves to where a search over all charges finds a clearly better fit. Returns true if there is one.
+pub(crate) fn look_again(problem: &mut Problem) -> Result<bool, PredictError> {
+    let Some(there) = elsewhere(problem)? else {
+        return Ok(false);
+    };
+    let better = there.log_evidence > problem.fit(&problem.active)?.log_evidence + LEAST_GAIN_AGAIN;
+    if better {
+        move_to(problem, &there)?;
+    }
+    Ok(better)
+}
+
+/// The best fit from a start of a search over all charges; `None` where no effect of the battery was named or its charge is not known
+/// from one log.
+fn elsewhere(problem: &Problem) -> Result<Option<Fitted>, PredictError> {
     if !may_stand_elsewhere(problem) {
-        return Ok(());
+        return Ok(None);
     }
-    let (here, best) = (problem.fit(&problem.active)?, fit_anywhere(problem)?);
-    if best.log_evidence > here.log_evidence + LEAST_GAIN_AGAIN {
-        move_to(problem, &best)?;
-    }
-    Ok(())
+    let rest = posterior_without_voltage(problem, &[]);
+    let trials = rest.and_then(|rest| scan(problem, None, &rest)).unwrap_or_default();
+    let fits = trials
+        .iter()
+        .filter_map(|trial| problem.fit_from(&trial.moved, trial.charge).ok());
+    Ok(fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence)))
 }
 
 /// True if an effect of the battery was named and its charge can be searched.
@@ -323,12 +329,12 @@ fn scan(problem: &Problem, further: Option<usize>, rest: &Posterior) -> Option<V
 /// Means of the voltage at a charge and sizes of the effect; `None` where these make no vehicle.
 type Predict<'a> = dyn Fn(f64, &[f64]) -> Option<Vec<f64>> + 'a;
 
-/// Fit of the slow voltage: charge, and the parameters of one effect.
+/// Fit of the slow voltage: charge, and the parameters of the moving effects.
 struct Fit<'a> {
     predict: &'a Predict<'a>,
     measured: &'a [f64],
     weight: f64,
-    /// What the other channels say of the effect: its mean, and the inverse of its covariance.
+    /// What the other channels say of the effects: their mean, and the inverse of its covariance.
     estimate: &'a [f64],
     prior: &'a Matrix,
 }

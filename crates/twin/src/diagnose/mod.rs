@@ -28,7 +28,7 @@ mod fit;
 mod goodness;
 mod gusts;
 mod held_out;
-mod library;
+pub(crate) mod library;
 mod linear;
 mod onset;
 mod ranking;

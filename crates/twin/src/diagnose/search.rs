@@ -166,9 +166,15 @@ pub(crate) fn search(
         in_place_of_two(&mut problem, &mut named, threshold)?;
         doubt_onsets(&mut problem)?;
     }
-    charge::look_again(&mut problem)?;
+    let moved = charge::look_again(&mut problem)?;
     (options.progress)("goodness of fit", 0.95);
     let (mut posterior, mut deviations) = settled(&mut problem)?;
+    if moved {
+        // What was left may have been the charge.
+        left = score(&problem, &posterior)
+            .first()
+            .map_or(0.0, |s| s.opened.log_bayes_factor);
+    }
     while let Some(fitted) = superfluous(&problem, &posterior, &deviations, threshold)? {
         named.retain(|one| fitted.active.iter().any(|a| a.candidate == one.candidate));
         move_to(&mut problem, &fitted)?;

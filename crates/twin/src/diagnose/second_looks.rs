@@ -125,6 +125,7 @@ pub(super) fn in_place_of_two(
     if count < 3 {
         return Ok(());
     }
+    let all = charge::fit_anywhere(problem)?;
     let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
     for (a, b) in pairs {
         let removed = [problem.active[a].clone(), problem.active[b].clone()];
@@ -148,9 +149,11 @@ pub(super) fn in_place_of_two(
         move_to(&mut without, &fitted)?;
         let fitted = charge::fit_anywhere(&without)?;
         // Weighed where all is known: without the two the noise of a channel may pass for larger than it is.
-        let start = (problem.logs.len() == 1).then(|| fitted.nuisances[0].charge);
-        let (one, two) = (problem.fit_from(&fitted.active, start)?, problem.fit(&problem.active)?);
-        if one.log_evidence < two.log_evidence - AS_WELL {
+        let mut known = problem.clone();
+        for (log, nuisances) in known.logs.iter_mut().zip(&fitted.nuisances) {
+            log.nuisances.charge = nuisances.charge;
+        }
+        if known.fit(&fitted.active)?.log_evidence < all.log_evidence - AS_WELL {
             continue;
         }
         named.retain(|one| !gone(one.candidate));

@@ -12,18 +12,18 @@ use super::trials::Trial;
 use crate::predict::channels::{F, KA, KV, M};
 use crate::predict::{Nuisances, Prediction, Source, Stages};
 
-/// Mean chi² of the torque channels from which a gross error is looked for.
+/// Mean chi² of the torque channels about their means from which a gross error is looked for.
 const LARGE_CHI2: f64 = 1.5;
 /// Share of the excess chi² that the right wiring leaves at most.
 const LEFT_SHARE: f64 = 0.25;
-/// Mean chi² of the torque channels that the right wiring leaves at most: rotor biases, not fitted here, make about 1.4 of it. A
-/// centre of mass off the middle looks like swapped rotors on a flight that hardly turns, but only to a quarter of its error.
+/// Mean chi² of the torque channels that the right wiring leaves at most. A centre of mass off the middle looks like swapped rotors on a
+/// flight that hardly turns, but only to a quarter of its error.
 const LEFT_CHI2: f64 = 3.0;
 
 /// Gross errors of which the nuisances are fitted, after a first look without.
 const FITTED: usize = 4;
 
-/// How well a wiring explains the flights with the nuisances fitted to it.
+/// How well a wiring explains the flights.
 #[derive(Debug, Clone, Copy)]
 struct Explained {
     /// Excess of chi² in forces and torques about their means, and what the rotors' biases cost by their prior: these would explain away at rest what a

@@ -30,7 +30,8 @@ pub(super) struct Imu {
     pub(super) accel: Option<Vec<Vector3>>,
     /// Rate of the gyroscope's reading over step k, rad/s².
     pub(super) spin_up: Option<Vec<Vector3>>,
-    /// What the accelerometer reads too much at t_k, m/s², told by the model's own force; `None` if its readings are true. The velocity
+    /// What the accelerometer reads too much at t_k, m/s², told by the model's own force; `None` if nothing could make its readings
+    /// untrue. The velocity
     /// is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise, and win or lose for
     /// that.
     pub(super) accel_error: Option<Vec<Vector3>>,

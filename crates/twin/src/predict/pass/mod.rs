@@ -8,7 +8,8 @@
 //! ```
 //! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) stand at k
 //! for the step from t_k to t_{k+1}. The duty that predicts step k never answers to what was measured after t_k, so that the feedback
-//! of measurement noise through the controller cannot pass for physics. Kinematics and voltage of a step are means of its two ends.
+//! of measurement noise through the controller cannot pass for physics. Velocity, attitude and voltage of a step are means of its two
+//! ends; its rates are foretold from what was read before it ([`Plant::steps`]).
 //!
 //! Sensor errors are applied to the prediction, never taken off the measurement: dividing the measurement by 1 + s shrinks its noise
 //! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted; the accelerometer's as
@@ -19,6 +20,8 @@ mod battery;
 mod body;
 mod kinematics;
 mod motion;
+#[cfg(test)]
+mod tests;
 
 use std::sync::{Arc, OnceLock};
 
@@ -39,7 +42,7 @@ pub(crate) use battery::Power;
 pub(crate) struct Stages {
     pub(crate) actuators: bool,
     pub(crate) motion: bool,
-    /// By something else than its motion.
+    /// What acts on the body; another motion alone does not count.
     pub(crate) body: bool,
     pub(crate) gravity: bool,
     pub(crate) battery: bool,
@@ -146,7 +149,7 @@ pub(crate) struct Plant {
 pub(crate) enum Source {
     /// As measured: for residuals.
     Raw,
-    /// Smoothed: for sensitivities.
+    /// Smoothed, but for the rates behind torques: for sensitivities.
     Smooth,
 }
 
@@ -161,7 +164,7 @@ pub(crate) struct Prediction {
     pub(crate) motion: Arc<Kinematics>,
     /// What the model does to the body.
     steps: Arc<Steps>,
-    /// True if the accelerometer reads something else than what acts on it.
+    /// True if the accelerometer may read something else than what acts on it.
     accel_errs: bool,
     /// Prediction of each channel.
     pub(crate) channels: [Arc<Vec<f64>>; CHANNELS],
@@ -237,7 +240,7 @@ impl Plant {
         let other_body =
             driven && (stages.body || base.is_none_or(|(base, _)| differs(effects, &base.motion, &motion)));
         if other_body {
-            // Rates that another torque changes by a little change it again by less still.
+            // Rates that another torque changes change it again by far less: by the observer's 10 ms, through damping and gyroscopics.
             let known = base.filter(|(base, _)| Arc::ptr_eq(&base.motion.observed_rates, &motion.observed_rates));
             let foretold = known.map(|(base, _)| &base.steps.foretold);
             steps = Arc::new(self.steps(effects.clone(), &motion, &thrust, &root, foretold));
@@ -264,8 +267,8 @@ impl Plant {
                 );
             }
         }
-        // Without an accelerometer the force of the model shows in the velocity.
-        if stages.motion || stages.gravity || (!have.accel && other_body) {
+        // Without an accelerometer the force of the model shows in the velocity; with one, its errors are told by that force.
+        if stages.motion || stages.gravity || (other_body && (!have.accel || accel_errs)) {
             let same_gravity = base.filter(|_| !stages.gravity).map(|(base, _)| base);
             self.kinematics(
                 effects.constants(),
