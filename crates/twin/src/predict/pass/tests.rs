@@ -1,7 +1,5 @@
 //! What a pass shares with its base is what it would have made itself.
 
-#![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
-
 use std::path::Path;
 
 use rotortwin_plant::VehicleDocuments;
