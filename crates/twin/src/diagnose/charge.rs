@@ -150,7 +150,7 @@ fn elsewhere(problem: &Problem) -> Result<Option<Fitted>, PredictError> {
 }
 
 /// True if an effect of the battery was named and its charge can be searched.
-fn may_stand_elsewhere(problem: &Problem) -> bool {
+pub(super) fn may_stand_elsewhere(problem: &Problem) -> bool {
     let one_log = problem.logs.len() == 1 && problem.logs[0].predictor.has(V);
     one_log && problem.active.iter().any(|a| of_battery(problem, a.candidate))
 }

@@ -145,6 +145,10 @@ pub(super) fn in_place_of_two(
         let Some((mut without, fitted, new)) = best_without(problem, gone, threshold)? else {
             continue;
         };
+        // Without a charge that may stand wrong, the second of the two was needed.
+        if gone(new.candidate) && !charge::may_stand_elsewhere(&without) {
+            continue;
+        }
         // The new one may need another charge than the two.
         move_to(&mut without, &fitted)?;
         let fitted = charge::fit_anywhere(&without)?;
