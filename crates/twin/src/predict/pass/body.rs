@@ -6,7 +6,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::{EffectSet, Hooks, Readings, Wrench};
 
-use super::{Plant, When, between, turned};
+use super::{Plant, When, between, sensors_may_err, turned};
 use crate::predict::series::{Kinematics, shifted};
 use crate::predict::vectors::{cross, inverted, times, to_body};
 
@@ -31,9 +31,8 @@ pub(super) struct Imu {
     /// Rate of the gyroscope's reading over step k, rad/s².
     pub(super) spin_up: Option<Vec<Vector3>>,
     /// What the accelerometer reads too much at t_k, m/s², told by the model's own force; `None` if nothing could make its readings
-    /// untrue. The velocity
-    /// is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise, and win or lose for
-    /// that.
+    /// untrue. The velocity is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise,
+    /// and win or lose for that.
     pub(super) accel_error: Option<Vec<Vector3>>,
 }
 
@@ -196,7 +195,7 @@ impl Plant {
         let n = s.rotors;
         let mut imu = Imu::default();
         let mut c = *set.constants();
-        if set.may_change() || set.hooks().uses(Hooks::READINGS) || !c.sensors_are_exact() {
+        if sensors_may_err(&set) {
             let Steps { force, spin_up, .. } = steps;
             let (mut accel, mut turned) = (force.clone(), spin_up.clone());
             let mut error = vec![[0.0; 3]; s.len];

@@ -75,34 +75,16 @@ impl Stages {
             || a.esc_resistance_ohm != b.esc_resistance_ohm
             || extra.uses(Hooks::COMMAND)
             || extra.uses(Hooks::STATIC_LIFT);
-        let battery = actuators
-            || a.internal_resistance_ohm != b.internal_resistance_ohm
-            || a.rc_resistance_ohm != b.rc_resistance_ohm
-            || a.rc_time_s != b.rc_time_s
-            || a.capacity_ah != b.capacity_ah
-            || a.charge_offset != b.charge_offset
-            || a.power_coefficient_w_per_n15 != b.power_coefficient_w_per_n15;
-        let motion = a.accelerometer_bias_m_s2 != b.accelerometer_bias_m_s2
-            || a.accelerometer_scale != b.accelerometer_scale
-            || a.gyro_bias_rad_s != b.gyro_bias_rad_s
-            || a.gyro_scale != b.gyro_scale
-            || a.imu_misalignment_rad != b.imu_misalignment_rad
-            || a.imu_lever_arm_m != b.imu_lever_arm_m
-            || a.level_offset_rad != b.level_offset_rad
-            || a.heading_offset_rad != b.heading_offset_rad
-            || a.imu_latency_s != b.imu_latency_s
-            || a.attitude_latency_s != b.attitude_latency_s
-            || a.velocity_latency_s != b.velocity_latency_s
-            || a.position_latency_s != b.position_latency_s
-            || extra.uses(Hooks::READINGS);
-        // Whatever else differs acts on the body: battery and sensors alone do not.
-        let as_in_b = Constants {
+        let with_battery = Constants {
             internal_resistance_ohm: b.internal_resistance_ohm,
             rc_resistance_ohm: b.rc_resistance_ohm,
             rc_time_s: b.rc_time_s,
             capacity_ah: b.capacity_ah,
             charge_offset: b.charge_offset,
             power_coefficient_w_per_n15: b.power_coefficient_w_per_n15,
+            ..*a
+        };
+        let with_sensors = |c: Constants| Constants {
             accelerometer_bias_m_s2: b.accelerometer_bias_m_s2,
             accelerometer_scale: b.accelerometer_scale,
             gyro_bias_rad_s: b.gyro_bias_rad_s,
@@ -115,10 +97,13 @@ impl Stages {
             attitude_latency_s: b.attitude_latency_s,
             velocity_latency_s: b.velocity_latency_s,
             position_latency_s: b.position_latency_s,
-            ..*a
+            ..c
         };
+        let battery = actuators || with_battery != *a;
+        let motion = with_sensors(*a) != *a || extra.uses(Hooks::READINGS);
+        // Whatever else differs acts on the body: battery and sensors alone do not.
         let body = actuators
-            || as_in_b != *b
+            || with_sensors(with_battery) != *b
             || extra.uses(Hooks::WIND)
             || extra.uses(Hooks::ROTOR_THRUST)
             || extra.uses(Hooks::WRENCH);
@@ -330,6 +315,11 @@ impl Plant {
             constants,
         }
     }
+}
+
+/// True if the inertial sensors or the attitude may read something else than what is; latencies aside.
+fn sensors_may_err(effects: &EffectSet) -> bool {
+    effects.may_change() || effects.hooks().uses(Hooks::READINGS) || !effects.constants().sensors_are_exact()
 }
 
 /// True if the body does something else because its motion is another one: without drag or effects on it, only its rates count.

@@ -6,29 +6,17 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::{EffectSet, Hooks, Readings};
 
-use super::{Plant, Source, When};
+use super::{Plant, Source, When, sensors_may_err};
 use crate::predict::series::{Drive, Kinematics, Vectors, shifted};
 use crate::predict::vectors::rotation;
 
 /// Steps of the fixed point by which readings are undone that an effect changes in ways of its own.
 const FIXED_POINT_STEPS: usize = 3;
 
-/// The vectors that sensor errors reach, as they come to differ from what was measured; all others stay shared with the log.
-#[derive(Default)]
-struct Undone {
-    position: Option<Vec<Vector3>>,
-    velocity: Option<Vec<Vector3>>,
-    attitude: Option<Vec<Vector3>>,
-    rates: Option<Vec<Vector3>>,
-    observed_rates: Option<Vec<Vector3>>,
-    accel: Option<Vec<Vector3>>,
-    driving_accel: Option<Vec<Vector3>>,
-}
-
-/// Sets a sample of a copy of `shared`, which is made where the first sample differs.
-fn set(own: &mut Option<Vec<Vector3>>, shared: &Vectors, k: usize, value: Vector3) {
-    if own.is_some() || shared[k] != value {
-        own.get_or_insert_with(|| shared.to_vec())[k] = value;
+/// Sets a sample; the vector stays shared until the first one that differs.
+fn set(shared: &mut Vectors, k: usize, value: Vector3) {
+    if shared[k] != value {
+        Arc::make_mut(shared)[k] = value;
     }
 }
 
@@ -41,14 +29,7 @@ impl Plant {
             Source::Smooth => &self.series.smooth,
         };
         let c = effects.constants();
-        let step = self.series.step_s;
-        let at = |x: &Vectors, latency: f64| {
-            if latency == 0.0 {
-                Arc::clone(x)
-            } else {
-                Arc::new(shifted(x, latency, step))
-            }
-        };
+        let at = |x: &Vectors, latency: f64| self.undelayed(x, latency);
         let mut motion = Kinematics {
             position: at(&measured.position, c.position_latency_s),
             velocity: at(&measured.velocity, c.velocity_latency_s),
@@ -70,7 +51,7 @@ impl Plant {
             }
         };
         motion.ned_from_body = turned(&motion.attitude);
-        if effects.may_change() || effects.hooks().uses(Hooks::READINGS) || !c.sensors_are_exact() {
+        if sensors_may_err(effects) {
             self.undo_errors(effects.clone(), &mut motion);
             motion.ned_from_body = turned(&motion.attitude);
         }
@@ -82,16 +63,7 @@ impl Plant {
         let mut c = *effects.constants();
         let nothing = [0.0; MAX_ROTORS];
         let n = self.series.rotors;
-        let turning = if c.imu_latency_s == 0.0 {
-            Arc::clone(&self.series.smooth.angular_acceleration)
-        } else {
-            Arc::new(shifted(
-                &self.series.smooth.angular_acceleration,
-                c.imu_latency_s,
-                self.series.step_s,
-            ))
-        };
-        let mut undone = Undone::default();
+        let turning = self.undelayed(&self.series.smooth.angular_acceleration, c.imu_latency_s);
         for k in 0..self.series.len {
             if effects.begin(self.series.time(k)) {
                 c = *effects.constants();
@@ -125,38 +97,30 @@ impl Plant {
             } else {
                 c.restore(&mut truth, turning[k]);
             }
-            set(&mut undone.position, &motion.position, k, truth.position_ned);
-            set(&mut undone.velocity, &motion.velocity, k, truth.velocity_ned);
-            set(&mut undone.attitude, &motion.attitude, k, truth.attitude);
-            set(&mut undone.rates, &motion.rates, k, truth.body_rates);
-            set(
-                &mut undone.driving_accel,
-                &motion.driving_accel,
-                k,
-                truth.specific_force,
-            );
             let too_much = |observed: Vector3, read: Vector3, truth: Vector3| {
                 [0, 1, 2].map(|i| observed[i] + (truth[i] - read[i]))
             };
             let observed = too_much(motion.observed_rates[k], read.body_rates, truth.body_rates);
-            set(&mut undone.observed_rates, &motion.observed_rates, k, observed);
             if self.series.drive == Drive::None {
                 // Without a model's force; with one, `imu` tells the accelerometer's errors.
                 let accel = too_much(motion.accel[k], read.specific_force, truth.specific_force);
-                set(&mut undone.accel, &motion.accel, k, accel);
+                set(&mut motion.accel, k, accel);
             }
+            set(&mut motion.position, k, truth.position_ned);
+            set(&mut motion.velocity, k, truth.velocity_ned);
+            set(&mut motion.attitude, k, truth.attitude);
+            set(&mut motion.rates, k, truth.body_rates);
+            set(&mut motion.observed_rates, k, observed);
+            set(&mut motion.driving_accel, k, truth.specific_force);
         }
-        let put = |shared: &mut Vectors, own: Option<Vec<Vector3>>| {
-            if let Some(own) = own {
-                *shared = Arc::new(own);
-            }
-        };
-        put(&mut motion.position, undone.position);
-        put(&mut motion.velocity, undone.velocity);
-        put(&mut motion.attitude, undone.attitude);
-        put(&mut motion.rates, undone.rates);
-        put(&mut motion.observed_rates, undone.observed_rates);
-        put(&mut motion.accel, undone.accel);
-        put(&mut motion.driving_accel, undone.driving_accel);
+    }
+
+    /// A signal that is read late, at its own times.
+    fn undelayed(&self, x: &Vectors, latency_s: f64) -> Vectors {
+        if latency_s == 0.0 {
+            Arc::clone(x)
+        } else {
+            Arc::new(shifted(x, latency_s, self.series.step_s))
+        }
     }
 }
