@@ -132,12 +132,13 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 }
 
 /// A command of this program, which ends with us.
-fn of_this_program(words: &[&str]) -> std::io::Result<Program> {
+fn of_this_program(words: &[&str], cores: usize) -> std::io::Result<Program> {
     let program = std::env::current_exe()?.display().to_string();
     let all = [&program, "--end-with-stdin"].into_iter().chain(words.iter().copied());
     Ok(Program {
         words: all.map(str::to_owned).collect(),
         held: true,
+        cores,
     })
 }
 
@@ -150,10 +151,12 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
         .iter()
         .map(|path| Vehicle::load(path).map(|vehicle| vehicle.rotors.len()))
         .collect::<Result<Vec<_>, _>>()?;
+    let jobs = args.jobs.unwrap_or(1).max(1);
+    let cores = (std::thread::available_parallelism().map_or(1, usize::from) / jobs).max(1);
     let bench = Bench {
         folder: args.out.clone(),
-        generator: of_this_program(&["blind", "generate"])?,
-        jobs: args.jobs.unwrap_or(1),
+        generator: of_this_program(&["blind", "generate"], cores)?,
+        jobs,
         keep_logs: args.keep_logs,
         request: args.request()?,
     };
@@ -162,11 +165,12 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
             command: Program {
                 words: line.split_whitespace().map(str::to_owned).collect(),
                 held: false,
+                cores,
             },
             read: read_either,
         },
         None => DiagnosisCommand {
-            command: of_this_program(&["diagnose", "{log}", "--model", "{vehicle}", "--json"])?,
+            command: of_this_program(&["diagnose", "{log}", "--model", "{vehicle}", "--json"], cores)?,
             read: read_diagnosis,
         },
     };

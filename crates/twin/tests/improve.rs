@@ -361,6 +361,33 @@ fn named(d: &Diagnosis) -> Vec<String> {
     ids
 }
 
+/// Two logs, one of them with a weak rotor from mid-flight on: what is shared out among cores comes back in its order.
+#[test]
+fn scenario_an_answer_does_not_depend_on_the_cores() {
+    let hidden = [
+        "rotor-drag:drag_n_s_m=0.25",
+        "rotor-thrust-scale:rotor=3,share=-0.05,onset_s=20",
+    ];
+    let logs = [
+        log("first", "excitation", &hidden, 1),
+        log("second", "waypoint", &hidden[..1], 2),
+    ];
+    let answer = |cores: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(cores).build().unwrap();
+        let found = pool.install(|| diagnose(&logs[..1], &model(), &Options::default()).unwrap());
+        let both = pool.install(|| diagnose(&logs, &model(), &Options::default()).unwrap());
+        (found, serde_json::to_string(&both).unwrap())
+    };
+    let (alone, among_five) = (answer(1), answer(5));
+    assert_eq!(
+        named(&alone.0),
+        ["rotor-drag", "rotor-thrust-scale"],
+        "{}",
+        alone.0.sentence
+    );
+    assert_eq!(alone, among_five);
+}
+
 /// The chart of the open-circuit voltage has two places that fit a wrong offset; the forces tell which.
 #[test]
 fn scenario_an_offset_of_the_voltage_is_named_where_the_chart_of_the_battery_fits_at_two_charges() {

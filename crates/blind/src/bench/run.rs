@@ -107,6 +107,8 @@ pub struct Program {
     /// Its standard input stays open until it ends: it takes the closing for our death and ends, too, so that none outlives a bench that
     /// was killed. Otherwise its standard input is empty.
     pub held: bool,
+    /// Cores that it is told to take (`RAYON_NUM_THREADS`), so that several at a time do not take each all.
+    pub cores: usize,
 }
 
 /// A program with arguments; `{log}` and `{vehicle}` are replaced. Its standard output is turned into an answer by `read`.
@@ -125,7 +127,7 @@ impl Diagnose for DiagnosisCommand {
         };
         let program = Program {
             words: self.command.words.iter().map(replaced).collect(),
-            held: self.command.held,
+            ..self.command
         };
         let output = stem.with_extension("json");
         run_process(&program, &output, &stem.with_extension("err"))?;
@@ -145,6 +147,7 @@ fn run_process(process: &Program, output: &Path, errors: &Path) -> std::result::
     let create = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut child = Command::new(program)
         .args(arguments)
+        .env("RAYON_NUM_THREADS", process.cores.to_string())
         .stdin(if process.held { Stdio::piped() } else { Stdio::null() })
         .stdout(create(output)?)
         .stderr(create(errors)?)
@@ -385,6 +388,7 @@ mod tests {
             let program = Program {
                 words: ["sh", "-c", script].map(str::to_owned).to_vec(),
                 held,
+                cores: 1,
             };
             let (output, errors) = (folder.path().join("out"), folder.path().join("err"));
             run_process(&program, &output, &errors).unwrap();

@@ -4,6 +4,7 @@
 //! effect patch what is left. The voltage is slow: on means of 0.1 s, every charge is tried with the effects fitted to it. What changes
 //! the thrust acts by the slope of the rotors' power, taken once.
 
+use rayon::prelude::*;
 use rotortwin_plant::effects::{ChannelGroup, ParameterKind};
 
 use super::dense::{Matrix, dot};
@@ -92,8 +93,10 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
     let mut found: Vec<Trial> = (0..problem.library.candidates.len())
         .filter(|&c| of_battery(problem, c))
         .filter(|&c| problem.active.iter().all(|a| a.candidate != c))
+        .collect::<Vec<_>>()
+        .into_par_iter()
         .filter_map(|c| scan(problem, Some(c), &rest))
-        .flatten()
+        .flatten_iter()
         .collect();
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
     let best = found.first().map_or(0.0, |t| t.log_bayes_factor);

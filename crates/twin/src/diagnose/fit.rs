@@ -5,6 +5,8 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::evidence::{Normal, Posterior};
 use super::library::Library;
 use super::linear::{Active, Column, Linear, LogState, accumulate, column_product, empty, residual_product};
@@ -117,28 +119,20 @@ impl Problem {
 
     /// Linearises every log about the present point, two at a time.
     pub(crate) fn linearise(&mut self, progress: &(dyn Fn(f64) + Sync)) -> Result<(), PredictError> {
-        let (library, active) = (&self.library, &self.active);
-        let logs: Vec<&LogState> = self.logs.iter().collect();
         // The columns of ten logs are a GiB: the old ones go before the new ones come.
         self.linear = Vec::new();
-        let mut linear = Vec::with_capacity(logs.len());
-        for (done, pair) in logs.chunks(2).enumerate() {
-            let part = |share: f64| progress((2.0 * done as f64 + share * pair.len() as f64) / logs.len() as f64);
-            let made = std::thread::scope(|scope| {
-                let other = pair
-                    .get(1)
-                    .map(|log| scope.spawn(move || log.linearise(library, active, &|_| ())));
-                let mut made = vec![pair[0].linearise(library, active, &part)];
-                if let Some(other) = other {
-                    made.push(other.join().expect("a linearisation does not panic"));
+        let count = self.logs.len() as f64;
+        let made = in_pairs(&self.logs, |l, log| {
+            // The second of a pair goes along with the first.
+            let of_pair = (self.logs.len() - l).min(2) as f64;
+            let part = |share: f64| {
+                if l % 2 == 0 {
+                    progress((l as f64 + share * of_pair) / count);
                 }
-                made
-            });
-            for one in made {
-                linear.push(Arc::new(one?));
-            }
-        }
-        self.linear = linear;
+            };
+            log.linearise(&self.library, &self.active, &part).map(Arc::new)
+        });
+        self.linear = made.into_iter().collect::<Result<_, _>>()?;
         Ok(())
     }
 
@@ -350,16 +344,26 @@ impl Problem {
     fn moved_log(&self, l: usize, log: &LogState, active: &[Active], free: &[usize]) -> Result<Moved, PredictError> {
         let own = log.nuisance_count();
         let weights = &self.weights[l];
-        let mut columns: Vec<Column> = self.linear[l].columns.clone();
-        let base = log.base(&self.library, active)?;
         let charge = own - 1;
-        columns[charge] = log.nuisance_column(&self.library, active, &base, charge)?;
-        for &j in free {
-            let column = &self.library.columns[j];
-            columns[own + j] =
-                log.parameter_column(&self.library, active, &base, column.candidate, column.parameter)?;
+        let moved: Vec<usize> = std::iter::once(charge).chain(free.iter().map(|j| own + j)).collect();
+        let anew = || {
+            let base = log.base(&self.library, active)?;
+            let column = |&place: &usize| match place.checked_sub(own) {
+                None => log.nuisance_column(&self.library, active, &base, place),
+                Some(j) => {
+                    let column = &self.library.columns[j];
+                    log.parameter_column(&self.library, active, &base, column.candidate, column.parameter)
+                }
+            };
+            let all: Vec<_> = moved.par_iter().map(column).collect();
+            all.into_iter().collect::<Result<Vec<Column>, PredictError>>()
+        };
+        let (anew, residual) = rayon::join(anew, || log.residual(&self.library, active));
+        let (anew, residual) = (anew?, residual?);
+        let mut columns: Vec<Column> = self.linear[l].columns.clone();
+        for (&place, column) in moved.iter().zip(anew) {
+            columns[place] = column;
         }
-        let residual = log.residual(&self.library, active)?;
         let products = |one: &Column| {
             columns
                 .iter()
@@ -425,9 +429,7 @@ impl Problem {
             // The biases are linear; the charge is not: the chart of the open-circuit voltage has kinks.
             let charge = log.nuisance_count() - 1;
             if step == 0 {
-                columns = (0..=charge)
-                    .map(|i| log.nuisance_column(&self.library, &self.active, &base, i))
-                    .collect::<Result<_, _>>()?;
+                columns = log.nuisance_columns(&self.library, &self.active, &base)?;
             } else {
                 columns[charge] = log.nuisance_column(&self.library, &self.active, &base, charge)?;
             }
@@ -474,17 +476,11 @@ fn shortened(best: &Option<Point>, shorter: &mut i32) -> Option<(Vec<LogState>, 
     Some((best.logs.clone(), best.fitted.active.clone(), step))
 }
 
-/// Does something for every log, two at a time; the results stand in the order of the logs.
+/// Does something for every log, two at a time, for the memory that they take; the results stand in the order of the logs.
 pub(crate) fn in_pairs<T: Send>(logs: &[LogState], each: impl Fn(usize, &LogState) -> T + Sync) -> Vec<T> {
     let mut all = Vec::with_capacity(logs.len());
-    for first in (0..logs.len()).step_by(2) {
-        std::thread::scope(|scope| {
-            let other = logs.get(first + 1).map(|log| scope.spawn(|| each(first + 1, log)));
-            all.push(each(first, &logs[first]));
-            if let Some(other) = other {
-                all.push(other.join().expect("it does not panic"));
-            }
-        });
+    for pair in (0..logs.len()).collect::<Vec<_>>().chunks(2) {
+        all.par_extend(pair.par_iter().map(|&l| each(l, &logs[l])));
     }
     all
 }

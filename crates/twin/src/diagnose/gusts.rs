@@ -10,6 +10,7 @@
 //!
 //! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s show too weak; σ and T are those of all logs.
 
+use rayon::prelude::*;
 use rotortwin_plant::effects::Place;
 
 use super::dense::dot;
@@ -461,28 +462,19 @@ fn fitted(problem: &Problem, posterior: &Posterior) -> Result<Option<Gusts>, Pre
     };
     let none: f64 = logs.iter().map(|log| filter(log, 0.0, 1.0, false).log_likelihood).sum();
     let between = |(low, high): (f64, f64), i: usize| f64::ln(low) + f64::ln(high / low) * i as f64 / (GRID - 1) as f64;
-    let mut best = ([0.0; 2], f64::NEG_INFINITY);
-    for i in 0..GRID {
-        for j in 0..GRID {
-            let at = [between(RMS_M_S, i), between(CORRELATION_S, j)];
-            let value = likelihood(at);
-            if value > best.1 {
-                best = (at, value);
-            }
-        }
-    }
+    let best_of = |best: ([f64; 2], f64), points: Vec<[f64; 2]>| {
+        let values: Vec<f64> = points.par_iter().map(|&at| likelihood(at)).collect();
+        let all = points.into_iter().zip(values);
+        all.fold(best, |best, one| if one.1 > best.1 { one } else { best })
+    };
+    let grid = (0..GRID).flat_map(|i| (0..GRID).map(move |j| [between(RMS_M_S, i), between(CORRELATION_S, j)]));
+    let mut best = best_of(([0.0; 2], f64::NEG_INFINITY), grid.collect());
     // Pattern search: the grid is coarse, the peak is round.
     let mut step = 0.25;
     while step > 2e-3 {
         let (at, value) = best;
-        for (i, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
-            let mut next = at;
-            next[i] += sign * step;
-            let tried = likelihood(next);
-            if tried > best.1 {
-                best = (next, tried);
-            }
-        }
+        let around = [[step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]];
+        best = best_of(best, around.map(|by| [at[0] + by[0], at[1] + by[1]]).to_vec());
         if best.1 <= value {
             step *= 0.5;
         }

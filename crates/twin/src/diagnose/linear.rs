@@ -4,7 +4,9 @@
 //! have none, and stages of the pass that it leaves alone are not run. Columns are f32: they are whitened and of order 1 to 10³.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
+use rayon::prelude::*;
 use rotortwin_plant::effects::{EffectInstance, EffectSet, Hooks, ParameterKind};
 
 use super::dense::Matrix;
@@ -104,6 +106,7 @@ pub(crate) struct Linear {
 #[derive(Debug, Clone)]
 pub(crate) struct ChannelNormal {
     pub(crate) columns: Vec<usize>,
+    /// Rows of the lower triangle, one after the other.
     pub(crate) matrix: Vec<f64>,
     pub(crate) gradient: Vec<f64>,
     pub(crate) square_sum: f64,
@@ -189,6 +192,18 @@ impl LogState {
         }
         let set = self.predictor.effect_set(&moved, &instances(library, active))?;
         Ok(self.column(base, &set, Hooks::CONSTANTS, size / step))
+    }
+
+    /// Columns of all nuisances.
+    pub(crate) fn nuisance_columns(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+    ) -> Result<Vec<Column>, PredictError> {
+        let column = |which| self.nuisance_column(library, active, base, which);
+        let all: Vec<_> = (0..self.nuisance_count()).into_par_iter().map(column).collect();
+        all.into_iter().collect()
     }
 
     /// Column of a parameter of a candidate, per plausible size, about the active effects.
@@ -295,22 +310,25 @@ impl LogState {
         &self,
         library: &Library,
         active: &[Active],
-        progress: &dyn Fn(f64),
+        progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Linear, PredictError> {
-        let base = self.base(library, active)?;
-        let mut columns = Vec::new();
-        for which in 0..self.nuisance_count() {
-            columns.push(self.nuisance_column(library, active, &base, which)?);
-        }
-        for (i, column) in library.columns.iter().enumerate() {
-            if i % 8 == 0 {
-                progress(i as f64 / library.columns.len() as f64);
-            }
-            let made = self.parameter_column(library, active, &base, column.candidate, column.parameter);
-            // A step that makes no vehicle (together with the active effects) has no column: it cannot be tested here.
-            columns.push(made.unwrap_or_else(|_| Arc::new(std::array::from_fn(|_| None))));
-        }
-        let residual = self.residual(library, active)?;
+        let done = AtomicUsize::new(0);
+        let all_columns = || {
+            let base = self.base(library, active)?;
+            let mut columns = self.nuisance_columns(library, active, &base)?;
+            columns.par_extend(library.columns.par_iter().map(|column| {
+                let made = self.parameter_column(library, active, &base, column.candidate, column.parameter);
+                let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+                if done.is_multiple_of(8) {
+                    progress(done as f64 / library.columns.len() as f64);
+                }
+                // A step that makes no vehicle (together with the active effects) has no column: it cannot be tested here.
+                made.unwrap_or_else(|_| Arc::new(std::array::from_fn(|_| None)))
+            }));
+            Ok::<_, PredictError>(columns)
+        };
+        let (columns, residual) = rayon::join(all_columns, || self.residual(library, active));
+        let (columns, residual) = (columns?, residual?);
         let blocks = self.blocks(&columns, &residual);
         Ok(Linear {
             residual,
@@ -338,12 +356,14 @@ impl LogState {
 
     pub(crate) fn blocks(&self, columns: &[Column], residual: &PerChannel) -> Vec<Vec<ChannelNormal>> {
         (0..CHANNELS)
+            .into_par_iter()
             .map(|channel| {
                 let Some(whitener) = self.predictor.whitener(channel) else {
                     return Vec::new();
                 };
                 let touching: Vec<usize> = (0..columns.len()).filter(|&j| columns[j][channel].is_some()).collect();
                 (0..self.block_count())
+                    .into_par_iter()
                     .map(|b| {
                         let rows = self.block_range(b);
                         let slices: Vec<&[f32]> = touching
@@ -381,12 +401,16 @@ pub(crate) fn accumulate(
             if !take(b) {
                 continue;
             }
-            let n = block.columns.len();
             let places: Vec<usize> = block.columns.iter().map(|&j| global(j)).collect();
+            let mut triangle = block.matrix.as_slice();
             for (a, &i) in places.iter().enumerate() {
-                let row = &mut normal.matrix.entries[i * size..(i + 1) * size];
-                for (c, &j) in places.iter().enumerate() {
-                    row[j] += weight * block.matrix[a * n + c];
+                let row;
+                (row, triangle) = triangle.split_at(a + 1);
+                for (&j, product) in places.iter().zip(row) {
+                    normal.matrix.entries[i * size + j] += weight * product;
+                    if i != j {
+                        normal.matrix.entries[j * size + i] += weight * product;
+                    }
                 }
                 normal.gradient[i] += weight * block.gradient[a];
             }
@@ -406,27 +430,14 @@ pub(crate) fn empty(size: usize) -> Normal {
     }
 }
 
-/// XᵀX of columns, f32 in chunks of 256 rows, sums in f64.
+/// Rows of the lower triangle of XᵀX of columns, f32 in chunks of 256 rows, sums in f64.
 fn gram(columns: &[&[f32]]) -> Vec<f64> {
     let n = columns.len();
-    let mut out = vec![0.0; n * n];
+    let mut out = Vec::with_capacity(n * (n + 1) / 2);
     for i in 0..n {
-        for j in (0..=i).step_by(4) {
-            let last = (j + 4).min(i + 1);
-            if last == j + 4 {
-                let four = dot4(columns[i], [columns[j], columns[j + 1], columns[j + 2], columns[j + 3]]);
-                out[i * n + j..i * n + j + 4].copy_from_slice(&four);
-            } else {
-                for k in j..last {
-                    out[i * n + k] = dot(columns[i], columns[k]);
-                }
-            }
-        }
-    }
-    for i in 0..n {
-        for j in 0..i {
-            out[j * n + i] = out[i * n + j];
-        }
+        let (fours, rest) = columns[..=i].as_chunks::<4>();
+        out.extend(fours.iter().flat_map(|&four| dot4(columns[i], four)));
+        out.extend(rest.iter().map(|column| dot(columns[i], column)));
     }
     out
 }
@@ -540,14 +551,14 @@ mod tests {
         let slices: Vec<&[f32]> = columns.iter().map(Vec::as_slice).collect();
         let got = gram(&slices);
         for i in 0..7 {
-            for j in 0..7 {
+            for j in 0..=i {
                 let expected: f64 = columns[i]
                     .iter()
                     .zip(&columns[j])
                     .map(|(a, b)| f64::from(*a) * f64::from(*b))
                     .sum();
                 // f32 sums over 32 terms a lane.
-                assert!((got[i * 7 + j] - expected).abs() < 1e-4, "{i} {j}");
+                assert!((got[i * (i + 1) / 2 + j] - expected).abs() < 1e-4, "{i} {j}");
             }
         }
     }

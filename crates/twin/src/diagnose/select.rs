@@ -1,5 +1,6 @@
 //! Which effect a round adds: candidates worth a fit, their fits, and the best that passes, with its rivals.
 
+use rayon::prelude::*;
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use super::evidence::{Posterior, minimum_size};
@@ -52,42 +53,21 @@ pub(super) fn best_of(
     } else {
         problem.fit(&problem.active)?
     };
-    // Candidates that were opened, the one in question last; fit; gain of ln evidence.
-    let mut tried: Vec<(Vec<usize>, Fitted, f64)> = Vec::new();
-    for trial in &possible {
-        let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
-        let open = trial.beside(&problem.active);
-        // A candidate whose fit leaves what is a vehicle at all is out.
-        if let Ok(fitted) = problem.fit_from(&open, trial.charge) {
-            let gain = gain_of(problem, &opened, &fitted, &null)?;
-            tried.push((opened, fitted, gain));
-        }
-        let [only] = trial.open.as_slice() else { continue };
-        if trial.charge.is_some() || problem.library.candidates[only.candidate].is_log_fault() {
-            continue;
-        }
-        if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > ONSET_GAIN) {
-            let mut open = problem.active.clone();
-            open.push(Active {
-                onset_s: Some(onset_s),
-                ..only.clone()
-            });
-            if let Ok(fitted) = problem.fit(&open) {
-                // The scan chose the time among all; the gain must pay for that.
-                let gain = fitted.log_evidence - null.log_evidence - ONSET_GAIN;
-                tried.push((vec![only.candidate], fitted, gain));
-            }
-        }
-    }
-    tried.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let all: Vec<_> = possible
+        .par_iter()
+        .map(|trial| fits_of(problem, trial, &null))
+        .collect();
+    let all: Vec<Vec<Tried>> = all.into_iter().collect::<Result<_, _>>()?;
+    let mut tried: Vec<Tried> = all.into_iter().flatten().collect();
+    tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let excuses: Vec<Option<String>> = tried
         .iter()
-        .map(|(opened, fitted, _)| opened.iter().find_map(|&c| implausible(problem, c, fitted)))
+        .map(|one| one.opened.iter().find_map(|&c| implausible(problem, c, &one.fitted)))
         .collect();
     let Some(winner) = (0..tried.len()).find(|&i| excuses[i].is_none()) else {
         return Ok(None);
     };
-    let (opened, fitted, gain) = &tried[winner];
+    let Tried { opened, fitted, gain } = &tried[winner];
     let Some(&candidate) = opened.last() else {
         return Ok(None);
     };
@@ -101,7 +81,8 @@ pub(super) fn best_of(
         return Ok(None);
     }
     let (mut compatible, mut lost) = (Vec::new(), Vec::new());
-    for (i, (others, _, other_gain)) in tried.iter().enumerate() {
+    for (i, one) in tried.iter().enumerate() {
+        let others = &one.opened;
         // The same with a companion, or from another start, is no rival.
         if others.iter().any(|c| opened.contains(c)) {
             continue;
@@ -114,7 +95,7 @@ pub(super) fn best_of(
             &problem.library.candidates[candidate],
             &problem.library.candidates[other],
         );
-        let gap = gain - other_gain;
+        let gap = gain - one.gain;
         let close = gap < COMPATIBLE_GAP && excuses[i].is_none();
         let rival = Rival {
             effect: b.declaration.id.to_owned(),
@@ -139,8 +120,8 @@ pub(super) fn best_of(
     for one in scored {
         let refined = tried
             .iter()
-            .filter(|t| t.0.last() == Some(&one.candidate))
-            .map(|t| t.2)
+            .filter(|t| t.opened.last() == Some(&one.candidate))
+            .map(|t| t.gain)
             .fold(f64::NEG_INFINITY, f64::max);
         let own = if refined.is_finite() {
             refined
@@ -166,6 +147,48 @@ pub(super) fn best_of(
     }
     found.reverse();
     Ok(Some((fitted.clone(), found)))
+}
+
+/// A fit of a trial.
+#[derive(Debug, Clone)]
+struct Tried {
+    /// Candidates that it opened, the one in question last.
+    opened: Vec<usize>,
+    fitted: Fitted,
+    /// Gain of ln evidence.
+    gain: f64,
+}
+
+/// The fits of a trial: from the start, and from where the effect may set in. None where these leave what is a vehicle at all.
+fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>, PredictError> {
+    let mut tried = Vec::new();
+    let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
+    if let Ok(fitted) = problem.fit_from(&trial.beside(&problem.active), trial.charge) {
+        let gain = gain_of(problem, &opened, &fitted, null)?;
+        tried.push(Tried { opened, fitted, gain });
+    }
+    let [only] = trial.open.as_slice() else {
+        return Ok(tried);
+    };
+    if trial.charge.is_some() || problem.library.candidates[only.candidate].is_log_fault() {
+        return Ok(tried);
+    }
+    if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > ONSET_GAIN) {
+        let mut open = problem.active.clone();
+        open.push(Active {
+            onset_s: Some(onset_s),
+            ..only.clone()
+        });
+        if let Ok(fitted) = problem.fit(&open) {
+            tried.push(Tried {
+                opened: vec![only.candidate],
+                // The scan chose the time among all; the gain must pay for that.
+                gain: fitted.log_evidence - null.log_evidence - ONSET_GAIN,
+                fitted,
+            });
+        }
+    }
+    Ok(tried)
 }
 
 /// Gain of ln evidence over the fit without the last of the opened candidates.

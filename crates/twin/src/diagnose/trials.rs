@@ -11,6 +11,7 @@
 //! The evidence of such columns A on top of the library X with posterior (m, C) under spikes is that of h = AᵀA − AᵀX C XᵀA and
 //! g = Aᵀ(r − X m) with slabs of 1.
 
+use rayon::prelude::*;
 use rotortwin_plant::effects::ParameterKind;
 
 use super::compass;
@@ -223,19 +224,24 @@ fn products_in(problem: &Problem, l: usize, log: &LogState, variants: &[Variant]
     let Ok(present) = log.base(&problem.library, &problem.active) else {
         return variants.iter().map(|_| None).collect();
     };
-    let mut beside: Vec<(usize, Option<Base>)> = Vec::new();
+    let mut companions: Vec<&Active> = variants.iter().filter_map(|v| v.companion.as_ref()).collect();
+    companions.sort_by_key(|one| one.candidate);
+    companions.dedup_by_key(|one| one.candidate);
+    let beside: Vec<(usize, Option<Base>)> = companions
+        .into_par_iter()
+        .map(|one| {
+            let mut active = problem.active.clone();
+            active.push(one.clone());
+            (one.candidate, log.base(&problem.library, &active).ok())
+        })
+        .collect();
     variants
-        .iter()
+        .par_iter()
         .map(|variant| {
             let Some(companion) = &variant.companion else {
                 let own = columns(problem, log, &present, None, variant)?;
                 return Some(Products::of(problem, l, &own));
             };
-            if beside.iter().all(|(of, _)| *of != companion.candidate) {
-                let mut active = problem.active.clone();
-                active.push(companion.clone());
-                beside.push((companion.candidate, log.base(&problem.library, &active).ok()));
-            }
             let base = beside.iter().find(|(of, _)| *of == companion.candidate)?.1.as_ref()?;
             let alone = Variant {
                 candidate: companion.candidate,
@@ -356,11 +362,11 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
             trials.add(problem, variant, &found, threshold);
         }
     }
-    for start in &mut trials.starts {
-        if start.log_bayes_factor > threshold {
-            compass::sharpen(problem, posterior, start);
-        }
-    }
+    trials
+        .starts
+        .par_iter_mut()
+        .filter(|start| start.log_bayes_factor > threshold)
+        .for_each(|start| compass::sharpen(problem, posterior, start));
     trials
         .starts
         .sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));

@@ -3,6 +3,7 @@
 //! They are no small deviations: a linear ranking patches them with tilts and scales. There are few of them, so that each is simply
 //! tried; one is taken where it removes nearly all of a large error of forces and torques.
 
+use rayon::prelude::*;
 use rotortwin_plant::effects::EffectDeclaration;
 
 use super::fit::Problem;
@@ -66,25 +67,28 @@ fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
             Some(log.predictor.predict(&set, Source::Raw, None))
         })
         .collect::<Option<Vec<Prediction>>>()?;
-    let mut all: Vec<(Active, f64)> = Vec::new();
-    for (candidate, entry) in problem.library.candidates.iter().enumerate() {
-        if !entry.columns.iter().all(Option::is_none) {
-            continue;
-        }
-        for active in variants(problem, candidate) {
-            if let Some(after) = excess(&plain, std::slice::from_ref(&active), Some(&bases)) {
-                all.push((active, after.cost));
-            }
-        }
-    }
-    all.sort_by(|a, b| a.1.total_cmp(&b.1));
-    all.into_iter()
-        .take(FITTED)
+    let candidates = &problem.library.candidates;
+    let wirings: Vec<Active> = (0..candidates.len())
+        .filter(|&c| candidates[c].columns.iter().all(Option::is_none))
+        .flat_map(|c| variants(problem, c))
+        .collect();
+    let mut all: Vec<(Active, Explained)> = wirings
+        .into_par_iter()
+        .filter_map(|active| {
+            let explained = excess(&plain, std::slice::from_ref(&active), Some(&bases))?;
+            Some((active, explained))
+        })
+        .collect();
+    all.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+    all.truncate(FITTED);
+    let all: Vec<(Active, Explained)> = all
+        .into_par_iter()
         .filter_map(|(active, _)| {
             let explained = fitted(problem, std::slice::from_ref(&active))?;
             Some((active, explained))
         })
-        .min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
+        .collect();
+    all.into_iter().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
 }
 
 /// The likeliest gross error as a start of a fit, where the leading candidates are such that it is taken for: on a flight that
