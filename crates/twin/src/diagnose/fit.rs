@@ -117,22 +117,18 @@ impl Problem {
         deviations
     }
 
-    /// Linearises every log about the present point, two at a time.
+    /// Linearises every log about the present point, one after the other: each takes all cores for its columns.
     pub(crate) fn linearise(&mut self, progress: &(dyn Fn(f64) + Sync)) -> Result<(), PredictError> {
         // The columns of ten logs are a GiB: the old ones go before the new ones come.
         self.linear = Vec::new();
         let count = self.logs.len() as f64;
-        let made = in_pairs(&self.logs, |l, log| {
-            // The second of a pair goes along with the first.
-            let of_pair = (self.logs.len() - l).min(2) as f64;
-            let part = |share: f64| {
-                if l % 2 == 0 {
-                    progress((l as f64 + share * of_pair) / count);
-                }
-            };
-            log.linearise(&self.library, &self.active, &part).map(Arc::new)
-        });
-        self.linear = made.into_iter().collect::<Result<_, _>>()?;
+        let logs = self.logs.iter().enumerate();
+        self.linear = logs
+            .map(|(l, log)| {
+                let part = |share: f64| progress((l as f64 + share) / count);
+                log.linearise(&self.library, &self.active, &part).map(Arc::new)
+            })
+            .collect::<Result<_, _>>()?;
         Ok(())
     }
 

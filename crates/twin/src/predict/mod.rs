@@ -114,10 +114,9 @@ pub struct Predictor {
     pub(crate) nominal: Constants,
     catalogue: Catalogue,
     model: Vec<EffectInstance>,
-    // Shared, because fits keep copies of a log.
-    measured: Arc<PerChannel>,
     noise: NoiseModel,
     covariances: [Covariance; CHANNELS],
+    // Shared, because fits keep copies of a log.
     whiteners: Arc<[Option<Whitener>; CHANNELS]>,
     /// Name of the log.
     pub name: String,
@@ -147,13 +146,11 @@ impl Predictor {
             series: Arc::new(series),
         };
         plant.charge = initial_charge(&plant, &nominal);
-        let measured = Arc::new(pass::measured(&plant.series));
         let mut predictor = Self {
             plant,
             nominal,
             catalogue: catalogue.clone(),
             model: effects.to_vec(),
-            measured,
             noise,
             covariances,
             whiteners: Arc::new(std::array::from_fn(|_| None)),
@@ -176,12 +173,13 @@ impl Predictor {
         }
         let mut whiteners: [Option<Whitener>; CHANNELS] = std::array::from_fn(|_| None);
         for channel in 0..CHANNELS {
-            if predictor.measured[channel].is_empty() || first.channels[channel].is_empty() {
+            let measured = pass::measured_channel(predictor.series(), channel);
+            if measured.is_empty() || first.channels[channel].is_empty() {
                 continue;
             }
             let mask: Vec<bool> = flying
                 .iter()
-                .zip(&predictor.measured[channel])
+                .zip(&measured)
                 .zip(first.channels[channel].iter())
                 .enumerate()
                 .map(|(k, ((&flies, m), p))| {
@@ -204,8 +202,8 @@ impl Predictor {
             return None;
         }
         let down = channels::F + 2;
-        let mut ratios: Vec<f64> = self.measured[down]
-            .iter()
+        let mut ratios: Vec<f64> = pass::measured_channel(series, down)
+            .into_iter()
             .zip(prediction.channels[down].iter())
             .filter(|(_, p)| **p < 0.0)
             .map(|(m, p)| m / p)
@@ -363,11 +361,11 @@ impl Predictor {
     }
 
     fn difference(&self, channel: usize, prediction: &Prediction) -> Vec<f64> {
-        self.measured[channel]
-            .iter()
-            .zip(prediction.channels[channel].iter())
-            .map(|(m, p)| m - p)
-            .collect()
+        let mut residual = pass::measured_channel(self.series(), channel);
+        for (m, p) in residual.iter_mut().zip(prediction.channels[channel].iter()) {
+            *m -= p;
+        }
+        residual
     }
 
     pub(crate) fn whitener(&self, channel: usize) -> Option<&Whitener> {

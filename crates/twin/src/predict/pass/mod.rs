@@ -331,43 +331,30 @@ fn differs(effects: &EffectSet, a: &Kinematics, b: &Kinematics) -> bool {
         || (acts && (other(|m| &m.position) || other(|m| &m.angular_acceleration) || other(|m| &m.driving_accel)))
 }
 
-/// The measured side of every channel: accelerometer, difference quotients, voltage.
+/// The measured side of every channel: accelerometer, difference quotients, voltage. Empty where there is none.
 pub(crate) fn measured(series: &Series) -> PerChannel {
+    std::array::from_fn(|channel| measured_channel(series, channel))
+}
+
+/// The same of one channel.
+pub(crate) fn measured_channel(series: &Series, channel: usize) -> Vec<f64> {
     let have = series.available;
-    let n = series.len;
-    let per = 1.0 / series.step_s;
-    let mut out: PerChannel = std::array::from_fn(|_| Vec::new());
-    let difference = |x: &[Vector3], i: usize| -> Vec<f64> {
-        (0..n)
-            .map(|k| {
-                if k + 1 < n {
-                    (x[k + 1][i] - x[k][i]) * per
-                } else {
-                    f64::NAN
-                }
-            })
-            .collect()
-    };
     let driven = series.drive != Drive::None;
-    for i in 0..3 {
-        if have.accel && driven {
-            out[F + i] = series.raw.accel.iter().map(|a| a[i]).collect();
+    let difference = |x: &[Vector3], i: usize| -> Vec<f64> {
+        let per = 1.0 / series.step_s;
+        let last = (series.len > 0).then_some(f64::NAN);
+        let steps = x.windows(2).map(|two| (two[1][i] - two[0][i]) * per);
+        steps.chain(last).collect()
+    };
+    match channel {
+        F..KV if have.accel && driven => series.raw.accel.iter().map(|a| a[channel - F]).collect(),
+        KV..M if have.velocity && have.attitude && (have.accel || driven) => {
+            difference(&series.raw.velocity, channel - KV)
         }
-        if have.velocity && have.attitude && (have.accel || driven) {
-            out[KV + i] = difference(&series.raw.velocity, i);
-        }
-        if have.rates && driven {
-            out[M + i] = difference(&series.raw.rates, i);
-        }
-        if have.attitude && have.rates {
-            out[KA + i] = difference(&series.raw.attitude, i);
-        }
-        if have.position && have.velocity {
-            out[KP + i] = difference(&series.raw.position, i);
-        }
+        M..KA if have.rates && driven => difference(&series.raw.rates, channel - M),
+        KA..KP if have.attitude && have.rates => difference(&series.raw.attitude, channel - KA),
+        KP..V if have.position && have.velocity => difference(&series.raw.position, channel - KP),
+        V if have.voltage && driven => series.voltage.clone(),
+        _ => Vec::new(),
     }
-    if have.voltage && driven {
-        out[V] = series.voltage.clone();
-    }
-    out
 }
