@@ -239,9 +239,8 @@ fn text(diagnosis: &Diagnosis) -> String {
                 || "nothing of it shows".to_owned(),
                 |size| {
                     format!(
-                        "would need {} {} (plausible {})",
-                        short(size),
-                        row.unit,
+                        "would need {} (plausible {})",
+                        format!("{} {}", short(size), row.unit).trim_end(),
                         short(row.plausible_size)
                     )
                 },

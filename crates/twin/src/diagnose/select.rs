@@ -309,11 +309,7 @@ fn implausible(problem: &Problem, candidate: usize, fitted: &Fitted) -> Option<S
         let value = active.values[i];
         let margin = 2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low);
         let outside = value > p.plausible_high + margin || value < p.plausible_low - margin;
-        (p.kind == ParameterKind::Size && outside).then(|| {
-            format!("{} = {} {}", p.symbol, words::number(value), p.unit)
-                .trim_end()
-                .to_owned()
-        })
+        (p.kind == ParameterKind::Size && outside).then(|| format!("{} = {}", p.symbol, words::quantity(value, p.unit)))
     })
 }
 

@@ -57,6 +57,11 @@ pub(crate) fn why_lost(winner: &Candidate, rival: &Candidate, gap: f64, implausi
     }
 }
 
+/// A number with its unit, if it has one.
+pub(super) fn quantity(value: f64, unit: &str) -> String {
+    format!("{} {unit}", number(value)).trim_end().to_owned()
+}
+
 /// Why an effect was named.
 pub(crate) fn why_found(finding: &Finding, minimum: Option<f64>) -> String {
     let mut text = format!(
@@ -65,7 +70,7 @@ pub(crate) fn why_found(finding: &Finding, minimum: Option<f64>) -> String {
         finding.channels.join(", ")
     );
     if let (Some(minimum), Some(first)) = (minimum, finding.parameters.first()) {
-        text += &format!("; {} {} would have been seen", number(minimum), first.unit);
+        text += &format!("; {} would have been seen", quantity(minimum, &first.unit));
     }
     if let Some(onset) = finding.onset_s {
         text += &format!("; it sets in at {onset:.1} s");
