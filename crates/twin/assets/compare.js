@@ -52,7 +52,7 @@
   const short = (value) => {
     if (value == null) return '–';
     const size = Math.abs(value);
-    return size >= 1000 ? value.toFixed(0) : size === 0 ? '0' : value.toPrecision(3).replace(/\.?0+$/, '').replace(/\.?0+e/, 'e');
+    return size >= 1000 ? value.toFixed(0) : size === 0 ? '0' : String(Number(value.toPrecision(3)));
   };
   const font = '11.5px system-ui, -apple-system, "Segoe UI", Roboto, Arial, sans-serif';
   const tints = ['muted', 'accent', 'third', 'good', 'bad'];

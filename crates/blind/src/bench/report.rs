@@ -110,7 +110,7 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem;color:#1d2330}\
+const STYLE: &str = "*{box-sizing:border-box}body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem;color:#1d2330}\
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}table{border-collapse:collapse;width:100%;font-size:.86rem}\
 th,td{text-align:left;padding:.3rem .5rem;border-bottom:1px solid #e2e6ee;vertical-align:top}th{background:#f4f6fa}\
 td.n{font-variant-numeric:tabular-nums;white-space:nowrap}.bad{background:#fdecea}.doubt{background:#fff6e0}.good{background:#eaf6ee}\

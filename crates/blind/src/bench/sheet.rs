@@ -190,8 +190,13 @@ pub fn sum_up(rows: &[Row]) -> Sheet {
             .push(row);
     }
     let groups = sets
-        .into_iter()
-        .map(|((_, name), rows)| group(name.trim_start_matches('~').to_owned(), &rows))
+        .iter()
+        // A single kind of flight is the whole preset.
+        .filter(|((preset, name), rows)| {
+            let all = &sets[&(preset.clone(), format!("~{preset}, all"))];
+            name.starts_with('~') || rows.len() < all.len()
+        })
+        .map(|((_, name), rows)| group(name.trim_start_matches('~').to_owned(), rows))
         .collect();
     let mut confusion: BTreeMap<(bool, String, String), usize> = BTreeMap::new();
     for row in rows {
@@ -304,8 +309,17 @@ mod tests {
             ..failed.clone()
         };
         let cases = |rows: &[Row]| sum_up(rows).groups.last().map(|group| group.cases);
-        assert_eq!(cases(&[failed, lost.clone()]), Some(1));
+        assert_eq!(cases(&[failed.clone(), lost.clone()]), Some(1));
         assert_eq!(cases(&[lost]), None);
+        // One kind of flight is the whole preset; two have a line each, and the sum.
+        let mut elsewhere = failed.clone();
+        elsewhere.case.flight = "hover".to_owned();
+        let names = |rows: &[Row]| -> Vec<String> { sum_up(rows).groups.into_iter().map(|g| g.name).collect() };
+        assert_eq!(names(std::slice::from_ref(&failed)), ["helix, all"]);
+        assert_eq!(
+            names(&[failed, elsewhere]),
+            ["helix, helix", "helix, hover", "helix, all"]
+        );
     }
 
     #[test]
