@@ -178,26 +178,26 @@ fn group(name: String, rows: &[&Row]) -> Group {
 
 /// Sums up the rows.
 pub fn sum_up(rows: &[Row]) -> Sheet {
-    let mut sets: BTreeMap<(String, String), Vec<&Row>> = BTreeMap::new();
+    let mut presets: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
     for row in rows.iter().filter(|row| row.outcome != Outcome::NotFlown) {
-        let preset = row.case.preset.name().to_owned();
-        sets.entry((preset.clone(), format!("{preset}, {}", row.case.flight)))
-            .or_default()
-            .push(row);
-        // '~' sorts the sum of a preset behind its flights.
-        sets.entry((preset.clone(), format!("~{preset}, all")))
-            .or_default()
-            .push(row);
+        presets.entry(row.case.preset.name()).or_default().push(row);
     }
-    let groups = sets
-        .iter()
+    let mut groups = Vec::new();
+    for (preset, all) in presets {
+        let mut flights: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
+        for &row in &all {
+            flights.entry(&row.case.flight).or_default().push(row);
+        }
         // A single kind of flight is the whole preset.
-        .filter(|((preset, name), rows)| {
-            let all = &sets[&(preset.clone(), format!("~{preset}, all"))];
-            name.starts_with('~') || rows.len() < all.len()
-        })
-        .map(|((_, name), rows)| group(name.trim_start_matches('~').to_owned(), rows))
-        .collect();
+        if flights.len() > 1 {
+            groups.extend(
+                flights
+                    .iter()
+                    .map(|(flight, rows)| group(format!("{preset}, {flight}"), rows)),
+            );
+        }
+        groups.push(group(format!("{preset}, all"), &all));
+    }
     let mut confusion: BTreeMap<(bool, String, String), usize> = BTreeMap::new();
     for row in rows {
         let right = matches!(row.outcome, Outcome::Right | Outcome::Flagged);

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::evidence::{Normal, Posterior};
 use super::library::Library;
-use super::linear::{Active, Column, Linear, LogState, accumulate, column_product, empty, residual_product};
+use super::linear::{Active, Column, Linear, LogState, accumulate, column_product, empty, in_order, residual_product};
 use crate::predict::{CHANNELS, Nuisances, PredictError};
 
 /// Most Gauss–Newton steps.
@@ -351,8 +351,7 @@ impl Problem {
                     log.parameter_column(&self.library, active, &base, column.candidate, column.parameter)
                 }
             };
-            let all: Vec<_> = moved.par_iter().map(column).collect();
-            all.into_iter().collect::<Result<Vec<Column>, PredictError>>()
+            in_order(moved.par_iter().map(column))
         };
         let (anew, residual) = rayon::join(anew, || log.residual(&self.library, active));
         let (anew, residual) = (anew?, residual?);
@@ -475,8 +474,8 @@ fn shortened(best: &Option<Point>, shorter: &mut i32) -> Option<(Vec<LogState>, 
 /// Does something for every log, two at a time, for the memory that they take; the results stand in the order of the logs.
 pub(crate) fn in_pairs<T: Send>(logs: &[LogState], each: impl Fn(usize, &LogState) -> T + Sync) -> Vec<T> {
     let mut all = Vec::with_capacity(logs.len());
-    for pair in (0..logs.len()).collect::<Vec<_>>().chunks(2) {
-        all.par_extend(pair.par_iter().map(|&l| each(l, &logs[l])));
+    for (p, pair) in logs.chunks(2).enumerate() {
+        all.par_extend(pair.par_iter().enumerate().map(|(i, log)| each(2 * p + i, log)));
     }
     all
 }

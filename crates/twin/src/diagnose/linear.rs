@@ -113,6 +113,13 @@ pub(crate) struct ChannelNormal {
     pub(crate) samples: f64,
 }
 
+/// All results, or the first refusal in their order: which thread is first must not choose the sentence.
+pub(crate) fn in_order<T: Send>(
+    results: impl ParallelIterator<Item = Result<T, PredictError>>,
+) -> Result<Vec<T>, PredictError> {
+    results.collect::<Vec<_>>().into_iter().collect()
+}
+
 /// Instances of the active effects.
 pub(crate) fn instances(library: &Library, active: &[Active]) -> Vec<EffectInstance> {
     active
@@ -202,8 +209,7 @@ impl LogState {
         base: &Base,
     ) -> Result<Vec<Column>, PredictError> {
         let column = |which| self.nuisance_column(library, active, base, which);
-        let all: Vec<_> = (0..self.nuisance_count()).into_par_iter().map(column).collect();
-        all.into_iter().collect()
+        in_order((0..self.nuisance_count()).into_par_iter().map(column))
     }
 
     /// Column of a parameter of a candidate, per plausible size, about the active effects.

@@ -5,7 +5,7 @@ use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use super::evidence::{Posterior, minimum_size};
 use super::fit::{Fitted, Problem};
-use super::linear::Active;
+use super::linear::{Active, in_order};
 use super::ranking::Scored;
 use super::result::Rival;
 use super::trials::{Trial, Trials};
@@ -53,11 +53,7 @@ pub(super) fn best_of(
     } else {
         problem.fit(&problem.active)?
     };
-    let all: Vec<_> = possible
-        .par_iter()
-        .map(|trial| fits_of(problem, trial, &null))
-        .collect();
-    let all: Vec<Vec<Tried>> = all.into_iter().collect::<Result<_, _>>()?;
+    let all = in_order(possible.par_iter().map(|trial| fits_of(problem, trial, &null)))?;
     let mut tried: Vec<Tried> = all.into_iter().flatten().collect();
     tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let excuses: Vec<Option<String>> = tried
