@@ -30,7 +30,7 @@ MOST_TILT = 0.4  # rad
 
 def load_messages():
     """Message classes from the descriptor in the repository: no protoc, no generated code."""
-    path = pathlib.Path(__file__).parent.parent / "crates/wire/src/proto/descriptor.bin"
+    path = pathlib.Path(__file__).parent.parent / "proto/src/descriptor.bin"
     files = descriptor_pb2.FileDescriptorSet.FromString(path.read_bytes())
     pool = descriptor_pool.DescriptorPool()
     for file in files.file:

@@ -46,6 +46,13 @@ def log() -> dict[str, bytes]:
     canonical = "time_s,position_north_m,duty_1\n" + "".join(f"{i / 100},{i},0.5\n" for i in range(50))
     seeds["canonical"] = canonical.encode()
     seeds["canonical-side"] = (canonical + "#SIDE#vehicle = 'f550'\n").encode()
+    fields = "loopIteration,time,gyroADC[0],gyroADC[1],gyroADC[2],motor[0],motor[1],motor[2],motor[3]"
+    seeds["blackbox"] = (
+        "H Product:Blackbox flight data recorder\nH Data version:2\n"
+        f"H Field I name:{fields}\nH Field I signed:0,0,1,1,1,0,0,0,0\n"
+        "H Field I predictor:0,0,0,0,0,11,5,5,5\nH Field I encoding:1,1,0,0,0,1,0,0,0\n"
+        "H Field P predictor:6,2,1,1,1,3,3,3,3\nH Field P encoding:9,0,7,7,7,8,8,8,8\nH I interval:4\nH P interval:1/1\n"
+    ).encode() + b"I\x04\xe8\x07\x02\x01\x04\x2a\x0a\x02\x01" + b"P\xf4\x03\x19\x55\xff\x11\x22" * 20
     for run in sorted((ROOT / "runs").glob("*/telemetry.parquet"))[:1]:
         seeds["parquet"] = run.read_bytes()
     return seeds

@@ -1,8 +1,9 @@
 //! `rotortwin blind`: the blind bench, and its generator by hand.
 
 use crate::output;
+use crate::progress::resumed_bar;
 use clap::{Args as ClapArgs, Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 use rotortwin_blind::bench::cases::{Case, Preset};
 use rotortwin_blind::bench::product::{read_diagnosis, read_either};
 use rotortwin_blind::bench::report;
@@ -12,6 +13,7 @@ use rotortwin_blind::bench::sheet::{self, Sheet};
 use rotortwin_blind::command;
 use rotortwin_blind::error::BlindError;
 use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_scenario::names::Kind;
 use serde_json::json;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -51,7 +53,14 @@ pub(crate) struct BenchArgs {
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
     /// Vehicle documents, taken in turn; several with commas
-    #[arg(long, value_delimiter = ',', default_value = "config/vehicles/f550.toml")]
+    #[arg(
+        long = "model",
+        alias = "vehicles",
+        value_name = "VEHICLE",
+        value_delimiter = ',',
+        default_value = "f550",
+        value_parser = crate::named::vehicle()
+    )]
     pub(crate) vehicles: Vec<PathBuf>,
     /// Length of a flight, s
     #[arg(long, default_value_t = 90.0)]
@@ -120,7 +129,7 @@ impl Args {
 /// Runs the bench or the generator.
 pub(crate) fn run(args: &Args) -> ExitCode {
     let result = match &args.command {
-        Some(Sub::Generate(generate)) => return command::run(&command::Command::Generate(generate.clone())),
+        Some(Sub::Generate(generate)) => return self::generate(generate),
         Some(Sub::Effects { json }) => return command::run(&command::Command::Effects { json: *json }),
         None => bench(&args.bench),
     };
@@ -129,6 +138,17 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Err(error) if matches!(error.downcast_ref(), Some(BlindError::Input { .. })) => output::bad_input(error),
         Err(error) => output::failed(error),
     }
+}
+
+/// The generator knows files only.
+fn generate(args: &command::GenerateArgs) -> ExitCode {
+    let mut args = args.clone();
+    let vehicle = args.vehicle.unwrap_or_else(|| PathBuf::from("f550"));
+    match crate::named::resolved(Kind::Vehicle, vehicle.as_os_str()) {
+        Ok(path) => args.vehicle = Some(path),
+        Err(error) => return output::bad_input(error),
+    }
+    command::run(&command::Command::Generate(args))
 }
 
 /// A command of this program, which ends with us.
@@ -180,8 +200,7 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
         Some(range) => part_of(&cases, range)?,
     };
     bench.open()?;
-    let bar = progress_bar(args.events, cases.len() as u64);
-    bar.set_position(bench.rows(cases).len() as u64);
+    let bar = progress_bar(args.events, cases.len() as u64, bench.rows(cases).len() as u64);
     let rows = bench.run(cases, &diagnosis, &|row| {
         bar.set_message(format!("{} → {}", row.truth, row.named));
         bar.inc(1);
@@ -237,15 +256,8 @@ fn case_event(row: &Row) -> serde_json::Value {
     })
 }
 
-pub(crate) fn progress_bar(hidden: bool, cases: u64) -> ProgressBar {
-    let target = if hidden {
-        ProgressDrawTarget::hidden()
-    } else {
-        ProgressDrawTarget::stderr()
-    };
-    let style = ProgressStyle::with_template("{bar:30} {pos}/{len}  {elapsed} of {duration}  {msg}")
-        .expect("the template is well formed");
-    ProgressBar::with_draw_target(Some(cases), target).with_style(style)
+pub(crate) fn progress_bar(hidden: bool, cases: u64, present: u64) -> ProgressBar {
+    resumed_bar("{bar:30} {pos}/{len}  {elapsed}, {left}  {msg}", hidden, cases, present)
 }
 
 /// The score sheet, and where the report is.

@@ -2,6 +2,7 @@
 
 mod flash;
 
+use crate::grid::Grid;
 use crate::output;
 use clap::{Parser, Subcommand};
 use rotortwin_board::message::{CostUnit, Detectors, Options, Report};
@@ -9,10 +10,10 @@ use rotortwin_bridge::address::{AnyLine, BoardAddress, QEMU_PROGRAM};
 use rotortwin_bridge::budget::{CYCLE_S, CycleBytes, LINES};
 use rotortwin_bridge::line::Channel;
 use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
-use rotortwin_campaign::flight::{self, FlightEnd, NoObserver};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_campaign::setup::run_setup;
-use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_flight::lockstep::{self, FlightEnd, NoObserver};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::setup::run_setup;
+use rotortwin_scenario::Scenario;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -38,7 +39,7 @@ enum Command {
         /// serial:PORT[@BAUD], pty, qemu, qemu-uart, virtual[:KEY=NUMBER,...]
         board: BoardAddress,
         /// Scenario to fly
-        #[arg(long, default_value = "config/scenarios/reference-flight.toml")]
+        #[arg(long, default_value = "reference-flight", value_parser = crate::named::scenario())]
         scenario: PathBuf,
         /// Length of the flight, s
         #[arg(long, default_value_t = 10.0)]
@@ -49,7 +50,7 @@ enum Command {
         /// Board to measure on [default: qemu]
         board: Option<BoardAddress>,
         /// Scenario to fly
-        #[arg(long, default_value = "config/scenarios/reference-flight.toml")]
+        #[arg(long, default_value = "reference-flight", value_parser = crate::named::scenario())]
         scenario: PathBuf,
         /// Length of the flight, s [default: the scenario's]
         #[arg(long)]
@@ -194,7 +195,7 @@ fn boot_loader(address: &BoardAddress) -> Result<ExitCode, Trouble> {
 
 /// The scenario; cut to a duration it may end before its faults, which are then left out.
 fn load(path: &Path, duration: Option<f64>) -> Result<Scenario, Trouble> {
-    let input = |error: rotortwin_plant::error::ConfigError| Trouble::Input(error.to_string());
+    let input = |error: rotortwin_scenario::ConfigError| Trouble::Input(error.to_string());
     let Some(duration) = duration else {
         return Scenario::load(path).map_err(input);
     };
@@ -206,11 +207,12 @@ fn load(path: &Path, duration: Option<f64>) -> Result<Scenario, Trouble> {
 
 /// Flies without a run folder.
 fn fly(address: &BoardAddress, scenario: &Scenario, options: SessionOptions) -> Result<SessionReport, Trouble> {
-    let mut simulation =
-        Simulation::new(scenario, scenario.seed()).map_err(|error| Trouble::Input(error.to_string()))?;
+    let mut simulation = scenario
+        .simulation(scenario.seed())
+        .map_err(|error| Trouble::Input(error.to_string()))?;
     let mut link = link(address, options)?;
     let setup = run_setup(scenario, &simulation, 1);
-    let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
+    let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
     match outcome.end {
         FlightEnd::Done => Ok(link.report()),
         FlightEnd::Canceled => Err(failed("canceled")),
@@ -229,7 +231,8 @@ fn doctor(address: &BoardAddress, scenario: &Path, duration: f64) -> Result<Exit
         ..SessionOptions::default()
     };
     options.board.residuals = address.baud().is_none();
-    let rotors = Simulation::new(&scenario, scenario.seed())
+    let rotors = scenario
+        .simulation(scenario.seed())
         .map_err(|error| Trouble::Input(error.to_string()))?
         .rotor_count();
     let report = fly(address, &scenario, options)?;
@@ -456,9 +459,7 @@ fn measure(
     limit: Option<u32>,
 ) -> Result<ExitCode, Trouble> {
     let scenario = load(scenario, duration)?;
-    let mut table = comfy_table::Table::new();
-    table.load_style(output::TABLE_STYLE);
-    table.set_header([
+    let mut table = Grid::new([
         "solution",
         "max",
         "at step",
@@ -469,7 +470,8 @@ fn measure(
         "FDI mean",
         "ms max",
         "paper, ms max (mean)",
-    ]);
+    ])
+    .numbers_from(1);
     let mut network_max = 0;
     let mut last = None;
     for (name, detectors) in SOLUTIONS {
@@ -520,20 +522,29 @@ fn measure(
     }
     if let Some((session, report)) = last {
         println!(
-            "Table 11: {} a step on {}; {}, {} steps, seed {}",
-            unit_name(report.unit),
-            session.board,
-            scenario.name(),
-            report.steps,
-            scenario.seed()
+            "{}",
+            output::fitted(&format!(
+                "Table 11: {} a step on {}; {}, {} steps, seed {}",
+                unit_name(report.unit),
+                session.board,
+                scenario.name(),
+                report.steps,
+                scenario.seed()
+            ))
         );
         println!("{table}");
         println!(
-            "The paper: STM32H743 at 480 MHz; 0.1098 ms are 52,700 cycles. Instructions are not cycles: no cache, no wait states."
+            "{}",
+            output::fitted(
+                "The paper: STM32H743 at 480 MHz; 0.1098 ms are 52,700 cycles. Instructions are not cycles: no cache, no wait states."
+            )
         );
         println!(
-            "stack: {} bytes in flight, {} while parameters were taken in, of {}",
-            report.stack_used, report.stack_before, report.stack_size
+            "{}",
+            output::fitted(&format!(
+                "stack: {} bytes in flight, {} while parameters were taken in, of {}",
+                report.stack_used, report.stack_before, report.stack_size
+            ))
         );
     }
     match limit {

@@ -1,9 +1,9 @@
 //! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; or one of them again.
 
-use crate::output;
+use crate::progress::resumed_bar;
+use crate::{destination, output};
 use clap::Parser;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use rotortwin_campaign::pace::Pace;
+use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
 use rotortwin_campaign::study::folder::{CampaignFolder, write_whole};
@@ -11,6 +11,7 @@ use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
 use rotortwin_campaign::study::totals::Totals;
 use rotortwin_campaign::study::{Campaign, report, results, tables};
+use rotortwin_flight::pace::Pace;
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use std::num::NonZeroUsize;
@@ -27,13 +28,14 @@ const EVENT_INTERVAL: Duration = Duration::from_millis(500);
 /// Arguments of `rotortwin campaign`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
-    /// Campaign file, e.g. config/campaigns/detector-ideal.toml
+    /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
+    #[arg(value_parser = crate::named::campaign())]
     pub(crate) campaign: PathBuf,
     /// Folder of the campaign; one that holds a part of it is gone on with [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Threads [default: as many as the machine has]
-    #[arg(long, value_name = "COUNT")]
+    /// Threads [default: as many as this process may use]
+    #[arg(long = "jobs", alias = "threads", value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
     /// Stop after about so many flights of the campaign; without it, the same command goes on
     #[arg(long, value_name = "FLIGHTS", value_parser = clap::value_parser!(u64).range(1..))]
@@ -72,7 +74,7 @@ impl Args {
     /// An option that a server cannot be asked for.
     pub(crate) fn only_here(&self) -> Option<&'static str> {
         let options = [
-            (self.threads.is_some(), "--threads"),
+            (self.threads.is_some(), "--jobs"),
             (self.limit.is_some(), "--limit"),
             (self.flight.is_some(), "--flight"),
             (self.hunt, "--hunt"),
@@ -154,7 +156,7 @@ fn fly_all(args: &Args, campaign: &Campaign) -> ExitCode {
     }
     match fly_missing(args, campaign, &folder).and_then(|flown| finish(args, campaign, &folder, &flown)) {
         Ok(code) => code,
-        Err(sentence) => output::failed(sentence),
+        Err(sentence) => destination::failed_at(folder.path(), sentence),
     }
 }
 
@@ -190,7 +192,7 @@ fn fly_missing(args: &Args, campaign: &Campaign, folder: &CampaignFolder) -> Res
             tell(&told, plan.present_flights + ended, plan.wanted_flights, failed, alarms);
         }
         bar.set_message(if stop.load(Ordering::Relaxed) {
-            "stopping: the flights in the air land".to_owned()
+            "stopping when begun parts are whole; Ctrl-C again loses them".to_owned()
         } else {
             format!("{failed} failed, {alarms} false alarms")
         });
@@ -220,18 +222,8 @@ fn tell(told: &Mutex<Instant>, flights: u64, of: u64, failed: u64, false_alarms:
 }
 
 pub(crate) fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
-    let target = if hidden {
-        ProgressDrawTarget::hidden()
-    } else {
-        ProgressDrawTarget::stderr()
-    };
-    let bar = ProgressBar::with_draw_target(Some(wanted), target);
-    let style = ProgressStyle::with_template("{bar:28.cyan/blue} {pos}/{len} flights, {per_sec:.1}, {eta} left  {msg}")
-        .expect("the template is well formed");
-    bar.set_style(style.progress_chars("━╸─"));
-    bar.set_position(present);
-    bar.reset_eta();
-    bar
+    let template = "{bar:28.cyan/blue} {pos}/{len} flights, {rate}, {left}  {msg}";
+    resumed_bar(template, hidden, wanted, present)
 }
 
 fn finish(args: &Args, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
@@ -272,8 +264,11 @@ fn finish(args: &Args, campaign: &Campaign, folder: &CampaignFolder, flown: &Flo
 
 fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flown: &Flown) {
     let document = campaign.document();
-    println!("{}: {}", document.name, document.description);
     println!(
+        "{}",
+        output::fitted(&format!("{}: {}", document.name, document.description))
+    );
+    let flown_text = format!(
         "{} of {} flights, {:.2} h flown; {} failed, {} could not be flown; hash {}\n",
         totals.flights,
         campaign.flights(),
@@ -282,9 +277,10 @@ fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals:
         totals.refused,
         totals.hash()
     );
+    println!("{}", output::fitted(&flown_text));
     let listed = tables::listed_flights(campaign, totals);
     for table in tables::tables(campaign, totals).iter().chain(&listed) {
-        println!("{}\n{}", table.title, output::result_table(table));
+        println!("{}\n{}", output::fitted(&table.title), output::result_table(table));
         for note in &table.notes {
             println!("{}", output::wrapped(note));
         }
@@ -300,13 +296,14 @@ fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals:
     println!("Files        {}\n             {files}", folder.path().display());
     let wall = flown.start.elapsed().as_secs_f64();
     if flown.flights > 0 {
-        println!(
+        let speed = format!(
             "Speed        {} flights in {wall:.1} s on {} threads: {:.1} flights/s, {:.2} M steps/s",
             flown.flights,
             flown.threads,
             flown.flights as f64 / wall,
             flown.steps as f64 / wall / 1e6
         );
+        println!("{}", output::fitted(&speed));
     }
     if totals.flights < campaign.flights() {
         let why = match flown.end {
@@ -314,11 +311,11 @@ fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals:
             RunEnd::Complete => "Not all",
         };
         println!(
-            "{why}: {} of {} flights are there. To go on: {}",
+            "{why}: {} of {} flights are there. To go on:",
             totals.flights,
-            campaign.flights(),
-            command_line(args)
+            campaign.flights()
         );
+        println!("{}", command_line(args));
     }
 }
 
@@ -373,12 +370,14 @@ fn fly_one(args: &Args, campaign: &Campaign, index: u64) -> ExitCode {
     }
 }
 
-/// Set by Ctrl-C and by a polite end.
+/// Set by Ctrl-C and by a polite end; the second Ctrl-C ends the process at once.
 fn stop_flag() -> Result<Arc<AtomicBool>, String> {
     let stop = Arc::new(AtomicBool::new(false));
+    let caught = |error: std::io::Error| format!("signals cannot be caught: {error}");
+    // In this order: the first one finds the flag down.
+    signal_hook::flag::register_conditional_default(signal_hook::consts::SIGINT, Arc::clone(&stop)).map_err(caught)?;
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|error| format!("signals cannot be caught: {error}"))?;
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(caught)?;
     }
     Ok(stop)
 }

@@ -1,9 +1,10 @@
 //! `rotortwin compare`: models against flight logs.
 
-use crate::model::{significant, store_failed};
-use crate::output::{self, TABLE_STYLE};
+use crate::destination::{self, ResultFolder};
+use crate::grid::Grid;
+use crate::output::{self, significant};
+use crate::versions::store_failed;
 use clap::Parser;
-use comfy_table::{CellAlignment, Table};
 use rotortwin_twin::compare::{self, ChannelVerdict, Comparison, LogComparison, ModelOnLog, NamedModel};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelStore;
@@ -25,7 +26,7 @@ pub(crate) struct Args {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub(crate) models: PathBuf,
-    /// Write report.html, comparison.json, comparison.txt and residuals of each log as Parquet into this folder
+    /// Write report.html, comparison.json, comparison.txt and residuals of each log as Parquet into this folder; must not exist or be empty
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Print the comparison as JSON, nothing else
@@ -58,23 +59,28 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             return output::bad_input(sentence);
         }
     }
+    let folder = match ResultFolder::of_option(args.out.as_ref()) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
     let (comparison, series) = match compare::compare(&logs, &models) {
         Ok(done) => done,
         Err(error) => return output::bad_input(error),
     };
     let text = text(&comparison);
-    if let Some(folder) = &args.out {
-        if let Err(error) = compare::files::write(folder, &comparison, &series) {
-            return output::failed(error);
-        }
-        if let Err(sentence) = output::write_text(&folder.join("comparison.txt"), &text) {
-            return output::failed(sentence);
+    if let Some(folder) = folder.map(ResultFolder::keep) {
+        let path = folder.path();
+        let written = compare::files::write(path, &comparison, &series)
+            .map_err(|error| error.to_string())
+            .and_then(|()| output::write_text(&path.join("comparison.txt"), &text));
+        if let Err(sentence) = written {
+            return destination::failed_at(path, sentence);
         }
     }
     if args.json {
         println!("{}", compare::files::json(&comparison));
     } else {
-        print!("{text}");
+        print!("{}", output::fitted(&text));
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.display());
             println!("             report.html  comparison.json  comparison.txt  residuals of each log as Parquet");
@@ -98,7 +104,10 @@ pub(crate) fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<N
 }
 
 /// Refuses the first log that must be mended before a diagnosis against this vehicle.
-pub(crate) fn refused(logs: &[FlightLog], vehicle: &rotortwin_plant::vehicle::VehicleModel) -> Result<(), ExitCode> {
+pub(crate) fn refused(
+    logs: &[FlightLog],
+    vehicle: &rotortwin_plant::vehicle::model::VehicleModel,
+) -> Result<(), ExitCode> {
     match logs.iter().find_map(|log| log.refusal_before_diagnosis(vehicle)) {
         Some(sentence) => Err(output::bad_input(sentence)),
         None => Ok(()),
@@ -111,18 +120,6 @@ pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, ExitCode> {
         .iter()
         .map(|path| FlightLog::read_part(path).map_err(output::bad_input))
         .collect()
-}
-
-fn table<const N: usize>(header: [&str; N], right_from: usize) -> Table {
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
-    table.set_header(header);
-    for column in right_from..N {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
-    table
 }
 
 /// The comparison for a terminal: verdict first.
@@ -151,11 +148,8 @@ fn text(comparison: &Comparison) -> String {
     text
 }
 
-fn channel_table(model: &ModelOnLog) -> Table {
-    let mut table = table(
-        ["channel", "", "depends on", "error", "noise", "unit", "chi²", "slow"],
-        3,
-    );
+fn channel_table(model: &ModelOnLog) -> Grid {
+    let mut table = Grid::new(["channel", "", "depends on", "error", "noise", "unit", "chi²", "slow"]).numbers_from(3);
     for channel in &model.channels {
         let verdict = match channel.verdict {
             ChannelVerdict::Agrees => "agrees",
@@ -219,13 +213,11 @@ fn worst(model: &ModelOnLog) -> String {
 }
 
 /// One row per quantity and horizon, one column per model: the waterfall in numbers.
-pub(crate) fn error_table(log: &LogComparison) -> Table {
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
+pub(crate) fn error_table(log: &LogComparison) -> Grid {
     let mut header = vec!["quantity".to_owned()];
     header.extend(log.models.iter().map(|model| model.model.clone()));
     header.push("noise".to_owned());
-    table.set_header(header);
+    let mut table = Grid::new(header).numbers_from(1);
     let Some(first) = log.models.first() else { return table };
     for error in &first.errors {
         let mut row = vec![format!("{}, {}", error.quantity, error.unit)];
@@ -254,11 +246,6 @@ pub(crate) fn error_table(log: &LogComparison) -> Table {
         }));
         row.push(String::new());
         table.add_row(row);
-    }
-    for column in 1..table.column_count() {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
     }
     table
 }

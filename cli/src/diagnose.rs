@@ -1,16 +1,18 @@
 //! `rotortwin diagnose`: which physical effect the model lacks.
 
 use crate::compare::{read_logs, refused};
-use crate::model::store_failed;
-use crate::output::{self, TABLE_STYLE};
+use crate::destination::{self, ResultFolder};
+use crate::grid::Grid;
+use crate::output;
 use crate::progress::Progress;
+use crate::versions::store_failed;
 use clap::Parser;
-use comfy_table::Table;
-use rotortwin_plant::ConfigError;
 use rotortwin_plant::effects::EffectDocument;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, FittedParameter, Options, diagnose};
+use rotortwin_scenario::{ConfigError, effect_documents};
+use rotortwin_twin::baseline::Trim;
+use rotortwin_twin::diagnose::{Diagnosis, Finding, Options, diagnose};
+use rotortwin_twin::estimation::parameters::FittedParameter;
 use rotortwin_twin::model::ModelStore;
-use rotortwin_twin::trim::Trim;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -33,12 +35,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub(crate) models: PathBuf,
     /// Effect document of your own that may be named, too; may be given several times
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = crate::named::effect())]
     pub(crate) effects: Vec<PathBuf>,
     /// Healthy flights of the same vehicle, three at least: what changed against them, by the thrust that each rotor is asked for
     #[arg(long, num_args = 1.., value_name = "LOG")]
     pub(crate) baseline: Vec<PathBuf>,
-    /// Write diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml where the error is in no catalogue
+    /// Write diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml where the error is in no catalogue; must not exist or
+    /// be empty
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Print the diagnosis as JSON, nothing else
@@ -70,10 +73,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     if let Err(code) = refused(&baseline, &found.version.vehicle) {
         return code;
     }
-    let effects: Result<Vec<EffectDocument>, ConfigError> = args.effects.iter().map(EffectDocument::load).collect();
+    let effects: Result<Vec<EffectDocument>, ConfigError> = args.effects.iter().map(effect_documents::load).collect();
     let effects = match effects {
         Ok(effects) => effects,
         Err(error) => return output::bad_input(error),
+    };
+    let folder = match ResultFolder::of_option(args.out.as_ref()) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
     };
     let progress = Progress::new(args.json, args.events);
     let options = Options {
@@ -96,15 +103,15 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     {
         text += &format!("Next flight  {advice}\n");
     }
-    if let Some(folder) = &args.out
-        && let Err(error) = write(folder, &json, &text, &diagnosis)
+    if let Some(folder) = folder.map(ResultFolder::keep)
+        && let Err(error) = write(folder.path(), &json, &text, &diagnosis)
     {
-        return output::failed(error);
+        return destination::failed_at(folder.path(), error);
     }
     if args.json {
         println!("{json}");
     } else {
-        print!("{text}");
+        print!("{}", output::fitted(&text));
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.join("diagnosis.json").display());
             if proposed(&diagnosis).is_some() {
@@ -127,9 +134,7 @@ fn proposed(diagnosis: &Diagnosis) -> Option<&EffectDocument> {
 fn write(folder: &Path, json: &str, text: &str, diagnosis: &Diagnosis) -> Result<(), String> {
     let file = |name: &str, text: &str| {
         let path = folder.join(name);
-        std::fs::create_dir_all(folder)
-            .and_then(|()| std::fs::write(&path, text))
-            .map_err(|error| format!("cannot write {}: {error}", path.display()))
+        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
     };
     file("diagnosis.json", &format!("{json}\n"))?;
     file("diagnosis.txt", text)?;
@@ -220,9 +225,7 @@ fn text(diagnosis: &Diagnosis) -> String {
         }
     }
     text += "\nRanking about the given model (linear; ± is 95 %)\n";
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
-    table.set_header(["effect", "fitted", "ln BF", "held-out chi²"]);
+    let mut table = Grid::new(["effect", "fitted", "ln BF", "held-out chi²"]).numbers([2, 3]);
     for row in diagnosis.ranking.iter().take(RANKING_ROWS) {
         table.add_row([
             row.label.clone(),

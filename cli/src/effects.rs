@@ -1,10 +1,10 @@
 //! `rotortwin effects`: the catalogue of effects, built-in and of users.
 
-use crate::output;
+use crate::grid::{Grid, fold};
+use crate::{output, terminal};
 use clap::{Parser, Subcommand};
-use comfy_table::Table;
-use rotortwin_plant::ConfigError;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, EffectDocument, ParameterKind, page};
+use rotortwin_scenario::{ConfigError, effect_documents};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -14,7 +14,7 @@ pub(crate) struct Args {
     #[command(subcommand)]
     command: Option<Command>,
     /// Effect document of your own; may be given several times
-    #[arg(long, value_name = "FILE", global = true)]
+    #[arg(long, value_name = "FILE", global = true, value_parser = crate::named::effect())]
     effects: Vec<PathBuf>,
     /// Print JSON
     #[arg(long, global = true)]
@@ -35,7 +35,7 @@ enum Command {
 
 /// The built-in effects and those of the documents.
 pub(crate) fn load(files: &[PathBuf]) -> Result<Catalogue, String> {
-    let documents: Result<Vec<EffectDocument>, ConfigError> = files.iter().map(EffectDocument::load).collect();
+    let documents: Result<Vec<EffectDocument>, ConfigError> = files.iter().map(effect_documents::load).collect();
     let documents = documents.map_err(|error| error.to_string())?;
     Catalogue::with_documents(&documents).map_err(|refusal| format!("--effects: {}", refusal.reason))
 }
@@ -84,19 +84,10 @@ fn channels(entry: &EffectDeclaration) -> String {
     entry.channels.iter().map(|c| c.symbol()).collect::<Vec<_>>().join(" ")
 }
 
-fn table(catalogue: &Catalogue) -> Table {
-    let mut table = Table::new();
-    table.set_header(["row", "id", "name", "class", "channels", "parameters (plausible range)"]);
+/// Names that stand for all: sizes and units are told by `effects show`.
+fn table(catalogue: &Catalogue) -> Grid {
+    let mut table = Grid::new(["row", "id", "name", "class", "shows in"]);
     for entry in catalogue.entries() {
-        let parameters = entry
-            .parameters
-            .iter()
-            .filter(|p| p.kind == ParameterKind::Size)
-            .map(|p| {
-                format!("{} {} to {} {}", p.name, p.plausible_low, p.plausible_high, p.unit)
-                    .trim_end()
-                    .to_owned()
-            });
         let rotor = if entry.per_rotor { ", per rotor" } else { "" };
         table.add_row([
             entry.catalogue_number.map_or("own".to_owned(), |n| n.to_string()),
@@ -104,7 +95,6 @@ fn table(catalogue: &Catalogue) -> Table {
             entry.name.to_owned(),
             format!("{}{rotor}", entry.class.as_str()),
             channels(entry),
-            parameters.collect::<Vec<_>>().join("\n"),
         ]);
     }
     table
@@ -121,8 +111,10 @@ fn text(entry: &EffectDeclaration) -> String {
         entry.class.as_str(),
         channels(entry)
     );
+    let width = terminal::width().unwrap_or(100);
     let mut line = |label: &str, value: &str| {
         if !value.is_empty() {
+            let value = fold(value, width.saturating_sub(16)).replace('\n', "\n                ");
             out += &format!("  {label:<14}{value}\n");
         }
     };
@@ -130,34 +122,23 @@ fn text(entry: &EffectDeclaration) -> String {
     line("confused with", &entry.confused_with.join(", "));
     line("needs one of", &entry.needs.join(", "));
     line("source", entry.source);
-    let mut table = Table::new();
-    table.set_header([
-        "parameter",
-        "symbol",
-        "unit",
-        "plausible",
-        "typical",
-        "prior sd",
-        "clutter sd",
-        "meaning",
-    ]);
+    out += "\n";
     for p in entry.parameters {
         let shape = if p.kind == ParameterKind::Shape { " (shape)" } else { "" };
-        table.add_row([
-            p.name.to_owned(),
-            p.symbol.to_owned(),
-            p.unit.to_owned(),
-            format!("{} to {}", p.plausible_low, p.plausible_high),
-            p.typical.to_string(),
-            p.size.to_string(),
-            p.clutter.to_string(),
-            format!("{}{shape}", p.meaning),
-        ]);
+        let unit = if p.unit.is_empty() { "no unit" } else { p.unit };
+        let meaning = fold(&format!("{}{shape}", p.meaning), width.saturating_sub(6));
+        out += &format!("  {} ({}), {unit}\n", p.name, p.symbol);
+        out += &format!("      {}\n", meaning.replace('\n', "\n      "));
+        out += &format!(
+            "      plausible {} to {}, typical {}\n",
+            p.plausible_low, p.plausible_high, p.typical
+        );
+        out += &format!(
+            "      standard deviation before a flight {}, of clutter {}\n",
+            p.size, p.clutter
+        );
     }
-    out += &format!(
-        "\n{table}\n\nIn a scenario or model:\n\n[[effect]]\neffect = \"{}\"\n",
-        entry.id
-    );
+    out += &format!("\nIn a scenario or model:\n\n[[effect]]\neffect = \"{}\"\n", entry.id);
     if entry.per_rotor {
         out += "rotor = 1\n";
     }

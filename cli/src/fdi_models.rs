@@ -1,15 +1,16 @@
 //! `rotortwin model detectors`: the same flights twice, once with detectors that believe in the plain vehicle and once with detectors
 //! that believe in the model, while the plant flies the model's effects in both.
 
-use crate::model::{find, store_failed, table};
+use crate::grid::Grid;
 use crate::output;
+use crate::versions::{find, store_failed};
 use clap::Parser;
 use rotortwin_campaign::study::document::Criteria;
 use rotortwin_campaign::study::engine::{FlightEngine as _, FlightScorer, OneByOne};
 use rotortwin_campaign::study::intervals::{ClusterSums, poisson_rate};
 use rotortwin_campaign::study::plan::PlannedFlight;
 use rotortwin_campaign::study::record::{DETECTORS, FlightRecord};
-use rotortwin_plant::Scenario;
+use rotortwin_scenario::Scenario;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,7 +18,8 @@ use std::process::ExitCode;
 /// Arguments of `rotortwin model detectors`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
-    /// Scenario to fly
+    /// Scenario to fly: a file or a name
+    #[arg(value_parser = crate::named::scenario())]
     scenario: PathBuf,
     /// MODEL, MODEL@BRANCH, MODEL@v2, or a file: its effects are in the plant
     #[arg(long, value_name = "MODEL")]
@@ -72,7 +74,7 @@ fn compare(args: &Args, version: &ModelVersion) -> Result<String, String> {
         list(&vehicle.carried),
         list(&vehicle.not_carried)
     );
-    let mut table = table([
+    let mut table = Grid::new([
         "detector",
         "believes in",
         "right without a fault",

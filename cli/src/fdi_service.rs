@@ -1,16 +1,16 @@
 //! `rotortwin fdi-log` and `rotortwin fdi-service`: the detectors on flights that somebody else flies.
 
+use crate::grid::Grid;
 use crate::output::{bad_input, failed, line};
-use comfy_table::Table;
 use rotortwin_api::fdi::answers::{SequentialView, VerdictKind};
 use rotortwin_api::fdi::log::{LogReport, judge_file};
 use rotortwin_fdi::service::FdiSession;
 use rotortwin_fdi::service::topic::{TopicService, is_session_name, measurement_topic, report_topic};
-use rotortwin_plant::template::{TomlFile, set_value};
-use rotortwin_plant::{Classifier, DetectorSettings, Detectors, VehicleDocuments};
+use rotortwin_links::topics::TopicSession;
+use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_process::LinkAddress;
-use rotortwin_wire::link::topics::TopicSession;
-use rotortwin_wire::link::zenoh::ZenohOptions;
+use rotortwin_scenario::template::{TomlFile, set_value};
+use rotortwin_scenario::{Classifier, DetectorSettings, Detectors, VehicleDocuments};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,11 +20,11 @@ use std::time::Duration;
 /// Which detectors.
 #[derive(Debug, clap::Args)]
 struct DetectorArgs {
-    /// Vehicle file: what the detectors take for healthy
-    #[arg(long, value_name = "FILE")]
+    /// Vehicle, a file or a name: what the detectors take for healthy
+    #[arg(long = "model", alias = "vehicle", value_name = "VEHICLE", value_parser = crate::named::vehicle())]
     vehicle: PathBuf,
-    /// Classifier file; without one the network gives no verdict
-    #[arg(long, value_name = "FILE")]
+    /// Classifier, a file or a name; without one the network gives no verdict
+    #[arg(long, value_name = "CLASSIFIER", value_parser = crate::named::classifier())]
     classifier: Option<PathBuf>,
     /// A key of the [fdi] table of scenarios, such as calibration_end_s=5; by default as the classifier was trained
     #[arg(long, value_name = "KEY=VALUE")]
@@ -122,9 +122,7 @@ fn text_of(report: &LogReport) -> String {
         report.rejected_steps,
         report.decided_s
     );
-    let mut timeline = Table::new();
-    timeline.load_style(crate::output::TABLE_STYLE);
-    timeline.set_header(["time", "sequential detector", "probability"]);
+    let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
     for change in &report.timeline {
         timeline.add_row([
             format!("{:.3} s", change.time_s),
@@ -140,9 +138,7 @@ fn text_of(report: &LogReport) -> String {
         ]);
     }
     text += &format!("{timeline}\n\n");
-    let mut counts = Table::new();
-    counts.load_style(crate::output::TABLE_STYLE);
-    counts.set_header(["detector", "windows", "healthy", "alarmed", "alarms", "first alarm"]);
+    let mut counts = Grid::new(["detector", "windows", "healthy", "alarmed", "alarms", "first alarm"]).numbers_from(1);
     for count in &report.counts {
         counts.add_row([
             count.detector.clone(),

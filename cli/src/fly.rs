@@ -1,21 +1,29 @@
 //! `rotortwin fly`: one flight, in this process or in three.
 
+use crate::destination::{self, ResultFolder};
 use crate::output;
-use crate::supervise::{self, Part};
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_bridge::address::{AnyLine, BoardAddress};
+use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
+use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
+use rotortwin_bridge::autopilot::px4::Px4;
+use rotortwin_bridge::autopilot::{OutputMap, Patience};
 use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::{ConfigError, Documents, Scenario};
-use rotortwin_process::{AnyEndpoint, LinkAddress, Supervisor};
-use rotortwin_sim::events::{Change, Progress, RunEvent};
+use rotortwin_flight::pace::Pace;
+use rotortwin_links::endpoint::PeerOptions;
+use rotortwin_links::host_name;
+use rotortwin_process::launch::{self, Part};
+use rotortwin_process::{AnyEndpoint, LinkAddress, Placement, Supervisor};
+use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
+use rotortwin_scenario::{ConfigError, Documents, Scenario};
 use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Status, Summary, load_summary, verdict_text};
 use rotortwin_twin::model::ModelStore;
-use rotortwin_wire::link::endpoint::PeerOptions;
-use rotortwin_wire::link::{LinkTiming, host_name};
+use rotortwin_wire::autopilot::Autopilot;
+use rotortwin_wire::events::{Change, Mishap, Progress, RunEvent};
+use rotortwin_wire::link::LinkTiming;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::io::IsTerminal as _;
@@ -33,7 +41,8 @@ const EXTERNAL_JOIN_TIMEOUT_MS: u64 = 600_000;
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
-    /// Scenario file, e.g. config/scenarios/reference-flight.toml
+    /// Scenario: a file, or a name that 'rotortwin list scenarios' shows
+    #[arg(value_parser = crate::named::scenario())]
     pub(crate) scenario: PathBuf,
     /// How plant, controller and FDI engine are connected
     #[arg(long, value_enum, default_value_t = LinkKind::Iceoryx2)]
@@ -56,6 +65,9 @@ pub(crate) struct Args {
     /// Seed of all noise and random draws [default: the scenario's]
     #[arg(long, value_parser = whole_number(0..=u64::MAX))]
     pub(crate) seed: Option<u64>,
+    /// Set a key of the scenario before it is checked, such as initial.state_of_charge=0.4; may be given several times
+    #[arg(long, value_name = "KEY=VALUE", conflicts_with = "documents")]
+    pub(crate) set: Vec<String>,
     /// Run folder to write; must not exist or be empty [default: runs/SCENARIO-SEED, with a number if that exists]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
@@ -71,9 +83,9 @@ pub(crate) struct Args {
     /// Steps that the FDI engine may trail behind the plant; 0: wait for each report
     #[arg(long, value_name = "STEPS", default_value_t = LinkTiming::default().fdi_window, value_parser = whole_number(0..=256))]
     pub(crate) fdi_window: u64,
-    /// Run every process on this CPU
-    #[arg(long, value_name = "CPU", value_parser = whole_number(0..=1023))]
-    pub(crate) cpu: Option<u64>,
+    /// Run every process on this CPU [default: a free one while the pace is fast and all processes are started here]
+    #[arg(long, value_name = "CPU", value_parser = cpu_number())]
+    pub(crate) cpu: Option<usize>,
     /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file
     #[arg(long, value_name = "MODEL")]
     pub(crate) model: Option<String>,
@@ -84,9 +96,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub(crate) models: PathBuf,
     /// A flight board stands where controller and FDI engine stand: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
-    /// virtual[:KEY=NUMBER,...]
-    #[arg(long, value_name = "BOARD", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
-    pub(crate) controller: Option<BoardAddress>,
+    /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build flies, which is waited for: ardupilot[:ADDR], px4[:ADDR]
+    #[arg(long, value_name = "BOARD|AUTOPILOT", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
+    pub(crate) controller: Option<Foreign>,
     /// With --controller: where the FDI engine runs
     #[arg(long, value_enum, default_value_t = FdiPlace::Board, requires = "controller")]
     pub(crate) fdi: FdiPlace,
@@ -110,7 +122,30 @@ pub(crate) struct Args {
 impl Args {
     /// The plant's process cannot read the scenario's file: it says less than what is flown.
     fn whole_documents(&self) -> bool {
-        self.documents || self.model.is_some() || self.fdi_model.is_some()
+        self.documents || !self.set.is_empty() || self.model.is_some() || self.fdi_model.is_some()
+    }
+}
+
+/// What is not of ours and stands in the place of the controller.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Foreign {
+    /// A flight board.
+    Board(BoardAddress),
+    /// An autopilot of its own clock.
+    Autopilot(AutopilotAddress),
+}
+
+impl std::str::FromStr for Foreign {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let name = text.split(':').next().unwrap_or_default();
+        if matches!(name, "ardupilot" | "px4") {
+            return text.parse().map(Self::Autopilot);
+        }
+        text.parse()
+            .map(Self::Board)
+            .map_err(|sentence: String| format!("{sentence}, or an autopilot: ardupilot[:ADDR], px4[:ADDR]"))
     }
 }
 
@@ -133,6 +168,11 @@ fn whole_number(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<u64, Stri
             range.end()
         )),
     }
+}
+
+/// The number of a processor.
+fn cpu_number() -> impl Fn(&str) -> Result<usize, String> + Clone {
+    |text| usize::try_from(whole_number(0..=1023)(text)?).map_err(|error| error.to_string())
 }
 
 /// How the processes are connected.
@@ -194,16 +234,16 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Err(code) => return code,
     };
     let seed = args.seed.unwrap_or_else(|| scenario.seed());
-    if let Err(error) = rotortwin_plant::Simulation::new(&scenario, seed) {
+    if let Err(error) = scenario.simulation(seed) {
         return output::bad_input(error);
     }
     // Before anything is written.
-    let board_line = match args
+    let foreign = match args
         .controller
         .as_ref()
-        .map(|address| address.open().map(|line| (address, line)))
+        .map(|foreign| open(args, foreign, &scenario, seed))
     {
-        Some(Err(sentence)) => return output::bad_input(sentence),
+        Some(Err(code)) => return code,
         Some(Ok(opened)) => Some(opened),
         None => None,
     };
@@ -223,21 +263,43 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         scenario_path: args.scenario.clone(),
         seed,
         link_name: match &args.controller {
-            Some(board) => format!("board {board}"),
+            Some(Foreign::Board(board)) => format!("board {board}"),
+            Some(Foreign::Autopilot(autopilot)) => format!("{}{autopilot}, lockstep", session::AUTOPILOT_LINK),
             None => link_name(args.link).to_owned(),
         },
         pace: args.pace.into(),
         run_id: new_run_id(),
         live_hz: args.live,
     };
-    let mut board = None;
-    let result = match (address, board_line) {
-        (_, Some(opened)) => fly_board(args, opened, &scenario, &config, &folder, &screen).map(|(summary, report)| {
-            board = Some(report);
-            summary
-        }),
+    let (mut board, mut placed) = (None, None);
+    let result = match (address, foreign) {
+        (_, Some(Opened::Board(address, line))) => {
+            fly_board(args, (address, line), &scenario, &config, &folder, &screen).map(|(summary, report)| {
+                board = Some((report, address));
+                summary
+            })
+        }
+        (_, Some(Opened::ArduPilot(mut link, supervisor))) => {
+            screen.line(&format!(
+                "Waiting for servo packets of ArduPilot: {}",
+                address_text(link.local_address())
+            ));
+            fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
+        }
+        (_, Some(Opened::Px4(mut link, supervisor))) => {
+            screen.line(&format!(
+                "Waiting for PX4 to connect: {}",
+                address_text(link.local_address())
+            ));
+            fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
+        }
         (None, None) => fly_here(&scenario, &config, &folder, &screen),
-        (Some(address), None) => fly_in_processes(args, &scenario, &config, &address, &folder, &screen),
+        (Some(address), None) => {
+            let mut placement = placement(args);
+            let flown = fly_in_processes(args, &scenario, &config, &address, &folder, &mut placement, &screen);
+            placed = Some(placement.sentence());
+            flown
+        }
     };
     screen.close();
     match result {
@@ -246,22 +308,26 @@ pub(crate) fn run(args: &Args) -> ExitCode {
                 print!("{}", summary.to_json());
             } else if !args.events {
                 print!("{}", output::summary_text(&summary, Some(folder.path())));
+                if let Some(placed) = placed {
+                    print!("{}", output::fitted(&format!("Placement    {placed}\n")));
+                }
             }
-            if let Some(report) = board {
-                eprint!("{}", crate::board::session_text(&report, args.controller.as_ref()));
+            if let Some((report, address)) = board {
+                eprint!("{}", crate::board::session_text(&report, Some(address)));
                 if let Some(difference) = &report.difference {
                     return output::failed(difference);
                 }
             }
             output::exit_code(&summary)
         }
-        Err(sentence) => output::failed(sentence),
+        Err(sentence) => destination::failed_at(folder.path(), sentence),
     }
 }
 
 pub(crate) fn load(args: &Args) -> Result<Scenario, ConfigError> {
     if !args.documents {
-        return Scenario::load(&args.scenario);
+        let set: Vec<&str> = args.set.iter().map(String::as_str).collect();
+        return Scenario::load_with(&args.scenario, &set);
     }
     let name = args.scenario.display().to_string();
     let text = std::fs::read_to_string(&args.scenario)
@@ -283,7 +349,7 @@ pub(crate) fn end_with_standard_input() {
 /// The scenario with the models that were asked for: their vehicle and effects in the plant, their constants in the detectors.
 pub(crate) fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
     let store = ModelStore::new(&args.models);
-    let find = |text: &str| store.find(text).map_err(|error| crate::model::store_failed(&error));
+    let find = |text: &str| store.find(text).map_err(|error| crate::versions::store_failed(&error));
     let mut scenario = scenario;
     if let Some(text) = &args.model {
         let version = find(text)?.version;
@@ -314,7 +380,7 @@ pub(crate) fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, E
 fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
     if let Some(cpu) = args.cpu {
         // The processes that this one starts inherit it.
-        rotortwin_process::pin_to_cpu(usize::try_from(cpu).map_err(|error| error.to_string())?)?;
+        rotortwin_process::pin_to_cpu(cpu)?;
     }
     let option = if args.connect.is_some() {
         "--connect"
@@ -331,14 +397,7 @@ fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
 /// Makes the folder of the run, and makes sure that files can be written there.
 pub(crate) fn run_folder(args: &Args, name: &str, seed: u64) -> Result<RunFolder, String> {
     let path = args.out.clone().map_or_else(|| next_free_folder(name, seed), Ok)?;
-    let folder = RunFolder::create(&path).map_err(|error| error.to_string())?;
-    let probe = folder.spool_path();
-    if let Err(error) = std::fs::File::create_new(&probe).and_then(|_| std::fs::remove_file(&probe)) {
-        let sentence = format!("{}: cannot write to the folder of the run: {error}", path.display());
-        folder.discard().map_err(|error| error.to_string())?;
-        return Err(sentence);
-    }
-    Ok(folder)
+    ResultFolder::create(&path).map(ResultFolder::keep)
 }
 
 fn link_name(link: LinkKind) -> &'static str {
@@ -455,6 +514,80 @@ fn fly_here(
     .map_err(|error| error.to_string())
 }
 
+/// What stands in the place of the controller, opened.
+enum Opened<'a> {
+    Board(&'a BoardAddress, AnyLine),
+    ArduPilot(ArduPilot, Supervisor),
+    Px4(Px4, Supervisor),
+}
+
+/// An address of this host.
+fn address_text(address: Option<std::net::SocketAddr>) -> String {
+    address.map_or_else(|| "an unknown address".to_owned(), |address| address.to_string())
+}
+
+/// Opens the line to a board, or the port where an autopilot is waited for.
+fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -> Result<Opened<'a>, ExitCode> {
+    let autopilot = match foreign {
+        Foreign::Board(address) => {
+            let line = address.open().map_err(output::bad_input)?;
+            return Ok(Opened::Board(address, line));
+        }
+        Foreign::Autopilot(autopilot) => autopilot,
+    };
+    if args.compare || args.fdi != FdiPlace::Board || args.pace != PaceArg::Fast {
+        let sentence = format!("--compare, --fdi and --pace belong to boards, the controller is {autopilot}");
+        return Err(output::bad_input(sentence));
+    }
+    let mut simulation = scenario.simulation(seed).map_err(output::bad_input)?;
+    simulation.begin_prelude().map_err(|refusal| {
+        output::bad_input(format!(
+            "{}, key `{}`: {}",
+            args.scenario.display(),
+            refusal.key,
+            refusal.reason
+        ))
+    })?;
+    let kind = match autopilot.protocol {
+        Protocol::ArduPilot => AutopilotKind::ArduPilot,
+        Protocol::Px4 => AutopilotKind::Px4,
+    };
+    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).map_err(output::bad_input)?;
+    let map = OutputMap {
+        rotor_of_channel,
+        pulse_min_us: frame.pulse.min_us,
+        pulse_max_us: frame.pulse.max_us,
+    };
+    let supervisor =
+        Supervisor::watch(false).map_err(|error| output::failed(format!("Ctrl-C cannot be handled: {error}")))?;
+    let patience = Patience {
+        join: Duration::from_millis(args.join_timeout.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS)),
+        step: Duration::from_millis(args.step_timeout),
+        stop: supervisor.stop_flag(),
+    };
+    match autopilot.protocol {
+        Protocol::ArduPilot => {
+            ArduPilot::listen(autopilot.address, map, patience).map(|link| Opened::ArduPilot(link, supervisor))
+        }
+        Protocol::Px4 => Px4::listen(autopilot.address, map, patience).map(|link| Opened::Px4(link, supervisor)),
+    }
+    .map_err(output::failed)
+}
+
+/// The flight in this process, with an autopilot of its own clock in the place of the controller.
+fn fly_autopilot(
+    autopilot: &mut impl Autopilot,
+    supervisor: &Supervisor,
+    scenario: &Scenario,
+    config: &SessionConfig,
+    folder: &RunFolder,
+    screen: &Screen,
+) -> Result<Summary, String> {
+    let mut show = |event: RunEvent| screen.show(&event);
+    let mut stop = || session::stop_reason(supervisor);
+    session::fly_autopilot(scenario, config, autopilot, folder, &mut show, &mut stop).map_err(|error| error.to_string())
+}
+
 /// The flight in this process, with a board in the place of controller and FDI engine.
 fn fly_board(
     args: &Args,
@@ -488,6 +621,17 @@ fn fly_board(
     Ok((summary, link.report()))
 }
 
+/// On which processors the processes of a flight run. In lockstep they wait for each other, and the rest of the machine is left to other
+/// flights; at the pace of the wall clock they do not hold each other up where each finds a processor of its own.
+fn placement(args: &Args) -> Placement {
+    match args.cpu {
+        Some(cpu) => Placement::given(cpu),
+        None if args.pace == PaceArg::RealTime => Placement::kernel("real-time pace"),
+        None if !args.external.is_empty() => Placement::kernel("not all processes are started here"),
+        None => Placement::chosen(),
+    }
+}
+
 /// The flight in three processes; this one watches.
 fn fly_in_processes(
     args: &Args,
@@ -495,6 +639,7 @@ fn fly_in_processes(
     config: &SessionConfig,
     address: &LinkAddress,
     folder: &RunFolder,
+    placement: &mut Placement,
     screen: &Screen,
 ) -> Result<Summary, String> {
     if args.whole_documents() {
@@ -517,8 +662,10 @@ fn fly_in_processes(
         },
     )
     .idle;
-    let ending = supervise::run(&parts, folder.path(), silence_limit, |event| screen.show(event))
-        .map_err(|error| format!("{error:#}"))?;
+    let ending = launch::run(&parts, folder.path(), silence_limit, placement, |event| {
+        screen.show(event)
+    })
+    .map_err(|error| format!("{error:#}"))?;
     let summary = match load_summary(folder.path()) {
         Ok(summary) => summary,
         // The plant could not write it: it died, or it stalled and was killed.
@@ -765,5 +912,18 @@ fn change_line(change: &Change) -> Option<String> {
             "t {sim_time_s:7.3} s  sequential  {}",
             verdict_text(*sequential)
         )),
+        Change::HandOver { prelude_s } => Some(format!(
+            "t   0.000 s  hand-over   {prelude_s:.1} s after the start of the plant"
+        )),
+        Change::Ground { sim_time_s, mishap } => {
+            let what = match mishap {
+                Mishap::HardLanding { speed_m_s } => format!("hard landing at {speed_m_s:.2} m/s"),
+                Mishap::TipOver { tilt_rad } => {
+                    format!("tipped over, {:.0}° against the ground", tilt_rad.to_degrees())
+                }
+                Mishap::RotorStrike { rotor } => format!("rotor {rotor} strikes the ground"),
+            };
+            Some(format!("t {sim_time_s:7.3} s  ground      {what}"))
+        }
     }
 }

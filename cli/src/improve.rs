@@ -1,11 +1,12 @@
 //! `rotortwin improve`: compare, diagnose, propose, add, compare again, until the model agrees or the reason why it does not is known.
 
 use crate::compare::{read_logs, refused};
-use crate::model::{find_or_begin, significant, store_failed};
-use crate::output::{self, TABLE_STYLE};
+use crate::destination::{self, ResultFolder};
+use crate::grid::Grid;
+use crate::output::{self, significant};
 use crate::progress::Progress;
+use crate::versions::{find_or_begin, store_failed};
 use clap::Parser;
-use comfy_table::{CellAlignment, Table};
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, Options};
 use rotortwin_twin::improve::report::{QUANTITIES, open_loop_m, short, value_text};
@@ -38,7 +39,7 @@ pub(crate) struct Args {
     /// What is really missing, if it is known: a model version, a file with `[[effect]]`, or the truth of 'rotortwin blind generate'
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Write report.html, improvement.json and improvement.txt into this folder
+    /// Write report.html, improvement.json and improvement.txt into this folder; must not exist or be empty
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Write the version that it ends with into this file, as 'rotortwin model export' does
@@ -84,6 +85,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Err(error) => return store_failed(&error),
     };
     let model = NamedModel { label, version };
+    let (folder, writable) = (
+        ResultFolder::beside(args.out.as_deref(), &args.models),
+        args.final_version.as_deref().map_or(Ok(()), destination::writable_file),
+    );
+    let folder = match writable.and(folder) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
     let start = Instant::now();
     let progress = Progress::new(args.json, args.events);
     let options = Options {
@@ -114,16 +123,17 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         improvement.next_flight = crate::next_flight::after(diagnosis, &improvement.model);
     }
     let text = text(&improvement);
-    if let Some(folder) = &args.out
-        && let Err(sentence) = report::write(folder, &improvement)
-            .and_then(|()| output::write_text(&folder.join("improvement.txt"), &text))
+    folder.map(ResultFolder::keep);
+    if let Some(path) = &args.out
+        && let Err(sentence) =
+            report::write(path, &improvement).and_then(|()| output::write_text(&path.join("improvement.txt"), &text))
     {
-        return output::failed(sentence);
+        return destination::failed_at(path, sentence);
     }
     if let Some(path) = &args.final_version
         && let Err(error) = std::fs::write(path, improvement.model.to_toml())
     {
-        return output::failed(format!("{}: cannot be written: {error}", path.display()));
+        return destination::failed_at(path, format!("{}: cannot be written: {error}", path.display()));
     }
     if args.json {
         println!(
@@ -131,7 +141,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             serde_json::to_string_pretty(&improvement).expect("text and numbers are JSON")
         );
     } else {
-        print!("{text}");
+        print!("{}", output::fitted(&text));
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.display());
             println!("             report.html  improvement.json  improvement.txt");
@@ -153,7 +163,7 @@ impl Terminal<'_> {
     fn say(&self, text: &str) {
         self.progress.clear();
         if !self.quiet {
-            println!("{text}");
+            println!("{}", output::fitted(text));
         }
     }
 
@@ -251,9 +261,7 @@ fn text(improvement: &Improvement) -> String {
     text
 }
 
-fn waterfall(improvement: &Improvement, place: usize, first: &OnLog) -> Table {
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
+fn waterfall(improvement: &Improvement, place: usize, first: &OnLog) -> Grid {
     let mut header = vec!["version".to_owned(), "effect".to_owned(), "parameter".to_owned()];
     let quantities: Vec<&str> = QUANTITIES.into_iter().filter(|q| first.error_of(q).is_some()).collect();
     for quantity in &quantities {
@@ -261,7 +269,7 @@ fn waterfall(improvement: &Improvement, place: usize, first: &OnLog) -> Table {
         header.push(format!("{quantity}, {unit}"));
     }
     header.push("open loop, m".to_owned());
-    table.set_header(header);
+    let mut table = Grid::new(header).numbers_from(3);
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), short);
     for row in &improvement.rows {
         let Some(log) = row.logs.get(place) else { continue };
@@ -279,10 +287,5 @@ fn waterfall(improvement: &Improvement, place: usize, first: &OnLog) -> Table {
     cells.extend(quantities.iter().map(|q| number(first.error_of(q).map(|e| e.noise))));
     cells.push(String::new());
     table.add_row(cells);
-    for column in 3..table.column_count() {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
     table
 }

@@ -2,21 +2,46 @@
 //!
 //! Exit codes: 0 done, 1 the run failed, 2 bad input (nothing was written).
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
+// In this crate these four write through `terminal`: those of the standard library panic when the reader has closed the pipe.
+macro_rules! print {
+    ($($text:tt)*) => { $crate::terminal::print(format_args!($($text)*)) };
+}
+macro_rules! println {
+    () => { $crate::terminal::print(format_args!("\n")) };
+    ($($text:tt)*) => { $crate::terminal::print(format_args!("{}\n", format_args!($($text)*))) };
+}
+macro_rules! eprint {
+    ($($text:tt)*) => { $crate::terminal::print_error(format_args!($($text)*)) };
+}
+macro_rules! eprintln {
+    () => { $crate::terminal::print_error(format_args!("\n")) };
+    ($($text:tt)*) => { $crate::terminal::print_error(format_args!("{}\n", format_args!($($text)*))) };
+}
+
 mod blind;
 mod board;
 mod campaign;
 mod compare;
+mod configuration;
+mod destination;
 mod diagnose;
 mod effects;
+mod examples;
 mod export;
 mod fdi_models;
 mod fdi_service;
 mod fit;
 mod fly;
+mod grid;
 mod health;
 mod improve;
 mod log;
+mod log_example;
+mod manual;
 mod model;
+mod named;
 mod next_flight;
 mod output;
 mod progress;
@@ -26,15 +51,18 @@ mod reproduce;
 mod router;
 mod serve;
 mod show;
-mod supervise;
+mod terminal;
 mod token;
+mod vehicle;
+mod versions;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
 /// Co-simulation of multirotors with propeller fault detection and isolation.
 #[derive(Debug, Parser)]
-#[command(name = "rotortwin", version, propagate_version = true, max_term_width = 120)]
+#[command(name = "rotortwin", bin_name = "rotortwin", version, propagate_version = true, max_term_width = 100, after_help = examples::FIRST)]
 struct Cli {
     #[command(flatten)]
     server: remote::ServerArgs,
@@ -48,48 +76,71 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Fly a scenario: plant, controller and FDI engine in lockstep; leaves a run folder
+    #[command(after_help = examples::FLY)]
     Fly(fly::Args),
     /// Fly a recorded run again, in this process, and compare the run hash
+    #[command(after_help = examples::REPLAY)]
     Replay(replay::Args),
     /// Print what a run folder says
+    #[command(after_help = examples::SHOW)]
     Show(show::Args),
     /// Write a whole run as one file: ULog, MCAP, Parquet, CSV
+    #[command(after_help = examples::EXPORT)]
     Export(export::Args),
     /// Import flight logs, and show what they hold
+    #[command(after_help = examples::LOG)]
     Log(log::Args),
     /// Run the detectors over a flight log: verdicts over time, severity, what the log lacks
+    #[command(after_help = examples::FDI_LOG)]
     FdiLog(fdi_service::LogArgs),
     /// Run the detectors on measurements that come over zenoh, verdicts back
     FdiService(fdi_service::ServiceArgs),
     /// Check a scenario and the files it names; prints every setting in effect
+    #[command(after_help = examples::CHECK)]
     Check(show::CheckArgs),
     /// Reproduce the paper's tables and figures, its numbers beside ours
+    #[command(after_help = examples::REPRODUCE)]
     Reproduce(reproduce::Args),
     /// Hold models against flight logs: where, when and how much they disagree
+    #[command(after_help = examples::COMPARE)]
     Compare(compare::Args),
     /// Name the physical effect that a model lacks on flight logs, with evidence
+    #[command(after_help = examples::DIAGNOSE)]
     Diagnose(diagnose::Args),
     /// Compare, diagnose, add what is missing, compare again: until the model agrees, or the reason why it does not is known
+    #[command(after_help = examples::IMPROVE)]
     Improve(improve::Args),
     /// The manoeuvre that would tell two effects apart, as a scenario, with the evidence that is expected of it
+    #[command(after_help = examples::NEXT_FLIGHT)]
     NextFlight(next_flight::Args),
     /// The effects that a model may lack: list, equation, parameters; your own with --effects
+    #[command(after_help = examples::EFFECTS)]
     Effects(effects::Args),
     /// Versions of a model as files: list, show, add, undo, branch, diff, export, import, log
+    #[command(after_help = examples::MODEL)]
     Model(model::Args),
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
+    #[command(after_help = examples::CAMPAIGN)]
     Campaign(campaign::Args),
     /// Vehicle constants from bench measurements: thrust, battery, motor lag
+    #[command(after_help = examples::FIT)]
     Fit(fit::Args),
+    /// A vehicle of your own: from a flight log, its mass and its arm
+    #[command(after_help = examples::VEHICLE)]
+    Vehicle(vehicle::Args),
     /// Blind bench of the diagnosis: logs with hidden effects from a foreign simulator, and the score sheet
+    #[command(after_help = examples::BLIND)]
     Blind(Box<blind::Args>),
     /// Flight boards: list, info, doctor, measure (Table 11)
+    #[command(after_help = examples::BOARD)]
     Board(board::Args),
     /// A zenoh router where the processes of runs meet, with access control
     Router(router::Args),
     /// Serve jobs, runs and results over HTTP
+    #[command(after_help = examples::SERVE)]
     Serve(serve::Args),
     /// Runs of a server: list, get, events, cancel, delete, fetch
+    #[command(after_help = examples::RUNS)]
     Runs(remote::JobArgs),
     /// Campaigns of a server: as runs
     Campaigns(remote::JobArgs),
@@ -101,9 +152,27 @@ enum Command {
     Token(token::Args),
     /// Do jobs for the servers that share a Postgres database, on this or another host
     Worker(serve::WorkerArgs),
+    /// Scenarios, vehicles, campaigns … that can be named wherever a file is expected
+    #[command(after_help = examples::LIST)]
+    List(configuration::ListArgs),
+    /// A document of your own, begun as a copy of one that there is
+    #[command(after_help = examples::NEW)]
+    New(configuration::NewArgs),
+    /// Where documents are looked for by name, in order
+    Config,
+    /// Print what a shell needs to complete this command's words
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(manual::CompletionsArgs),
+    /// Print a manual page, or write all of them
+    #[command(after_help = examples::MAN)]
+    Man(manual::ManArgs),
     /// Train a classifier and write its file
+    #[command(after_help = examples::TRAIN)]
     Train(reproduce::TrainArgs),
     /// One process of a run, started by hand: the plant
+    #[command(
+        override_usage = "rotortwin sim [OPTIONS] --out <DIR> --link <LINK> --run-id <HEX>\n                     <SCENARIO>"
+    )]
     Sim(rotortwin_sim::process::Args),
     /// One process of a run, started by hand (e.g. on another host): the PID controller
     Controller(rotortwin_controller::Args),
@@ -113,6 +182,14 @@ enum Command {
 
 /// Does what the command line of this process asks for.
 pub fn run() -> ExitCode {
+    let code = run_command();
+    match terminal::failure() {
+        Some(reason) => output::failed(format!("the standard output cannot be written: {reason}")),
+        None => code,
+    }
+}
+
+fn run_command() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => return refuse(&error),
@@ -141,6 +218,7 @@ pub fn run() -> ExitCode {
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Fit(args) => fit::run(&args),
+        Command::Vehicle(args) => vehicle::run(&args),
         Command::Blind(args) => blind::run(&args),
         Command::Board(args) => board::run(&args),
         Command::Router(args) => router::run(&args),
@@ -151,6 +229,11 @@ pub fn run() -> ExitCode {
         Command::Health(args) => health::run(&args),
         Command::Token(args) => token::run(&args),
         Command::Worker(args) => serve::work(&args),
+        Command::List(args) => configuration::list(&args),
+        Command::New(args) => configuration::new(&args),
+        Command::Config => configuration::config(),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::man(&args),
         Command::Train(args) => reproduce::train(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),
@@ -158,14 +241,14 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Help and version go to standard output; a wrong argument is bad input and gets one sentence like any other.
+/// Help and version go to standard output; a wrong argument is bad input and gets one sentence like any other, with the help that explains it.
 fn refuse(error: &clap::Error) -> ExitCode {
     let text = error.render().to_string();
     if !error.use_stderr() {
         print!("{text}");
         return ExitCode::SUCCESS;
     }
-    if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         return output::bad_input(format!("a command is missing; see below\n\n{text}"));
     }
     let lines = text
@@ -182,8 +265,30 @@ fn refuse(error: &clap::Error) -> ExitCode {
             };
             sentence + separator + line.trim_matches(['[', ']'])
         });
-    output::bad_input(format!(
-        "{}; see 'rotortwin --help'",
-        sentence.trim().trim_start_matches("error: ")
-    ))
+    let sentence = sentence.trim().trim_start_matches("error: ").to_owned();
+    let command = command_of(error);
+    let misplaced = command == "rotortwin" && error.kind() == ErrorKind::UnknownArgument;
+    let tip = if misplaced {
+        "; options of a command stand after it"
+    } else {
+        ""
+    };
+    output::bad_input(format!("{sentence}{tip}; see '{command} --help'"))
+}
+
+/// The command that an error is about, as it is typed: `rotortwin model add`.
+fn command_of(error: &clap::Error) -> String {
+    let usage = match error.get(ContextKind::Usage) {
+        Some(ContextValue::StyledStr(usage)) => usage.to_string(),
+        _ => String::new(),
+    };
+    let words = usage.trim_start_matches("Usage:").split_whitespace();
+    let names: Vec<&str> = words
+        .take_while(|word| word.starts_with(|letter: char| letter.is_ascii_lowercase()))
+        .collect();
+    if names.is_empty() {
+        "rotortwin".to_owned()
+    } else {
+        names.join(" ")
+    }
 }

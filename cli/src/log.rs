@@ -1,8 +1,9 @@
-//! `rotortwin log import` and `rotortwin log show`.
+//! `rotortwin log import`, `rotortwin log show` and `rotortwin log example`.
 
-use crate::output::{bad_input, failed};
-use comfy_table::{CellAlignment, Table};
-use rotortwin_plant::VehicleDocuments;
+use crate::grid::Grid;
+use crate::output::{self, bad_input, failed};
+use rotortwin_scenario::VehicleDocuments;
+use rotortwin_twin::identify::known_rotor_places;
 use rotortwin_twin::log::{FlightLog, ReadOptions};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -20,18 +21,20 @@ pub(crate) enum Command {
     Import(ImportArgs),
     /// Print columns, ranges, rate, gaps, and what a log can and cannot test
     Show(ShowArgs),
+    /// Write an example: a flight with something hidden in it, by the independent simulator of the blind bench, and the truth apart
+    Example(crate::log_example::Args),
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Reading {
     /// Mapping file whose rows go before the built-in ones (config/log-mappings)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = crate::named::log_mapping())]
     mapping: Option<PathBuf>,
     /// Of a simulated run, take the truth instead of what was sensed
     #[arg(long)]
     truth: bool,
     /// Vehicle file to hold the log against: number and order of the rotors
-    #[arg(long, value_name = "FILE")]
+    #[arg(long = "model", alias = "vehicle", value_name = "VEHICLE", value_parser = crate::named::vehicle())]
     vehicle: Option<PathBuf>,
     /// Take what can be read of a file whose checksum is wrong
     #[arg(long)]
@@ -40,7 +43,7 @@ pub(crate) struct Reading {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ImportArgs {
-    /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, Crazyflie micro-SD log
+    /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, Crazyflie micro-SD log; LOG@35:65 takes these seconds
     #[arg(required = true, value_name = "FILE")]
     pub(crate) files: Vec<PathBuf>,
     #[command(flatten)]
@@ -65,7 +68,7 @@ impl ImportArgs {
         let options = [
             (self.reading.mapping.is_some(), "--mapping"),
             (self.reading.truth, "--truth"),
-            (self.reading.vehicle.is_some(), "--vehicle"),
+            (self.reading.vehicle.is_some(), "--model"),
         ];
         options.into_iter().find_map(|(given, name)| given.then_some(name))
     }
@@ -84,8 +87,8 @@ impl ImportArgs {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ShowArgs {
-    /// The log
-    #[arg(value_name = "FILE")]
+    /// The log, or a part of it: LOG@35:65 (seconds), LOG@NAME (a segment)
+    #[arg(value_name = "LOG")]
     file: PathBuf,
     #[command(flatten)]
     reading: Reading,
@@ -115,7 +118,7 @@ fn read(file: &Path, reading: &Reading) -> Result<FlightLog, String> {
         accept_damaged: reading.damaged,
         ..ReadOptions::default()
     };
-    let mut log = FlightLog::read_with(file, &options).map_err(|refusal| refusal.to_string())?;
+    let mut log = FlightLog::read_part_with(file, &options)?;
     if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle.as_ref()) {
         log.report.findings.extend(log.check_against_vehicle(&vehicle.vehicle));
         log.vehicle = Some(path.display().to_string());
@@ -123,16 +126,11 @@ fn read(file: &Path, reading: &Reading) -> Result<FlightLog, String> {
     Ok(log)
 }
 
-/// Prints; a reader that has closed the pipe has seen enough.
-fn print(text: &str) {
-    use std::io::Write as _;
-    drop(std::io::stdout().write_all(text.as_bytes()));
-}
-
 pub(crate) fn run(args: &Args) -> ExitCode {
     match &args.command {
         Command::Import(args) => import(args),
         Command::Show(args) => show(args),
+        Command::Example(args) => crate::log_example::run(args),
     }
 }
 
@@ -142,20 +140,23 @@ fn import(args: &ImportArgs) -> ExitCode {
     for (file, name) in args.files.iter().zip(names) {
         let stored = read(file, &args.reading).and_then(|log| {
             let log = if args.align { log.aligned() } else { log };
-            let log = args.rate.map_or_else(|| log.clone(), |rate_hz| log.resampled(rate_hz));
+            let log = match args.rate {
+                Some(rate_hz) => log.resampled(rate_hz)?,
+                None => log,
+            };
             let path = log.store(&args.out, &name).map_err(|refusal| refusal.to_string())?;
             Ok((log, path))
         });
         match stored {
             Ok((log, path)) => {
-                print(&format!("{} → {}\n", log.headline(), path.display()));
+                println!("{} → {}", log.headline(), path.display());
                 let findings = &log.report.findings;
                 if args.quiet {
                     for finding in findings {
-                        print(&format!("  {finding}\n"));
+                        println!("  {finding}");
                     }
                 } else {
-                    print(&log.account());
+                    print!("{}", log.account());
                 }
             }
             Err(refusal) => code = bad_input(refusal),
@@ -194,17 +195,23 @@ fn show(args: &ShowArgs) -> ExitCode {
         Ok(log) => log,
         Err(refusal) => return bad_input(refusal),
     };
+    let parts = log.flight_parts(known_rotor_places(&log).as_deref());
     if args.json {
-        let account = serde_json::json!({ "source": log.source, "segments": log.segments, "report": log.report });
+        let account = serde_json::json!({
+            "source": log.source, "segments": log.segments, "report": log.report, "flight_parts": parts,
+        });
         return match serde_json::to_string_pretty(&account) {
             Ok(text) => {
-                print(&format!("{text}\n"));
+                println!("{text}");
                 ExitCode::SUCCESS
             }
             Err(error) => failed(error),
         };
     }
     let mut text = format!("{}\n", log.headline());
+    if let Some(clock) = log.report.clock_start_s {
+        text += &format!("Clock        our 0 s is {clock:.3} s of the log's own clock\n");
+    }
     if let Some(vehicle) = &log.vehicle {
         text += &format!("Vehicle      {vehicle}\n");
     }
@@ -214,15 +221,13 @@ fn show(args: &ShowArgs) -> ExitCode {
             segment.name, segment.start_s, segment.end_s
         );
     }
-    text += &format!("\n{}\n\n{}", range_table(&log), log.account());
-    print(&text);
+    text += &format!("\n{}\n\n{}", range_table(&log), log.account_with(&parts));
+    print!("{}", output::fitted(&text));
     ExitCode::SUCCESS
 }
 
-fn range_table(log: &FlightLog) -> Table {
-    let mut table = Table::new();
-    table.load_style(crate::output::TABLE_STYLE);
-    table.set_header(["column", "unit", "values", "least", "mean", "most"]);
+fn range_table(log: &FlightLog) -> Grid {
+    let mut table = Grid::new(["column", "unit", "values", "least", "mean", "most"]).numbers_from(2);
     for range in log.ranges() {
         let number = |value: f64| {
             if value.is_nan() {
@@ -239,11 +244,6 @@ fn range_table(log: &FlightLog) -> Table {
             number(range.mean),
             number(range.most),
         ]);
-    }
-    for column in 2..6 {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
     }
     table
 }

@@ -1,13 +1,16 @@
 //! `rotortwin model`: versions of a model as files: list, show, add, undo, branch, diff, export, import, log.
 
-use crate::output::{self, TABLE_STYLE};
+use crate::grid::Grid;
+use crate::output::{fitted, significant};
+use crate::versions::{Head, model_and_branch, store_failed};
 use clap::{Parser, Subcommand};
-use comfy_table::Table;
 use rotortwin_plant::effects::EffectDocument;
+use rotortwin_scenario::effect_documents;
+use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::model::difference::{ParameterChange, Value};
 use rotortwin_twin::model::specification::effect_by_hand;
-use rotortwin_twin::model::store::{Found, MAIN, Place};
-use rotortwin_twin::model::{Difference, ModelEffect, ModelStore, ModelVersion, Source, StoreError, from_diagnosis};
+use rotortwin_twin::model::store::{Found, Place};
+use rotortwin_twin::model::{Difference, ModelEffect, ModelStore, ModelVersion, Source, StoreError};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -103,7 +106,7 @@ struct Add {
     #[arg(long, requires = "from", conflicts_with = "pick")]
     proposal: bool,
     /// Effect document of your own, for EFFECT; the model keeps it
-    #[arg(long, value_name = "FILE", conflicts_with = "from")]
+    #[arg(long, value_name = "FILE", conflicts_with = "from", value_parser = crate::named::effect())]
     effects: Vec<PathBuf>,
     /// Rotor, from 1, of an effect of one rotor
     #[arg(long, value_name = "NUMBER")]
@@ -114,14 +117,6 @@ struct Add {
     /// Why, for people
     #[arg(long, default_value = "")]
     note: String,
-}
-
-/// A failure of the store, with its exit code.
-pub(crate) fn store_failed(error: &StoreError) -> ExitCode {
-    match error {
-        StoreError::Io { .. } => output::failed(error),
-        StoreError::Document(_) | StoreError::Refused(_) => output::bad_input(error),
-    }
 }
 
 /// Runs the command.
@@ -145,28 +140,19 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
-/// The version that a text names.
-pub(crate) fn find(store: &ModelStore, text: &str) -> Result<ModelVersion, StoreError> {
-    store.find(text).map(|found| found.version)
-}
-
-pub(crate) fn table<const N: usize>(header: [&str; N]) -> Table {
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
-    table.set_header(header);
-    table
-}
-
 fn list(store: &ModelStore) -> Result<(), StoreError> {
     let names = store.names()?;
     if names.is_empty() {
         println!(
-            "no models in {}; begin one with 'rotortwin model import config/vehicles/f550.toml'",
-            store.root().display()
+            "{}",
+            fitted(&format!(
+                "no models in {}; begin one with 'rotortwin model import config/vehicles/f550.toml'",
+                store.root().display()
+            ))
         );
         return Ok(());
     }
-    let mut table = table(["model", "branch", "at", "vehicle", "effects"]);
+    let mut table = Grid::new(["model", "branch", "at", "vehicle", "effects"]);
     for name in names {
         let history = store.history(&name)?;
         for (branch, number) in &history.branches {
@@ -206,7 +192,7 @@ fn show(found: &Found, json: bool) {
         println!("no effects: the vehicle as documented");
         return;
     }
-    let mut table = table(["effect", "parameter", "value", "± 1 sigma", "from"]);
+    let mut table = Grid::new(["effect", "parameter", "value", "± 1 sigma", "from"]);
     for effect in &version.effect {
         for (line, (name, value)) in effect.parameters.iter().enumerate() {
             let deviation = effect
@@ -244,26 +230,9 @@ fn source(effect: &ModelEffect) -> String {
     }
 }
 
-/// Four significant digits at most, without trailing zeros.
-pub(crate) fn significant(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    let text = format!("{value:.decimals$}");
-    if value.abs() < 1e-6 || value.abs() >= 1e7 {
-        return format!("{value:.3e}");
-    }
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        text
-    }
-}
-
 fn log(store: &ModelStore, model: &str) -> Result<(), StoreError> {
     let history = store.history(model)?;
-    let mut table = table(["version", "from", "branches", "added or changed", "note", "hash"]);
+    let mut table = Grid::new(["version", "from", "branches", "added or changed", "note", "hash"]);
     for (number, version) in &history.versions {
         let parent = history.parent_of(*number);
         let branches: Vec<&str> = history
@@ -306,88 +275,10 @@ fn changed_terms(difference: &Difference) -> String {
     }
 }
 
-/// MODEL and BRANCH of a text that must not name a version by number.
-fn model_and_branch(text: &str) -> (&str, &str) {
-    text.split_once('@').unwrap_or((text, MAIN))
-}
-
-/// A model of the store at the head of a branch; a vehicle or version file begins one of its name.
-pub(crate) fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVersion, String), StoreError> {
-    let head = Head::find(store, text)?;
-    head.begin(store)?;
-    Ok((head.version, head.branch))
-}
-
-/// Where a model stands, or would begin.
-struct Head {
-    version: ModelVersion,
-    branch: String,
-    /// The store does not have the model yet.
-    is_new: bool,
-}
-
-impl Head {
-    /// Begins the model if it is new.
-    fn begin(&self, store: &ModelStore) -> Result<(), StoreError> {
-        if self.is_new {
-            store.create(&self.version)?;
-        }
-        Ok(())
-    }
-
-    /// Looks it up, and writes nothing.
-    fn find(store: &ModelStore, text: &str) -> Result<Self, StoreError> {
-        let path = Path::new(text);
-        if path.is_file() {
-            let version = ModelVersion::load(path)?;
-            let first = ModelVersion::first(version.name.clone(), version.documents());
-            if version != first {
-                return Err(StoreError::Refused(format!(
-                    "{text}: expected a model of {}; take this version in with 'rotortwin model import {text}'",
-                    store.root().display()
-                )));
-            }
-            let branch = MAIN.to_owned();
-            if !store.has(&first.name) {
-                return Ok(Self {
-                    version: first,
-                    branch,
-                    is_new: true,
-                });
-            }
-            let begun = store.find(&format!("{}@v0", first.name))?.version;
-            if begun != first {
-                return Err(StoreError::Refused(format!(
-                    "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
-                    first.name
-                )));
-            }
-            let version = store.find(&first.name)?.version;
-            return Ok(Self {
-                version,
-                branch,
-                is_new: false,
-            });
-        }
-        let (_, branch) = model_and_branch(text);
-        let found = store.find(text)?;
-        match found.place {
-            Some(Place { branch: Some(_), .. }) => Ok(Self {
-                version: found.version,
-                branch: branch.to_owned(),
-                is_new: false,
-            }),
-            _ => Err(StoreError::Refused(format!(
-                "{text}: expected a branch, as a version never changes; make one with 'rotortwin model branch {text} NAME'"
-            ))),
-        }
-    }
-}
-
 impl Add {
     fn run(&self, store: &ModelStore) -> Result<(), StoreError> {
         let head = Head::find(store, &self.model)?;
-        let (documents, effects) = self.effects()?;
+        let (documents, effects) = self.effects(&head.line(store)?)?;
         let next = head
             .version
             .with_effects(effects, self.note.clone())
@@ -400,13 +291,14 @@ impl Add {
         Ok(())
     }
 
-    /// The effects given by hand, or those of a diagnosis, and the documents of those that are in no catalogue.
-    fn effects(&self) -> Result<(Vec<EffectDocument>, Vec<ModelEffect>), StoreError> {
+    /// The effects given by hand, or those of a diagnosis, and the documents of those that are in no catalogue. `line` are the versions
+    /// up to that which they are added to.
+    fn effects(&self, line: &[ModelVersion]) -> Result<(Vec<EffectDocument>, Vec<ModelEffect>), StoreError> {
         let Some(path) = &self.from else {
             let documents = self
                 .effects
                 .iter()
-                .map(EffectDocument::load)
+                .map(effect_documents::load)
                 .collect::<Result<Vec<_>, _>>()?;
             let effect = self.effect.as_deref().unwrap_or_default();
             return effect_by_hand(effect, self.rotor, self.onset, &self.parameters)
@@ -417,6 +309,7 @@ impl Add {
         let text =
             std::fs::read_to_string(path).map_err(|error| refuse(format!("expected a readable file: {error}")))?;
         let json = serde_json::from_str(&text).map_err(|error| refuse(format!("expected JSON: {error}")))?;
+        from_diagnosis::check_base(&json, line).map_err(refuse)?;
         if self.proposal {
             let (document, effect) = from_diagnosis::proposal(&json, &[]).map_err(refuse)?;
             return Ok((vec![document], vec![effect]));
@@ -457,7 +350,7 @@ fn print_changes(difference: &Difference) {
             deviation: Some(d),
         }) => format!("{} ± {}", significant(value), significant(d)),
     };
-    let mut table = table(["what", "key", "before", "after"]);
+    let mut table = Grid::new(["what", "key", "before", "after"]);
     for ParameterChange {
         effect,
         parameter,
@@ -479,7 +372,10 @@ fn undo(store: &ModelStore, text: &str) -> Result<(), StoreError> {
     let (model, branch) = model_and_branch(text);
     let (left, reached) = store.undo(model, branch)?;
     println!(
-        "{model}@{branch} stands at v{reached}; v{left} is kept: 'rotortwin model branch {model}@v{left} NAME' brings it back"
+        "{}",
+        fitted(&format!(
+            "{model}@{branch} stands at v{reached}; v{left} is kept: 'rotortwin model branch {model}@v{left} NAME' brings it back"
+        ))
     );
     Ok(())
 }
@@ -547,26 +443,15 @@ fn import(store: &ModelStore, file: &Path, name: Option<&str>) -> Result<(), Sto
     }
     let place = store.create(&version)?;
     println!(
-        "{}@v{} · {} · effects: {} · hash {}",
-        place.model,
-        place.number,
-        version.vehicle.name,
-        effects(&version),
-        version.hash()
+        "{}",
+        fitted(&format!(
+            "{}@v{} · {} · effects: {} · hash {}",
+            place.model,
+            place.number,
+            version.vehicle.name,
+            effects(&version),
+            version.hash()
+        ))
     );
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn val_numbers_keep_four_significant_digits() {
-        assert_eq!(significant(0.253_04), "0.253");
-        assert_eq!(significant(-0.001_234_56), "-0.001235");
-        assert_eq!(significant(12_345.6), "12346");
-        assert_eq!(significant(6e-9), "6.000e-9");
-        assert_eq!(significant(0.0), "0");
-    }
 }

@@ -1,14 +1,16 @@
 //! `rotortwin next-flight`: the manoeuvre that would tell two effects apart, and the proof that it does.
 
-use crate::model::store_failed;
-use crate::output::{self, TABLE_STYLE};
+use crate::grid::Grid;
+use crate::output;
+use crate::versions::store_failed;
 use clap::Parser;
-use comfy_table::{CellAlignment, Table};
-use rotortwin_campaign::flight::{self, FlightEnd, FlightObserver, Sample, StopReason};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_campaign::setup::run_setup;
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::sample::Sample;
+use rotortwin_flight::setup::run_setup;
+use rotortwin_plant::STEP_NS;
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
-use rotortwin_plant::{STEP_NS, Scenario, Simulation};
+use rotortwin_scenario::Scenario;
 use rotortwin_twin::diagnose::{Diagnosis, Options, Verdict, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::store::Found;
@@ -198,17 +200,16 @@ pub(crate) fn after(diagnosis: &Diagnosis, model: &ModelVersion) -> Option<Strin
     ))
 }
 
-fn table(proposals: &[Proposal], a: &Rival, b: &Rival) -> Table {
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
-    table.set_header([
+fn table(proposals: &[Proposal], a: &Rival, b: &Rival) -> Grid {
+    let mut table = Grid::new([
         "manoeuvre".to_owned(),
         "s".to_owned(),
         format!("{} is true", a.label()),
         "strongest rival".to_owned(),
         format!("{} is true", b.label()),
         "strongest rival".to_owned(),
-    ]);
+    ])
+    .numbers([1, 2, 4]);
     for p in proposals {
         table.add_row([
             p.manoeuvre.clone(),
@@ -222,11 +223,6 @@ fn table(proposals: &[Proposal], a: &Rival, b: &Rival) -> Table {
                 p.second.strongest_rival.to_lowercase()
             ),
         ]);
-    }
-    for column in [1, 2, 4] {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
     }
     table
 }
@@ -277,13 +273,13 @@ fn fly(manoeuvre: &Manoeuvre, model: &ModelVersion, hidden: &[EffectInstance], s
 }
 
 fn record(scenario: &Scenario, seed: u64, manoeuvre: &Manoeuvre) -> Result<FlightLog, String> {
-    let mut simulation = Simulation::new(scenario, seed).map_err(|error| error.to_string())?;
-    simulation.record_accelerometer(scenario, seed);
+    let mut simulation = scenario.simulation(seed).map_err(|error| error.to_string())?;
+    simulation.record_accelerometer(&scenario.document().sensors, seed);
     let rotors = simulation.rotor_count();
     let setup = run_setup(scenario, &simulation, 1);
     let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
     let mut recorder = Recorder::new(rotors, manoeuvre.ground_down_m());
-    let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut recorder);
+    let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut recorder);
     if let FlightEnd::Failed(failure) = outcome.end {
         return Err(format!("{}: {}", manoeuvre.name, failure.sentence));
     }

@@ -1,7 +1,9 @@
 //! What people read: the verdict table, the facts of a run, one-sentence errors.
 
-use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
-use rotortwin_campaign::reproduction::tables::ResultTable;
+use crate::grid::{Grid, fold};
+use crate::terminal;
+pub(crate) use crate::terminal::line;
+use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -17,15 +19,6 @@ pub(crate) fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
 pub(crate) fn failed(sentence: impl std::fmt::Display) -> ExitCode {
     eprintln!("rotortwin: {sentence}");
     ExitCode::from(rotortwin_process::EXIT_FAILED)
-}
-
-/// Prints a line that a program reads as soon as it is there; a reader that has closed the pipe has seen enough.
-pub(crate) fn line(text: &str) {
-    use std::io::Write as _;
-    let mut out = std::io::stdout().lock();
-    if let Err(error) = writeln!(out, "{text}").and_then(|()| out.flush()) {
-        tracing::debug!(%error, "nobody reads the standard output");
-    }
 }
 
 /// `FIRST..END` of an argument.
@@ -71,7 +64,7 @@ pub(crate) fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
         line(format!("Files        {}", folder.display()));
         line("             report.html  figures/  telemetry.parquet  run.mcap  summary.json".to_owned());
     }
-    text
+    fitted(&text)
 }
 
 fn headline(summary: &Summary) -> String {
@@ -90,11 +83,9 @@ fn headline(summary: &Summary) -> String {
     }
 }
 
-/// One line per interval and evaluator; narrow enough for a terminal of 90 columns.
-fn verdict_table(summary: &Summary) -> Table {
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
-    table.set_header([
+/// One line per interval and evaluator.
+fn verdict_table(summary: &Summary) -> Grid {
+    let mut table = Grid::new([
         "interval",
         "truth",
         "evaluator",
@@ -102,7 +93,8 @@ fn verdict_table(summary: &Summary) -> Table {
         "right",
         "first after",
         "false alarms",
-    ]);
+    ])
+    .numbers_from(4);
     for interval in &summary.intervals {
         for (line, evaluator) in Evaluator::ALL.into_iter().enumerate() {
             let (times, truth) = match line {
@@ -124,11 +116,6 @@ fn verdict_table(summary: &Summary) -> Table {
             ]);
         }
     }
-    for column in 4..7 {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
     table
 }
 
@@ -139,14 +126,6 @@ fn truth_text(interval: &Interval) -> String {
         faults => format!("{}; {}", interval.description, faults.join("; ")),
     }
 }
-
-/// A line above, below and under the header; nothing else.
-pub(crate) const TABLE_STYLE: TableStyle = TableStyle::new()
-    .top_border(LineStyle::new('─', '─', '─', '─'))
-    .header_lines(ContentLineStyle::none())
-    .header_separator(LineStyle::new('─', '─', '─', '─'))
-    .content_lines(ContentLineStyle::none())
-    .bottom_border(LineStyle::new('─', '─', '─', '─'));
 
 /// Verdict at the end, share of right windows, delay of the first right one, false alarms.
 fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
@@ -249,34 +228,54 @@ fn thousands(value: f64) -> String {
 }
 
 /// A table of results: names on the left, numbers on the right.
-pub(crate) fn result_table(result: &ResultTable) -> Table {
-    let mut table = Table::new();
-    table.load_style(TABLE_STYLE);
-    table.set_header(&result.columns);
+pub(crate) fn result_table(result: &ResultTable) -> Grid {
+    let mut table = Grid::new(result.columns.iter().map(ToString::to_string)).numbers_from(1);
     for row in &result.rows {
-        table.add_row(row);
-    }
-    for column in 1..result.columns.len() {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
+        table.add_row(row.iter().map(ToString::to_string));
     }
     table
 }
 
-/// Words in lines of at most 100 letters, the later ones indented.
+/// A note in lines that fit the terminal, the later ones indented.
 pub(crate) fn wrapped(text: &str) -> String {
-    let mut lines = vec!["· ".to_owned()];
-    for word in text.split_whitespace() {
-        let line = lines.last_mut().expect("there is a first line");
-        if line.chars().count() + word.chars().count() > 100 {
-            lines.push(format!("  {word} "));
-        } else {
-            line.push_str(word);
-            line.push(' ');
-        }
+    let width = terminal::width().unwrap_or(100).min(100);
+    format!("· {}", fold(text, width - 2).replace('\n', "\n  "))
+}
+
+/// A text for the terminal: lines that are too long are broken between words and go on below their beginning, or beside their label.
+pub(crate) fn fitted(text: &str) -> String {
+    match terminal::width() {
+        Some(width) => text
+            .split_inclusive('\n')
+            .map(|line| fitted_line(line, width))
+            .collect(),
+        None => text.to_owned(),
     }
-    lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
+}
+
+fn fitted_line(line: &str, width: usize) -> String {
+    let (content, end) = line.strip_suffix('\n').map_or((line, ""), |content| (content, "\n"));
+    if content.chars().count() <= width {
+        return line.to_owned();
+    }
+    let indent = indent(content);
+    let rest: String = content.chars().skip(indent).collect();
+    let start: String = content.chars().take(indent).collect();
+    let folded = fold(&rest, width - indent);
+    format!(
+        "{start}{}{end}",
+        folded.replace('\n', &format!("\n{}", " ".repeat(indent)))
+    )
+}
+
+/// Where the words of a line begin: behind its label, which ends in two blanks, or behind leading blanks.
+fn indent(line: &str) -> usize {
+    const WIDEST_LABEL: usize = 20;
+    let letters: Vec<char> = line.chars().take(WIDEST_LABEL).collect();
+    let first = letters.iter().position(|letter| *letter != ' ').unwrap_or(0);
+    let gap = letters[first..].windows(2).position(|pair| pair == [' ', ' ']);
+    gap.and_then(|gap| (first + gap..letters.len()).find(|place| letters[*place] != ' '))
+        .unwrap_or(first)
 }
 
 /// `runs/NAME`, or the first of `runs/NAME-2`, `-3`, … that does not exist.
@@ -296,14 +295,50 @@ pub(crate) fn next_free_folder(name: &str) -> Result<PathBuf, String> {
         })
 }
 
+/// Four significant digits at most, without trailing zeros.
+pub(crate) fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{value:.decimals$}");
+    if value.abs() < 1e-6 || value.abs() >= 1e7 {
+        return format!("{value:.3e}");
+    }
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn val_long_lines_go_on_beside_their_label() {
+        let line = "Note         a sentence that is longer than the terminal\n";
+        let folded = "Note         a sentence that is\n             longer than the\n             terminal\n";
+        assert_eq!(fitted_line(line, 32), folded);
+        assert_eq!(fitted_line("  one two three", 9), "  one two\n  three");
+        assert_eq!(fitted_line("one two three\n", 8), "one two\nthree\n");
+        assert_eq!(fitted_line(line, 80), line);
+    }
 
     #[test]
     fn val_thousands_are_grouped() {
         assert_eq!(thousands(999.4), "999");
         assert_eq!(thousands(1000.0), "1 000");
         assert_eq!(thousands(1_234_567.0), "1 234 567");
+    }
+
+    #[test]
+    fn val_numbers_keep_four_significant_digits() {
+        assert_eq!(significant(0.253_04), "0.253");
+        assert_eq!(significant(-0.001_234_56), "-0.001235");
+        assert_eq!(significant(12_345.6), "12346");
+        assert_eq!(significant(6e-9), "6.000e-9");
+        assert_eq!(significant(0.0), "0");
     }
 }

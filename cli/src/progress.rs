@@ -1,6 +1,8 @@
 //! How far a long calculation is: a line on a terminal that is written over, or events for the server that started the process.
 
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde_json::json;
+use std::fmt::Write as FormatWrite;
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -43,5 +45,55 @@ impl Progress {
         if self.shown {
             eprint!("\r\x1b[K");
         }
+    }
+}
+
+/// A bar for work of which `present` parts of `wanted` were done before. Beside the keys of `indicatif`, `template` may hold `{rate}`, parts per
+/// second, and `{left}`, the time that the rest will take; both are of what is done now.
+pub(crate) fn resumed_bar(template: &str, hidden: bool, wanted: u64, present: u64) -> ProgressBar {
+    let target = if hidden {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    };
+    let start = Instant::now();
+    let done = move |state: &ProgressState| state.pos().saturating_sub(present);
+    let style = ProgressStyle::with_template(template)
+        .expect("the template is well formed")
+        .progress_chars("━╸─")
+        .with_key("rate", move |state: &ProgressState, out: &mut dyn FormatWrite| {
+            let rate = done(state) as f64 / start.elapsed().as_secs_f64().max(1e-3);
+            write!(out, "{rate:.1}/s").ok();
+        })
+        .with_key("left", move |state: &ProgressState, out: &mut dyn FormatWrite| {
+            let missing = wanted.saturating_sub(state.pos());
+            match time_left(done(state), missing, start.elapsed()) {
+                Some(left) => write!(out, "{} left", HumanDuration(left)).ok(),
+                None => write!(out, "time not known yet").ok(),
+            };
+        });
+    let bar = ProgressBar::with_draw_target(Some(wanted), target).with_style(style);
+    bar.set_position(present);
+    bar
+}
+
+/// Time for what is missing at the pace of what was done in `elapsed`; none before anything was.
+fn time_left(done: u64, missing: u64, elapsed: Duration) -> Option<Duration> {
+    (done > 0).then(|| elapsed.mul_f64(missing as f64 / done as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 900 of 1000 parts were there, 10 were done in 5 s: the bar of the library took the 900 for work of these 5 s.
+    #[test]
+    fn regress_the_estimate_counts_what_is_done_now() {
+        let second = Duration::from_secs(1);
+        assert_eq!(time_left(10, 90, 5 * second), Some(45 * second));
+        assert_eq!(time_left(0, 100, 5 * second), None);
+        let bar = resumed_bar("{rate} {left}", true, 1000, 900);
+        bar.inc(10);
+        assert_eq!((bar.position(), bar.length()), (910, Some(1000)));
     }
 }

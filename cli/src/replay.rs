@@ -2,12 +2,13 @@
 
 use crate::output;
 use clap::Parser;
-use rotortwin_campaign::flight::{self, FlightEnd, NoObserver};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::{ConfigError, Documents, Scenario, Simulation};
+use rotortwin_flight::lockstep::{self, FlightEnd, NoObserver};
+use rotortwin_flight::pace::Pace;
+use rotortwin_plant::Simulation;
+use rotortwin_scenario::{ConfigError, Documents, Scenario};
 use rotortwin_sim::session;
 use rotortwin_store::summary::{Status, Summary, load_summary};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Arguments of `rotortwin replay`.
@@ -38,7 +39,18 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(prepared) => prepared,
         Err(error) => return output::bad_input(error),
     };
-    match replay(&scenario, simulation) {
+    let replayed = if session::was_flown_by_autopilot(&summary) {
+        let folder = if args.run.is_dir() {
+            Some(args.run.as_path())
+        } else {
+            args.run.parent()
+        };
+        let folder = folder.unwrap_or(Path::new(""));
+        session::replay_autopilot(&scenario, simulation, summary.seed, folder)
+    } else {
+        replay(&scenario, simulation)
+    };
+    match replayed {
         Ok(hash) => report(args, &summary, &hash),
         Err(sentence) => output::failed(sentence),
     }
@@ -47,14 +59,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 fn prepare(args: &Args, summary: &Summary) -> Result<(Scenario, Simulation), ConfigError> {
     let name = format!("{}, the recorded scenario", args.run.display());
     let scenario = Scenario::from_documents(&Documents::from_toml(&name, &summary.scenario.text)?)?;
-    let simulation = Simulation::new(&scenario, summary.seed)?;
+    let simulation = scenario.simulation(summary.seed)?;
     Ok((scenario, simulation))
 }
 
 fn replay(scenario: &Scenario, mut simulation: Simulation) -> Result<String, String> {
     let setup = session::run_setup(scenario, &simulation, 1);
     let mut link = session::in_process_link();
-    let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
+    let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
     match outcome.end {
         FlightEnd::Done => Ok(outcome.run_hash),
         FlightEnd::Canceled => Err("the replay was canceled".to_owned()),

@@ -1,17 +1,18 @@
 //! `rotortwin reproduce` and `rotortwin train`: the paper's tables and figures, and the classifiers behind them.
 
-use crate::output;
+use crate::{destination, output};
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use rotortwin_campaign::classifiers;
-use rotortwin_campaign::cross_validation::Fold;
-use rotortwin_campaign::pace::Pace;
+use rotortwin_campaign::paper::classifiers;
+use rotortwin_campaign::paper::cross_validation::Fold;
+use rotortwin_campaign::paper::protocol::Course;
+use rotortwin_campaign::paper::reproduction::report::{Figure, PageFacts, render};
+use rotortwin_campaign::paper::reproduction::tables::tables;
+use rotortwin_campaign::paper::reproduction::{self, Item, Method, Options, Reproduction};
 use rotortwin_campaign::parallel::available_threads;
-use rotortwin_campaign::protocol::Course;
-use rotortwin_campaign::reproduction::report::{Figure, PageFacts, render};
-use rotortwin_campaign::reproduction::tables::{ResultTable, tables};
-use rotortwin_campaign::reproduction::{self, Item, Method, Options, Reproduction};
-use rotortwin_plant::{Classifier, Scenario};
+use rotortwin_campaign::result_table::ResultTable;
+use rotortwin_flight::pace::Pace;
+use rotortwin_scenario::{Classifier, Scenario};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::Status;
@@ -22,13 +23,13 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 /// Vehicle, controller and detectors of the data set, unless another scenario is named.
-const BASE_SCENARIO: &str = "config/scenarios/reference-flight.toml";
+const BASE_SCENARIO: &str = "reference-flight";
 
 /// Options that `reproduce` and `train` share.
 #[derive(Debug, Parser)]
 struct Common {
     /// Scenario that gives vehicle, controller, sensors and detector settings
-    #[arg(long, value_name = "FILE", default_value = BASE_SCENARIO)]
+    #[arg(long, value_name = "SCENARIO", default_value = BASE_SCENARIO, value_parser = crate::named::scenario())]
     scenario: PathBuf,
     /// Data sets, one a seed
     #[arg(long, value_name = "COUNT", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -36,8 +37,8 @@ struct Common {
     /// First seed; the others follow
     #[arg(long, value_name = "SEED", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 53))]
     first_seed: u64,
-    /// Threads [default: as many as the machine has]
-    #[arg(long, value_name = "COUNT")]
+    /// Threads [default: as many as this process may use]
+    #[arg(long = "jobs", alias = "threads", value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
     /// Print the result as JSON, nothing else
     #[arg(long)]
@@ -102,7 +103,7 @@ impl TrainArgs {
     /// One sentence: what a server cannot do.
     pub(crate) fn request(&self) -> Result<TrainRequest<'_>, String> {
         if self.common.threads.is_some() {
-            return Err("--threads belongs to training on this machine; expected it without --server".to_owned());
+            return Err("--jobs belongs to training on this machine; expected it without --server".to_owned());
         }
         Ok(TrainRequest {
             out: &self.out,
@@ -213,20 +214,21 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(base) => base,
         Err(error) => return output::bad_input(error),
     };
+    if let Some(Err(sentence)) = args.save_classifier.as_deref().map(destination::writable_file) {
+        return output::bad_input(sentence);
+    }
     let folder = match args
         .out
         .clone()
         .map_or_else(|| output::next_free_folder("reproduce"), Ok)
-        .and_then(|path| {
-            // The same conditions as for the folder of a run.
-            RunFolder::create(&path).map_err(|error| error.to_string())
-        }) {
-        Ok(folder) => folder,
+        .and_then(|path| destination::ResultFolder::create(&path))
+    {
+        Ok(folder) => folder.keep(),
         Err(sentence) => return output::bad_input(sentence),
     };
     match reproduce(args, &base, folder.path()) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(sentence) => output::failed(sentence),
+        Err(sentence) => destination::failed_at(folder.path(), sentence),
     }
 }
 
@@ -524,9 +526,12 @@ pub(crate) fn train(args: &TrainArgs) -> ExitCode {
     {
         return output::bad_input(format!("--out: there is no folder {}", parent.display()));
     }
+    if let Err(sentence) = destination::writable_file(&args.out) {
+        return output::bad_input(sentence);
+    }
     match train_classifier(args, &base) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(sentence) => output::failed(sentence),
+        Err(sentence) => destination::failed_at(&args.out, sentence),
     }
 }
 
@@ -567,13 +572,16 @@ pub(crate) fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
         }
     );
     println!(
-        "trained on {:.2} %, held back {:.2} % right; trajectories not seen: {:.2} % (± {:.2} over folds, ± {:.2} over {} seeds)",
-        100.0 * provenance.training_accuracy,
-        100.0 * provenance.validation_accuracy,
-        100.0 * cross_validation.test_mean,
-        100.0 * cross_validation.test_deviation_over_folds,
-        100.0 * cross_validation.test_interval_over_seeds,
-        cross_validation.seeds.len()
+        "{}",
+        output::fitted(&format!(
+            "trained on {:.2} %, held back {:.2} % right; trajectories not seen: {:.2} % (± {:.2} over folds, ± {:.2} over {} seeds)",
+            100.0 * provenance.training_accuracy,
+            100.0 * provenance.validation_accuracy,
+            100.0 * cross_validation.test_mean,
+            100.0 * cross_validation.test_deviation_over_folds,
+            100.0 * cross_validation.test_interval_over_seeds,
+            cross_validation.seeds.len()
+        ))
     );
 }
 
@@ -605,7 +613,7 @@ fn print_json(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], 
 
 fn print_text(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], start: Instant) {
     for table in tables {
-        println!("{}\n{}", table.title, output::result_table(table));
+        println!("{}\n{}", output::fitted(&table.title), output::result_table(table));
         for note in &table.notes {
             println!("{}", output::wrapped(note));
         }
@@ -622,10 +630,13 @@ fn print_text(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], 
     let generation: f64 = result.seeds.iter().map(|seed| seed.generation.as_secs_f64()).sum();
     let seeds = result.seeds.len();
     println!(
-        "Speed        {seeds} {}, {flights} flights in {:.1} s on {} threads; a data set takes {:.2} s",
-        if seeds == 1 { "seed" } else { "seeds" },
-        start.elapsed().as_secs_f64(),
-        result.options.threads,
-        generation / seeds as f64
+        "{}",
+        output::fitted(&format!(
+            "Speed        {seeds} {}, {flights} flights in {:.1} s on {} threads; a data set takes {:.2} s",
+            if seeds == 1 { "seed" } else { "seeds" },
+            start.elapsed().as_secs_f64(),
+            result.options.threads,
+            generation / seeds as f64
+        ))
     );
 }

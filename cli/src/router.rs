@@ -2,8 +2,8 @@
 
 use crate::output::{bad_input, failed, line};
 use clap::Parser;
+use rotortwin_links::zenoh::ZenohRouter;
 use rotortwin_process::{LinkAddress, Supervisor};
-use rotortwin_wire::link::zenoh::ZenohRouter;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;

@@ -28,6 +28,9 @@ struct WorkArgs {
     /// Jobs of one tenant that are done at the same time, at most
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..))]
     tenant_running: u32,
+    /// Memory that each process of a job may take, MB
+    #[arg(long, value_name = "MB", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(64..=1_000_000))]
+    job_memory: u64,
     /// Runs over zenoh: their plants listen here; port 0: a free one
     #[arg(
         long,
@@ -59,10 +62,11 @@ impl WorkArgs {
             seats,
             roles: roles.iter().filter_map(|role| role.seat()).map(str::to_owned).collect(),
             most_running: self.tenant_running,
+            job_memory: self.job_memory * 1_000_000,
             zenoh_listen: self.zenoh_listen.clone(),
             zenoh_router: self.zenoh_router.clone(),
             program,
-            name: format!("{}-{}", rotortwin_wire::link::host_name(), std::process::id()),
+            name: format!("{}-{}", rotortwin_links::host_name(), std::process::id()),
         })
     }
 }
@@ -91,12 +95,15 @@ pub(crate) struct Args {
     /// Longest flight that is taken, s of simulated time
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     longest_flight: u32,
+    /// Name by which the server may be called, beside localhost, e.g. bench.example [default: any, if it listens to other hosts]
+    #[arg(long, value_name = "NAME")]
+    allow_host: Vec<String>,
     /// Pages of this origin may use the API from a browser, e.g. https://bench.example
     #[arg(long, value_name = "ORIGIN")]
     cors_origin: Vec<String>,
-    /// Scenarios and vehicles that clients can name, laid out as config/
-    #[arg(long, value_name = "DIR", default_value = "config")]
-    library: PathBuf,
+    /// Scenarios and vehicles that clients can name, laid out as config/ [default: config, if it is there, else the program's own]
+    #[arg(long, value_name = "DIR")]
+    library: Option<PathBuf>,
     /// Jobs of one tenant that wait or run, at most
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(1..))]
     tenant_jobs: u32,
@@ -156,6 +163,19 @@ pub(crate) struct WorkerArgs {
     work: WorkArgs,
 }
 
+/// Where what clients can name lies.
+fn library(args: &Args) -> std::io::Result<PathBuf> {
+    if let Some(library) = &args.library {
+        return Ok(library.clone());
+    }
+    let here = PathBuf::from("config");
+    if here.join("scenarios").is_dir() {
+        Ok(here)
+    } else {
+        rotortwin_scenario::shipped::folder()
+    }
+}
+
 /// Serves until Ctrl-C or SIGTERM.
 pub(crate) fn run(args: &Args) -> ExitCode {
     if args.openapi {
@@ -167,6 +187,10 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(work) => work,
         Err(sentence) => return failed(sentence),
     };
+    let library = match library(args) {
+        Ok(library) => library,
+        Err(error) => return failed(format!("the program's own configuration cannot be laid out: {error}")),
+    };
     let config = ServeConfig {
         listen: args.listen,
         tls: args.tls_cert.clone().zip(args.tls_key.clone()),
@@ -174,8 +198,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         most_bytes: args.tenant_gigabytes * 1_000_000_000,
         largest_upload: args.largest_upload * 1_000_000,
         longest_flight_s: f64::from(args.longest_flight),
+        allowed_hosts: args.allow_host.clone(),
         cors_origins: args.cors_origin.clone(),
-        library: args.library.clone(),
+        library,
         most_open: args.tenant_jobs,
         work,
         fdi: FdiLimits {
@@ -190,10 +215,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             Err(sentence) => return bad_input(sentence),
         };
         line(&format!("Serving      {}", server.url()));
-        match server.run(stopped()).await {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(sentence) => failed(sentence),
-        }
+        server.run(stopped()).await;
+        ExitCode::SUCCESS
     })
 }
 
@@ -226,22 +249,38 @@ pub(crate) fn work(args: &WorkerArgs) -> ExitCode {
     })
 }
 
+/// Threads that compute may take this long when the process ends.
+const LAST_THREADS: Duration = Duration::from_millis(500);
+
 pub(crate) fn in_runtime(future: impl Future<Output = ExitCode>) -> ExitCode {
     match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
-        Ok(runtime) => runtime.block_on(future),
+        Ok(runtime) => {
+            let code = runtime.block_on(future);
+            // What still computes is not waited for.
+            runtime.shutdown_timeout(LAST_THREADS);
+            code
+        }
         Err(error) => failed(format!("the threads cannot be started: {error}")),
     }
 }
 
-/// Ready once somebody wants the process to end.
+/// Ready once somebody wants the process to end. If he wants it a second time, it ends at once; jobs that it has begun are begun again.
 async fn stopped() {
-    use tokio::signal::unix::{SignalKind, signal};
+    use tokio::signal::unix::{Signal, SignalKind, signal};
+    async fn either(terminate: &mut Signal) {
+        tokio::select! {
+            _ = tokio::signal::ctrl_c() => {}
+            _ = terminate.recv() => {}
+        }
+    }
     match signal(SignalKind::terminate()) {
         Ok(mut terminate) => {
-            tokio::select! {
-                _ = tokio::signal::ctrl_c() => {}
-                _ = terminate.recv() => {}
-            }
+            either(&mut terminate).await;
+            tokio::spawn(async move {
+                either(&mut terminate).await;
+                eprintln!("Ended at once by a second signal");
+                std::process::exit(1);
+            });
         }
         Err(error) => {
             tracing::warn!(%error, "SIGTERM cannot be handled");

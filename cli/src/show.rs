@@ -2,7 +2,7 @@
 
 use crate::output;
 use clap::Parser;
-use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_scenario::Scenario;
 use rotortwin_store::summary::load_summary;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -33,7 +33,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 /// Arguments of `rotortwin check`.
 #[derive(Debug, Parser)]
 pub(crate) struct CheckArgs {
-    /// Scenario file
+    /// Scenario: a file or a name
+    #[arg(value_parser = crate::named::scenario())]
     pub(crate) scenario: PathBuf,
     /// Print the settings in effect as JSON
     #[arg(long)]
@@ -42,8 +43,8 @@ pub(crate) struct CheckArgs {
 
 /// Checks a scenario without flying it.
 pub(crate) fn check(args: &CheckArgs) -> ExitCode {
-    let checked = Scenario::load(&args.scenario)
-        .and_then(|scenario| Simulation::new(&scenario, scenario.seed()).map(|_| scenario));
+    let checked =
+        Scenario::load(&args.scenario).and_then(|scenario| scenario.simulation(scenario.seed()).map(|_| scenario));
     match checked {
         Ok(scenario) if args.json => match serde_json::to_string_pretty(scenario.documents()) {
             Ok(json) => println!("{json}"),

@@ -1,8 +1,8 @@
 //! `rotortwin token`: who may use a server.
 
-use crate::output::{TABLE_STYLE, bad_input, failed, line};
+use crate::grid::Grid;
+use crate::output::{bad_input, failed, line};
 use clap::{Parser, Subcommand};
-use comfy_table::Table;
 use rotortwin_api::tokens::{self, NewToken, Scope, Token, Tokens};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -85,9 +85,7 @@ async fn perform(what: &What, tokens: &Tokens) -> Result<ExitCode, String> {
             line(&tokens.create(&new).await?);
         }
         What::List => {
-            let mut table = Table::new();
-            table.load_style(TABLE_STYLE);
-            table.set_header(["id", "name", "tenant", "scopes", "state"]);
+            let mut table = Grid::new(["id", "name", "tenant", "scopes", "state"]);
             for token in tokens.list().await? {
                 let scopes: Vec<&str> = token.scopes.iter().map(|scope| scope.as_str()).collect();
                 table.add_row([&token.id, &token.name, &token.tenant, &scopes.join(","), state(&token)]);

@@ -83,6 +83,8 @@ def parameters(case: schemathesis.Case, choice: int) -> None:
         given["id"] = known[choice % len(known)]
     if "name" in given and (known := names(kind)):
         given["name"] = known[choice % len(known)]
+    if "at" in given:
+        given["at"] = ["main", "v0"][choice % 2]
     if kind == "fdi" and "id" in given:
         given["id"] = os.environ["FDI_SESSION"]
     if "path" in given and "id" in given:
@@ -96,6 +98,8 @@ def query(case: schemathesis.Case) -> None:
     if isinstance(case.query, dict):
         if "channels" in case.query:
             case.query["channels"] = "roll_rad,duty_*"
+        if "channel" in case.query:
+            case.query["channel"] = "fx"
         if "runs" in case.query:
             case.query["runs"] = ",".join(ids("runs")[:3])
 
@@ -118,6 +122,9 @@ def body(case: schemathesis.Case, choice: int) -> None:
     if parts[-1] == "validate" and parts[2] != "scenarios":
         case.body = {"text": document(parts[2])}
         return
+    if parts[2] == "models" and parts[-1] == "versions":
+        case.body = {"effect": {"effect": "mass", "parameters": {"share": 0.1}}}
+        return
     if case.operation.path.endswith("/sessions"):
         case.body = {"vehicle": "f550", "classifier": "f550-paper"}
         return
@@ -133,9 +140,13 @@ def body(case: schemathesis.Case, choice: int) -> None:
 
 
 def quick(case: schemathesis.Case) -> None:
-    """Nothing that takes as long as the wall clock says, or waits for somebody who never joins."""
+    """Nothing that takes as long as the wall clock says, goes on for ever, or waits for somebody who never joins."""
+    if case.operation.path == "/api/v1/events" and case.method == "GET":
+        case.query = {**(case.query or {}), "wait": "false"}
     if not isinstance(case.body, dict):
         return
+    if case.operation.path.endswith("/logs/generate") and isinstance(value := case.body.get("duration_s", 60), (int, float)) and 10 < value <= 600:
+        case.body["duration_s"] = 10
     if case.body.get("pace") == "real-time":
         case.body["pace"] = "fast"
     if case.operation.path.endswith("/blind-benches"):

@@ -12,6 +12,7 @@
 //! * [`websocket`]: what a server tells by WebSocket;
 //! * [`postgres`]: a Postgres of one's own;
 //! * [`python`]: Python with the client and what its tests need.
+//! * [`cable`]: a connection that is cut without a word;
 //! * [`certificates`]: certificates of a test;
 //! * [`hosts`]: several hosts on one machine.
 //!
@@ -20,6 +21,7 @@
 //!
 //! Linux only: processes are looked up in `/proc`, shared memory in `/dev/shm`.
 
+pub mod cable;
 pub mod certificates;
 pub mod hosts;
 pub mod postgres;

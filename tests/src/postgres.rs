@@ -1,5 +1,6 @@
 //! A Postgres of one's own, in a scratch folder; stopped when it is dropped.
 
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -168,9 +169,76 @@ impl Postgres {
         self.url().replace("127.0.0.1", address)
     }
 
+    fn psql(&self) -> Command {
+        let mut command = self.command("psql");
+        command
+            .args([
+                "-h",
+                "127.0.0.1",
+                "-p",
+                &self.port.to_string(),
+                "-U",
+                "rotortwin",
+                "-d",
+                "postgres",
+            ])
+            .args(["-q", "-A", "-t", "-v", "ON_ERROR_STOP=1"]);
+        command
+    }
+
+    /// What a statement gives, as text.
+    ///
+    /// # Panics
+    /// It fails.
+    pub fn ask(&self, statement: &str) -> String {
+        let output = self.psql().args(["-c", statement]).output().expect("psql starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stdout).trim().to_owned()
+    }
+
+    /// Begins a transaction with a statement and says nothing more, as a host does that vanishes; its rows are held.
+    ///
+    /// # Panics
+    /// It fails.
+    pub fn hold(&self, statement: &str) -> Held {
+        let mut child = self
+            .psql()
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("psql starts");
+        let text = format!("BEGIN;\n{statement};\nSELECT 'held';\n");
+        let stdin = child.stdin.as_mut().expect("it is piped");
+        stdin.write_all(text.as_bytes()).expect("it listens");
+        let stdout = child.stdout.take().expect("it is piped");
+        let mut lines = BufReader::new(stdout).lines();
+        assert!(
+            lines.any(|line| line.is_ok_and(|line| line.trim() == "held")),
+            "{statement}"
+        );
+        Held(child)
+    }
+
+    /// Where it listens.
+    pub fn port(&self) -> u16 {
+        self.port
+    }
+
     /// A connection for programs.
     pub fn url(&self) -> String {
         format!("postgres://rotortwin@127.0.0.1:{}/postgres", self.port)
+    }
+}
+
+/// A transaction that somebody has begun and says nothing more in; undone when it is dropped.
+#[derive(Debug)]
+pub struct Held(Child);
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.kill().and_then(|()| self.0.wait().map(|_| ())) {
+            eprintln!("a session cannot be ended: {error}");
+        }
     }
 }
 

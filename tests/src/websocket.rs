@@ -17,11 +17,24 @@ impl WebSocket {
     /// # Panics
     /// No HTTP answer comes.
     pub fn open(server: &Server, path: &str) -> Result<Self, (u16, Value)> {
+        Self::open_from(server, path, &[])
+    }
+
+    /// [`open`](Self::open) with more headers, as a browser sends them.
+    ///
+    /// # Panics
+    /// No HTTP answer comes.
+    pub fn open_from(server: &Server, path: &str, headers: &[(&str, &str)]) -> Result<Self, (u16, Value)> {
         let mut stream = server.connect();
         stream.set_nodelay(true).expect("an option");
+        let more: String = headers
+            .iter()
+            .map(|(name, value)| format!("{name}: {value}\r\n"))
+            .collect();
         let request = format!(
-            "GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: upgrade\r\nupgrade: websocket\r\n\
-             sec-websocket-version: 13\r\nsec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+            "GET {path} HTTP/1.1\r\nhost: {}\r\n{more}connection: upgrade\r\nupgrade: websocket\r\n\
+             sec-websocket-version: 13\r\nsec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n",
+            server.address()
         );
         stream.write_all(request.as_bytes()).expect("it takes the request");
         let mut head = Vec::new();

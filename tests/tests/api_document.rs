@@ -105,7 +105,17 @@ fn something_of_everything(scratch: &Scratch, server: &Server) -> String {
     };
     call(["model".into(), "import".into(), f550]);
     let version = call(["model".into(), "export".into(), "f550".into()]).stdout;
-    assert_eq!(server.ask("PUT", "/api/v1/models/mine", &[], &version).status, 201);
+    assert_eq!(
+        server
+            .ask(
+                "PUT",
+                "/api/v1/models/mine",
+                &[("content-type", "application/toml")],
+                &version
+            )
+            .status,
+        201
+    );
     let session = server.ask(
         "POST",
         "/api/v1/fdi/sessions",

@@ -96,16 +96,23 @@ fn scenario_interrupted_says_how_to_go_on_and_leaves_what_is_there() {
     wait_for_shards(&mut run, &scratch, "stopped", 2);
     run.supervisor().signal(Signal::INT);
     let ended = run.end(PATIENCE).expect_code(1);
-    let last = ended.stdout.lines().last().unwrap_or_default().to_owned();
+    let lines: Vec<&str> = ended.stdout.lines().collect();
     assert!(
-        last.starts_with("Stopped: ") && last.contains("To go on: rotortwin campaign"),
-        "{last}"
+        matches!(lines.as_slice(), [.., why, command]
+            if why.starts_with("Stopped: ") && why.ends_with("To go on:") && command.starts_with("rotortwin campaign ")),
+        "{lines:?}"
     );
     let summary = summary(&scratch, "stopped");
     let flights = summary["flights"].as_u64().expect("a number");
     assert!(
         summary["complete"] == false && (64..320).contains(&flights),
         "{flights}"
+    );
+    let flown = format!("Speed        {flights} flights in ");
+    assert!(
+        ended.stdout.contains(&flown),
+        "what was flown is kept: {}",
+        ended.stdout
     );
     assert!(scratch.path("stopped/report.html").is_file());
     call(&scratch, &file, "stopped", &["--limit", "100"]).run();

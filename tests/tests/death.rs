@@ -191,7 +191,9 @@ fn check_story(kill: &Kill, ended: &Ended) {
     assert!(sentence.to_lowercase().contains(word), "{story}");
     if victim != "supervisor" && step > 0 {
         assert!(sentence.contains(&format!("after step {step}")), "{story}");
-        assert!(sentence.contains(&format!("silent for {silence_ms} ms")), "{story}");
+        // A death that was noticed within a millisecond was no silence.
+        let silence = format!("silent for {silence_ms} ms");
+        assert_eq!(sentence.contains(&silence), silence_ms > 0, "{story}");
     }
     let recorded = whole(&summary, "/steps");
     assert!(

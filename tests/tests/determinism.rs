@@ -241,3 +241,18 @@ fn write_hashes(file: &Path, flown: &[(String, String)]) {
     }
     std::fs::write(file, text).expect("the repository can be written");
 }
+
+/// Take-off, flight and landing of our own controller on a ground that carries it.
+#[test]
+fn scenario_taking_off_and_landing_is_the_same_over_every_link() {
+    let scratch = Scratch::new();
+    let fly = |link: Link| {
+        let run = Call::fly(&scratch, link, &shipped_scenario("takeoff-and-land"), link.name())
+            .run()
+            .expect_code(0);
+        run.run_hash()
+    };
+    let here = fly(Link::InProcess);
+    assert_eq!(here, fly(Link::Iceoryx2));
+    assert_eq!(here, fly(Link::Zenoh));
+}

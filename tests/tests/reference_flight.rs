@@ -2,9 +2,10 @@
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::RowAccessor as _;
-use rotortwin_campaign::flight::{self, FlightEnd, FlightObserver, Sample, StopReason};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::sample::Sample;
+use rotortwin_scenario::Scenario;
 use rotortwin_sim::session;
 use rotortwin_tests::program::{Call, Ended, Link, number, text, whole};
 use rotortwin_tests::scratch::{Scratch, shipped_scenario};
@@ -313,11 +314,11 @@ fn scenario_reference_flight_with_other_seeds() {
     let (mut delays_s, mut shares) = (Vec::new(), Vec::new());
     let mut wrong = Vec::new();
     for seed in 1..=SEEDS {
-        let mut simulation = Simulation::new(&scenario, seed).expect("any seed will do");
+        let mut simulation = scenario.simulation(seed).expect("any seed will do");
         let setup = session::run_setup(&scenario, &simulation, 1);
         let mut verdicts = Verdicts::default();
         let mut link = session::in_process_link();
-        let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut verdicts);
+        let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut verdicts);
         assert_eq!(outcome.end, FlightEnd::Done, "seed {seed}");
         let onset = step(FAULTS[0].0);
         for &(at, _, sequential) in &verdicts.windows {

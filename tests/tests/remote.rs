@@ -20,9 +20,15 @@ fn fly(scratch: &Scratch, server: &Server, scenario: &Path) -> Call {
 /// What stands between the head line and the facts: what both machines must print alike.
 fn table(ended: &Ended) -> Vec<&str> {
     let same = |line: &&str| {
-        !["Speed", "Files", "             report.html", "             campaign"]
-            .iter()
-            .any(|start| line.starts_with(start))
+        ![
+            "Speed",
+            "Files",
+            "Placement",
+            "             report.html",
+            "             campaign",
+        ]
+        .iter()
+        .any(|start| line.starts_with(start))
     };
     ended.stdout.lines().filter(same).collect()
 }
@@ -203,7 +209,7 @@ fn scenario_a_campaign_elsewhere_prints_what_it_prints_here() {
         .with([&file])
         .run()
         .expect_code(2);
-    assert!(refused.stderr[0].contains("--threads"), "{:?}", refused.stderr);
+    assert!(refused.stderr[0].contains("--jobs"), "{:?}", refused.stderr);
 }
 
 #[test]
@@ -433,7 +439,7 @@ fn scenario_work_that_a_server_cannot_do_is_refused_in_one_sentence() {
         (vec!["log", "show", log], "without --server"),
         (vec!["log", "import", log, "--truth"], "--truth"),
         (vec!["log", "import", run], "run folder"),
-        (vec!["train", "--out", "x.json", "--threads", "1"], "--threads"),
+        (vec!["train", "--out", "x.json", "--threads", "1"], "--jobs"),
         (
             vec!["train", "--out", "x.json", "--scenario", other],
             "another scenario",

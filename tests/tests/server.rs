@@ -62,8 +62,25 @@ fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
         "",
     );
     assert_eq!((some.status, some.body.as_slice()), (206, b"MCAP".as_slice()));
+    // The page stands at every address that is not the API's.
     let front = server.ask("GET", "/", &[], "");
-    assert!(String::from_utf8_lossy(&front.body).contains(&id));
+    let deep = server.ask("GET", &format!("/runs/{id}"), &[], "");
+    assert_eq!((front.status, deep.status), (200, 200));
+    assert!(front.body == deep.body && front.body.to_ascii_lowercase().starts_with(b"<!doctype html>"));
+    let tag = front.headers.lines().find_map(|line| {
+        line.split_once(": ")
+            .filter(|(name, _)| name.eq_ignore_ascii_case("etag"))
+    });
+    let (_, tag) = tag.expect("it has an ETag");
+    assert_eq!(server.ask("GET", "/", &[("if-none-match", tag.trim())], "").status, 304);
+    for path in ["/assets/none.js", "/api/none", "/api/v1/none"] {
+        let problem = server.ask("GET", path, &[], "");
+        assert_eq!(
+            (problem.status, &problem.json()["status"]),
+            (404, &serde_json::json!(404)),
+            "{path}"
+        );
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Who may use a server: tokens, scopes, tenants, HTTPS, limits.
 
 use rotortwin_tests::program::Call;
-use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -43,9 +43,10 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
     let writer = token(&scratch, &data, &["writer", "--tenant", "a"]);
     let other = token(&scratch, &data, &["other", "--tenant", "b"]);
     let admin = token(&scratch, &data, &["admin", "--scopes", "admin"]);
-    for path in ["/api/v1/runs", "/", "/metrics", "/api/v1/scenarios"] {
+    for path in ["/api/v1/runs", "/metrics", "/api/v1/scenarios"] {
         assert_eq!(ask(&server, "", "GET", path, "").0, 401, "{path}");
     }
+    // The page, which asks for a token, tells nothing of anybody's work.
     for path in ["/healthz", "/readyz", "/api/v1/openapi.json"] {
         assert_eq!(ask(&server, "", "GET", path, "").0, 200, "{path}");
     }
@@ -115,6 +116,56 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
             "the secret is stored"
         );
     }
+}
+
+#[test]
+fn scenario_the_same_key_is_the_same_job_whatever_has_changed() {
+    let scratch = Scratch::new();
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("data"),
+        &["--workers", "0", "--tenant-jobs", "3"],
+    );
+    let scenarios = repository().join("config/scenarios");
+    let text = std::fs::read_to_string(scenarios.join("short-hover.toml")).expect("readable");
+    let toml = [("content-type", "application/toml")];
+    assert_eq!(server.ask("PUT", "/api/v1/scenarios/mine", &toml, &text).status, 201);
+    let ask = |path: &str, key: &str, body: &str| {
+        let answer = server.ask("POST", path, &[("idempotency-key", key)], body);
+        (answer.status, answer.json())
+    };
+    let body = r#"{"scenario":"mine","link":"in-process"}"#;
+    let (status, run) = ask("/api/v1/runs", "night", body);
+    assert_eq!(status, 202, "{run}");
+    let id = run["id"].as_str().expect("an id").to_owned();
+    let fork = format!("/api/v1/runs/{id}/fork");
+    let (status, forked) = ask(&fork, "fork", r#"{"healthy":true}"#);
+    assert_eq!(status, 202, "{forked}");
+    let log = |key: &str| {
+        let headers = [("idempotency-key", key), ("content-type", "application/octet-stream")];
+        server.ask(
+            "POST",
+            "/api/v1/logs?name=a.csv&vehicle=f550",
+            &headers,
+            "time_s,roll_rad\n0,0\n",
+        )
+    };
+    assert_eq!(log("log").status, 202);
+
+    // The account is full now, and the scenario and the run that it was forked from are gone.
+    assert_eq!(ask("/api/v1/runs", "another", body).0, 429);
+    assert_eq!(server.ask("DELETE", "/api/v1/scenarios/mine", &[], "").status, 204);
+    assert_eq!(
+        server.ask("POST", &format!("/api/v1/runs/{id}/cancel"), &[], "").status,
+        202
+    );
+    let (status, again) = ask("/api/v1/runs", "night", body);
+    assert_eq!((status, &again["id"]), (200, &run["id"]), "{again}");
+    assert_eq!(ask("/api/v1/runs", "night", HOVER).0, 409, "another body");
+    assert_eq!(server.ask("DELETE", &format!("/api/v1/runs/{id}"), &[], "").status, 204);
+    let (status, again) = ask(&fork, "fork", r#"{"healthy":true}"#);
+    assert_eq!((status, &again["id"]), (200, &forked["id"]), "{again}");
+    assert_eq!(log("log").status, 200);
 }
 
 #[test]

@@ -5,12 +5,12 @@ use parquet::record::RowAccessor as _;
 use rotortwin_fdi::service::topic::{TopicClient, report_topic};
 use rotortwin_fdi::service::{Chunk, Sample};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_links::topics::TopicSession;
+use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_tests::program::{Call, Link};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::websocket::WebSocket;
-use rotortwin_wire::link::topics::TopicSession;
-use rotortwin_wire::link::zenoh::ZenohOptions;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -241,6 +241,23 @@ fn refused(server: &Server, method: &str, path: &str, kind: &str, body: &str, st
 }
 
 #[test]
+fn scenario_a_list_shows_ones_own_sessions() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    assert_eq!(server.get("/api/v1/fdi/sessions")["items"], json!([]));
+    let opened = server.ask("POST", "/api/v1/fdi/sessions", &[], r#"{"vehicle":"f550"}"#);
+    assert_eq!(opened.status, 201, "{}", opened.json());
+    let id = opened.json()["session"]["id"].clone();
+    let items = server.get("/api/v1/fdi/sessions")["items"].clone();
+    assert_eq!(
+        (items.as_array().map(Vec::len), &items[0]["id"]),
+        (Some(1), &id),
+        "{items}"
+    );
+    assert_eq!(items[0]["samples"], json!(0));
+}
+
+#[test]
 fn scenario_chunks_of_a_run_get_the_verdicts_that_the_run_recorded() {
     let scratch = Scratch::new();
     let run = fly(&scratch, "faulty", true);
@@ -393,7 +410,7 @@ fn scenario_a_session_refuses_with_the_reason_and_ends() {
     feed("", json_kind, &good(50, 1), 400, "first_step");
     feed(
         "?first_step=150",
-        "text/plain",
+        "application/xml",
         &json!("x"),
         415,
         "application/x-ndjson",
@@ -489,8 +506,7 @@ fn scenario_a_web_socket_takes_text_and_binary() {
     for first in (2000..3200).step_by(400) {
         socket.send_binary(&prost::Message::encode_to_vec(&chunk(&rows, first, 400).to_message(6)));
         let bytes = socket.receive();
-        let verdicts =
-            <rotortwin_wire::proto::FdiVerdicts as prost::Message>::decode(bytes.as_slice()).expect("a message");
+        let verdicts = <rotortwin_proto::FdiVerdicts as prost::Message>::decode(bytes.as_slice()).expect("a message");
         assert_eq!((verdicts.refusal.as_str(), verdicts.windows.len()), ("", 16));
         for window in &verdicts.windows {
             let report = window.report.as_ref().expect("a report");

@@ -223,6 +223,75 @@ fn val_a_database_of_the_first_version_is_copied_and_brought_forward() {
     assert!(data.join("rotortwin.sqlite.before-2").is_file());
 }
 
+/// A job of every kind, queued (one run: running) by the program as it was when jobs were command lines; the server was killed then.
+#[test]
+fn val_what_the_version_before_has_queued_is_done() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    copy_folder(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("data/queued-by-version-1"),
+        &data,
+    );
+    let server = Server::start(&data);
+    let mut jobs: BTreeMap<&str, Vec<Value>> = BTreeMap::new();
+    for (collection, count) in [
+        ("runs", 2),
+        ("campaigns", 1),
+        ("blind-benches", 1),
+        ("logs", 2),
+        ("comparisons", 1),
+        ("diagnoses", 1),
+        ("improvements", 1),
+        ("classifiers", 1),
+    ] {
+        let page = server.get(&format!("/api/v1/{collection}"));
+        let items = page["items"].as_array().expect("jobs");
+        assert_eq!(items.len(), count, "{collection}: {page}");
+        for item in items {
+            let job = server.ended_in(collection, item["id"].as_str().expect("an id"));
+            assert_eq!(job["status"], "done", "{collection}: {job}");
+            jobs.entry(collection).or_default().push(job);
+        }
+    }
+    // What that program itself made of them.
+    assert_eq!(
+        jobs["campaigns"][0]["result"]["hash"],
+        "a91c6e311723b897ac140aa3f55c297a"
+    );
+    let run = jobs["runs"]
+        .iter()
+        .find(|run| run["seed"] == 7)
+        .expect("the one of seed 7");
+    assert_eq!(run["run_hash"], "eb4637975c64b6d15f3c3b52412b323e");
+    assert_eq!(
+        jobs["comparisons"][0]["result"]["logs"][0]["models"][0]["model"],
+        "as built --really"
+    );
+    assert_eq!(jobs["diagnoses"][0]["result"]["effects"][0]["instance"]["rotor"], 3);
+    assert_eq!(
+        jobs["classifiers"][0]["result"]["provenance"]["cross_validation"]["seeds"],
+        json!([7])
+    );
+    let model = format!(
+        "/api/v1/improvements/{}/artifacts/model.toml",
+        jobs["improvements"][0]["id"].as_str().expect("an id")
+    );
+    assert_eq!(server.ask("GET", &model, &[], "").status, 200);
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).expect("made");
+    for entry in std::fs::read_dir(from).expect("readable") {
+        let path = entry.expect("an entry").path();
+        let target = to.join(path.file_name().expect("a name"));
+        if path.is_dir() {
+            copy_folder(&path, &target);
+        } else {
+            std::fs::copy(&path, target).expect("copied");
+        }
+    }
+}
+
 #[test]
 fn scenario_a_table_of_runs() {
     let scratch = Scratch::new();

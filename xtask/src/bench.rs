@@ -32,7 +32,7 @@ pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
 
 /// Flights side by side only.
 pub(crate) fn side_by_side_only(root: &Path) -> Result<()> {
-    crate::build(root, &["--example", "batch_rate"])?;
+    crate::command::build(root, &["--example", "batch_rate"])?;
     println!("{}", machine());
     let bench = Bench {
         root: root.to_path_buf(),
@@ -48,7 +48,7 @@ pub(crate) fn build(root: &Path) -> Result<()> {
     for example in ["closed_loop_rate", "batch_rate", "link_rate"] {
         targets.extend(["--example", example]);
     }
-    crate::build(root, &targets)
+    crate::command::build(root, &targets)
 }
 
 /// CPU, cores, kernel, load: without them a rate says nothing.

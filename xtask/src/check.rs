@@ -1,6 +1,7 @@
 //! What the gate asks of the tree, before any test runs.
 
-use crate::{cargo, codegen, thumb};
+use crate::command::cargo;
+use crate::{codegen, links, rooms, thumb, web};
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 
@@ -12,16 +13,21 @@ pub(crate) fn run(root: &Path) -> Result<()> {
 }
 
 fn run_steps(root: &Path) -> Result<()> {
-    crate::run("format", cargo(root).args(["fmt", "--all", "--check"]))?;
-    crate::run(
+    crate::command::run("format", cargo(root).args(["fmt", "--all", "--check"]))?;
+    crate::command::run(
         "format of the firmware",
         cargo(root).args(["fmt", "--all", "--check", "--manifest-path", "firmware/Cargo.toml"]),
     )?;
     println!("-- generated code");
     codegen::check(root)?;
+    println!("-- circles among modules");
+    rooms::check(root)?;
     println!("-- house rules");
     house_rules(root)?;
-    crate::run(
+    println!("-- links and file names in Markdown");
+    links::check(root, &tracked_files(root)?)?;
+    web::check(root)?;
+    crate::command::run(
         "lints",
         cargo(root).args([
             "clippy",

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Where the generated files stand, relative to the root.
-const TARGET: &str = "crates/wire/src/proto";
+const TARGET: &str = "proto/src";
 
 /// File name → content of everything that is generated.
 fn generate(root: &Path) -> Result<BTreeMap<String, Vec<u8>>> {

@@ -1,24 +1,34 @@
 //! Repository tasks: `cargo xtask <task>`. Needs nothing that is not in the workspace.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context as _, Result, bail};
 use std::path::{Path, PathBuf};
 
 mod bench;
+mod branches;
 mod check;
 mod codegen;
+mod command;
 mod elf;
 mod firmware;
+mod links;
 mod peers;
 mod px4;
+mod rooms;
 mod stack;
 mod telemetry_bench;
 mod thumb;
+mod web;
 
 const USAGE: &str = "usage: cargo xtask TASK
 
-  check             what the gate asks of the tree: format, lints, generated code, house rules, no_std build
+  check             what the gate asks of the tree: format, generated code, circles among modules, house rules, dead links, web page,
+                    lints, no_std build
   codegen [--check] Rust code from proto/ (--check: only say whether it is up to date)
+  rooms [--check]   which crate and module uses which: the picture in ARCHITECTURE.md; fails on a circle that is not in xtask/circles.txt
+                    (--check: only say whether the picture is up to date)
   thumb             build flight-core and board for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
+  web [--check]     the web page: types from the OpenAPI document, check, bundle into web/dist by a locked npm ci
+                    (--check: unit tests, and whether web/dist is up to date)
   firmware [--keep] build the programs of the boards, print and check their sizes, search their steps for panics
                     (--keep: remember the sizes in firmware/sizes.txt)
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
@@ -50,8 +60,12 @@ fn run_task() -> Result<()> {
         ["check"] => check::run(&root),
         ["codegen"] => codegen::write(&root),
         ["codegen", "--check"] => codegen::check(&root),
+        ["rooms"] => rooms::write(&root),
+        ["rooms", "--check"] => rooms::check(&root),
         ["firmware"] => firmware::run(&root, false),
         ["firmware", "--keep"] => firmware::run(&root, true),
+        ["web"] => web::write(&root),
+        ["web", "--check"] => web::check(&root),
         ["thumb"] => thumb::run(&root),
         ["seeds"] => seeds(&root, "config/scenarios/reference-flight.toml"),
         ["seeds", scenario] => seeds(&root, scenario),
@@ -81,42 +95,7 @@ fn seeds(root: &Path, scenario: &str) -> Result<()> {
 
 /// Builds and runs an example.
 fn example(root: &Path, name: &str, settings: &[&str]) -> Result<()> {
-    build(root, &["--example", name])?;
+    command::build(root, &["--example", name])?;
     let mut command = std::process::Command::new(root.join("target/release/examples").join(name));
-    run(name, command.current_dir(root).args(settings))
-}
-
-/// Builds programs or examples with the features of the whole workspace, as `./run` and `./test` do: with those of one package alone
-/// the large dependencies would be compiled once more.
-fn build(root: &Path, targets: &[&str]) -> Result<()> {
-    let mut command = cargo(root);
-    command.args([
-        "build",
-        "--release",
-        "--locked",
-        "--quiet",
-        "--workspace",
-        "--exclude",
-        "xtask",
-    ]);
-    run("build", command.args(targets))
-}
-
-/// A `cargo` command in the repository root.
-fn cargo(root: &Path) -> std::process::Command {
-    let mut command = std::process::Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.current_dir(root);
-    command
-}
-
-/// Runs a command; its words go to the terminal. An error names what was being done.
-fn run(what: &str, command: &mut std::process::Command) -> Result<()> {
-    println!("-- {what}");
-    let status = command
-        .status()
-        .with_context(|| format!("{what}: cannot start {:?}", command.get_program()))?;
-    if !status.success() {
-        bail!("{what} failed ({status})");
-    }
-    Ok(())
+    command::run(name, command.current_dir(root).args(settings))
 }

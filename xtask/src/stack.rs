@@ -3,8 +3,8 @@
 //! A frame is everything that a function pushes or takes off the stack pointer, wherever it stands in it; so the sum is a bound, not a
 //! measurement. Two things have no bound and are complaints: recursion, and a frame of a size that the code works out.
 
+use crate::branches::{Target, branches, owner};
 use crate::elf::{Image, Symbol};
-use crate::firmware::{Target, branches};
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeMap;
 
@@ -52,7 +52,7 @@ impl<'a> Graph<'a> {
             let mut targets: Vec<u32> = branches(*address, code)
                 .into_iter()
                 .filter_map(|target| match target {
-                    Target::Address(target) => crate::firmware::owner(&functions, target),
+                    Target::Address(target) => owner(&functions, target),
                     Target::Register => None,
                 })
                 .filter(|target| target != address)

@@ -40,7 +40,7 @@ pub(crate) fn cargo(toolchain: &str) -> Command {
 /// Builds `flight-core` and `board` for the target.
 pub(crate) fn run(root: &Path) -> Result<()> {
     let toolchain = toolchain(root)?;
-    crate::run(
+    crate::command::run(
         "no_std build of flight-core and board for the Cortex-M7",
         cargo(&toolchain)
             .current_dir(root)

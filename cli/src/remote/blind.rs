@@ -111,7 +111,7 @@ struct Cases {
 impl Cases {
     fn new(args: &BenchArgs) -> Self {
         Self {
-            bar: blind::progress_bar(args.json, args.preset.len().saturating_mul(args.n) as u64),
+            bar: blind::progress_bar(args.json, args.preset.len().saturating_mul(args.n) as u64, 0),
             done: BTreeSet::new(),
         }
     }

@@ -6,7 +6,7 @@ use super::stop::Stop;
 use super::{RemoteError, ServerArgs, fetch, with_server};
 use crate::fly::{self, Args, LinkKind, PaceArg, Screen};
 use crate::output;
-use rotortwin_plant::Scenario;
+use rotortwin_scenario::Scenario;
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::load_summary;
 use serde_json::{Value, json};
@@ -29,7 +29,7 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         Err(code) => return code,
     };
     let seed = args.seed.unwrap_or_else(|| scenario.seed());
-    if let Err(error) = rotortwin_plant::Simulation::new(&scenario, seed) {
+    if let Err(error) = scenario.simulation(seed) {
         return output::bad_input(error);
     }
     for warning in scenario.warnings() {

@@ -3,9 +3,9 @@
 use super::events::Follow;
 use super::http::{Ask, Remote};
 use super::{RemoteError, ServerArgs, fetch, with_server};
+use crate::grid::Grid;
 use crate::output;
 use clap::{Parser, Subcommand};
-use comfy_table::Table;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -150,6 +150,9 @@ impl Jobs<'_> {
         let mut events = Follow::new(self.remote, self.path(id)?, after);
         while let Some(event) = events.next().await? {
             output::line(&json!({ "id": event.id, "kind": event.kind, "data": event.data }).to_string());
+            if crate::terminal::is_closed() {
+                break;
+            }
         }
         Ok(())
     }
@@ -192,10 +195,8 @@ fn in_file_name(name: &str) -> String {
 }
 
 /// Latest first.
-fn table(items: &[Value]) -> Table {
-    let mut table = Table::new();
-    table.load_style(output::TABLE_STYLE);
-    table.set_header(["id", "name", "seed", "state", "run hash or reason"]);
+fn table(items: &[Value]) -> Grid {
+    let mut table = Grid::new(["id", "name", "seed", "state", "run hash or reason"]).numbers([2]);
     for job in items {
         let seed = job["seed"]
             .as_u64()

@@ -4,7 +4,7 @@ use super::http::{Ask, Remote};
 use super::{RemoteError, ServerArgs, fetch, task, with_server};
 use crate::reproduce::{self, TrainArgs};
 use crate::{output, show};
-use rotortwin_plant::{Classifier, Documents, Scenario};
+use rotortwin_scenario::{Classifier, Documents, Scenario};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::ExitCode;

@@ -39,14 +39,14 @@ const HERE: &str = "http://127.0.0.1:8400";
 /// The server, its certificate, and who asks.
 #[derive(Debug, Clone, Parser)]
 pub(crate) struct ServerArgs {
-    /// Let this server do it, such as http://bench:8400; stands before the command
-    #[arg(long, value_name = "URL")]
+    /// Let this server do it, such as http://bench:8400
+    #[arg(long, value_name = "URL", global = true, help_heading = "Server")]
     pub(crate) server: Option<String>,
     /// With --server: file with the token [default: what ROTORTWIN_TOKEN holds]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", global = true, help_heading = "Server")]
     pub(crate) token_file: Option<PathBuf>,
     /// With --server: certificate (PEM) of the authority that signed the server's [default: those of this machine]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", global = true, help_heading = "Server")]
     pub(crate) ca: Option<PathBuf>,
 }
 

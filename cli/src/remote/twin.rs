@@ -6,7 +6,7 @@
 use super::flights;
 use super::http::Remote;
 use super::{RemoteError, ServerArgs, fetch, task, with_server};
-use crate::model::{find_or_begin, store_failed};
+use crate::versions::{find_or_begin, store_failed};
 use crate::{compare, diagnose, improve, log, output};
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use serde_json::{Value, json};

@@ -343,6 +343,6 @@ def test_scenario_another_program_is_told_apart() -> None:
         return httpx.Response(200, json={"hello": "world"})
 
     with Client("http://elsewhere") as client:
-        client._http = httpx.Client(transport=httpx.MockTransport(answer))
+        client._transport.http = httpx.Client(transport=httpx.MockTransport(answer))
         with pytest.raises(UnexpectedAnswer, match="rotortwin server"):
             client.runs.get("x")

@@ -134,3 +134,29 @@ def test_scenario_an_fdi_session_says_what_the_run_said(client: Client, server: 
 
 SAMPLE = """{"velocity_ned_m_s": [0, 0, 0], "attitude_rad": [0, 0, 0], "body_rates_rad_s": [0, 0, 0],
  "duty": [0.4, 0.4, 0.4, 0.4, 0.4, 0.4], "battery_voltage_v": 16.0}"""
+
+
+def test_scenario_a_model_grows_by_versions(client: Client, server: Server) -> None:
+    before = client.models.history("quad-x")
+    assert before["begun"] is False and [version["version"] for version in before["versions"]] == [0]
+    first = before["branches"][0]["hash"]
+    added = client.models.add("quad-x", effect={"effect": "mass", "parameters": {"share": 0.1}}, note="heavier", seen=first)
+    assert added["version"]["label"] == "quad-x@v1" and added["difference"]["parameters"][0]["after"]["value"] == 0.1
+    with pytest.raises(Conflict, match="stands at another version"):
+        client.models.add("quad-x", effect={"effect": "mass", "parameters": {"share": 0.2}}, seen=first)
+    assert "share = 0.1" in client.models.export("quad-x")
+    client.models.branch("quad-x", "heavy", "v1")
+    assert client.models.undo("quad-x")["version"]["hash"] == first
+    assert client.models.diff("quad-x", "main", "heavy")["to"] == "quad-x@v1"
+    with pytest.raises(NotFound, match="no model and no vehicle"):
+        client.models.history("nowhere")
+
+    async def again() -> None:
+        async with AsyncClient(server.url) as other:
+            assert (await other.models.version("quad-x", "heavy"))["note"] == "heavier"
+            await other.models.create("copy", {"model": "quad-x@heavy"})
+            assert (await other.models.history("copy"))["versions"][0]["effects"][0]["effect"] == "mass"
+            await other.models.delete("copy")
+
+    asyncio.run(again())
+    client.models.delete("quad-x")

@@ -11,7 +11,8 @@ use crate::script::{FLIGHTS, Script};
 use crate::truth::Truth;
 use crate::vehicle::Vehicle;
 use clap::{Parser, Subcommand};
-use std::path::PathBuf;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Shortest and longest flight, s.
@@ -42,9 +43,9 @@ pub enum Command {
 /// Arguments of `generate`.
 #[derive(Debug, Clone, Parser)]
 pub struct GenerateArgs {
-    /// Vehicle document
-    #[arg(long, default_value = "config/vehicles/f550.toml")]
-    pub vehicle: PathBuf,
+    /// Vehicle document [default: the f550 of config/vehicles]
+    #[arg(long = "model", alias = "vehicle", value_name = "FILE")]
+    pub vehicle: Option<PathBuf>,
     /// Hidden effect, `id:parameter=value,…`, also `rotor=` and `onset_s=`; repeat for several
     #[arg(long = "effect", value_name = "EFFECT")]
     pub effects: Vec<String>,
@@ -63,6 +64,10 @@ pub struct GenerateArgs {
     /// Sensor noise, times Table 4
     #[arg(long, default_value_t = 1.0)]
     pub noise_scale: f64,
+    /// White force and torque that stand for all that nobody models, times 0.05 N and 5 mN·m; 0: only the noise of the readings moves
+    /// the duties of a hover
+    #[arg(long, default_value_t = 1.0)]
+    pub disturbance: f64,
     /// Charge at the start, 0 to 1; absent: drawn from 0.5 to 1
     #[arg(long)]
     pub state_of_charge: Option<f64>,
@@ -77,7 +82,11 @@ pub struct GenerateArgs {
 impl GenerateArgs {
     /// The plan that the arguments describe.
     pub fn plan(&self) -> Result<FlightPlan> {
-        let vehicle = Vehicle::load(&self.vehicle)?;
+        let vehicle = Vehicle::load(
+            self.vehicle
+                .as_deref()
+                .unwrap_or(Path::new("config/vehicles/f550.toml")),
+        )?;
         let effects = self
             .effects
             .iter()
@@ -95,6 +104,7 @@ impl GenerateArgs {
         };
         range("--duration-s", self.duration_s, DURATION_S[0], DURATION_S[1])?;
         range("--noise-scale", self.noise_scale, 0.0, 100.0)?;
+        range("--disturbance", self.disturbance, 0.0, 100.0)?;
         range("--state-of-charge", self.state_of_charge.unwrap_or(0.5), 0.05, 1.0)?;
         let script = match Script::built_in(&self.flight, self.seed) {
             Some(script) => script,
@@ -121,6 +131,7 @@ impl GenerateArgs {
             effects,
             clutter,
             noise_scale: self.noise_scale,
+            disturbance: self.disturbance,
             state_of_charge: self.state_of_charge,
         })
     }
@@ -179,13 +190,14 @@ fn list(json: bool) -> String {
 pub fn run(command: &Command) -> ExitCode {
     match command {
         Command::Effects { json } => {
-            print!("{}", list(*json));
+            // A reader who has closed the pipe has seen enough.
+            std::io::stdout().write_all(list(*json).as_bytes()).ok();
             ExitCode::SUCCESS
         }
         Command::Generate(args) => match generate(args) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
-                eprintln!("{error}");
+                writeln!(std::io::stderr(), "{error}").ok();
                 ExitCode::from(if matches!(error, BlindError::Input { .. }) {
                     2
                 } else {

@@ -43,6 +43,8 @@ pub struct FlightPlan {
     pub clutter: Vec<Hidden>,
     /// Times Table 4.
     pub noise_scale: f64,
+    /// Times the white force and torque that stand for all that nobody models.
+    pub disturbance: f64,
     /// Charge at the start; `None`: drawn from 50 to 100 %.
     pub state_of_charge: Option<f64>,
 }
@@ -145,7 +147,8 @@ pub fn fly(plan: &FlightPlan) -> Result<(Vec<Row>, Nuisances)> {
     })?;
     let start = Vector3::new(plan.script.start_north_m, 0.0, -plan.script.start_height_m);
     let biases = nuisances.lift_biases.clone();
-    let mut world = World::new(&plan.vehicle, start, biases, nuisances.state_of_charge, plan.seed, STEP);
+    let mut world = World::new(&plan.vehicle, start, biases, nuisances.state_of_charge, plan.seed, STEP)
+        .with_disturbance(plan.disturbance);
     let mut walk = ReferenceWalk::new(&plan.script, STEP);
     let mut streams = NoiseStreams::new(plan.seed, plan.noise_scale);
 

@@ -19,6 +19,7 @@ pub mod catalogue;
 pub mod command;
 pub mod draw;
 pub mod error;
+pub mod example;
 pub mod flight;
 pub mod hidden;
 pub mod log_file;

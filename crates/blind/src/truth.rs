@@ -21,6 +21,9 @@ pub struct Truth {
     pub duration_s: f64,
     /// Times Table 4.
     pub noise_scale: f64,
+    /// Times the white force and torque of the generator.
+    #[serde(default = "usual")]
+    pub disturbance: f64,
     /// Hidden effects; empty: none.
     pub effects: Vec<Hidden>,
     /// Small deviations of everything else.
@@ -29,6 +32,10 @@ pub struct Truth {
     pub lift_biases_n: Vec<f64>,
     /// Charge at the start.
     pub state_of_charge: f64,
+}
+
+fn usual() -> f64 {
+    1.0
 }
 
 impl Truth {
@@ -41,6 +48,7 @@ impl Truth {
             flight: plan.script.name.clone(),
             duration_s: plan.duration,
             noise_scale: plan.noise_scale,
+            disturbance: plan.disturbance,
             effects: plan.effects.clone(),
             clutter: plan.clutter.clone(),
             lift_biases_n: nuisances.lift_biases.clone(),

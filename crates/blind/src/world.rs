@@ -66,6 +66,8 @@ pub struct World {
     /// s per sample.
     pub step: f64,
     floor: Stream,
+    /// Times the white force and torque.
+    floor_scale: f64,
     gust_noise: Stream,
     dropout_noise: Stream,
 }
@@ -128,11 +130,18 @@ impl World {
             time: 0.0,
             step,
             floor: Stream::new(seed, "floor"),
+            floor_scale: 1.0,
             gust_noise: Stream::new(seed, "gust"),
             dropout_noise: Stream::new(seed, "dropout"),
         };
         world.update_battery(&Active::none(n), 0.0);
         world
+    }
+
+    /// The same with a share of the white force and torque, the same draws.
+    pub fn with_disturbance(mut self, share: f64) -> Self {
+        self.floor_scale = share;
+        self
     }
 
     /// One step of 2.5 ms with these duties in force.
@@ -141,8 +150,8 @@ impl World {
         if self.past_duties.len() > 64 {
             self.past_duties.remove(0);
         }
-        let force_floor = FORCE_FLOOR * self.floor.normal3();
-        let torque_floor = TORQUE_FLOOR * self.floor.normal3();
+        let force_floor = self.floor_scale * FORCE_FLOOR * self.floor.normal3();
+        let torque_floor = self.floor_scale * TORQUE_FLOOR * self.floor.normal3();
         let h = self.step / SUBSTEPS as f64;
         let mass = self.vehicle.mass * (1.0 + active.mass);
         let inertia = self.inertia(active);

@@ -25,6 +25,7 @@ fn plan(flight: &str, duration: f64, effects: Vec<Hidden>) -> FlightPlan {
         effects,
         clutter: Vec::new(),
         noise_scale: 1.0,
+        disturbance: 1.0,
         state_of_charge: Some(0.8),
     }
 }

@@ -619,7 +619,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use prost::Message as _;
-    use rotortwin_plant::{Scenario, Simulation};
+    use rotortwin_scenario::Scenario;
     use rotortwin_wire::link::RunSetup;
     use rotortwin_wire::setup;
     use std::path::PathBuf;
@@ -637,8 +637,8 @@ mod tests {
             .iter()
             .filter_map(|path| Scenario::load(path).ok())
             .map(|scenario| {
-                let simulation = Simulation::new(&scenario, 1).expect("flyable");
-                rotortwin_campaign::setup::run_setup(&scenario, &simulation, 1)
+                let simulation = scenario.simulation(1).expect("flyable");
+                rotortwin_flight::setup::run_setup(&scenario, &simulation, 1)
             })
             .collect()
     }
@@ -708,7 +708,7 @@ mod tests {
             bytes[place] = value;
             let cut = cut.index(bytes.len());
             // Whoever reads protobuf properly is not less strict.
-            let host = rotortwin_wire::proto::FdiSetup::decode(&bytes[..]).map(|setup| setup::fdi_config(&setup));
+            let host = rotortwin_proto::FdiSetup::decode(&bytes[..]).map(|setup| setup::fdi_config(&setup));
             if let (Ok(board), Ok(Ok(host))) = (fdi(&bytes), host) {
                 // NaN is not equal to itself.
                 if !std::format!("{host:?}").contains("NaN") {

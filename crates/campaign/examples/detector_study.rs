@@ -13,13 +13,15 @@
 //! `vehicle=../vehicles/octo-x.toml` or `mismatch.rotor_gain=0.066`. `seeds=A-B` sets the seeds (default 101-101), `losses=0.5,1`
 //! the losses in per cent (of `pairs`: of both rotors), `minutes=M` the length of healthy flights.
 
-use rotortwin_campaign::flight::{self, FlightEnd, FlightObserver, Sample, StopReason};
-use rotortwin_campaign::pace::Pace;
+use rotortwin_campaign::paper::protocol::{self, Conduct, Course, FlightPlan};
 use rotortwin_campaign::parallel;
-use rotortwin_campaign::protocol::{self, Conduct, Course, FlightPlan};
-use rotortwin_plant::faults::FaultEntry;
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::sample::Sample;
+use rotortwin_plant::STEP_S;
+use rotortwin_plant::powertrain::faults::FaultEntry;
 use rotortwin_plant::random::RandomStream;
-use rotortwin_plant::{STEP_S, Scenario, Simulation};
+use rotortwin_scenario::Scenario;
 use rotortwin_wire::frames::FdiReport;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
@@ -59,11 +61,11 @@ impl FlightObserver for Recorder {
 
 fn fly(scenario: &Scenario) -> Vec<Window> {
     let seed = scenario.document().seed;
-    let mut simulation = Simulation::new(scenario, seed).expect("the scenario is good");
-    let setup = rotortwin_campaign::setup::run_setup(scenario, &simulation, 1);
+    let mut simulation = scenario.simulation(seed).expect("the scenario is good");
+    let setup = rotortwin_flight::setup::run_setup(scenario, &simulation, 1);
     let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
     let mut recorder = Recorder::default();
-    let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut recorder);
+    let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut recorder);
     if let FlightEnd::Failed(failure) = outcome.end {
         panic!("{}, seed {seed}: {}", scenario.name(), failure.sentence);
     }

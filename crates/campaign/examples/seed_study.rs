@@ -3,9 +3,10 @@
 //! `cargo run --release -p rotortwin-campaign --example seed_study -- SCENARIO [FLIGHTS]` flies seeds 1, 2, … and prints one table.
 //! A window counts as right if its verdict is that of the truth at its end; windows before an evaluator is calibrated do not count.
 
-use rotortwin_campaign::flight::{self, FlightEnd, FlightObserver, Sample, StopReason};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::sample::Sample;
+use rotortwin_scenario::Scenario;
 use rotortwin_wire::frames::FdiReport;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
@@ -96,11 +97,11 @@ fn main() {
 }
 
 fn fly(scenario: &Scenario, seed: u64) -> Study {
-    let mut simulation = Simulation::new(scenario, seed).expect("the scenario is good");
-    let setup = rotortwin_campaign::setup::run_setup(scenario, &simulation, 1);
+    let mut simulation = scenario.simulation(seed).expect("the scenario is good");
+    let setup = rotortwin_flight::setup::run_setup(scenario, &simulation, 1);
     let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
     let mut study = Study::default();
-    let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut study);
+    let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut study);
     if let FlightEnd::Failed(failure) = outcome.end {
         panic!("seed {seed}: {}", failure.sentence);
     }

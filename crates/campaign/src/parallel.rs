@@ -3,54 +3,42 @@
 //! Each job is a pure function of its input, so the results are the same bits for every number of threads; only the order in which
 //! jobs are started differs.
 
+use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
 use std::num::NonZeroUsize;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Threads that this machine can run at a time.
 pub fn available_threads() -> NonZeroUsize {
     std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
-/// `work` of every job, in the order of the jobs. Jobs are started in that order: put long ones first.
-///
-/// `done` is told from any thread whenever a job has ended.
+/// `work` of every job, in the order of the jobs; `done` is called from any thread whenever a job has ended.
 pub fn map_in_order<J: Sync, R: Send>(
     threads: NonZeroUsize,
     jobs: &[J],
     work: impl Fn(&J) -> R + Sync,
     done: &(dyn Fn() + Sync),
 ) -> Vec<R> {
-    let next = AtomicUsize::new(0);
-    let results: Vec<Mutex<Option<R>>> = jobs.iter().map(|_| Mutex::new(None)).collect();
-    let worker = || {
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(job) = jobs.get(index) else { return };
-            let result = work(job);
-            *results[index].lock().expect("no job panics while it holds the lock") = Some(result);
-            done();
-        }
+    let each = |job: &J| {
+        let result = work(job);
+        done();
+        result
     };
-    std::thread::scope(|scope| {
-        for _ in 1..threads.get().min(jobs.len()) {
-            scope.spawn(worker);
-        }
-        worker();
-    });
-    results
-        .into_iter()
-        .map(|slot| {
-            slot.into_inner()
-                .expect("no job panics while it holds the lock")
-                .expect("every job has been done, or its panic has ended the scope")
-        })
-        .collect()
+    let threads = threads.get().min(jobs.len());
+    if threads <= 1 {
+        return jobs.iter().map(each).collect();
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("the system starts a few threads");
+    // A job is long: none waits behind another while a thread is free.
+    pool.install(|| jobs.par_iter().with_max_len(1).map(each).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
     fn val_results_are_in_the_order_of_the_jobs() {

@@ -3,7 +3,7 @@
 
 use rotortwin_campaign::study::engine::{OneByOne, fly_scenario};
 use rotortwin_campaign::study::{Campaign, hunt::Failure};
-use rotortwin_plant::Scenario;
+use rotortwin_scenario::Scenario;
 use std::path::{Path, PathBuf};
 
 /// Known failures; `None` once one is mended.

@@ -1,10 +1,10 @@
 //! The paper's tables on fresh seeds, within the bounds that were set before; the shipped classifiers are what training writes.
 
-use rotortwin_campaign::classifiers;
-use rotortwin_campaign::protocol::Course;
-use rotortwin_campaign::reproduction::{self, Item, Method, Options, Reproduction, TTestVariant, tables};
-use rotortwin_campaign::scores::{Confusion, mean};
-use rotortwin_plant::{Classifier, Scenario};
+use rotortwin_campaign::paper::classifiers;
+use rotortwin_campaign::paper::protocol::Course;
+use rotortwin_campaign::paper::reproduction::{self, Item, Method, Options, Reproduction, TTestVariant, tables};
+use rotortwin_campaign::paper::scores::{Confusion, mean};
+use rotortwin_scenario::{Classifier, Scenario};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -12,12 +12,13 @@
 use rotortwin_flight_core::MAX_ROTORS;
 
 use crate::STEP_S;
-use crate::battery::{Battery, BatteryOutput};
-use crate::dynamics::sum_of_powers;
+use crate::body::contact::{Contact, around};
+use crate::body::rigid_body::{Quaternion, RigidBodyRate, RigidBodyState, Surroundings};
 use crate::effects::{Constants, EffectSet, Moment, Readings, Wrench};
-use crate::powertrain::RotorTruth;
-use crate::rigid_body::{Quaternion, RigidBodyRate, RigidBodyState, Surroundings};
-use crate::simulation::PlantState;
+use crate::powertrain::battery::{Battery, BatteryOutput};
+use crate::powertrain::held::sum_of_powers;
+use crate::powertrain::rotors::RotorTruth;
+use crate::state::PlantState;
 use crate::vector::{Vector3, cross};
 
 /// Samples of 2.5 ms that delays reach back: 2 s, the longest accepted, and both ends of the interpolation.
@@ -28,6 +29,7 @@ pub(crate) struct Plant<'a> {
     pub(crate) rotors: &'a [RotorTruth],
     pub(crate) battery: &'a Battery,
     pub(crate) around: &'a Surroundings,
+    pub(crate) contact: Option<&'a Contact>,
 }
 
 /// Values that are held over a step.
@@ -311,14 +313,15 @@ impl EffectFlight {
         self.set.rotor_thrust(&at, &mut acting[..n]);
         let mut wrench: Wrench = constants.rotor_wrench(&acting[..n]);
         self.set.wrench(&at, &mut wrench);
-        let wrench = wrench.closed(view.air_velocity_body, body.body_rates, constants);
+        let wrench = constants.closed(&wrench, view.air_velocity_body, body.body_rates);
 
-        let disturbance = transposed(&view.ned_from_body, plant.around.force_ned);
+        let around = around(plant.around, plant.contact, body);
+        let disturbance = transposed(&view.ned_from_body, around.force_ned);
         let force = [0, 1, 2].map(|i| (wrench.force_body[i] + disturbance[i]) / constants.mass_kg);
         let j = &constants.inertia_body_kg_m2;
         let momentum = [0, 1, 2].map(|i| dot(j[i], body.body_rates));
         let gyroscopic = cross(body.body_rates, momentum);
-        let torque = [0, 1, 2].map(|i| wrench.torque_body[i] + plant.around.torque_body[i] - gyroscopic[i]);
+        let torque = [0, 1, 2].map(|i| wrench.torque_body[i] + around.torque_body[i] - gyroscopic[i]);
         let spin_up = [0, 1, 2].map(|i| dot(self.per_inertia[i], torque));
         let mut velocity = [0, 1, 2].map(|i| dot(view.ned_from_body[i], force));
         velocity[2] += constants.gravity_m_s2;
@@ -350,22 +353,27 @@ impl EffectFlight {
         );
     }
 
-    /// One step of 2.5 ms from `time_s` with these duties, fractions in \[0, 1\].
+    /// One step of 2.5 ms from `time_s` with these duties, fractions in \[0, 1\]; `contact` is the ground, if it carries the vehicle.
     pub(crate) fn advance(
         &mut self,
         time_s: f64,
         state: &mut PlantState,
-        plant: &Plant<'_>,
+        air: &Plant<'_>,
+        mut contact: Option<&mut Contact>,
         duty: &[f64; MAX_ROTORS],
         substeps: u32,
     ) {
-        self.hold(time_s, state, plant, duty);
+        self.hold(time_s, state, air, duty);
         let (begin, begin_rate, before) = (*state, self.thrust_rate, self.context.clone());
         let h = STEP_S / f64::from(substeps);
         let n = self.context.constants.rotor_count;
         for _ in 0..substeps {
             let half = 0.5 * h;
             let (s, rc) = (*state, self.rc_voltage);
+            let plant = &Plant {
+                contact: contact.as_deref(),
+                ..*air
+            };
             let moved = |rate: &Rate, h: f64| {
                 let mut thrust = s.thrust;
                 for i in 0..n {
@@ -394,12 +402,19 @@ impl EffectFlight {
             let body = RigidBodyRate::runge_kutta_mean(&[k1.body, k2.body, k3.body, k4.body]);
             state.body = s.body.moved(&body, h);
             state.body.ned_from_body = state.body.ned_from_body.normalized();
+            if let Some(contact) = &mut contact {
+                contact.settle(&s.body, &state.body);
+            }
         }
         // Own states of effects were held over the step and move with what the step began with.
         let view = before.view(&begin.body, &begin.thrust, &begin_rate);
         self.set
             .advance(&before.moment(&begin.body, &begin.thrust, &view), STEP_S);
-        self.observe(state, plant);
+        let plant = Plant {
+            contact: contact.as_deref(),
+            ..*air
+        };
+        self.observe(state, &plant);
     }
 
     /// What perfect sensors would say now.

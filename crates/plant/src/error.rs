@@ -1,70 +1,6 @@
-//! What can go wrong: a bad document before the flight ([`ConfigError`]), an impossible number during it ([`SimulationError`]).
+//! What can go wrong: a bad value before the flight ([`Refusal`]), an impossible number during it ([`SimulationError`]).
 //!
 //! Both say everything in one sentence; neither is ever recovered from inside this crate.
-
-use std::fmt;
-
-/// A scenario, vehicle or blade document that cannot be flown.
-///
-/// Displays as one sentence that names file, line and key, and says what was expected:
-///
-/// ```text
-/// config/scenarios/hover.toml, line 12, key `fault[0].rotor`: expected a rotor from 1 to 6, got 7
-/// ```
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ConfigError {
-    file: String,
-    line: Option<usize>,
-    key: Option<String>,
-    reason: String,
-}
-
-impl ConfigError {
-    /// An error in `file`, at a line and key where these are known.
-    pub fn new(file: &str, line: Option<usize>, key: Option<String>, reason: impl Into<String>) -> Self {
-        Self {
-            file: file.to_owned(),
-            line,
-            key,
-            reason: reason.into(),
-        }
-    }
-
-    /// The document, as the caller named it.
-    pub fn file(&self) -> &str {
-        &self.file
-    }
-
-    /// Line of the key, from 1; absent where the document as a whole is meant.
-    pub fn line(&self) -> Option<usize> {
-        self.line
-    }
-
-    /// Dotted path of the key, such as `fault[0].rotor` (list entries from 0).
-    pub fn key(&self) -> Option<&str> {
-        self.key.as_deref()
-    }
-
-    /// What was expected and what was found.
-    pub fn reason(&self) -> &str {
-        &self.reason
-    }
-}
-
-impl fmt::Display for ConfigError {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        out.write_str(&self.file)?;
-        if let Some(line) = self.line {
-            write!(out, ", line {line}")?;
-        }
-        if let Some(key) = &self.key {
-            write!(out, ", key `{key}`")?;
-        }
-        write!(out, ": {}", self.reason)
-    }
-}
-
-impl std::error::Error for ConfigError {}
 
 /// A flight that cannot go on. The simulation stays at the step named and must not be advanced further.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -93,8 +29,9 @@ pub enum SimulationError {
     },
 }
 
-/// A value that a document must not hold: the key relative to the document, and the sentence about it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// A value that a configuration must not hold: its key relative to the document or table, and the sentence about it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{key}`: {reason}")]
 pub struct Refusal {
     /// Dotted path of the key, relative to the document or table that was checked.
     pub key: String,
@@ -155,7 +92,7 @@ fn plain(value: f64) -> String {
 }
 
 /// [`in_range`] for every entry of a list.
-pub(crate) fn all_in_range(key: &str, values: &[f64], min: f64, max: f64, unit: &str) -> Result<(), Refusal> {
+pub fn all_in_range(key: &str, values: &[f64], min: f64, max: f64, unit: &str) -> Result<(), Refusal> {
     values
         .iter()
         .enumerate()

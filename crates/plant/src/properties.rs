@@ -1,38 +1,66 @@
 //! Invariants of the plant: conservation, independence of streams, defined behaviour at the edges.
 
-use std::path::Path;
-
 use proptest::prelude::*;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::signals::MotorCommand;
 
+use crate::body::environment::WindModel;
+use crate::body::rigid_body::{Quaternion, RigidBodyState};
+use crate::config::SimulationConfig;
 use crate::error::SimulationError;
+use crate::nearest_step;
+use crate::powertrain::faults::FaultEntry;
 use crate::random::{NormalStream, RandomStream};
-use crate::rigid_body::{Quaternion, RigidBodyState};
-use crate::scenario::Scenario;
-use crate::simulation::{PlantState, SensedSample, Simulation, TruthSample};
+use crate::sensing::faults::{SensorFaultEntry, SensorFaultPlan};
+use crate::sensing::readings::Sensor;
+use crate::sensing::sensors::SensorModel;
+use crate::simulation::{SensedSample, Simulation, TruthSample};
+use crate::state::PlantState;
+use crate::testing::{faults, hover, preset};
 use crate::vector::{Vector3, cross};
+use crate::vehicle::mismatch::MismatchPreset;
 
 /// Relative drift over 1 s of a tumbling body at up to 6 rad/s: the fourth-order error of 400 steps of 2.5 ms.
 const CONSERVATION_TOLERANCE: f64 = 1e-8;
 /// A few roundings of a normalisation.
 const UNIT_TOLERANCE: f64 = 4e-16;
 
-const HOVER: &str = "\
-name = 'hover'
-description = 'for properties'
-vehicle = '../vehicles/f550.toml'
-duration_s = 5.0
-trajectory = { kind = 'hover', position_ned_m = [0.0, 0.0, -5.0] }
-";
-
-fn scenario(more: &str) -> Scenario {
-    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
-    Scenario::parse(&format!("{HOVER}{more}"), base).unwrap()
+/// A flight of the hovering F550 with something changed.
+fn simulation(change: impl FnOnce(&mut SimulationConfig), seed: u64) -> Simulation {
+    let mut config = hover();
+    change(&mut config);
+    Simulation::new(&config, seed).unwrap()
 }
 
-fn simulation(more: &str, seed: u64) -> Simulation {
-    Simulation::new(&scenario(more), seed).unwrap()
+fn realistic(config: &mut SimulationConfig) {
+    config.mismatch = preset(MismatchPreset::Realistic);
+}
+
+fn as_it_is(_: &mut SimulationConfig) {}
+
+/// A fault of a rotor that does nothing yet.
+fn fault(time_s: f64, rotor: u32) -> FaultEntry {
+    FaultEntry {
+        time_s,
+        rotor,
+        blade: None,
+        thrust_loss_percent: None,
+        ramp_s: None,
+        rotor_lost: None,
+    }
+}
+
+/// A sensor fault from 0.5 s on that does nothing yet.
+fn sensor_fault(sensor: Sensor, end_s: Option<f64>) -> SensorFaultEntry {
+    SensorFaultEntry {
+        time_s: 0.5,
+        end_s,
+        sensor,
+        bias_si: None,
+        stuck: None,
+        dropout_probability: None,
+        delay_s: None,
+    }
 }
 
 /// A command that shakes the vehicle a little.
@@ -68,7 +96,10 @@ proptest! {
     #[test]
     fn prop_free_fall_conserves(rates in prop::array::uniform3(-6.0..6.0f64), velocity in prop::array::uniform3(-5.0..5.0f64),
                                 euler in prop::array::uniform3(-1.5..1.5f64)) {
-        let mut sim = simulation("mismatch = { preset = 'none' }\ninitial = { start = 'motors-off' }", 1);
+        let mut sim = simulation(|config| {
+            config.mismatch = preset(MismatchPreset::None);
+            config.starts_trimmed = false;
+        }, 1);
         sim.set_state(PlantState {
             body: RigidBodyState {
                 position_ned: [0.0, 0.0, -5.0],
@@ -123,7 +154,7 @@ proptest! {
 
     #[test]
     fn prop_any_command_keeps_thrust_in_bounds(duty in prop::array::uniform16(-2.0..3.0f32), seed in 0u64..1000) {
-        let mut sim = simulation("mismatch = { preset = 'realistic' }", seed);
+        let mut sim = simulation(realistic, seed);
         for _ in 0..200 {
             sim.advance(&MotorCommand { duty }).unwrap();
             let truth = sim.truth();
@@ -136,16 +167,23 @@ proptest! {
 
 #[test]
 fn prop_same_seed_same_bits() {
-    let more = "mismatch = { preset = 'realistic' }\nwind = { gust_rms_m_s = 1.0 }";
-    let flight = |seed| fly(&mut simulation(more, seed), 400);
+    let gusty = |config: &mut SimulationConfig| {
+        realistic(config);
+        config.wind = Some(WindModel {
+            mean_ned_m_s: [0.0; 3],
+            gust_rms_m_s: 1.0,
+            gust_correlation_s: 2.0,
+        });
+    };
+    let flight = |seed| fly(&mut simulation(gusty, seed), 400);
     assert_eq!(flight(3), flight(3));
     assert_ne!(flight(3), flight(4));
 }
 
 #[test]
 fn prop_sensing_or_not_makes_no_difference() {
-    let mut asked = simulation("", 1);
-    let mut silent = simulation("", 1);
+    let mut asked = simulation(as_it_is, 1);
+    let mut silent = simulation(as_it_is, 1);
     for _ in 0..100 {
         let command = command(&asked);
         assert_eq!(asked.sense(), asked.sense());
@@ -157,17 +195,22 @@ fn prop_sensing_or_not_makes_no_difference() {
 
 #[test]
 fn prop_streams_are_independent() {
-    let plain = fly(&mut simulation("", 1), 300);
+    let plain = fly(&mut simulation(as_it_is, 1), 300);
     // Voltage noise draws from another stream: everything else keeps its bits.
-    for (a, b) in plain.iter().zip(fly(
-        &mut simulation("sensors = { battery_voltage_noise_v = 0.1 }", 1),
-        300,
-    )) {
+    let noisy = |config: &mut SimulationConfig| config.sensors.battery_voltage_noise_v = 0.1;
+    for (a, b) in plain.iter().zip(fly(&mut simulation(noisy, 1), 300)) {
         assert_eq!((a.0.nav, a.1), (b.0.nav, b.1));
         assert_ne!(a.0.battery_voltage, b.0.battery_voltage);
     }
     // The same is true of the noise of a sensor whose neighbour fails.
-    let failing = "[[sensor_fault]]\ntime_s = 0.0\nsensor = 'velocity'\nbias_si = [1.0, 0.0, 0.0]";
+    let failing = |config: &mut SimulationConfig| {
+        let bias = SensorFaultEntry {
+            time_s: 0.0,
+            bias_si: Some(vec![1.0, 0.0, 0.0]),
+            ..sensor_fault(Sensor::Velocity, None)
+        };
+        config.sensor_faults = SensorFaultPlan::new(&[bias], config.duration_steps).unwrap();
+    };
     for (a, b) in plain.iter().zip(fly(&mut simulation(failing, 1), 300)) {
         assert_eq!(
             (a.0.nav.position_ned, a.0.nav.body_rates, a.1),
@@ -175,8 +218,11 @@ fn prop_streams_are_independent() {
         );
     }
     // Drawing a further parameter leaves the others as they were.
-    let more = simulation("mismatch = { preset = 'realistic' }", 1);
-    assert_eq!(more.mismatch().rotor_bias_n, simulation("", 1).mismatch().rotor_bias_n);
+    let more = simulation(realistic, 1);
+    assert_eq!(
+        more.mismatch().rotor_bias_n,
+        simulation(as_it_is, 1).mismatch().rotor_bias_n
+    );
 }
 
 #[test]
@@ -190,12 +236,12 @@ fn prop_padding_leaves_the_bits() {
         }
         samples
     };
-    let narrow: Vec<TruthSample> = fly(&mut simulation("", 1), 101)
+    let narrow: Vec<TruthSample> = fly(&mut simulation(as_it_is, 1), 101)
         .into_iter()
         .skip(1)
         .map(|s| s.1)
         .collect();
-    assert_eq!(narrow, wide(&mut simulation("", 1)));
+    assert_eq!(narrow, wide(&mut simulation(as_it_is, 1)));
 }
 
 /// Frozen from the first build. A change of these bits changes every recorded run; a machine with other bits breaks replay.
@@ -211,9 +257,7 @@ fn regress_bits() {
         normals.map(f64::to_bits),
         [13831319547862698151, 13831153020128251303, 13824708827427435301]
     );
-    let (sensed, truth) = fly(&mut simulation("mismatch = { preset = 'realistic' }", 1), 401)
-        .pop()
-        .unwrap();
+    let (sensed, truth) = fly(&mut simulation(realistic, 1), 401).pop().unwrap();
     assert_eq!(
         truth.position_ned_m.map(f64::to_bits),
         [4597586135360668172, 13828116815536925373, 13840300921955828127]
@@ -264,12 +308,16 @@ fn val_normals_are_normal() {
 
 #[test]
 fn val_gusts_have_their_rms_and_memory() {
-    let mut text = HOVER.replace("5.0\n", "2000.0\n");
-    text.push_str(
-        "mismatch = { linear_drag_kg_s = 0.01 }\nwind = { mean_ned_m_s = [2.0, 0.0, 0.0], gust_rms_m_s = 1.5 }",
-    );
-    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
-    let mut sim = Simulation::new(&Scenario::parse(&text, base).unwrap(), 5).unwrap();
+    let long = |config: &mut SimulationConfig| {
+        config.duration_steps = nearest_step(2000.0);
+        config.mismatch.linear_drag_kg_s = Some(0.01);
+        config.wind = Some(WindModel {
+            mean_ned_m_s: [2.0, 0.0, 0.0],
+            gust_rms_m_s: 1.5,
+            gust_correlation_s: 2.0,
+        });
+    };
+    let mut sim = simulation(long, 5);
     let gusts: Vec<f64> = (0..800_000)
         .map(|_| {
             sim.advance(&MotorCommand::default()).unwrap();
@@ -293,9 +341,17 @@ fn val_gusts_have_their_rms_and_memory() {
 
 #[test]
 fn val_wind_carries_a_falling_vehicle() {
-    let more = "mismatch = { preset = 'none', linear_drag_kg_s = 5.0 }\nwind = { mean_ned_m_s = [3.0, -2.0, 0.0] }\n\
-                initial = { start = 'motors-off' }";
-    let mut sim = simulation(more, 1);
+    let windy = |config: &mut SimulationConfig| {
+        config.mismatch = preset(MismatchPreset::None);
+        config.mismatch.linear_drag_kg_s = Some(5.0);
+        config.wind = Some(WindModel {
+            mean_ned_m_s: [3.0, -2.0, 0.0],
+            gust_rms_m_s: 0.0,
+            gust_correlation_s: 2.0,
+        });
+        config.starts_trimmed = false;
+    };
+    let mut sim = simulation(windy, 1);
     for _ in 0..2000 {
         sim.advance(&MotorCommand::default()).unwrap();
     }
@@ -308,7 +364,7 @@ fn val_wind_carries_a_falling_vehicle() {
 
 #[test]
 fn val_impossible_numbers_are_named() {
-    let mut sim = simulation("", 1);
+    let mut sim = simulation(as_it_is, 1);
     let mut duty = [0.4; MAX_ROTORS];
     duty[4] = f32::NAN;
     assert_eq!(
@@ -326,7 +382,7 @@ fn val_impossible_numbers_are_named() {
             quantity: "the body rates"
         }
     );
-    let mut sim = simulation("", 1);
+    let mut sim = simulation(as_it_is, 1);
     fly(&mut sim, 2000);
     assert!(sim.done());
     assert_eq!(
@@ -337,7 +393,7 @@ fn val_impossible_numbers_are_named() {
 
 #[test]
 fn val_empty_battery_lets_the_vehicle_fall() {
-    let mut sim = simulation("initial = { state_of_charge = 0.9 }", 1);
+    let mut sim = simulation(as_it_is, 1);
     let mut state = *sim.state();
     state.state_of_charge = 1e-4;
     sim.set_state(state);
@@ -356,13 +412,31 @@ fn val_empty_battery_lets_the_vehicle_fall() {
 
 #[test]
 fn val_thrust_loss_steps_ramps_and_is_labelled() {
-    let more = "mismatch = { preset = 'none' }\n\
-                fault = [{ time_s = 1.0, rotor = 2, thrust_loss_percent = 10.0 },\n\
-                         { time_s = 2.0, rotor = 2, thrust_loss_percent = 30.0, ramp_s = 1.0 },\n\
-                         { time_s = 2.5, rotor = 4, blade = 'c' },\n\
-                         { time_s = 3.5, rotor = 2, thrust_loss_percent = 0.0 },\n\
-                         { time_s = 4.0, rotor = 1, rotor_lost = true }]";
-    let truth = fly(&mut simulation(more, 1), 2000);
+    let loss = |time_s, percent, ramp_s| FaultEntry {
+        thrust_loss_percent: Some(percent),
+        ramp_s,
+        ..fault(time_s, 2)
+    };
+    let damaged = |config: &mut SimulationConfig| {
+        config.mismatch = preset(MismatchPreset::None);
+        let blade = FaultEntry {
+            blade: Some("c".to_owned()),
+            ..fault(2.5, 4)
+        };
+        let lost = FaultEntry {
+            rotor_lost: Some(true),
+            ..fault(4.0, 1)
+        };
+        let entries = [
+            loss(1.0, 10.0, None),
+            loss(2.0, 30.0, Some(1.0)),
+            blade,
+            loss(3.5, 0.0, None),
+            lost,
+        ];
+        config.faults = faults(config, &entries);
+    };
+    let truth = fly(&mut simulation(damaged, 1), 2000);
     let at = |t: f64| &truth[(t * 400.0) as usize].1;
     let loss = |t: f64| at(t).rotor_thrust_loss[1];
     assert_eq!((loss(0.9975), loss(1.0), loss(1.9975)), (0.0, 0.1, 0.1));
@@ -384,12 +458,29 @@ fn val_thrust_loss_steps_ramps_and_is_labelled() {
 
 #[test]
 fn val_sensor_faults_do_what_they_say() {
-    let exact = "sensors = { position_noise_m = 0, velocity_noise_m_s = 0, attitude_noise_rad = 0, body_rates_noise_rad_s = 0 }\n";
-    let faults = "[[sensor_fault]]\ntime_s = 0.5\nend_s = 1.0\nsensor = 'body-rates'\nbias_si = [0.5, 0.0, -0.25]\n\
-                  [[sensor_fault]]\ntime_s = 0.5\nsensor = 'velocity'\ndelay_s = 0.05\n\
-                  [[sensor_fault]]\ntime_s = 0.5\nend_s = 1.0\nsensor = 'position'\nstuck = true\n\
-                  [[sensor_fault]]\ntime_s = 0.5\nend_s = 1.0\nsensor = 'battery-voltage'\ndropout_probability = 0.5";
-    let samples = fly(&mut simulation(&format!("{exact}{faults}"), 1), 600);
+    let failing = |config: &mut SimulationConfig| {
+        config.sensors = SensorModel::exact();
+        let entries = [
+            SensorFaultEntry {
+                bias_si: Some(vec![0.5, 0.0, -0.25]),
+                ..sensor_fault(Sensor::BodyRates, Some(1.0))
+            },
+            SensorFaultEntry {
+                delay_s: Some(0.05),
+                ..sensor_fault(Sensor::Velocity, None)
+            },
+            SensorFaultEntry {
+                stuck: Some(true),
+                ..sensor_fault(Sensor::Position, Some(1.0))
+            },
+            SensorFaultEntry {
+                dropout_probability: Some(0.5),
+                ..sensor_fault(Sensor::BatteryVoltage, Some(1.0))
+            },
+        ];
+        config.sensor_faults = SensorFaultPlan::new(&entries, config.duration_steps).unwrap();
+    };
+    let samples = fly(&mut simulation(failing, 1), 600);
     let mut lost = 0;
     for (k, (sensed, truth)) in samples.iter().enumerate() {
         let active = (200..400).contains(&k);

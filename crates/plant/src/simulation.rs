@@ -8,27 +8,38 @@
 //! thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by default, the
 //! battery voltage being solved at every stage; wind and disturbances are held over the step.
 //!
-//! Limits: no ground, no take-off, no gyroscopic torque of the rotors, no link or computation delay; effects of a scenario lift
-//! some of them, in a step of their own (`effect_flight.rs`) that leaves the bits and the speed of this one alone.
+//! Limits: no gyroscopic torque of the rotors, no link or computation delay; effects lift some of them, in a step of their own
+//! (`effect_flight.rs`). A ground that carries the vehicle (`simulation/ground.rs`) has a step of its own as well. Both leave the bits
+//! and the speed of this one alone.
+
+mod ground;
+#[cfg(test)]
+mod ground_tests;
+pub mod parts;
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::signals::{MotorCommand, NavState, Reference};
 use serde::Serialize;
 
-use crate::battery::{Battery, BatteryOutput};
-use crate::dynamics::{DynamicState, Dynamics, sum_of_powers};
+use crate::body::contact::Contact;
+use crate::body::dynamics::{DynamicState, Dynamics};
+use crate::body::environment::Environment;
+use crate::body::rigid_body::{Quaternion, RigidBody, RigidBodyState};
+use crate::config::SimulationConfig;
 use crate::effect_flight::{EffectFlight, Plant};
 use crate::effects::{Constants, EffectSet};
-use crate::environment::Environment;
-use crate::error::{ConfigError, Refusal, SimulationError};
-use crate::faults::FaultSchedule;
-use crate::mismatch::{MismatchDraw, Size};
-use crate::powertrain::{Powertrain, RotorTruth};
-use crate::rigid_body::{Quaternion, RigidBody, RigidBodyState};
-use crate::scenario::Scenario;
-use crate::sensors::{Accelerometer, Readings, SensorSuite};
+use crate::error::{Refusal, SimulationError};
+use crate::powertrain::battery::{Battery, BatteryOutput};
+use crate::powertrain::faults::FaultSchedule;
+use crate::powertrain::held::sum_of_powers;
+use crate::powertrain::rotors::{Powertrain, RotorTruth};
+use crate::sensing::readings::Readings;
+use crate::sensing::sensors::{Accelerometer, SensorModel, SensorSuite};
+use crate::state::PlantState;
 use crate::trajectory::{ReferenceGenerator, ReferencePoint};
+use crate::trim::trim;
 use crate::vector::Vector3;
+use crate::vehicle::mismatch::{MismatchDraw, Size};
 use crate::{STEP_NS, STEP_S};
 
 /// What controller and detector get at the start of a step.
@@ -88,70 +99,17 @@ pub struct TruthSample {
     pub rotor_thrust_loss: [f64; MAX_ROTORS],
 }
 
-/// Hover of the nominal vehicle.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Trim {
-    thrust: [f64; MAX_ROTORS],
-    /// Duty for the mean thrust, fraction.
-    duty: f64,
-}
-
-/// Hover of the nominal vehicle at the initial charge, or the reason why there is none.
-pub(crate) fn trim(scenario: &Scenario) -> Result<Trim, Refusal> {
-    let vehicle = scenario.vehicle();
-    let placements = vehicle.rotors.layout.placements();
-    let weight = vehicle.body.mass_kg * vehicle.body.gravity_m_s2;
-    // Least-norm thrusts for (−m g, 0, 0, 0): Fᵀ (F Fᵀ)⁻¹ w, in f64.
-    let columns: Vec<nalgebra::Vector4<f64>> = placements
-        .iter()
-        .map(|p| {
-            let [mx, my, mz] = p.torque_arm([0.0; 3], 1.0);
-            nalgebra::Vector4::new(-1.0, mx, my, mz)
-        })
-        .collect();
-    let gram = columns.iter().fold(nalgebra::Matrix4::zeros(), |sum, column| {
-        sum + column * column.transpose()
-    });
-    let inverse = gram
-        .try_inverse()
-        .ok_or_else(|| Refusal::new("vehicle", "this layout cannot be balanced"))?;
-    let multiplier = inverse * nalgebra::Vector4::new(-weight, 0.0, 0.0, 0.0);
-    let mut thrust = [0.0; MAX_ROTORS];
-    for (f, column) in thrust.iter_mut().zip(&columns) {
-        *f = column.dot(&multiplier);
-    }
-    let charge = scenario.document().initial.state_of_charge;
-    let battery = Battery::new(&vehicle.battery);
-    let power = battery.power_coefficient() * sum_of_powers(&thrust);
-    let voltage = battery.output(charge, power).battery_voltage;
-    for (i, &f) in thrust[..placements.len()].iter().enumerate() {
-        let most = scenario.nominal_blade().lift(1.0, voltage);
-        if !(f > 0.0 && f < most) {
-            let reason = format!(
-                "this vehicle cannot hover at a charge of {charge}: rotor {} would have to lift {f:.3} N, it lifts 0 to {most:.3} N",
-                i + 1
-            );
-            return Err(Refusal::new("vehicle", reason));
-        }
-    }
-    let mean = weight / placements.len() as f64;
-    let duty = scenario.nominal_blade().duty(mean, voltage);
-    let duty = duty.ok_or_else(|| Refusal::new("vehicle", "this vehicle cannot hover: no duty lifts its weight"))?;
-    Ok(Trim { thrust, duty })
-}
-
-/// The flight's effects on the vehicle that this flight drew; `None` for a scenario without effects.
+/// The flight's effects on the vehicle that this flight drew; `None` for a flight without effects.
 fn effects(
-    scenario: &Scenario,
+    config: &SimulationConfig,
     mismatch: &MismatchDraw,
     extra_linear_drag: f64,
     seed: u64,
-) -> Result<Option<Box<EffectFlight>>, ConfigError> {
-    let document = scenario.document();
-    if document.effect.is_empty() {
+) -> Result<Option<Box<EffectFlight>>, Refusal> {
+    if config.effects.is_empty() {
         return Ok(None);
     }
-    let mut constants = Constants::nominal(scenario.vehicle());
+    let mut constants = Constants::nominal(&config.vehicle);
     constants.mass_kg *= mismatch.mass;
     for axis in 0..3 {
         constants.inertia_body_kg_m2[axis][axis] *= mismatch.inertia[axis];
@@ -165,18 +123,9 @@ fn effects(
         constants.rotor_gain[i] = mismatch.rotor_gain[i];
         constants.rotor_bias_n[i] = mismatch.rotor_bias_n[i];
     }
-    let set = EffectSet::new(scenario.catalogue(), &document.effect, &constants, seed)
-        .map_err(|r| ConfigError::new(scenario.name(), None, Some(r.key), r.reason))?;
-    let ground = document.ground.as_ref().map_or(f64::INFINITY, |ground| ground.down_m);
+    let set = EffectSet::new(&config.catalogue, &config.effects, &constants, seed)?;
+    let ground = config.ground_down_m.unwrap_or(f64::INFINITY);
     Ok(Some(Box::new(EffectFlight::new(set, ground))))
-}
-
-/// Integrated state.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct PlantState {
-    pub(crate) body: RigidBodyState,
-    pub(crate) thrust: [f64; MAX_ROTORS],
-    pub(crate) state_of_charge: f64,
 }
 
 /// One flight.
@@ -202,21 +151,27 @@ pub struct Simulation {
     accelerometer: Option<Accelerometer>,
     /// The step with effects, if the scenario has any.
     effects: Option<Box<EffectFlight>>,
+    /// The ground, if it carries the vehicle.
+    contact: Option<Box<Contact>>,
+    parts: parts::Parts,
 }
 
 impl Simulation {
-    /// The flight of `scenario` with the random numbers of `seed`, at step 0.
-    pub fn new(scenario: &Scenario, seed: u64) -> Result<Self, ConfigError> {
-        let (document, vehicle) = (scenario.document(), scenario.vehicle());
-        let magnitudes = document.mismatch.magnitudes(Size::of(vehicle));
+    /// The flight of `config` with the random numbers of `seed`, at step 0.
+    ///
+    /// # Errors
+    /// The nominal vehicle cannot hover, it has no feet or does not stand, or the effects leave no vehicle of the one that this seed draws.
+    pub fn new(config: &SimulationConfig, seed: u64) -> Result<Self, Refusal> {
+        let vehicle = &config.vehicle;
+        let magnitudes = config.mismatch.magnitudes(Size::of(vehicle));
         let mismatch = MismatchDraw::new(&magnitudes, seed);
-        let trim = trim(scenario).map_err(|r| ConfigError::new(scenario.name(), None, Some(r.key), r.reason))?;
+        let trim = trim(config)?;
         let placements = vehicle.rotors.layout.placements();
         let rotors = placements
             .iter()
             .enumerate()
             .map(|(i, placement)| RotorTruth {
-                blade: *scenario.nominal_blade(),
+                blade: config.nominal_blade,
                 gain: mismatch.rotor_gain[i],
                 bias: mismatch.rotor_bias_n[i],
                 thrust_loss: 0.0,
@@ -225,11 +180,11 @@ impl Simulation {
             .collect();
         let body = &vehicle.body;
         let inertia = [0, 1, 2].map(|i| body.inertia_body_kg_m2[i] * mismatch.inertia[i]);
-        let (position_ned, yaw) = document.trajectory.pose(0.0);
+        let (position_ned, yaw) = config.trajectory.pose(0.0);
         let mut simulation = Self {
             rotor_count: placements.len(),
-            duration_steps: document.duration_steps(),
-            substeps: document.integrator_substeps,
+            duration_steps: config.duration_steps,
+            substeps: config.integrator_substeps,
             hover_duty: trim.duty as f32,
             body: RigidBody::new(
                 body.mass_kg * mismatch.mass,
@@ -240,18 +195,20 @@ impl Simulation {
             ),
             powertrain: Powertrain::new(rotors, vehicle.rotors.thrust_lag_s * mismatch.thrust_lag),
             battery: Battery::new(&vehicle.battery),
-            environment: Environment::new(document.wind.as_ref(), magnitudes.disturbance(), seed),
-            faults: FaultSchedule::new(scenario.fault_plan.clone()),
-            reference: ReferenceGenerator::new(document.trajectory.clone()),
+            environment: Environment::new(config.wind.as_ref(), magnitudes.disturbance(), seed),
+            faults: FaultSchedule::new(config.faults.clone()),
+            reference: ReferenceGenerator::new(config.trajectory.clone()),
             sensors: SensorSuite::new(
-                &document.sensors,
+                &config.sensors,
                 magnitudes.battery_voltage_noise_v,
                 mismatch.battery_voltage_bias_v,
-                &scenario.sensor_fault_plan,
+                &config.sensor_faults,
                 seed,
             ),
-            effects: effects(scenario, &mismatch, magnitudes.linear_drag_kg_s, seed)?,
+            effects: effects(config, &mismatch, magnitudes.linear_drag_kg_s, seed)?,
             accelerometer: None,
+            contact: ground::contact(config, &mismatch)?,
+            parts: parts::Parts::default(),
             mismatch,
             state: PlantState {
                 body: RigidBodyState {
@@ -260,12 +217,12 @@ impl Simulation {
                     ned_from_body: Quaternion::from_euler([0.0, 0.0, yaw]),
                     body_rates: [0.0; 3],
                 },
-                thrust: if scenario.starts_trimmed() {
+                thrust: if config.starts_trimmed {
                     trim.thrust
                 } else {
                     [0.0; MAX_ROTORS]
                 },
-                state_of_charge: document.initial.state_of_charge,
+                state_of_charge: config.state_of_charge,
             },
             truth: TruthSample::default(),
             sensed: SensedSample::default(),
@@ -273,13 +230,17 @@ impl Simulation {
         };
         simulation.faults.apply(0, &mut simulation.powertrain);
         simulation.record_faults();
+        if let Some(model) = config.ground_contact.as_ref().filter(|_| config.starts_on_ground) {
+            simulation.stand(model, position_ned, yaw)?;
+        }
         if let Some(effects) = &mut simulation.effects {
             let plant = Plant {
                 rotors: simulation.powertrain.rotors(),
                 battery: &simulation.battery,
                 around: simulation.environment.now(),
+                contact: simulation.contact.as_deref(),
             };
-            let duty = if scenario.starts_trimmed() { trim.duty } else { 0.0 };
+            let duty = if config.starts_trimmed { trim.duty } else { 0.0 };
             effects.begin(&simulation.state, &plant, duty);
         }
         simulation.record_truth(0);
@@ -287,8 +248,8 @@ impl Simulation {
     }
 
     /// From now on samples carry the accelerometer, with a noise stream of its own: nothing else of the flight changes.
-    pub fn record_accelerometer(&mut self, scenario: &Scenario, seed: u64) {
-        self.accelerometer = Some(Accelerometer::new(&scenario.document().sensors, seed));
+    pub fn record_accelerometer(&mut self, sensors: &SensorModel, seed: u64) {
+        self.accelerometer = Some(Accelerometer::new(sensors, seed));
     }
 
     /// Specific force at the centre of mass, m/s², body, as a perfect accelerometer there has it.
@@ -297,10 +258,7 @@ impl Simulation {
             return effects.specific_force();
         }
         let (total, torque) = self.powertrain.held().wrench(&self.state.thrust);
-        let mut rate = self
-            .body
-            .rate(&self.state.body, total, torque, self.environment.now())
-            .velocity;
+        let mut rate = self.body.rate(&self.state.body, total, torque, &self.around()).velocity;
         rate[2] -= self.body.gravity();
         self.state.body.ned_from_body.body_from_ned(rate)
     }
@@ -367,16 +325,7 @@ impl Simulation {
         if self.done() {
             return Err(SimulationError::FlightOver { step });
         }
-        let mut limited = [0.0; MAX_ROTORS];
-        for rotor in 0..self.rotor_count {
-            if !duty[rotor].is_finite() {
-                return Err(SimulationError::NonFiniteDuty { step, rotor: rotor + 1 });
-            }
-            limited[rotor] = duty[rotor].clamp(0.0, 1.0);
-        }
-        if !self.battery.is_connected() {
-            limited = [0.0; MAX_ROTORS];
-        }
+        let limited = self.limited(duty)?;
         // Every step is sensed, whether anyone asks or not: the noise of a step belongs to that step.
         self.sense();
         if let Some(effects) = &mut self.effects {
@@ -384,9 +333,20 @@ impl Simulation {
                 rotors: self.powertrain.rotors(),
                 battery: &self.battery,
                 around: self.environment.now(),
+                contact: None,
             };
             let time_s = step as f64 * STEP_S;
-            effects.advance(time_s, &mut self.state, &plant, &limited, self.substeps);
+            let substeps = if self.contact.is_some() {
+                self.substeps.div_ceil(ground::PARTS) * ground::PARTS
+            } else {
+                self.substeps
+            };
+            let contact = self.contact.as_deref_mut();
+            effects.advance(time_s, &mut self.state, &plant, contact, &limited, substeps);
+        } else if self.contact.is_some() {
+            self.powertrain.hold(&limited);
+            let parts = self.ground_parts();
+            self.integrate_parts(parts, STEP_S / f64::from(parts));
         } else {
             self.powertrain.hold(&limited);
             match self.rotor_count {
@@ -396,17 +356,47 @@ impl Simulation {
                 _ => self.integrate::<MAX_ROTORS>(),
             }
         }
-        self.check_state(step + 1)?;
+        self.complete_step(step + 1)
+    }
+
+    /// What the ESCs make of the duties: limited to \[0, 1\], 0 without a battery.
+    #[inline]
+    fn limited(&self, duty: &[f64; MAX_ROTORS]) -> Result<[f64; MAX_ROTORS], SimulationError> {
+        let mut limited = [0.0; MAX_ROTORS];
+        for rotor in 0..self.rotor_count {
+            if !duty[rotor].is_finite() {
+                return Err(SimulationError::NonFiniteDuty {
+                    step: self.truth.step,
+                    rotor: rotor + 1,
+                });
+            }
+            limited[rotor] = duty[rotor].clamp(0.0, 1.0);
+        }
+        if !self.battery.is_connected() {
+            limited = [0.0; MAX_ROTORS];
+        }
+        Ok(limited)
+    }
+
+    #[inline]
+    fn cut_off_if_empty(&mut self) {
         if self.state.state_of_charge <= 0.0 {
             self.state.state_of_charge = 0.0;
             self.battery.disconnect();
         }
+    }
+
+    /// Takes the integrated state as that of `step`, and brings all else there.
+    #[inline]
+    fn complete_step(&mut self, step: u64) -> Result<(), SimulationError> {
+        self.check_state(step)?;
+        self.cut_off_if_empty();
         self.environment.advance();
-        if self.faults.apply(step + 1, &mut self.powertrain) {
+        if self.faults.apply(step, &mut self.powertrain) {
             self.record_faults();
         }
-        self.reference.advance(step + 1);
-        self.record_truth(step + 1);
+        self.reference.advance(step);
+        self.record_truth(step);
         Ok(())
     }
 
@@ -470,6 +460,11 @@ impl Simulation {
     /// One step of 2.5 ms for rotors padded to `N`.
     fn integrate<const N: usize>(&mut self) {
         let state = self.stepped::<N>(&self.dynamic_state());
+        self.take_dynamic_state(&state);
+    }
+
+    #[inline]
+    fn take_dynamic_state<const N: usize>(&mut self, state: &DynamicState<N>) {
         self.state.body = state.body;
         self.state.state_of_charge = state.state_of_charge;
         self.state.thrust[..N].copy_from_slice(&state.thrust);
@@ -548,9 +543,9 @@ impl Simulation {
         (state.body.ned_from_body.to_euler(), battery)
     }
 
-    /// True if the step is not the plain one: effects, or an accelerometer.
+    /// True if the step is not the plain one: effects, an accelerometer, or ground contact.
     pub(crate) fn is_extended(&self) -> bool {
-        self.effects.is_some() || self.accelerometer.is_some()
+        self.effects.is_some() || self.accelerometer.is_some() || self.contact.is_some()
     }
 
     /// Substeps of the integrator in a step.

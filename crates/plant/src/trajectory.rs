@@ -64,7 +64,8 @@ fn thirty_seconds() -> f64 {
 }
 
 impl Trajectory {
-    pub(crate) fn check(&self) -> Result<(), Refusal> {
+    /// Refuses what cannot be followed.
+    pub fn check(&self) -> Result<(), Refusal> {
         let position = |key: &str, p: &[f64]| all_in_range(key, p, -10_000.0, 10_000.0, "m");
         match self {
             Self::Hover {

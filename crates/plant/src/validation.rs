@@ -5,38 +5,44 @@ use std::path::Path;
 
 use rotortwin_flight_core::MAX_ROTORS;
 
-use crate::rigid_body::{Quaternion, RigidBodyState};
-use crate::scenario::Scenario;
-use crate::simulation::{PlantState, Simulation};
+use crate::body::rigid_body::{Quaternion, RigidBodyState};
+use crate::config::SimulationConfig;
+use crate::nearest_step;
+use crate::powertrain::faults::FaultEntry;
+use crate::simulation::Simulation;
+use crate::state::PlantState;
+use crate::testing::{faults, hover, preset};
+use crate::vehicle::mismatch::MismatchPreset;
 
 /// The vector's own tolerance: its source reaches 6e-9 with one Runge–Kutta step per sample.
 const OPEN_LOOP_TOLERANCE: f64 = 1e-8;
 /// With 40 substeps the method is exact to 3e-13 and what remains is the rounding of the printed vector, 5e-12.
 const OPEN_LOOP_CONVERGED: f64 = 1e-11;
 
-const SCENARIO: &str = r#"
-name = "open-loop"
-description = "tests/vectors/open_loop.csv"
-vehicle = "../vehicles/f550.toml"
-duration_s = 2.0
-integrator_substeps = SUBSTEPS
-[trajectory]
-kind = "hover"
-position_ned_m = [0.0, 0.0, 0.0]
-[mismatch]
-preset = "none"
-[[fault]]
-time_s = 1.0
-rotor = 3
-blade = "b"
-"#;
+/// The scenario of the vector: nothing but blade b on rotor 3 from 1 s on.
+fn flight(substeps: u32) -> SimulationConfig {
+    let mut config = SimulationConfig {
+        duration_steps: nearest_step(2.0),
+        integrator_substeps: substeps,
+        mismatch: preset(MismatchPreset::None),
+        ..hover()
+    };
+    let blade = FaultEntry {
+        time_s: 1.0,
+        rotor: 3,
+        blade: Some("b".to_owned()),
+        thrust_loss_percent: None,
+        ramp_s: None,
+        rotor_lost: None,
+    };
+    config.faults = faults(&config, &[blade]);
+    config
+}
 
 /// Largest difference from the vector over all columns, angles modulo a turn.
 fn worst_difference(substeps: u32) -> f64 {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let text = SCENARIO.replace("SUBSTEPS", &substeps.to_string());
-    let scenario = Scenario::parse(&text, root.join("config/scenarios")).unwrap();
-    let mut sim = Simulation::new(&scenario, 1).unwrap();
+    let mut sim = Simulation::new(&flight(substeps), 1).unwrap();
     let mut thrust = [0.0; MAX_ROTORS];
     thrust[..6].copy_from_slice(&[2.50, 2.55, 2.60, 2.45, 2.50, 2.40]);
     let bias = [0.005, -0.003, 0.008, -0.010, 0.002, 0.0];

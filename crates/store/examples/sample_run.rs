@@ -77,14 +77,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             peer: "controller".into(),
             step: steps,
             silence_ms: 812,
+            lost: true,
             sentence: format!(
                 "the controller (pid 4711) did not answer step {steps}: silent for 812 ms; its process has ended"
             ),
         });
     }
-    let descriptor = include_bytes!("../../wire/src/proto/descriptor.bin");
     let start = Instant::now();
-    let outputs = finalise(&folder, summary, descriptor)?;
+    let outputs = finalise(&folder, summary)?;
     println!("finalise: {:.2} s", start.elapsed().as_secs_f64());
     for file in [
         outputs.telemetry,

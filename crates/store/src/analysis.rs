@@ -11,7 +11,8 @@
 
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::{BatteryUse, Evaluator, Interval, LossRecord, Severity, Tracking};
-use crate::telemetry::{AMBIGUOUS, Column, HEALTHY, NOT_READY, UNKNOWN};
+use crate::telemetry::Column;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 
 /// Observers with the paper's gain of 5 /s have forgotten the state before after this, s.
 const SETTLE_S: f64 = 1.0;

@@ -50,7 +50,7 @@ pub enum StoreError {
         reason: String,
     },
     /// A rotor count that no row can hold.
-    #[error("a run cannot be recorded with {count} rotors; 1 to {max} are possible", max = crate::telemetry::MAX_ROTORS)]
+    #[error("a run cannot be recorded with {count} rotors; 1 to {max} are possible", max = rotortwin_flight_core::MAX_ROTORS)]
     RotorCount {
         /// The count.
         count: usize,

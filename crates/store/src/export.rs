@@ -8,8 +8,8 @@
 //!
 //! The same run gives the same bytes each time.
 
+use crate::files::{MCAP_FILE, TELEMETRY_FILE};
 use crate::query::{QueryError, TelemetryFile, render};
-use crate::run_folder::{MCAP_FILE, TELEMETRY_FILE};
 use crate::ulog::write_ulog;
 use serde::{Deserialize, Serialize};
 use std::fs::File;

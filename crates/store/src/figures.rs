@@ -5,7 +5,7 @@
 
 use crate::plots::{Plots, Sample, Verdicts, normal_grid, normal_line, scale_from_s};
 use crate::summary::{Evaluator, Interval, Summary};
-use crate::telemetry::{HEALTHY, UNKNOWN};
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, UNKNOWN};
 use std::fmt::Write as _;
 
 const WIDTH: f64 = 900.0;

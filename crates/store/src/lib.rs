@@ -18,6 +18,7 @@ pub mod analysis;
 pub mod error;
 pub mod export;
 mod figures;
+pub mod files;
 mod mcap;
 pub mod page;
 mod parquet;

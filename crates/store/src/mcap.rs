@@ -8,181 +8,26 @@
 //!
 //! The log time is simulated time, ns since the start of the run, so that equal runs give equal files. 3-D panels want z up:
 //! `/tf` is in north-west-up, the body frame is forward-left-up; all other topics are NED and FRD.
-//!
-//! The protobuf messages are written by hand here, so that this crate needs neither the link nor its generated code; a test
-//! compiles `proto/` and decodes them by name.
 
 use crate::analysis::column;
 use crate::error::{Result, StoreError};
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::{Evaluator, Summary, verdict_text};
-use crate::telemetry::{Column, HEALTHY};
+use crate::telemetry::Column;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, WriteOptions, Writer};
 use prost::Message;
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
+use rotortwin_proto::{
+    BatteryTelemetry, BodyVector, CommandTelemetry, EulerAngles, FILE_DESCRIPTOR_SET, FdiTelemetry, NavTelemetry,
+    NedVector, ReferenceTelemetry, TruthTelemetry,
+};
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// Steps between two transforms: 40 Hz at 2.5 ms.
 const TRANSFORM_EVERY: u64 = 10;
-
-/// Messages of `proto/rotortwin/v1/{signals,telemetry}.proto`.
-mod messages {
-    #[derive(Clone, Copy, PartialEq, prost::Message)]
-    pub(super) struct NedVector {
-        #[prost(float, tag = "1")]
-        pub(super) north: f32,
-        #[prost(float, tag = "2")]
-        pub(super) east: f32,
-        #[prost(float, tag = "3")]
-        pub(super) down: f32,
-    }
-
-    #[derive(Clone, Copy, PartialEq, prost::Message)]
-    pub(super) struct BodyVector {
-        #[prost(float, tag = "1")]
-        pub(super) forward: f32,
-        #[prost(float, tag = "2")]
-        pub(super) right: f32,
-        #[prost(float, tag = "3")]
-        pub(super) down: f32,
-    }
-
-    #[derive(Clone, Copy, PartialEq, prost::Message)]
-    pub(super) struct EulerAngles {
-        #[prost(float, tag = "1")]
-        pub(super) roll_rad: f32,
-        #[prost(float, tag = "2")]
-        pub(super) pitch_rad: f32,
-        #[prost(float, tag = "3")]
-        pub(super) yaw_rad: f32,
-    }
-
-    #[derive(Clone, PartialEq, prost::Message)]
-    pub(super) struct NavTelemetry {
-        #[prost(message, optional, tag = "1")]
-        pub(super) position_ned_m: Option<NedVector>,
-        #[prost(message, optional, tag = "2")]
-        pub(super) velocity_ned_m_s: Option<NedVector>,
-        #[prost(message, optional, tag = "3")]
-        pub(super) attitude: Option<EulerAngles>,
-        #[prost(message, optional, tag = "4")]
-        pub(super) body_rates_rad_s: Option<BodyVector>,
-    }
-
-    #[derive(Clone, PartialEq, prost::Message)]
-    pub(super) struct ReferenceTelemetry {
-        #[prost(message, optional, tag = "1")]
-        pub(super) position_ned_m: Option<NedVector>,
-        #[prost(message, optional, tag = "2")]
-        pub(super) velocity_ned_m_s: Option<NedVector>,
-        #[prost(float, tag = "3")]
-        pub(super) yaw_rad: f32,
-        #[prost(message, optional, tag = "4")]
-        pub(super) attitude_setpoint: Option<EulerAngles>,
-    }
-
-    #[derive(Clone, PartialEq, prost::Message)]
-    pub(super) struct CommandTelemetry {
-        #[prost(float, repeated, tag = "1")]
-        pub(super) duty: Vec<f32>,
-        #[prost(uint32, tag = "2")]
-        pub(super) saturated_rotors: u32,
-    }
-
-    #[derive(Clone, PartialEq, prost::Message)]
-    pub(super) struct TruthTelemetry {
-        #[prost(message, optional, tag = "1")]
-        pub(super) position_ned_m: Option<NedVector>,
-        #[prost(message, optional, tag = "2")]
-        pub(super) velocity_ned_m_s: Option<NedVector>,
-        #[prost(message, optional, tag = "3")]
-        pub(super) attitude: Option<EulerAngles>,
-        #[prost(message, optional, tag = "4")]
-        pub(super) body_rates_rad_s: Option<BodyVector>,
-        #[prost(float, repeated, tag = "5")]
-        pub(super) thrust_n: Vec<f32>,
-        #[prost(message, optional, tag = "6")]
-        pub(super) wind_ned_m_s: Option<NedVector>,
-        #[prost(sint32, tag = "7")]
-        pub(super) fault_label: i32,
-        #[prost(uint32, tag = "8")]
-        pub(super) faulty_rotors: u32,
-        #[prost(sint32, repeated, tag = "9")]
-        pub(super) rotor_condition: Vec<i32>,
-        #[prost(uint32, tag = "10")]
-        pub(super) sensor_faults: u32,
-    }
-
-    #[derive(Clone, PartialEq, prost::Message)]
-    pub(super) struct BatteryTelemetry {
-        #[prost(float, tag = "1")]
-        pub(super) voltage_v: f32,
-        #[prost(float, tag = "2")]
-        pub(super) current_a: f32,
-        #[prost(float, tag = "3")]
-        pub(super) true_voltage_v: f32,
-        #[prost(float, tag = "4")]
-        pub(super) open_circuit_voltage_v: f32,
-        #[prost(float, tag = "5")]
-        pub(super) state_of_charge: f32,
-    }
-
-    #[derive(Clone, PartialEq, prost::Message)]
-    pub(super) struct FdiTelemetry {
-        #[prost(float, repeated, tag = "1")]
-        pub(super) residual_arm_nms: Vec<f32>,
-        #[prost(float, repeated, tag = "2")]
-        pub(super) residual_lever_nms: Vec<f32>,
-        #[prost(float, repeated, tag = "3")]
-        pub(super) residual_yaw_nms: Vec<f32>,
-        #[prost(float, repeated, tag = "4")]
-        pub(super) wrench_residual: Vec<f32>,
-        #[prost(sint32, tag = "5")]
-        pub(super) verdict_t_test: i32,
-        #[prost(sint32, tag = "6")]
-        pub(super) verdict_network: i32,
-        #[prost(sint32, tag = "7")]
-        pub(super) verdict_sequential: i32,
-        #[prost(float, tag = "8")]
-        pub(super) sequential_probability: f32,
-        #[prost(float, tag = "9")]
-        pub(super) thrust_loss_n: f32,
-        #[prost(bool, tag = "10")]
-        pub(super) window_end: bool,
-        #[prost(float, tag = "11")]
-        pub(super) thrust_loss_low_n: f32,
-        #[prost(float, tag = "12")]
-        pub(super) thrust_loss_high_n: f32,
-        #[prost(float, tag = "13")]
-        pub(super) thrust_loss_share: f32,
-        #[prost(float, tag = "14")]
-        pub(super) thrust_loss_share_low: f32,
-        #[prost(float, tag = "15")]
-        pub(super) thrust_loss_share_high: f32,
-        #[prost(float, tag = "16")]
-        pub(super) second_thrust_loss_n: f32,
-        #[prost(float, tag = "17")]
-        pub(super) second_thrust_loss_low_n: f32,
-        #[prost(float, tag = "18")]
-        pub(super) second_thrust_loss_high_n: f32,
-        #[prost(float, tag = "19")]
-        pub(super) second_thrust_loss_share: f32,
-        #[prost(float, tag = "20")]
-        pub(super) second_thrust_loss_share_low: f32,
-        #[prost(float, tag = "21")]
-        pub(super) second_thrust_loss_share_high: f32,
-        #[prost(uint32, tag = "22")]
-        pub(super) suspect_rotors: u32,
-        #[prost(uint32, tag = "23")]
-        pub(super) hypothesis_count: u32,
-    }
-}
-use messages::{
-    BatteryTelemetry, BodyVector, CommandTelemetry, EulerAngles, FdiTelemetry, NavTelemetry, NedVector,
-    ReferenceTelemetry, TruthTelemetry,
-};
 
 /// JSON schema of `foxglove.Log`.
 const LOG_SCHEMA: &str = r#"{"title":"foxglove.Log","description":"A log message","type":"object","properties":{"timestamp":{"type":"object","title":"time","properties":{"sec":{"type":"integer","minimum":0},"nsec":{"type":"integer","minimum":0,"maximum":999999999}}},"level":{"title":"foxglove.LogLevel","oneOf":[{"title":"UNKNOWN","const":0},{"title":"DEBUG","const":1},{"title":"INFO","const":2},{"title":"WARNING","const":3},{"title":"ERROR","const":4},{"title":"FATAL","const":5}]},"message":{"type":"string"},"name":{"type":"string"},"file":{"type":"string"},"line":{"type":"integer","minimum":0}}}"#;
@@ -232,7 +77,6 @@ pub(crate) struct McapSink<W: Write + Seek> {
 impl<W: Write + Seek> McapSink<W> {
     /// Begins a file.
     ///
-    /// * `descriptor`: encoded `FileDescriptorSet` of package `rotortwin.v1`, telemetry.proto included
     /// * `path`: for error messages
     pub(crate) fn new(
         writer: W,
@@ -240,7 +84,6 @@ impl<W: Write + Seek> McapSink<W> {
         header: &SpoolHeader,
         columns: &[Column],
         summary: &Summary,
-        descriptor: &[u8],
     ) -> Result<Self> {
         let wrap = |source| StoreError::Mcap {
             path: path.to_path_buf(),
@@ -253,7 +96,7 @@ impl<W: Write + Seek> McapSink<W> {
             .compression_threads(0)
             .create(writer)
             .map_err(wrap)?;
-        let channels = add_channels(&mut writer, descriptor).map_err(wrap)?;
+        let channels = add_channels(&mut writer).map_err(wrap)?;
         writer.write_metadata(&metadata(summary)).map_err(wrap)?;
         let place = |name: &str| column(columns, name);
         Ok(Self {
@@ -442,7 +285,7 @@ impl<W: Write + Seek> McapSink<W> {
         const INFO: u8 = 2;
         const WARNING: u8 = 3;
         let n = self.header.rotor_count;
-        let first = (vec![0; n], 0, crate::telemetry::NOT_READY);
+        let first = (vec![0; n], 0, NOT_READY);
         let (old_conditions, old_sensor_faults, old_sequential) = self.before.take().unwrap_or(first);
         let mut lines = Vec::new();
         for rotor in (0..n).filter(|rotor| conditions[*rotor] != old_conditions[*rotor]) {
@@ -508,13 +351,10 @@ impl<W: Write + Seek> McapSink<W> {
     }
 }
 
-fn add_channels<W: Write + Seek>(
-    writer: &mut Writer<W>,
-    descriptor: &[u8],
-) -> std::result::Result<Channels, McapError> {
+fn add_channels<W: Write + Seek>(writer: &mut Writer<W>) -> std::result::Result<Channels, McapError> {
     let none = BTreeMap::new();
     let protobuf = |writer: &mut Writer<W>, topic: &str, name: &str| {
-        let schema = writer.add_schema(&format!("rotortwin.v1.{name}"), "protobuf", descriptor)?;
+        let schema = writer.add_schema(&format!("rotortwin.v1.{name}"), "protobuf", FILE_DESCRIPTOR_SET)?;
         writer.add_channel(schema, topic, "protobuf", &none)
     };
     Ok(Channels {

@@ -9,7 +9,8 @@
 use crate::analysis::column;
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::Evaluator;
-use crate::telemetry::{AMBIGUOUS, Column, HEALTHY, NOT_READY, UNKNOWN};
+use crate::telemetry::Column;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 
 /// Buckets of the full-width plots: at most twice as many points.
 const WIDE_BUCKETS: u64 = 1950;

@@ -5,11 +5,11 @@
 //!
 //! The looks stand in `assets/report.css`, the drawing in `assets/report.js`, the frame in `assets/report.html`.
 
+use crate::files::{FIGURES_FOLDER, MCAP_FILE, SUMMARY_FILE, TELEMETRY_FILE};
 use crate::page::{Page, escape};
 use crate::plots::{Plots, Sample, normal_grid, normal_line, scale_from_s};
-use crate::run_folder::{FIGURES_FOLDER, MCAP_FILE, SUMMARY_FILE, TELEMETRY_FILE};
 use crate::summary::{Evaluator, Interval, Score, Status, Summary, verdict_text};
-use crate::telemetry::HEALTHY;
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, UNKNOWN};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -336,7 +336,7 @@ fn verdict_cell(interval: &Interval, score: &Score, absent: bool, evaluator: Eva
     for (count, what) in [
         (if healthy { 0 } else { score.healthy }, "healthy"),
         (
-            if interval.expected_verdict == crate::telemetry::UNKNOWN {
+            if interval.expected_verdict == UNKNOWN {
                 0
             } else {
                 score.unknown

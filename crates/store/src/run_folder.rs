@@ -12,6 +12,7 @@
 use crate::analysis::{Analysis, Findings};
 use crate::error::{Result, StoreError, io};
 use crate::figures;
+use crate::files::{FIGURES_FOLDER, MCAP_FILE, REPORT_FILE, SPOOL_FILE, SUMMARY_FILE, TELEMETRY_FILE};
 use crate::mcap::McapSink;
 use crate::parquet::ParquetSink;
 use crate::plots::Plots;
@@ -21,19 +22,6 @@ use crate::summary::{SUMMARY_VERSION, Summary};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-
-/// All columns of all steps.
-pub const TELEMETRY_FILE: &str = "telemetry.parquet";
-/// The run as streams.
-pub const MCAP_FILE: &str = "run.mcap";
-/// Facts and numbers.
-pub const SUMMARY_FILE: &str = "summary.json";
-/// What to look at first.
-pub const REPORT_FILE: &str = "report.html";
-/// Folder of the figures as SVG.
-pub const FIGURES_FOLDER: &str = "figures";
-/// Working file while the run goes on.
-pub const SPOOL_FILE: &str = "telemetry.spool";
 
 /// The folder of one run.
 #[derive(Clone, Debug)]
@@ -133,10 +121,9 @@ pub struct Outputs {
 /// Writes everything that a run leaves behind and removes its spool.
 ///
 /// * `summary`: the facts of the run; all that can be computed from the telemetry is computed here
-/// * `descriptor`: encoded `FileDescriptorSet` of `proto/rotortwin/v1`, for `run.mcap`
 ///
 /// The spool's writer must be finished or dropped before. If this fails, the spool stays and it can be called again.
-pub fn finalise(folder: &RunFolder, mut summary: Summary, descriptor: &[u8]) -> Result<Outputs> {
+pub fn finalise(folder: &RunFolder, mut summary: Summary) -> Result<Outputs> {
     let path = folder.path();
     summary.schema_version = SUMMARY_VERSION;
     if summary.run.is_empty() {
@@ -170,14 +157,7 @@ pub fn finalise(folder: &RunFolder, mut summary: Summary, descriptor: &[u8]) -> 
             &columns,
             &summary,
         )?;
-        let mut mcap_sink = McapSink::new(
-            mcap_file.writer()?,
-            &mcap_file.target,
-            &header,
-            &columns,
-            &summary,
-            descriptor,
-        )?;
+        let mut mcap_sink = McapSink::new(mcap_file.writer()?, &mcap_file.target, &header, &columns, &summary)?;
         let mut analysis = Analysis::new(&header, &columns);
         let mut drawn = Plots::new(&header, &columns, spool.rows());
         spool.for_each_chunk(|chunk| {

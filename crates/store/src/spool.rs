@@ -15,7 +15,8 @@
 //! [`finalise`](crate::run_folder::finalise) removes it.
 
 use crate::error::{Result, StoreError, io};
-use crate::telemetry::{Column, Kind, MAX_ROTORS, TelemetryRow, row_bytes, telemetry_columns};
+use crate::telemetry::{Column, Kind, TelemetryRow, row_bytes, telemetry_columns};
+use rotortwin_flight_core::MAX_ROTORS;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -8,11 +8,12 @@
 //! Times are seconds of simulated time since the start of the run, unless the name says `wall`.
 
 use crate::error::{Result, StoreError, io};
-use crate::run_folder::SUMMARY_FILE;
-use crate::telemetry::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
+use crate::files::{SPOOL_FILE, SUMMARY_FILE};
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
+use utoipa::ToSchema;
 
 /// Format of `summary.json`; changes whenever a field changes its meaning or goes.
 pub const SUMMARY_VERSION: u32 = 1;
@@ -38,8 +39,9 @@ fn table<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<
 }
 
 /// How a run ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
+#[schema(as = FlightStatus)]
 pub enum Status {
     /// All steps were executed.
     #[default]
@@ -62,7 +64,8 @@ impl Status {
 }
 
 /// Why a run failed.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = FlightFailure)]
 pub struct Failure {
     /// Who failed: `controller`, `fdi`, `plant`, or the program itself.
     pub peer: String,
@@ -70,12 +73,15 @@ pub struct Failure {
     pub step: u64,
     /// How long the peer had been silent in wall time, ms; 0 if it did not fail by silence.
     pub silence_ms: u64,
+    /// A process of the run died, fell silent or never came; the same flight may do well at another try.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub lost: bool,
     /// The whole story in one sentence.
     pub sentence: String,
 }
 
 /// The scenario as it was flown.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ScenarioRecord {
     /// Its name.
     pub name: String,
@@ -89,57 +95,70 @@ pub struct ScenarioRecord {
 }
 
 /// How well a run kept to the wall clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RealTime {
     /// Length of a step, ms.
     pub period_ms: f64,
     /// Median lateness of a step against the wall clock, µs.
+    #[schema(value_type = Option<f64>)]
     pub jitter_us_p50: f64,
     /// 99 % of the steps were less late than this, µs.
+    #[schema(value_type = Option<f64>)]
     pub jitter_us_p99: f64,
     /// Worst lateness, µs.
+    #[schema(value_type = Option<f64>)]
     pub jitter_us_max: f64,
     /// Steps whose answer came after the next step was due.
     pub deadline_misses: u64,
 }
 
 /// How well the flight followed what it was asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Tracking {
     /// Root mean square of the distance between true and reference position, m.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub position_rms_m: f64,
     /// Largest such distance, m.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub position_max_m: f64,
     /// Root mean square per axis (north, east, down), m.
     #[serde(deserialize_with = "triple")]
+    #[schema(value_type = Vec<Option<f64>>)]
     pub position_rms_ned_m: [f64; 3],
     /// Root mean square of true roll and pitch against their setpoints and of true yaw against its reference, rad.
     #[serde(deserialize_with = "triple")]
+    #[schema(value_type = Vec<Option<f64>>)]
     pub attitude_rms_rad: [f64; 3],
 }
 
 /// What the flight took from the battery.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BatteryUse {
     /// State of charge at the first step, fraction.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub state_of_charge_start: f64,
     /// State of charge at the last step, fraction.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub state_of_charge_end: f64,
     /// True terminal voltage at the first step, V.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub voltage_start_v: f64,
     /// True terminal voltage at the last step, V.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub voltage_end_v: f64,
     /// Lowest true terminal voltage, V.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub voltage_min_v: f64,
     /// Charge drawn, A h.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub charge_ah: f64,
 }
 
@@ -178,7 +197,8 @@ impl Evaluator {
 }
 
 /// What one evaluator said in one interval; counts are evaluation windows that end in it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = DetectorScore)]
 pub struct Score {
     /// Windows without a verdict yet.
     pub not_ready: u64,
@@ -207,7 +227,8 @@ pub struct Score {
 }
 
 /// Estimated losses of thrust of the rotors that the sequential detector names, and the rotors that it leaves open.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LossSeverity)]
 pub struct Severity {
     /// Rotors that are or may be concerned, from 1.
     pub suspect_rotors: Vec<u32>,
@@ -218,19 +239,23 @@ pub struct Severity {
 }
 
 /// Estimated loss of thrust of one rotor with its 95 % interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LossRecord {
     /// From 1.
     pub rotor: u32,
     /// At hover, N.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub loss_n: f64,
     /// Ends of its interval, N.
+    #[schema(value_type = Vec<Option<f64>>)]
     pub interval_n: [f64; 2],
     /// Share of the rotor's nominal thrust at hover, fraction.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub share: f64,
     /// Ends of its interval, fraction.
+    #[schema(value_type = Vec<Option<f64>>)]
     pub interval_share: [f64; 2],
 }
 
@@ -277,7 +302,8 @@ impl Severity {
 }
 
 /// One [`Score`] per evaluator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = DetectorScores)]
 pub struct Scores {
     /// Of the T-test.
     pub t_test: Score,
@@ -307,7 +333,8 @@ impl Scores {
 }
 
 /// A stretch of the flight in which the condition of every rotor and sensor stays the same, as long as possible.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = FlightInterval)]
 pub struct Interval {
     /// First step, s.
     pub start_s: f64,
@@ -334,20 +361,24 @@ pub struct Interval {
     pub scores: Scores,
     /// Root mean square of the distance between true and reference position, m.
     #[serde(deserialize_with = "number")]
+    #[schema(value_type = Option<f64>)]
     pub position_rms_m: f64,
     /// Start of the span that the residual statistics are taken over: the first second, in which the observers settle, is left
     /// out of intervals longer than two seconds.
     pub residuals_from_s: f64,
     /// Mean of each residual (rotors × arm, lever, yaw), N m s.
     #[serde(deserialize_with = "table")]
+    #[schema(value_type = Vec<Vec<Option<f64>>>)]
     pub residual_means_nms: Vec<[f64; 3]>,
     /// Standard deviation of each residual sample, N m s.
     #[serde(deserialize_with = "table")]
+    #[schema(value_type = Vec<Vec<Option<f64>>>)]
     pub residual_deviations_nms: Vec<[f64; 3]>,
 }
 
 /// The content of `summary.json`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RunSummary)]
 pub struct Summary {
     /// [`SUMMARY_VERSION`]; set by [`finalise`](crate::run_folder::finalise).
     pub schema_version: u32,
@@ -391,6 +422,7 @@ pub struct Summary {
     pub rotor_count: usize,
     /// Meaning of the codes in `rotor_condition_i`.
     #[serde(default)]
+    #[schema(value_type = BTreeMap<String, String>)]
     pub conditions: BTreeMap<i32, String>,
     /// How well the flight followed its reference; absent if there is no step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -449,7 +481,7 @@ pub fn load_summary(path: &Path) -> Result<Summary> {
     };
     let text = match std::fs::read_to_string(&file) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            let interrupted = is_folder && path.join(crate::run_folder::SPOOL_FILE).exists();
+            let interrupted = is_folder && path.join(SPOOL_FILE).exists();
             return Err(if interrupted {
                 StoreError::Interrupted {
                     path: path.to_path_buf(),
@@ -496,6 +528,7 @@ mod tests {
                 peer: "fdi".into(),
                 step: 7,
                 silence_ms: 900,
+                lost: true,
                 sentence: "fdi fell silent".into(),
             }),
             conditions: BTreeMap::from([(1, "blade b".to_owned())]),
@@ -542,7 +575,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let message = |folder: &Path| load_summary(folder).unwrap_err().to_string();
         assert!(message(folder.path()).contains("no run here"));
-        std::fs::write(folder.path().join(crate::run_folder::SPOOL_FILE), "").unwrap();
+        std::fs::write(folder.path().join(SPOOL_FILE), "").unwrap();
         assert!(message(folder.path()).contains("interrupted"));
         let file = folder.path().join(SUMMARY_FILE);
         std::fs::write(&file, "{\"schema_version\": 99}").unwrap();

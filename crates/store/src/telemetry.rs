@@ -16,19 +16,8 @@
 //! Limits: the schema depends on the rotor count only. Signals that some runs lack (network verdict, wind) are there with their
 //! neutral value, not left out.
 
+use rotortwin_flight_core::MAX_ROTORS;
 use serde::{Deserialize, Serialize};
-
-/// Most rotors that a row can hold; the same number as in `rotortwin-flight-core`.
-pub const MAX_ROTORS: usize = 16;
-
-/// Verdict code: the evaluator is not calibrated yet, or not present.
-pub const NOT_READY: i32 = -2;
-/// Verdict code: a fault that matches no rotor. As `fault_label`: several rotors are faulty.
-pub const UNKNOWN: i32 = -1;
-/// Verdict code: several sets of rotors explain the fault.
-pub const AMBIGUOUS: i32 = -3;
-/// Verdict code and `fault_label`: no fault. Codes above it are rotor numbers, from 1.
-pub const HEALTHY: i32 = 0;
 
 /// Type of a column in the spool and in Parquet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -123,7 +112,8 @@ pub struct TelemetryRow {
     pub reference_yaw_rad: f32,
     /// What only the simulator knows.
     pub truth: TruthRow,
-    /// [`HEALTHY`], the number of the one faulty rotor (from 1), or [`UNKNOWN`] if several are faulty.
+    /// `HEALTHY`, the number of the one faulty rotor (from 1), or `UNKNOWN` if several are faulty
+    /// ([`rotortwin_flight_core::fdi::verdict_code`]).
     pub fault_label: i32,
     /// Bit i set: rotor i (from 0) is faulty.
     pub faulty_rotors: u32,

@@ -4,9 +4,9 @@
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
-use rotortwin_store::run_folder::{MCAP_FILE, REPORT_FILE, SUMMARY_FILE, TELEMETRY_FILE};
+use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
+use rotortwin_store::files::{MCAP_FILE, REPORT_FILE, SUMMARY_FILE, TELEMETRY_FILE};
 use rotortwin_store::summary::{Failure, Status};
-use rotortwin_store::telemetry::NOT_READY;
 use rotortwin_store::{
     Kind, Outputs, RunFolder, SpoolHeader, SpoolWriter, Summary, TelemetryRow, finalise, load_summary,
     telemetry_columns,
@@ -19,9 +19,6 @@ mod synthetic;
 
 /// A report must stay small enough to be sent by mail.
 const REPORT_LIMIT_BYTES: usize = 4_000_000;
-
-/// The messages of `proto/rotortwin/v1`, as `cargo xtask codegen` compiled them: whatever the crate writes by hand must agree.
-const DESCRIPTOR: &[u8] = include_bytes!("../../wire/src/proto/descriptor.bin");
 
 fn header(rotor_count: usize) -> SpoolHeader {
     SpoolHeader {
@@ -56,7 +53,7 @@ fn fly(path: &Path, rotor_count: usize, rows: impl Iterator<Item = TelemetryRow>
         spool.push(&row).unwrap();
     }
     spool.finish().unwrap();
-    finalise(&folder, summary, DESCRIPTOR).unwrap()
+    finalise(&folder, summary).unwrap()
 }
 
 fn names(path: &Path) -> BTreeSet<String> {
@@ -413,6 +410,7 @@ fn scenario_failed_run_is_told_with_the_rows_it_has() {
             peer: "controller".into(),
             step: rows,
             silence_ms: 900,
+            lost: true,
             sentence: "the controller <pid 7> was silent for 900 ms".into(),
         });
         let outputs = fly(folder.path(), synthetic::ROTORS, (0..rows).map(synthetic::row), summary);
@@ -441,7 +439,6 @@ fn scenario_run_that_failed_before_its_spool_has_summary_and_report() {
             status: Status::Failed,
             ..facts()
         },
-        DESCRIPTOR,
     )
     .unwrap();
     assert!(outputs.telemetry.is_none() && outputs.mcap.is_none() && outputs.figures.is_empty());

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use rotortwin_plant::VehicleDocuments;
+use rotortwin_scenario::VehicleDocuments;
 use rotortwin_twin::diagnose::{Options, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;

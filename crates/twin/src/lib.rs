@@ -8,21 +8,26 @@
 //! * [`compare`]: models against logs: where, when and how much they disagree.
 //! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
 //! * [`predict`]: what a model predicts of a log, one step ahead, in sixteen channels.
+//! * [`estimation`]: parameters and nuisances from whitened residuals, for all of the following.
 //! * [`diagnose`]: which effect the model lacks, with evidence.
 //! * [`propose`]: what would explain an error that is in no catalogue.
 //! * [`improve`]: the loop over these, version by version.
-//! * [`trim`]: what healthy flights of the same vehicle say of a flight that may not be.
+//! * [`identify`]: a vehicle with intervals from flight logs, mass and arm.
+//! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
 
+pub mod baseline;
 pub mod bench_fit;
 pub mod compare;
 pub mod diagnose;
+pub mod estimation;
+pub mod identify;
 pub mod improve;
 pub mod log;
 pub mod model;
 pub mod next_flight;
 pub mod predict;
 pub mod propose;
-pub mod trim;
+mod schema;

@@ -29,7 +29,7 @@ fn scenario_the_blade_of_a_bench_fit_is_read_by_the_plant() {
     let blades = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../config/blades/t9545.toml");
     let document = std::fs::read_to_string(blades).unwrap();
     let changed = write::add_blade(&document, "bench", model, "rotortwin fit thrust").unwrap();
-    let blades: rotortwin_plant::blades::BladeSet = toml::from_str(&changed).unwrap();
+    let blades: rotortwin_plant::powertrain::blades::BladeSet = toml::from_str(&changed).unwrap();
     assert!(format!("{blades:?}").contains("bench"));
 }
 

@@ -4,9 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
-use rotortwin_plant::VehicleDocuments;
-use rotortwin_plant::battery::Battery;
+use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_plant::random::NormalStream;
+use rotortwin_scenario::VehicleDocuments;
 use rotortwin_twin::compare::{self, ChannelVerdict, NamedModel};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;

@@ -40,7 +40,14 @@ fn flown_at(
     duration: f64,
     seed: u64,
 ) -> (Vec<f64>, Vec<(String, Vec<f64>)>) {
-    let plan = FlightPlan {
+    columns_of(&FlightPlan {
+        state_of_charge,
+        ..plan(flight, effects, duration, seed)
+    })
+}
+
+fn plan(flight: &str, effects: &[&str], duration: f64, seed: u64) -> FlightPlan {
+    FlightPlan {
         vehicle: Vehicle::load(&vehicle_path()).unwrap(),
         script: Script::built_in(flight, seed).unwrap(),
         duration,
@@ -48,9 +55,14 @@ fn flown_at(
         effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
         clutter: Vec::new(),
         noise_scale: 1.0,
-        state_of_charge,
-    };
-    let (rows, _) = fly(&plan).unwrap();
+        disturbance: 1.0,
+        state_of_charge: None,
+    }
+}
+
+/// Times and columns of the log of a flight.
+fn columns_of(plan: &FlightPlan) -> (Vec<f64>, Vec<(String, Vec<f64>)>) {
+    let (rows, _) = fly(plan).unwrap();
     let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
     let mut columns = Vec::new();
     for axis in 0..3 {
@@ -335,6 +347,9 @@ fn scenario_an_effect_in_no_catalogue_is_proposed_added_and_holds_on_a_log_that_
     // The document travels in the version's file.
     let read = ModelVersion::parse("version.toml", &after.to_toml(), Path::new("")).unwrap();
     assert_eq!(read, after);
+    // A model that holds a proposal is held against a log like any other, and may be given another one.
+    let second = propose(&fitted, &read).unwrap();
+    assert!(second.document.is_none_or(|next| next.id != read.effect_document[0].id));
     let models = [("before", model()), ("after", read)].map(|(label, version)| NamedModel {
         label: label.to_owned(),
         version,
@@ -351,6 +366,28 @@ fn val_an_error_that_nothing_explains_is_not_given_a_term() {
     let proposal = propose(&[log("healthy", "waypoint", &[], 33)], &model()).unwrap();
     assert_eq!(proposal.terms, Vec::new());
     assert!(proposal.document.is_none() && proposal.correlates.is_empty());
+}
+
+/// Hovers in which the noise of the gyro comes back through the controller as a command: with no other disturbance, differences of the
+/// measured rate and the torque go together by K σ²/Δt.
+#[test]
+fn val_a_hover_whose_duties_answer_to_the_noise_of_the_gyro_lacks_nothing() {
+    for disturbance in [0.0, 0.15] {
+        for seed in 41..44 {
+            let (time, columns) = columns_of(&FlightPlan {
+                disturbance,
+                ..plan("hover", &[], 60.0, seed)
+            });
+            let log = FlightLog::from_columns("hover", time, columns).unwrap();
+            let found = diagnose(&[log], &model(), &Options::default()).unwrap();
+            assert_eq!(
+                found.verdict,
+                Verdict::Agrees,
+                "disturbance {disturbance}, seed {seed}: {}",
+                found.sentence
+            );
+        }
+    }
 }
 
 /// Named effects of a diagnosis, sorted.

@@ -2,7 +2,7 @@
 //!
 //! The motion is made up analytically, so that all columns fit each other exactly; then one mistake at a time is put in.
 
-use rotortwin_plant::vehicle::{Layout, VehicleModel};
+use rotortwin_plant::vehicle::model::{Layout, VehicleModel};
 use rotortwin_twin::log::{FindingKind, FlightLog, names};
 use std::path::PathBuf;
 
@@ -350,7 +350,7 @@ fn val_delays_are_found_and_taken_out() {
 /// The vehicles of the public logs hover where their flights did.
 #[test]
 fn val_crazyflie_vehicles_hover_at_the_duty_of_their_flights() {
-    use rotortwin_plant::VehicleDocuments;
+    use rotortwin_scenario::VehicleDocuments;
     // Duty and voltage of the hovers: CrazyPAD E8, mean of seven healthy flights; Eschmann et al., their curve at 27 g and the voltage
     // that the curve is taken at.
     for (file, duty, voltage_v) in [("crazyflie-e8", 0.676, 3.53), ("crazyflie-2", 0.66, 3.8)] {

@@ -3,7 +3,7 @@
 mod development_data;
 
 use development_data::shared;
-use rotortwin_plant::VehicleDocuments;
+use rotortwin_scenario::VehicleDocuments;
 use rotortwin_twin::log::{FindingKind, FlightLog, names};
 use std::path::{Path, PathBuf};
 

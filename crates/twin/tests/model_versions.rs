@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use rotortwin_plant::VehicleDocuments;
+use rotortwin_scenario::VehicleDocuments;
 use rotortwin_twin::model::specification::{effect_by_hand, parse_parameter};
 use rotortwin_twin::model::{
     Correlation, Difference, HeldOut, LogReference, ModelEffect, ModelStore, ModelVersion, Source,

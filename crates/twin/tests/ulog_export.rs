@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot write or read its run has failed")]
 
 use rotortwin_store::export::{ExportFormat, export_to};
-use rotortwin_store::run_folder::TELEMETRY_FILE;
+use rotortwin_store::files::TELEMETRY_FILE;
 use rotortwin_store::{RunFolder, SpoolHeader, SpoolWriter, Summary, finalise};
 use rotortwin_twin::log::FlightLog;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ fn exported(folder: &Path) -> (PathBuf, PathBuf) {
     spool.finish().unwrap();
     let mut summary = Summary::default();
     summary.scenario.vehicle = "made up".to_owned();
-    finalise(&run, summary, &[]).unwrap();
+    finalise(&run, summary).unwrap();
     let ulog = folder.join("run.ulg");
     export_to(run.path(), ExportFormat::Ulog, &ulog).unwrap();
     (run.path().join(TELEMETRY_FILE), ulog)

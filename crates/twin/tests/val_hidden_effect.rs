@@ -8,7 +8,7 @@ mod skip;
 
 use std::path::PathBuf;
 
-use rotortwin_plant::VehicleDocuments;
+use rotortwin_scenario::VehicleDocuments;
 use rotortwin_twin::diagnose::{Diagnosis, Options, Verdict, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;

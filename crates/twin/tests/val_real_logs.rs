@@ -3,10 +3,10 @@
 mod development_data;
 
 use development_data::shared;
+use rotortwin_twin::baseline::trim;
 use rotortwin_twin::diagnose::{Options, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;
-use rotortwin_twin::trim::trim;
 use std::path::{Path, PathBuf};
 
 fn model(vehicle: &str) -> ModelVersion {

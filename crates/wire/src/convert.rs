@@ -7,8 +7,8 @@
 //! over frames in their `canonical` form, where −0 has become +0, over every back end alike: see [`SensorFrame::canonical`].
 
 use crate::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
-use crate::proto::{self, verdict::Kind};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_proto::{self as proto, verdict::Kind};
 
 /// Why a message was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

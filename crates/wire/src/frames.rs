@@ -3,15 +3,13 @@
 //! Field for field the messages of `proto/rotortwin/v1/signals.proto`, which documents ranges. Arrays over rotors have
 //! [`MAX_ROTORS`] entries; those past the rotor count are 0.
 
-use iceoryx2::prelude::ZeroCopySend;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
 use rotortwin_flight_core::signals::{Measurement, MotorCommand, NavState, Reference};
 
 /// Which step of which run a message belongs to.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
-#[type_name("rotortwin.v1.Stamp")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stamp {
     /// Identity of the run, drawn anew for each execution, never 0.
     pub run_id: u64,
@@ -23,8 +21,7 @@ pub struct Stamp {
 
 /// Plant to controller and FDI engine, at the start of a step.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
-#[type_name("rotortwin.v1.SensorFrame")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorFrame {
     /// Run and step.
     pub stamp: Stamp,
@@ -91,8 +88,7 @@ impl SensorFrame {
 
 /// Controller to plant and FDI engine: the duty held over the step.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
-#[type_name("rotortwin.v1.CommandFrame")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CommandFrame {
     /// Run and step of the [`SensorFrame`] that this answers.
     pub stamp: Stamp,
@@ -128,8 +124,7 @@ pub const MAX_HYPOTHESES: usize = rotortwin_flight_core::fdi::MAX_HYPOTHESES;
 /// Lost thrust of one rotor at hover with its 95 % interval; all 0 if no rotor is named, all but the loss of an engine that gives no
 /// interval.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
-#[type_name("rotortwin.v1.LossEstimate")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossEstimate {
     /// N.
     pub loss_n: f32,
@@ -176,8 +171,7 @@ impl LossEstimate {
 
 /// FDI engine to plant: residuals and verdicts of the step.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
-#[type_name("rotortwin.v1.FdiReport")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FdiReport {
     /// Run and step of the [`SensorFrame`] that this answers.
     pub stamp: Stamp,

@@ -2,10 +2,10 @@
 
 use crate::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
 use crate::link::{ControllerPeer, FdiPeer};
-use crate::proto::{ControllerSetup, FdiSetup};
 use crate::setup;
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::fdi::{self, FdiEngine};
+use rotortwin_proto::{ControllerSetup, FdiSetup};
 
 /// The cascaded PID controller of `flight-core` (Table 5).
 #[derive(Default)]

@@ -3,13 +3,13 @@
 //! What passes here passes without loss: a configuration sent and read back is the same, bit for bit. What is wrong is refused
 //! with one sentence that names the field; whether the numbers make a flyable vehicle is for `flight-core` to say.
 
-use crate::proto::{self, controller_setup, fdi_setup};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::control::{ControllerConfig, PidGains, ThrustToDuty};
 use rotortwin_flight_core::fdi::{FdiConfig, Network, NetworkWeights, NominalThrust, SequentialConfig, TTestConfig};
 use rotortwin_flight_core::frames::Vec3;
 use rotortwin_flight_core::geometry::{Geometry, Rotor, Spin};
 use rotortwin_flight_core::thrust_map::ThrustMap;
+use rotortwin_proto::{self as proto, controller_setup, fdi_setup};
 use std::collections::BTreeMap;
 
 /// Where the vertical integrator starts.

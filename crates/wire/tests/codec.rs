@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 use prost::Message;
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_proto::{self as proto, verdict::Kind};
 use rotortwin_wire::convert::{check_command, check_report, check_sensors};
 use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
-use rotortwin_wire::proto::{self, verdict::Kind};
 
 /// Finite numbers of every size, subnormal ones and zeros of both signs among them.
 fn finite() -> impl Strategy<Value = f32> {

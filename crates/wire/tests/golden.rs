@@ -5,12 +5,12 @@
 //! to a message later is absent from the old file and has its default here.
 
 use prost::Message;
-use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
-use rotortwin_wire::proto::{
+use rotortwin_proto::{
     BodyVector, ControllerSetup, FdiReports, FdiSetup, Finish, Join, MeasuredStep, MeasuredSteps, NetworkSetup,
     PidGains, Ready, RigidBody, Role, Rotor, SequentialSetup, Setup, TTestSetup, ThrustMap, controller_setup,
     fdi_setup, setup,
 };
+use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
 use std::fmt::Debug;
 use std::path::PathBuf;
 
@@ -110,7 +110,7 @@ fn report_of_a_pair() -> FdiReport {
 
 #[test]
 fn regress_golden_loop_messages() {
-    check("SensorFrame", &rotortwin_wire::proto::SensorFrame::from(&sensors()));
+    check("SensorFrame", &rotortwin_proto::SensorFrame::from(&sensors()));
     check("MotorCommand", &command().to_proto(6));
     check("FdiReport", &report().to_proto(6));
     check("FdiReport-pair", &report_of_a_pair().to_proto(6));

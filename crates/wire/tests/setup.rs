@@ -6,7 +6,7 @@ use rotortwin_flight_core::control::{ControllerConfig, PidGains, ThrustToDuty};
 use rotortwin_flight_core::fdi::{FdiConfig, Network, NetworkWeights, NominalThrust, SequentialConfig, TTestConfig};
 use rotortwin_flight_core::geometry::Geometry;
 use rotortwin_flight_core::thrust_map::ThrustMap;
-use rotortwin_wire::proto;
+use rotortwin_proto as proto;
 use rotortwin_wire::setup::{Trim, controller_config, controller_setup, fdi_config, fdi_setup, network_setup};
 
 fn blade_a() -> ThrustMap {

@@ -7,7 +7,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use rotortwin_flight_core::{MAX_ROTORS, signals::MotorCommand};
-use rotortwin_plant::{Documents, Scenario, Simulation};
+use rotortwin_scenario::{Documents, Scenario};
 use std::path::Path;
 use std::sync::LazyLock;
 use toml::Value;
@@ -171,7 +171,7 @@ fuzz_target!(|data: &[u8]| {
     let again = Scenario::from_documents(&again).expect("what was accepted is accepted again");
     assert_eq!(again.documents().to_toml(), kept);
     drop(scenario.warnings());
-    let Ok(mut simulation) = Simulation::new(&scenario, scenario.seed()) else {
+    let Ok(mut simulation) = scenario.simulation(scenario.seed()) else {
         return;
     };
     let duty = simulation.hover_duty();

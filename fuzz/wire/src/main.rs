@@ -1,22 +1,13 @@
 //! Messages from strangers: bytes of any kind through the decoder, the conversions and the hand-shake.
 //!
-//! The modules are taken in by path: the crate itself would bring the transports with it, which have no part in decoding.
 //! The first byte says which message the rest is.
 
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use prost::Message;
-
-#[path = "../../../crates/wire/src/convert.rs"]
-mod convert;
-#[path = "../../../crates/wire/src/frames.rs"]
-mod frames;
-#[path = "../../../crates/wire/src/setup.rs"]
-mod setup;
-mod proto {
-    include!("../../../crates/wire/src/proto/rotortwin.v1.rs");
-}
+use rotortwin_proto as proto;
+use rotortwin_wire::{convert, frames, setup};
 
 fuzz_target!(|data: &[u8]| {
     let Some((&which, bytes)) = data.split_first() else {

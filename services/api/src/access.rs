@@ -1,7 +1,8 @@
 //! Who asks, and whether he may.
 //!
 //! As long as no token was ever made, everybody on this host may do everything on the account `local`, and the server listens to nobody
-//! else. From the first token on, every address under `/api/` needs `Authorization: Bearer TOKEN`.
+//! else. From the first token on, every address under `/api/` needs `Authorization: Bearer TOKEN`, or a session of a browser
+//! ([`crate::sessions`]).
 
 use crate::App;
 use crate::jobs::{Job, LOCAL_TENANT};
@@ -32,7 +33,7 @@ pub(crate) struct Caller {
 
 impl Caller {
     /// The only one there is where nobody needs a token.
-    fn local() -> Self {
+    pub(crate) fn local() -> Self {
         Self {
             tenant: LOCAL_TENANT.to_owned(),
             sees_all: true,
@@ -86,8 +87,12 @@ impl Rate {
 /// Lets through who may.
 pub(crate) async fn authorize(State(app): State<Arc<App>>, mut request: Request, next: Next) -> Response {
     let path = request.uri().path();
-    // For watchdogs and scrapers; they tell of nobody's jobs.
-    if matches!(path, "/healthz" | "/readyz") || path == "/api/v1/openapi.json" || path.starts_with("/api/v1/docs") {
+    // For watchdogs, the page, and whoever is about to say who he is; they tell of nobody's jobs.
+    if crate::web::is_page(path)
+        || path == "/api/v1/session"
+        || path == "/api/v1/openapi.json"
+        || path.starts_with("/api/v1/docs")
+    {
         return next.run(request).await;
     }
     let caller = match caller(&app, request.method(), request.headers()).await {
@@ -118,14 +123,37 @@ pub(crate) async fn authorize(State(app): State<Arc<App>>, mut request: Request,
 }
 
 async fn caller(app: &App, method: &Method, headers: &HeaderMap) -> Result<Caller, Problem> {
-    let Some(value) = headers.get(header::AUTHORIZATION) else {
-        if app.database.has_tokens().await? {
-            return Err(Problem::unauthorized("expected a header `Authorization: Bearer TOKEN`"));
-        }
+    if !headers.contains_key(header::AUTHORIZATION) && !app.database.has_tokens().await? {
         return Ok(Caller::local());
+    }
+    let token = token(app, headers).await?;
+    permit(&token, method)?;
+    Ok(Caller {
+        sees_all: token.scopes.contains(&Scope::Admin),
+        may_write: permit(&token, &Method::POST).is_ok(),
+        tenant: token.tenant,
+    })
+}
+
+pub(crate) fn worthless() -> Problem {
+    Problem::unauthorized("the token is unknown, revoked or has expired; `rotortwin token` makes another one")
+}
+
+/// The token that a request brings, in its header or as a session.
+///
+/// # Errors
+/// 401: none, or one that is worth nothing.
+pub(crate) async fn token(app: &App, headers: &HeaderMap) -> Result<Token, Problem> {
+    let Some(value) = headers.get(header::AUTHORIZATION) else {
+        let Some(secret) = crate::sessions::secret(headers) else {
+            return Err(Problem::unauthorized(
+                "expected a header `Authorization: Bearer TOKEN`, or a session (`POST /api/v1/session`)",
+            ));
+        };
+        let token = app.database.token_of_session(secret).await?;
+        return token
+            .ok_or_else(|| Problem::unauthorized("the session is over, or its token is revoked or has expired"));
     };
-    let refused =
-        || Problem::unauthorized("the token is unknown, revoked or has expired; `rotortwin token` makes another one");
     let text = value
         .to_str()
         .ok()
@@ -133,13 +161,7 @@ async fn caller(app: &App, method: &Method, headers: &HeaderMap) -> Result<Calle
         .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
         .map(|(_, token)| token.trim())
         .ok_or_else(|| Problem::unauthorized("expected a header `Authorization: Bearer TOKEN`"))?;
-    let token = app.database.token(text).await?.ok_or_else(refused)?;
-    permit(&token, method)?;
-    Ok(Caller {
-        sees_all: token.scopes.contains(&Scope::Admin),
-        may_write: permit(&token, &Method::POST).is_ok(),
-        tenant: token.tenant,
-    })
+    app.database.token(text).await?.ok_or_else(worthless)
 }
 
 fn permit(token: &Token, method: &Method) -> Result<(), Problem> {

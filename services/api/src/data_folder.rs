@@ -3,8 +3,14 @@
 //! One process at a time: the lock is held as long as the process lives, and goes with it however it dies.
 
 use rustix::fs::{FlockOperation, flock};
-use std::fs::File;
+use std::fs::{File, Permissions};
+use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
+
+/// For this user alone.
+const OWN_FOLDER: u32 = 0o700;
+/// For this user alone.
+pub(crate) const OWN_FILE: u32 = 0o600;
 
 /// The data folder, locked.
 #[derive(Debug)]
@@ -22,10 +28,15 @@ impl DataFolder {
         let told = |error: std::io::Error| format!("{}: cannot be used as data folder: {error}", path.display());
         std::fs::create_dir_all(path).map_err(told)?;
         let path = path.canonicalize().map_err(told)?;
+        // Logs, results and hashes of tokens are nobody else's. A folder that was mounted for us may be somebody else's to change.
+        if let Err(error) = std::fs::set_permissions(&path, Permissions::from_mode(OWN_FOLDER)) {
+            tracing::debug!(%error, path = %path.display(), "the permissions of the data folder stay");
+        }
         let lock = File::options()
             .create(true)
             .truncate(false)
             .write(true)
+            .mode(OWN_FILE)
             .open(path.join("lock"))
             .map_err(told)?;
         flock(&lock, FlockOperation::NonBlockingLockExclusive).map_err(|error| {

@@ -12,23 +12,28 @@
 
 mod access;
 mod artifacts;
+mod browsers;
 mod clock;
+mod connections;
 mod data_folder;
 pub mod fdi;
 mod jobs;
 mod library;
 mod problem;
 mod routes;
+mod sessions;
 mod tls;
 pub mod tokens;
 mod traces;
+mod web;
 mod worker;
 
 use crate::access::Rate;
 use crate::artifacts::Artifacts;
+use crate::browsers::HostNames;
 use crate::data_folder::DataFolder;
 use crate::fdi::FdiSessions;
-use crate::jobs::database::Database;
+use crate::jobs::database::{Database, SERVER_CONNECTIONS, WORKER_CONNECTIONS};
 use crate::jobs::queue::FairShare;
 use crate::library::Library;
 use crate::tls::TlsListener;
@@ -51,6 +56,8 @@ pub use routes::openapi_document;
 
 /// Jobs that were begun may take this long to be put back into the queue when the process ends.
 const END_GRACE: Duration = Duration::from_secs(5);
+/// The database may take this long to be closed.
+const CLOSE_GRACE: Duration = Duration::from_secs(2);
 
 /// Where jobs and their files are, and how many are done at the same time: the same for a server and for a worker.
 #[derive(Debug, Clone)]
@@ -69,6 +76,8 @@ pub struct WorkConfig {
     pub roles: Vec<String>,
     /// Jobs of one tenant that run at the same time, at most.
     pub most_running: u32,
+    /// Memory that each process of a job may take, bytes.
+    pub job_memory: u64,
     /// The plants of runs over zenoh listen here: `tcp/10.0.0.2:0`.
     pub zenoh_listen: String,
     /// All processes of runs over zenoh connect to this router instead.
@@ -94,6 +103,8 @@ pub struct ServeConfig {
     pub largest_upload: u64,
     /// A flight takes at most so long, s of simulated time.
     pub longest_flight_s: f64,
+    /// Names beside localhost by which it may be called; none: any, if it listens to other hosts.
+    pub allowed_hosts: Vec<String>,
     /// Pages of these origins may use the API from a browser; none: only its own.
     pub cors_origins: Vec<String>,
     /// Scenarios and vehicles, laid out as `config/` of the project.
@@ -112,6 +123,8 @@ pub struct ServeConfig {
 #[derive(Debug)]
 pub(crate) struct App {
     pub(crate) config: ServeConfig,
+    /// By which names it lets itself be called.
+    pub(crate) hosts: HostNames,
     /// The server's own folder; [`App::library`] is what a caller sees.
     pub(crate) shelf: Library,
     pub(crate) database: Database,
@@ -141,12 +154,16 @@ impl Worker {
     /// # Errors
     /// One sentence: what, where, what was expected.
     pub async fn open(config: WorkConfig) -> Result<Self, String> {
+        Self::open_with(config, WORKER_CONNECTIONS).await
+    }
+
+    async fn open_with(config: WorkConfig, most_connections: u32) -> Result<Self, String> {
         // For TLS to databases and buckets; an error says that there is one already.
         let _chosen = rustls::crypto::ring::default_provider().install_default();
         let traces = Traces::from_environment(&config.name)?;
         let folder = DataFolder::open(&config.data)?;
         let database = match &config.database_url {
-            Some(url) => Database::open_postgres(url).await?,
+            Some(url) => Database::open_postgres(url, most_connections).await?,
             None => Database::open_file(&folder.database()).await?,
         };
         let (root, bucket) = match config.artifacts.as_deref() {
@@ -177,6 +194,7 @@ impl Worker {
                 None => Meeting::Listen(config.zenoh_listen.clone()),
             },
             threads: (std::thread::available_parallelism().map_or(1, usize::from) / config.workers.max(1)).max(1),
+            job_memory: config.job_memory,
             ending: watch::channel(false).0,
             traces,
         });
@@ -205,7 +223,13 @@ impl Worker {
         if tokio::time::timeout(END_GRACE, all).await.is_err() {
             tracing::warn!("some jobs did not end in time; they will be begun again");
         }
-        self.shop.database.close().await;
+        // One that does not answer is not waited for.
+        if tokio::time::timeout(CLOSE_GRACE, self.shop.database.close())
+            .await
+            .is_err()
+        {
+            tracing::warn!("the database did not let go in time");
+        }
         self.shop.traces.end().await;
     }
 
@@ -244,8 +268,9 @@ impl Server {
                 config.listen
             ));
         }
+        let hosts = HostNames::new(config.listen, &config.allowed_hosts)?;
         let shelf = Library::open(&config.library)?;
-        let worker = Worker::open(config.work.clone()).await?;
+        let worker = Worker::open_with(config.work.clone(), SERVER_CONNECTIONS).await?;
         let has_tokens = worker.shop.database.has_tokens().await;
         if open && !has_tokens.map_err(|error| format!("the tokens cannot be read: {error}"))? {
             return Err(format!(
@@ -264,6 +289,7 @@ impl Server {
         let app = Arc::new(App {
             rate: Rate::new(config.rate),
             config,
+            hosts,
             shelf,
             database: worker.shop.database.clone(),
             artifacts: worker.shop.artifacts.clone(),
@@ -285,11 +311,8 @@ impl Server {
         format!("{scheme}://{}", self.address)
     }
 
-    /// Serves until `stop` is ready; jobs that run then go back into the queue.
-    ///
-    /// # Errors
-    /// The socket fails.
-    pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<(), String> {
+    /// Serves until `stop` is ready; jobs that run then go back into the queue. Clients that take too long do not hold up the end.
+    pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) {
         let tasks = self.worker.start();
         let shop = Arc::clone(&self.worker.shop);
         let ended = async move {
@@ -297,15 +320,15 @@ impl Server {
             shop.ending.send_replace(true);
         };
         let router = routes::router(Arc::clone(&self.app));
-        let served = match self.acceptor {
-            None => axum::serve(self.listener, router).with_graceful_shutdown(ended).await,
+        tokio::spawn(ended);
+        let ending = self.worker.shop.ending.subscribe();
+        match self.acceptor {
+            None => connections::serve(self.listener, router, ending).await,
             Some(acceptor) => {
                 let listener = TlsListener::new(self.listener, acceptor, self.address);
-                axum::serve(listener, router).with_graceful_shutdown(ended).await
+                connections::serve(listener, router, ending).await;
             }
-        };
-        let served = served.map_err(|error| format!("the server failed: {error}"));
+        }
         self.worker.end(tasks).await;
-        served
     }
 }

@@ -35,6 +35,23 @@ impl Problem {
         }
     }
 
+    /// What the framework refuses, by its status.
+    fn of_rejection(status: StatusCode, detail: String) -> Self {
+        match status {
+            StatusCode::PAYLOAD_TOO_LARGE => Self::too_large(detail),
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => Self::unsupported(detail),
+            StatusCode::UNPROCESSABLE_ENTITY => Self::unprocessable(detail),
+            StatusCode::METHOD_NOT_ALLOWED => Self::method_not_allowed(detail),
+            StatusCode::UPGRADE_REQUIRED => Self::new(
+                status,
+                "upgrade-required",
+                "This connection cannot become a WebSocket",
+                detail,
+            ),
+            _ => Self::bad_request(detail),
+        }
+    }
+
     /// The same with all that is wrong with a document.
     #[must_use]
     pub(crate) fn with_complaints(mut self, complaints: Vec<String>) -> Self {
@@ -117,6 +134,26 @@ impl Problem {
         )
     }
 
+    /// 403: a web page of somebody else asks.
+    pub(crate) fn foreign_page(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::FORBIDDEN,
+            "foreign-page",
+            "Web pages of others change nothing here",
+            detail,
+        )
+    }
+
+    /// 421: for a host that this server is not.
+    pub(crate) fn misdirected(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::MISDIRECTED_REQUEST,
+            "misdirected",
+            "The request is for another host",
+            detail,
+        )
+    }
+
     /// 422: it can be read and cannot be flown.
     pub fn unprocessable(detail: impl Into<String>) -> Self {
         Self::new(
@@ -172,19 +209,24 @@ impl Problem {
     }
 }
 
+/// Pause before another try where the server or its database is away for a moment, s.
+const RETRY_S: u64 = 2;
+
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let body = serde_json::to_string(&self).unwrap_or_default();
-        (status, [(header::CONTENT_TYPE, "application/problem+json")], body).into_response()
+        let mut response = (status, [(header::CONTENT_TYPE, "application/problem+json")], body).into_response();
+        if status == StatusCode::SERVICE_UNAVAILABLE {
+            response.headers_mut().insert(header::RETRY_AFTER, RETRY_S.into());
+        }
+        response
     }
 }
 
 impl From<JsonRejection> for Problem {
     fn from(rejection: JsonRejection) -> Self {
-        let mut problem = Self::bad_request(rejection.body_text());
-        problem.status = rejection.status().as_u16();
-        problem
+        Self::of_rejection(rejection.status(), rejection.body_text())
     }
 }
 
@@ -202,25 +244,19 @@ impl From<QueryRejection> for Problem {
 
 impl From<BytesRejection> for Problem {
     fn from(rejection: BytesRejection) -> Self {
-        let mut problem = Self::bad_request(rejection.body_text());
-        problem.status = rejection.status().as_u16();
-        problem
+        Self::of_rejection(rejection.status(), rejection.body_text())
     }
 }
 
 impl From<StringRejection> for Problem {
     fn from(rejection: StringRejection) -> Self {
-        let mut problem = Self::bad_request(rejection.body_text());
-        problem.status = rejection.status().as_u16();
-        problem
+        Self::of_rejection(rejection.status(), rejection.body_text())
     }
 }
 
 impl From<WebSocketUpgradeRejection> for Problem {
     fn from(rejection: WebSocketUpgradeRejection) -> Self {
-        let mut problem = Self::bad_request(rejection.body_text());
-        problem.status = rejection.status().as_u16();
-        problem
+        Self::of_rejection(rejection.status(), rejection.body_text())
     }
 }
 
@@ -233,9 +269,27 @@ impl From<sqlx::Error> for Problem {
         if text.contains("database is locked") {
             return Self::unavailable("the database is busy with other requests; expected a later try");
         }
-        match error {
-            sqlx::Error::PoolTimedOut => Self::unavailable("the database did not answer in time"),
-            other => Self::internal(&other),
+        if is_away(&error) {
+            tracing::warn!(%error, "the database is away");
+            return Self::unavailable("the database does not answer now; expected a later try");
         }
+        Self::internal(&error)
+    }
+}
+
+/// Whether the same may go well in a moment: the database starts or ends, cannot be reached, has no connection left, or somebody who may be
+/// gone holds a row.
+fn is_away(error: &sqlx::Error) -> bool {
+    /// Postgres: shut down, crashed, starting; no connection left; a transaction or statement that took too long; a row that is held;
+    /// transactions in each other's way.
+    const PASSING: &[&str] = &[
+        "57P01", "57P02", "57P03", "57P05", "53300", "25P03", "57014", "55P03", "40001", "40P01",
+    ];
+    match error {
+        sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::WorkerCrashed => true,
+        sqlx::Error::Database(error) => error
+            .code()
+            .is_some_and(|code| PASSING.contains(&code.as_ref()) || code.starts_with("08")),
+        _ => false,
     }
 }

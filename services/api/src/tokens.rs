@@ -78,7 +78,7 @@ pub struct NewToken {
 /// One sentence.
 pub async fn open(data: &Path, database_url: Option<&str>) -> Result<Tokens, String> {
     let database = match database_url {
-        Some(url) => Database::open_postgres(url).await?,
+        Some(url) => Database::open_postgres(url, 1).await?,
         None => {
             std::fs::create_dir_all(data)
                 .map_err(|error| format!("{}: cannot be used as data folder: {error}", data.display()))?;
@@ -178,7 +178,7 @@ impl Database {
     }
 }
 
-fn token_of(row: &sqlx::any::AnyRow) -> Result<Token, sqlx::Error> {
+pub(crate) fn token_of(row: &sqlx::any::AnyRow) -> Result<Token, sqlx::Error> {
     let scopes: String = row.try_get("scopes")?;
     Ok(Token {
         id: row.try_get("id")?,
@@ -192,7 +192,7 @@ fn token_of(row: &sqlx::any::AnyRow) -> Result<Token, sqlx::Error> {
 }
 
 /// The secret has 256 random bits: no salt and no slow hash is needed.
-fn hash(text: &str) -> String {
+pub(crate) fn hash(text: &str) -> String {
     Sha256::digest(text.as_bytes())
         .iter()
         .fold(String::with_capacity(64), |mut hex, byte| {

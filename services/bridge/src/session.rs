@@ -19,11 +19,11 @@ use rotortwin_board::message::{Begin, Options, Reply, Report, Sensors, Verdicts,
 use rotortwin_board::parameters;
 use rotortwin_flight_core::fdi::Residuals;
 use rotortwin_flight_core::geometry::Geometry;
+use rotortwin_proto::Role;
 use rotortwin_wire::convert;
 use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame};
 use rotortwin_wire::link::{FdiPeer, LinkError, PlantLink, RunSetup};
 use rotortwin_wire::peers::FdiEnginePeer;
-use rotortwin_wire::proto::Role;
 use rotortwin_wire::setup;
 use std::collections::VecDeque;
 use std::time::Duration;

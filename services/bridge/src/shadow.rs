@@ -1,9 +1,9 @@
 //! Our own controller and FDI engine beside the board, fed the same: the first bit that differs.
 
+use rotortwin_proto::Role;
 use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame};
 use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
-use rotortwin_wire::proto::Role;
 
 /// Where board and host part.
 #[derive(Clone, Debug, PartialEq)]

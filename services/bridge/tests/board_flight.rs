@@ -9,10 +9,10 @@ use rotortwin_bridge::address::BoardAddress;
 use rotortwin_bridge::line::{Channel, FileLine, Line};
 use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
 use rotortwin_bridge::virtual_line::{LineModel, Unplugged, VirtualLine};
-use rotortwin_campaign::flight::{self, FlightEnd, FlightOutcome, NoObserver};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_campaign::setup::run_setup;
-use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightOutcome, NoObserver};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::setup::run_setup;
+use rotortwin_scenario::Scenario;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
@@ -36,9 +36,9 @@ fn beginning(duration_s: f64) -> Scenario {
 }
 
 fn fly(scenario: &Scenario, link: &mut impl PlantLink) -> FlightOutcome {
-    let mut simulation = Simulation::new(scenario, 1).expect("flyable");
+    let mut simulation = scenario.simulation(1).expect("flyable");
     let setup = run_setup(scenario, &simulation, 7);
-    flight::fly(&mut simulation, link, &setup, Pace::Fast, &mut NoObserver)
+    lockstep::fly(&mut simulation, link, &setup, Pace::Fast, &mut NoObserver)
 }
 
 fn host_hash(scenario: &Scenario) -> String {
@@ -193,7 +193,7 @@ fn scenario_lost_board_is_named() {
 }
 
 fn setup(scenario: &Scenario) -> RunSetup {
-    let simulation = Simulation::new(scenario, 1).expect("flyable");
+    let simulation = scenario.simulation(1).expect("flyable");
     run_setup(scenario, &simulation, 7)
 }
 

@@ -10,10 +10,10 @@
 
 use clap::Parser as _;
 use rotortwin_controller::Args;
+use rotortwin_proto::ControllerSetup;
+use rotortwin_proto::controller_setup::ThrustToDuty;
 use rotortwin_wire::frames::{CommandFrame, SensorFrame};
 use rotortwin_wire::link::ControllerPeer;
-use rotortwin_wire::proto::ControllerSetup;
-use rotortwin_wire::proto::controller_setup::ThrustToDuty;
 use std::process::ExitCode;
 
 /// (K_p 1/s², K_d 1/s) of a north, east or down axis; of roll and pitch; of yaw.
@@ -53,7 +53,7 @@ impl ControllerPeer for PdController {
         let Some(ThrustToDuty::FullThrustN(full_thrust)) = setup.thrust_to_duty else {
             return Err("expected thrust_to_duty = \"linear\", got the inverse map".to_owned());
         };
-        let rotor = |it: &rotortwin_wire::proto::Rotor| {
+        let rotor = |it: &rotortwin_proto::Rotor| {
             let position = it.position_m.unwrap_or_default();
             // Spin +1 turns counter-clockwise seen from above and pushes the nose to the right.
             Rotor {

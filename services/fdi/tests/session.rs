@@ -1,13 +1,13 @@
 //! A session says what the engine of a run says, and takes nothing that a run would not.
 
-use rotortwin_campaign::flight::{self, FlightEnd, FlightObserver, StopReason};
-use rotortwin_campaign::pace::Pace;
-use rotortwin_campaign::setup::run_setup;
 use rotortwin_fdi::service::message::refusal_message;
 use rotortwin_fdi::service::session::{LONGEST_BRIDGE, REMEMBERED};
 use rotortwin_fdi::service::{Answer, Calibration, Chunk, FdiSession, Refusal, Sample, Window};
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::setup::run_setup;
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_plant::{Scenario, Simulation};
+use rotortwin_scenario::Scenario;
 use rotortwin_wire::frames::FdiReport;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
@@ -23,7 +23,7 @@ struct Recorder {
 }
 
 impl FlightObserver for Recorder {
-    fn sample(&mut self, sample: &flight::Sample) -> Result<(), String> {
+    fn sample(&mut self, sample: &rotortwin_flight::sample::Sample) -> Result<(), String> {
         let sensors = &sample.sensors;
         self.samples.push(Sample {
             position_ned_m: sensors.position_ned_m,
@@ -65,11 +65,11 @@ fn flown() -> &'static Recorder {
     static FLOWN: OnceLock<Recorder> = OnceLock::new();
     FLOWN.get_or_init(|| {
         let scenario = scenario();
-        let mut simulation = Simulation::new(&scenario, 7).expect("a good scenario");
+        let mut simulation = scenario.simulation(7).expect("a good scenario");
         let setup = run_setup(&scenario, &simulation, 7);
         let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
         let mut recorder = Recorder::default();
-        let outcome = flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut recorder);
+        let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut recorder);
         assert!(matches!(outcome.end, FlightEnd::Done), "{:?}", outcome.end);
         recorder
     })

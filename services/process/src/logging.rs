@@ -12,6 +12,8 @@ pub fn start_logging() {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
+        // It would complain on standard error that standard error cannot be written, and panic.
+        .log_internal_errors(false)
         .with_target(false);
     let started = if std::env::var_os("ROTORTWIN_LOG_FORMAT").is_some_and(|format| format == "json") {
         lines.json().flatten_event(true).try_init()

@@ -1,13 +1,13 @@
 //! What a controller or FDI process is told on its command line, and how it serves a run.
 
 use crate::address::DEFAULT_DOMAIN;
-use crate::{EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor};
+use crate::{EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, complain};
 use clap::Args;
-use rotortwin_wire::link::endpoint::{PeerOptions, serve_controller, serve_fdi};
-use rotortwin_wire::link::iox2::{Iox2Endpoint, Iox2Options};
-use rotortwin_wire::link::zenoh::{ZenohEndpoint, ZenohOptions};
+use rotortwin_links::endpoint::{PeerOptions, serve_controller, serve_fdi};
+use rotortwin_links::iox2::{Iox2Endpoint, Iox2Options};
+use rotortwin_links::zenoh::{ZenohEndpoint, ZenohOptions};
+use rotortwin_proto::Role;
 use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, LinkTiming};
-use rotortwin_wire::proto::Role;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -58,16 +58,12 @@ impl PeerArgs {
         serve: impl FnOnce(AnyEndpoint, &PeerOptions) -> Result<u64, LinkError>,
     ) -> ExitCode {
         crate::start_logging();
-        let complain = |sentence: &dyn std::fmt::Display, code| {
-            eprintln!("{program}: {sentence}");
-            ExitCode::from(code)
-        };
         if let Err(sentence) = self.settle() {
-            return complain(&sentence, EXIT_BAD_INPUT);
+            return complain(program, sentence, EXIT_BAD_INPUT);
         }
         let endpoint = match AnyEndpoint::open(&self.link, role, self.run_id, self.timing().join) {
             Ok(endpoint) => endpoint,
-            Err(error) => return complain(&error, EXIT_BAD_INPUT),
+            Err(error) => return complain(program, error, EXIT_BAD_INPUT),
         };
         let options = PeerOptions::new(format!("{program} {}", env!("CARGO_PKG_VERSION")), &self.timing());
         match serve(endpoint, &options) {
@@ -75,7 +71,7 @@ impl PeerArgs {
                 tracing::info!(steps, "the run is over");
                 ExitCode::SUCCESS
             }
-            Err(error) => complain(&error, EXIT_FAILED),
+            Err(error) => complain(program, error, EXIT_FAILED),
         }
     }
 

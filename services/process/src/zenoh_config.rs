@@ -23,9 +23,9 @@
 //! ```
 //! Paths are relative to the file. Passwords stand in files of their own, never on a command line.
 
-use rotortwin_wire::link::zenoh::Attachment;
-use rotortwin_wire::link::zenoh::security::{DEFAULT_SPACE, Grant, Login, Security, Tls};
-use rotortwin_wire::proto::Role;
+use rotortwin_links::zenoh::Attachment;
+use rotortwin_links::zenoh::security::{DEFAULT_SPACE, Grant, Login, Security, Tls};
+use rotortwin_proto::Role;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 

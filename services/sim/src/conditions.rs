@@ -3,9 +3,10 @@
 //! The telemetry holds a code per rotor and a bit per sensor fault; this module says when each is in force and what it means.
 
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_plant::sensor_faults::SensorFaultEntry;
-use rotortwin_plant::sensors::Sensor;
-use rotortwin_plant::{Scenario, nearest_step};
+use rotortwin_plant::nearest_step;
+use rotortwin_plant::sensing::faults::SensorFaultEntry;
+use rotortwin_plant::sensing::readings::Sensor;
+use rotortwin_scenario::Scenario;
 use std::collections::BTreeMap;
 
 /// The schedule of one scenario, walked through step by step.

@@ -7,13 +7,14 @@
 //! ```
 //! * [`session`]: one run from its scenario to its folder, over any link. The in-process run of the command line uses it too.
 //! * [`recorder`]: samples into the telemetry spool, and the events that a supervisor shows.
+//! * [`commands`]: what an autopilot sent, kept for a replay.
 //! * [`conditions`]: what is wrong with which rotor at which step, in words.
 //! * [`events`]: those events, one JSON object a line on standard output.
 //! * [`live`]: samples of the telemetry among them, for people who look on.
 //! * [`process`]: what the process does with its arguments and signals.
 
+pub mod commands;
 pub mod conditions;
-pub mod events;
 pub mod live;
 pub mod process;
 pub mod recorder;

@@ -3,9 +3,9 @@
 //! A sample is the row that goes into the telemetry, of every so many steps of simulated time, and never more than [`MOST_PER_S`] a second of
 //! wall clock: what comes too fast is left out. The flight does not wait for anybody, and what is sampled changes nothing in it.
 
-use crate::events::{LiveSample, RunEvent};
 use rotortwin_plant::STEP_NS;
 use rotortwin_store::telemetry::{Column, Kind, TelemetryRow, telemetry_columns};
+use rotortwin_wire::events::{LiveSample, RunEvent};
 use std::time::{Duration, Instant};
 
 /// Most samples a second of wall clock.

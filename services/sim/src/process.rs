@@ -1,22 +1,26 @@
 //! The plant as a process of its own: arguments, signals, events on standard output.
 
-use crate::events::RunEvent;
 use crate::session::{self, SessionConfig};
 use clap::Parser;
-use rotortwin_campaign::pace::Pace;
-use rotortwin_plant::{Documents, Scenario, Simulation};
+use rotortwin_flight::pace::Pace;
+use rotortwin_links::endpoint::{Endpoint, EndpointLink};
 use rotortwin_process::{
-    AnyEndpoint, EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, parse_run_id, pin_to_cpu, start_logging,
+    AnyEndpoint, EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, complain, parse_run_id, pin_to_cpu,
+    start_logging,
 };
+use rotortwin_proto::Role;
+use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Status, Summary};
+use rotortwin_wire::events::RunEvent;
 use rotortwin_wire::link::LinkTiming;
-use rotortwin_wire::link::endpoint::{Endpoint, EndpointLink};
-use rotortwin_wire::proto::Role;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
+
+/// Who complains.
+const PROGRAM: &str = "rotortwin-sim";
 
 /// The plant process of a run.
 #[derive(Clone, Debug, Parser)]
@@ -87,7 +91,7 @@ pub fn run(args: Args) -> ExitCode {
     start_logging();
     let (scenario, seed) = match checked_scenario(&args) {
         Ok(pair) => pair,
-        Err(sentence) => return complain(sentence, EXIT_BAD_INPUT),
+        Err(sentence) => return complain(PROGRAM, sentence, EXIT_BAD_INPUT),
     };
     // The supervisor has made the folder, and keeps its logs in it.
     let folder = match if args.supervised {
@@ -96,21 +100,16 @@ pub fn run(args: Args) -> ExitCode {
         RunFolder::create(&args.out)
     } {
         Ok(folder) => folder,
-        Err(error) => return complain(error, EXIT_BAD_INPUT),
+        Err(error) => return complain(PROGRAM, error, EXIT_BAD_INPUT),
     };
     match fly(&args, &scenario, seed, &folder) {
         Ok(summary) if summary.status == Status::Done => ExitCode::SUCCESS,
         Ok(summary) => match summary.failure {
-            Some(failure) => complain(failure.sentence, EXIT_FAILED),
-            None => complain("the run was canceled", EXIT_FAILED),
+            Some(failure) => complain(PROGRAM, failure.sentence, EXIT_FAILED),
+            None => complain(PROGRAM, "the run was canceled", EXIT_FAILED),
         },
-        Err(sentence) => complain(sentence, EXIT_FAILED),
+        Err(sentence) => complain(PROGRAM, sentence, EXIT_FAILED),
     }
-}
-
-fn complain(sentence: impl std::fmt::Display, code: u8) -> ExitCode {
-    eprintln!("rotortwin-sim: {sentence}");
-    ExitCode::from(code)
 }
 
 fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
@@ -128,7 +127,7 @@ fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
     }
     .map_err(|error| error.to_string())?;
     let seed = args.seed.unwrap_or_else(|| scenario.seed());
-    Simulation::new(&scenario, seed).map_err(|error| error.to_string())?;
+    scenario.simulation(seed).map_err(|error| error.to_string())?;
     Ok((scenario, seed))
 }
 

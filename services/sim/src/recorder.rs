@@ -1,13 +1,15 @@
 //! Samples of a flight into the telemetry spool, and into the events that a supervisor shows.
 
 use crate::conditions::ConditionSchedule;
-use crate::events::{Change, Progress, RunEvent};
 use crate::live::LiveSampler;
-use rotortwin_campaign::flight::{FlightObserver, Sample, StopReason};
+use rotortwin_flight::lockstep::{FlightObserver, StopReason};
+use rotortwin_flight::sample::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::body::ground::GroundEvent;
 use rotortwin_store::StoreError;
 use rotortwin_store::spool::SpoolWriter;
 use rotortwin_store::telemetry::{TelemetryRow, TruthRow};
+use rotortwin_wire::events::{Change, Mishap, Progress, RunEvent};
 use std::time::{Duration, Instant};
 
 /// Wall-clock time between two progress events.
@@ -136,6 +138,19 @@ impl FlightObserver for Recorder<'_> {
     #[inline]
     fn stop_requested(&mut self) -> Option<StopReason> {
         (self.stop)()
+    }
+
+    fn mishap(&mut self, sim_time_s: f64, event: GroundEvent) {
+        let mishap = match event {
+            GroundEvent::HardLanding { speed_m_s } => Mishap::HardLanding { speed_m_s },
+            GroundEvent::TipOver { tilt_rad } => Mishap::TipOver { tilt_rad },
+            GroundEvent::RotorStrike { rotor } => Mishap::RotorStrike { rotor: rotor + 1 },
+        };
+        (self.emit)(RunEvent::Change(Change::Ground { sim_time_s, mishap }));
+    }
+
+    fn handed_over(&mut self, prelude_s: f64) {
+        (self.emit)(RunEvent::Change(Change::HandOver { prelude_s }));
     }
 }
 

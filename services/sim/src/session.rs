@@ -1,24 +1,30 @@
 //! One run from its scenario to its folder, over any link.
 
+use crate::commands::{Recorded, Recording};
 use crate::conditions::ConditionSchedule;
-use crate::events::RunEvent;
 use crate::recorder::Recorder;
-use rotortwin_campaign::flight::{self, FlightEnd, FlightOutcome, StopReason};
-use rotortwin_campaign::pace::{Pace, RealTimeReport};
-use rotortwin_campaign::run_hash::model_hash;
-pub use rotortwin_campaign::setup::run_setup;
-use rotortwin_plant::{STEP_NS, Scenario, Simulation};
+use rotortwin_flight::autopilot::{self, HandOver};
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightOutcome, NoObserver, StopReason};
+use rotortwin_flight::pace::{Pace, RealTimeReport};
+use rotortwin_flight::run_hash::model_hash;
+pub use rotortwin_flight::setup::run_setup;
+use rotortwin_plant::{STEP_NS, Simulation};
 use rotortwin_process::{StopRequest, Supervisor};
+use rotortwin_scenario::Scenario;
 use rotortwin_store::StoreError;
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::spool::{SpoolHeader, SpoolReader, SpoolWriter};
 use rotortwin_store::summary::{Failure, RealTime, ScenarioRecord, Status, Summary};
+use rotortwin_wire::autopilot::Autopilot;
+use rotortwin_wire::events::RunEvent;
 use rotortwin_wire::link::in_process::InProcessLink;
-use rotortwin_wire::link::{LinkError, PlantLink};
+use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
-use rotortwin_wire::proto::FILE_DESCRIPTOR_SET;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// How the link of a run is called that an autopilot of its own clock flew.
+pub const AUTOPILOT_LINK: &str = "autopilot ";
 
 /// What identifies one execution of a scenario.
 #[derive(Clone, Debug)]
@@ -47,8 +53,8 @@ pub fn in_process_link() -> InProcessLink<PidPeer, FdiEnginePeer> {
 pub fn stop_reason(supervisor: &Supervisor) -> Option<StopReason> {
     supervisor.stop_request().map(|request| match request {
         StopRequest::Cancel => StopReason::Canceled,
-        StopRequest::Fail { peer, sentence } => StopReason::Failed(flight::Failure::of(&peer, sentence)),
-        StopRequest::Orphaned => StopReason::Failed(flight::Failure::of(
+        StopRequest::Fail { peer, sentence } => StopReason::Failed(lockstep::Failure::lost(&peer, sentence)),
+        StopRequest::Orphaned => StopReason::Failed(lockstep::Failure::lost(
             "supervisor",
             "the supervisor (rotortwin fly) died; the plant ended the run",
         )),
@@ -67,8 +73,86 @@ pub fn fly(
     emit: &mut dyn FnMut(RunEvent),
     stop: &mut dyn FnMut() -> Option<StopReason>,
 ) -> Result<Summary, StoreError> {
-    let mut simulation = Simulation::new(scenario, config.seed).expect("the scenario was tried with this seed before");
-    simulation.record_accelerometer(scenario, config.seed);
+    recorded(scenario, config, folder, emit, stop, |simulation, setup, recorder| {
+        lockstep::fly(simulation, link, setup, config.pace, recorder)
+    })
+}
+
+/// As [`fly`], with an autopilot of its own clock in the place of the controller, and the FDI engine in this process.
+pub fn fly_autopilot(
+    scenario: &Scenario,
+    config: &SessionConfig,
+    autopilot: &mut impl Autopilot,
+    folder: &RunFolder,
+    emit: &mut dyn FnMut(RunEvent),
+    stop: &mut dyn FnMut() -> Option<StopReason>,
+) -> Result<Summary, StoreError> {
+    let instruments = scenario.document().instruments.clone().unwrap_or_default();
+    let rotors = scenario.vehicle().rotor_count();
+    recorded(scenario, config, folder, emit, stop, |simulation, setup, recorder| {
+        let failed = |sentence| FlightEnd::Failed(lockstep::Failure::of("plant", sentence));
+        let instruments = (&instruments, config.seed);
+        let mut recording = match Recording::new(autopilot, folder.path(), rotors) {
+            Ok(recording) => recording,
+            Err(sentence) => return FlightOutcome::before_step_0(failed(sentence)),
+        };
+        let hand_over = HandOver::default();
+        let mut outcome = autopilot::fly(simulation, &mut recording, setup, instruments, hand_over, recorder).flight;
+        if let Err(sentence) = recording.close() {
+            outcome.end = failed(sentence);
+        }
+        outcome
+    })
+}
+
+/// True if an autopilot of its own clock flew the run: to fly it again takes its commands.
+pub fn was_flown_by_autopilot(summary: &Summary) -> bool {
+    summary.link.starts_with(AUTOPILOT_LINK)
+}
+
+/// The run hash of a recorded flight of an autopilot, flown again with what it sent.
+///
+/// # Errors
+/// One sentence: the commands are missing or end early, or the flight failed.
+pub fn replay_autopilot(
+    scenario: &Scenario,
+    mut simulation: Simulation,
+    seed: u64,
+    folder: &Path,
+) -> Result<String, String> {
+    let instruments = scenario.document().instruments.clone().unwrap_or_default();
+    let mut commands = Recorded::open(folder, simulation.rotor_count())?;
+    let setup = run_setup(scenario, &simulation, 1);
+    let (instruments, hand_over) = ((&instruments, seed), HandOver::default());
+    let outcome = autopilot::fly(
+        &mut simulation,
+        &mut commands,
+        &setup,
+        instruments,
+        hand_over,
+        &mut NoObserver,
+    )
+    .flight;
+    match outcome.end {
+        FlightEnd::Done => Ok(outcome.run_hash),
+        FlightEnd::Canceled => Err("the replay was canceled".to_owned()),
+        FlightEnd::Failed(failure) => Err(failure.sentence),
+    }
+}
+
+/// Records what `flown` flies.
+fn recorded(
+    scenario: &Scenario,
+    config: &SessionConfig,
+    folder: &RunFolder,
+    emit: &mut dyn FnMut(RunEvent),
+    stop: &mut dyn FnMut() -> Option<StopReason>,
+    flown: impl FnOnce(&mut Simulation, &RunSetup, &mut Recorder<'_>) -> FlightOutcome,
+) -> Result<Summary, StoreError> {
+    let mut simulation = scenario
+        .simulation(config.seed)
+        .expect("the scenario was tried with this seed before");
+    simulation.record_accelerometer(&scenario.document().sensors, config.seed);
     let conditions = ConditionSchedule::new(scenario);
     let header = SpoolHeader {
         rotor_count: simulation.rotor_count(),
@@ -83,7 +167,7 @@ pub fn fly(
     if let Some(rate_hz) = config.live_hz {
         recorder = recorder.with_live(rate_hz, simulation.rotor_count());
     }
-    let outcome = flight::fly(&mut simulation, link, &setup, config.pace, &mut recorder);
+    let outcome = flown(&mut simulation, &setup, &mut recorder);
     recorder.finish()?;
     emit(RunEvent::Recording { steps: outcome.steps });
     let summary = finalise(folder, summary_of(scenario, config, &outcome))?;
@@ -138,11 +222,12 @@ fn real_time(report: &RealTimeReport) -> RealTime {
     }
 }
 
-fn failure(failure: &flight::Failure, steps: u64) -> Failure {
+fn failure(failure: &lockstep::Failure, steps: u64) -> Failure {
     Failure {
         peer: failure.peer.clone(),
         step: failure.last_step.unwrap_or_else(|| steps.saturating_sub(1)),
         silence_ms: u64::try_from(failure.silence.as_millis()).unwrap_or(u64::MAX),
+        lost: failure.lost,
         sentence: failure.sentence.clone(),
     }
 }
@@ -156,7 +241,7 @@ pub fn never_opened(
 ) -> Result<Summary, StoreError> {
     let mut summary = blank_summary(scenario, config);
     summary.status = Status::Failed;
-    summary.failure = Some(failure(&flight::Failure::from(error), 0));
+    summary.failure = Some(failure(&lockstep::Failure::from(error), 0));
     finalise(folder, summary)
 }
 
@@ -196,11 +281,16 @@ pub fn finalise_dead_plant(
         peer: "plant".to_owned(),
         step: last_step.unwrap_or(0),
         silence_ms: u64::try_from(dead.silence.as_millis()).unwrap_or(u64::MAX),
-        sentence: format!("{} {after}: silent for {} ms", dead.how, dead.silence.as_millis()),
+        lost: true,
+        sentence: match dead.silence.as_millis() {
+            // The kernel told of its end at once.
+            0 => format!("{} {after}", dead.how),
+            silence_ms => format!("{} {after}: silent for {silence_ms} ms", dead.how),
+        },
     });
     finalise(folder, summary)
 }
 
 fn finalise(folder: &RunFolder, summary: Summary) -> Result<Summary, StoreError> {
-    rotortwin_store::finalise(folder, summary, FILE_DESCRIPTOR_SET).map(|outputs| outputs.summary)
+    rotortwin_store::finalise(folder, summary).map(|outputs| outputs.summary)
 }

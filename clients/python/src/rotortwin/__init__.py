@@ -10,10 +10,10 @@
 
 from ._aio_resource import AsyncResource
 from ._resource import Resource
-from .aio import AsyncBlindBenches, AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncRuns, AsyncScenarios
+from .aio import AsyncBlindBenches, AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncModels, AsyncRuns, AsyncScenarios
 from .aio_fdi import AsyncFdi, AsyncFdiSession
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .client import BlindBenches, Campaigns, Client, Jobs, Library, Runs, Scenarios
+from .client import BlindBenches, Campaigns, Client, Jobs, Library, Models, Runs, Scenarios
 from .errors import (
     BadRequest,
     Conflict,
@@ -60,6 +60,7 @@ __all__ = [
     "AsyncJobs",
     "AsyncLibrary",
     "AsyncLogs",
+    "AsyncModels",
     "AsyncResource",
     "AsyncRuns",
     "AsyncScenarios",
@@ -87,6 +88,7 @@ __all__ = [
     "Jobs",
     "Library",
     "Logs",
+    "Models",
     "NotFound",
     "Problem",
     "Resource",

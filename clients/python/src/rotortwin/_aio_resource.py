@@ -5,17 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import httpx
 
 from ._exchange import Operation, drive_async
 from ._operations import J, JobOperations, Progress, Watcher
 from ._stream import Download, Follow, local_path
+from ._transport import AsyncTransport
 from .models import Artifact, Event, Status
-
-if TYPE_CHECKING:
-    from .aio import AsyncClient
 
 T = TypeVar("T")
 
@@ -23,12 +21,12 @@ T = TypeVar("T")
 class AsyncResource(Generic[J]):
     """Jobs of one kind: the verbs that all of them have."""
 
-    def __init__(self, client: AsyncClient, operations: JobOperations[J]) -> None:
-        self._client = client
+    def __init__(self, transport: AsyncTransport, operations: JobOperations[J]) -> None:
+        self._transport = transport
         self._operations = operations
 
     async def _do(self, operation: Operation[T]) -> T:
-        return await drive_async(self._client._http, operation)
+        return await drive_async(self._transport.http, operation)
 
     async def get(self, id: str) -> J:
         """One of them."""
@@ -49,10 +47,10 @@ class AsyncResource(Generic[J]):
 
     async def events(self, id: str, *, after: int = 0) -> AsyncIterator[Event]:
         """Every event from the first (or after number `after`) to `ended`, over broken connections and restarts of the server."""
-        follow = Follow(self._client._settings, self._operations.path(id, "events"), after)
+        follow = Follow(self._transport.settings, self._operations.path(id, "events"), after)
         while not follow.over:
             try:
-                answer = await self._client._http.send(follow.request(), stream=True)
+                answer = await self._transport.http.send(follow.request(), stream=True)
                 try:
                     if answer.status_code == 200:
                         async for chunk in answer.aiter_bytes():
@@ -104,11 +102,11 @@ class AsyncResource(Generic[J]):
     async def download(self, id: str, path: str, target: str | Path) -> Path:
         """A file of it to `target`; goes on where an earlier call was cut off."""
         target = Path(target)
-        download = Download(self._client._settings, self._operations.artifact_path(id, path), target)
+        download = Download(self._transport.settings, self._operations.artifact_path(id, path), target)
         while True:
             pause = 0.0
             try:
-                answer = await self._client._http.send(download.request(), stream=True)
+                answer = await self._transport.http.send(download.request(), stream=True)
                 try:
                     if answer.status_code not in (200, 206):
                         await answer.aread()

@@ -48,11 +48,11 @@ class LogOperations(JobOperations[Job]):
         return self.parse(answer.json())
 
 
-def model_body(vehicle: str | None, improvement: str | None, version: str | Path | None) -> Json:
+def model_body(vehicle: str | None, improvement: str | None, version: str | Path | None, model: str | None = None) -> Json:
     """Which model a submission means."""
     if isinstance(version, Path):
         version = version.read_text(encoding="utf-8")
-    given = {"vehicle": vehicle, "improvement": improvement, "version": version}
+    given = {"vehicle": vehicle, "improvement": improvement, "version": version, "model": model}
     return {key: value for key, value in given.items() if value is not None}
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import httpx
 
 from ._aio_resource import AsyncResource
-from ._exchange import Settings, drive_async
+from ._exchange import Operation, Settings, drive_async
+from ._models import MAIN, ModelOperations
 from ._operations import (
     LibraryOperations,
     RunOperations,
@@ -22,13 +23,17 @@ from ._operations import (
     job_operations,
     scenario_body,
 )
+from ._transport import AsyncTransport
 from .aio_fdi import AsyncFdi
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .models import Channel, Job, Link, Pace, Place, Run, Ticket, Validation, Verification
+from .models import Channel, Job, Json, Link, Pace, Place, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
+
+T = TypeVar("T")
+
 
 class AsyncJobs(AsyncResource[Job]):
     """Jobs of a kind that has no class of its own here."""
@@ -97,8 +102,8 @@ class AsyncRuns(AsyncResource[Run]):
 
     _operations: RunOperations
 
-    def __init__(self, client: AsyncClient) -> None:
-        super().__init__(client, RunOperations(client._settings))
+    def __init__(self, transport: AsyncTransport) -> None:
+        super().__init__(transport, RunOperations(transport.settings))
 
     async def submit(
         self,
@@ -183,18 +188,18 @@ class AsyncRuns(AsyncResource[Run]):
 class AsyncLibrary:
     """Documents of one kind: the server's, and one's own."""
 
-    def __init__(self, client: AsyncClient, kind: str) -> None:
-        self._client = client
+    def __init__(self, transport: AsyncTransport, kind: str) -> None:
+        self._transport = transport
         self._kind = kind
-        self._operations = LibraryOperations(client._settings)
+        self._operations = LibraryOperations(transport.settings)
 
     async def list(self) -> Sequence[str]:
         """Their names."""
-        return await drive_async(self._client._http, self._operations.names(self._kind))
+        return await drive_async(self._transport.http, self._operations.names(self._kind))
 
     async def get(self, name: str) -> str:
         """One of them (TOML)."""
-        return await drive_async(self._client._http, self._operations.text(self._kind, name))
+        return await drive_async(self._transport.http, self._operations.text(self._kind, name))
 
     async def put(self, name: str, document: str | Path, *, only_new: bool = False) -> None:
         """Leaves one there, on one's own account; it hides the server's of the same name.
@@ -202,15 +207,15 @@ class AsyncLibrary:
         document: a text (TOML), or the `Path` of a file here. only_new: refused with `Conflict` if one has left such a one already.
         A document that is refused raises `Unprocessable`, whose `complaints` are all that is wrong with it.
         """
-        await drive_async(self._client._http, self._operations.put(self._kind, name, as_text(document), only_new))
+        await drive_async(self._transport.http, self._operations.put(self._kind, name, as_text(document), only_new))
 
     async def delete(self, name: str) -> None:
         """Takes away what one has left there."""
-        await drive_async(self._client._http, self._operations.delete(self._kind, name))
+        await drive_async(self._transport.http, self._operations.delete(self._kind, name))
 
     async def check(self, document: str | Path) -> Validation:
         """All that is wrong with a document."""
-        return await drive_async(self._client._http, self._operations.check(self._kind, as_text(document)))
+        return await drive_async(self._transport.http, self._operations.check(self._kind, as_text(document)))
 
 
 class AsyncScenarios(AsyncLibrary):
@@ -221,7 +226,67 @@ class AsyncScenarios(AsyncLibrary):
     ) -> Validation:
         """Checks a scenario without flying it."""
         body = scenario_body(scenario, text, None, set)
-        return await drive_async(self._client._http, self._operations.validate(body))
+        return await drive_async(self._transport.http, self._operations.validate(body))
+
+
+class AsyncModels(AsyncLibrary):
+    """Models that grow: versions, additions, undo, branches."""
+
+    def __init__(self, transport: AsyncTransport) -> None:
+        super().__init__(transport, "models")
+        self._models = ModelOperations(transport.settings)
+
+    async def create(self, name: str, model: Mapping[str, str]) -> Json:
+        """Begins a model: model is `{"vehicle": NAME}`, `{"model": NAME}`, `{"improvement": ID}` or `{"version": TOML}`; its history."""
+        return await self._do(self._models.create(name, model))
+
+    async def history(self, name: str) -> Json:
+        """All versions, oldest first, and where the branches stand."""
+        return await self._do(self._models.history(name))
+
+    async def version(self, name: str, at: str = MAIN) -> Json:
+        """One version in short; at: `v1`, or a branch."""
+        return await self._do(self._models.version(name, at))
+
+    async def export(self, name: str, at: str = MAIN) -> str:
+        """The file that says everything of a version (TOML)."""
+        return await self._do(self._models.export(name, at))
+
+    async def diff(self, name: str, before: str, after: str = MAIN) -> Json:
+        """What differs between two versions."""
+        return await self._do(self._models.diff(name, before, after))
+
+    async def add(
+        self,
+        name: str,
+        *,
+        diagnosis: str | None = None,
+        pick: int | None = None,
+        proposal: bool = False,
+        effect: Mapping[str, Any] | None = None,
+        branch: str = MAIN,
+        note: str = "",
+        seen: str | None = None,
+    ) -> Json:
+        """Makes the next version: with what a diagnosis found (pick: only this one of it, from 1; proposal: what it proposes), or with an
+        effect by hand, `{"effect": ID, "parameters": {…}}`.
+
+        seen: content hash of the version that it is to follow, by default the one at which the branch stands now; `Conflict` if the branch
+        has moved on. What was added is in `difference`.
+        """
+        body = {"diagnosis": diagnosis, "pick": pick, "proposal": proposal, "effect": effect, "note": note}
+        return await self._do(self._models.add(name, branch, seen, body))
+
+    async def undo(self, name: str, *, branch: str = MAIN, seen: str | None = None) -> Json:
+        """Puts a branch back to the version before; no version goes."""
+        return await self._do(self._models.undo(name, branch, seen))
+
+    async def branch(self, name: str, branch: str, at: str = MAIN) -> Json:
+        """Makes a branch at a version or at the head of another branch; the history."""
+        return await self._do(self._models.make_branch(name, branch, at))
+
+    async def _do(self, operation: Operation[T]) -> T:
+        return await drive_async(self._transport.http, operation)
 
 
 class AsyncClient:
@@ -236,34 +301,35 @@ class AsyncClient:
         patience_s: float = 60.0,
         timeout_s: float = 30.0,
     ) -> None:
-        self._settings = Settings(url.rstrip("/"), token, ca, patience_s, timeout_s)
-        self._http = httpx.AsyncClient(verify=self._settings.verify())
-        self.runs = AsyncRuns(self)
-        self.campaigns = AsyncCampaigns(self, job_operations(self._settings, "campaigns"))
-        self.blind_benches = AsyncBlindBenches(self, job_operations(self._settings, "blind-benches"))
-        self.logs = AsyncLogs(self)
-        self.comparisons = AsyncComparisons(self)
-        self.diagnoses = AsyncDiagnoses(self)
-        self.improvements = AsyncImprovements(self)
-        self.classifiers = AsyncClassifiers(self)
-        self.fdi = AsyncFdi(self)
-        self.scenarios = AsyncScenarios(self, "scenarios")
-        self.vehicles = AsyncLibrary(self, "vehicles")
-        self.blades = AsyncLibrary(self, "blades")
-        self.effects = AsyncLibrary(self, "effects")
-        self.models = AsyncLibrary(self, "models")
+        settings = Settings(url.rstrip("/"), token, ca, patience_s, timeout_s)
+        transport = AsyncTransport(settings, httpx.AsyncClient(verify=settings.verify()))
+        self._transport = transport
+        self.runs = AsyncRuns(transport)
+        self.campaigns = AsyncCampaigns(transport, job_operations(settings, "campaigns"))
+        self.blind_benches = AsyncBlindBenches(transport, job_operations(settings, "blind-benches"))
+        self.logs = AsyncLogs(transport)
+        self.comparisons = AsyncComparisons(transport)
+        self.diagnoses = AsyncDiagnoses(transport)
+        self.improvements = AsyncImprovements(transport)
+        self.classifiers = AsyncClassifiers(transport)
+        self.fdi = AsyncFdi(transport)
+        self.scenarios = AsyncScenarios(transport, "scenarios")
+        self.vehicles = AsyncLibrary(transport, "vehicles")
+        self.blades = AsyncLibrary(transport, "blades")
+        self.effects = AsyncLibrary(transport, "effects")
+        self.models = AsyncModels(transport)
 
     def jobs(self, kind: str) -> AsyncJobs:
         """Jobs of any kind that the server has, by the name in its addresses."""
-        return AsyncJobs(self, job_operations(self._settings, kind))
+        return AsyncJobs(self._transport, job_operations(self._transport.settings, kind))
 
     async def ready(self) -> bool:
         """The server takes work; raises otherwise."""
-        return await drive_async(self._http, LibraryOperations(self._settings).ready())
+        return await drive_async(self._transport.http, LibraryOperations(self._transport.settings).ready())
 
     async def close(self) -> None:
         """Closes all connections."""
-        await self._http.aclose()
+        await self._transport.http.aclose()
 
     async def __aenter__(self) -> AsyncClient:
         return self

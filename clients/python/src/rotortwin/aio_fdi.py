@@ -8,20 +8,20 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from ._exchange import drive_async
+from ._transport import AsyncTransport
 from ._twin import CHUNK, FdiOperations, chunks_of, session_body
 from .models import FdiAnswer, FdiState, FdiWindow, Sample
 
 if TYPE_CHECKING:
     import pandas
 
-    from .aio import AsyncClient
 
 
 class AsyncFdiSession:
     """Detectors of one flight. Closed by `close`, at the end of a `async with`, or when nothing is asked of it for its idle time."""
 
-    def __init__(self, client: AsyncClient, operations: FdiOperations, state: FdiState) -> None:
-        self._client = client
+    def __init__(self, transport: AsyncTransport, operations: FdiOperations, state: FdiState) -> None:
+        self._transport = transport
         self._operations = operations
         self.id = state.id
         #: As it was when it was opened.
@@ -35,7 +35,7 @@ class AsyncFdiSession:
         lost: samples between the last chunk and this one that will never come. A chunk that is refused changes nothing.
         """
         first = self.next_step + lost
-        answer = await drive_async(self._client._http, self._operations.feed(self.id, first, samples, lost > 0))
+        answer = await drive_async(self._transport.http, self._operations.feed(self.id, first, samples, lost > 0))
         self.next_step = answer.next_step
         return answer
 
@@ -48,11 +48,11 @@ class AsyncFdiSession:
 
     async def state(self) -> FdiState:
         """Calibration, last window, every change of the verdict."""
-        return await drive_async(self._client._http, self._operations.state(self.id))
+        return await drive_async(self._transport.http, self._operations.state(self.id))
 
     async def close(self) -> None:
         """Ends it."""
-        await drive_async(self._client._http, self._operations.close(self.id))
+        await drive_async(self._transport.http, self._operations.close(self.id))
 
     async def __aenter__(self) -> AsyncFdiSession:
         return self
@@ -66,9 +66,9 @@ class AsyncFdiSession:
 class AsyncFdi:
     """Fault detection as a service: sessions that are fed with measurements."""
 
-    def __init__(self, client: AsyncClient) -> None:
-        self._client = client
-        self._operations = FdiOperations(client._settings)
+    def __init__(self, transport: AsyncTransport) -> None:
+        self._transport = transport
+        self._operations = FdiOperations(transport.settings)
 
     async def open(
         self,
@@ -86,5 +86,5 @@ class AsyncFdi:
         measurements over zenoh.
         """
         body = session_body(vehicle, vehicle_text, classifier, settings, topic)
-        state = await drive_async(self._client._http, self._operations.open(body))
-        return AsyncFdiSession(self._client, self._operations, state)
+        state = await drive_async(self._transport.http, self._operations.open(body))
+        return AsyncFdiSession(self._transport, self._operations, state)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ._aio_resource import AsyncResource
 from ._operations import as_frame, as_table
+from ._transport import AsyncTransport
 from ._twin import LogOperations, effect_text, flights_body, job_operations, model_body, without_none
 from .models import Job, Json, Method
 
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
 
-    from .aio import AsyncClient
 
 #: The canonical log among the files of an import.
 _LOG = "log.parquet"
@@ -26,8 +26,8 @@ class AsyncLogs(AsyncResource[Job]):
 
     _operations: LogOperations
 
-    def __init__(self, client: AsyncClient) -> None:
-        super().__init__(client, LogOperations(client._settings))
+    def __init__(self, transport: AsyncTransport) -> None:
+        super().__init__(transport, LogOperations(transport.settings))
 
     async def submit(
         self,
@@ -63,8 +63,8 @@ class AsyncTwin(AsyncResource[Job]):
 
     _kind: str
 
-    def __init__(self, client: AsyncClient) -> None:
-        super().__init__(client, job_operations(client._settings, self._kind))
+    def __init__(self, transport: AsyncTransport) -> None:
+        super().__init__(transport, job_operations(transport.settings, self._kind))
 
     async def report(self, id: str) -> str:
         """The report (HTML)."""
@@ -82,6 +82,8 @@ class AsyncComparisons(AsyncTwin):
         vehicle: str | None = None,
         improvement: str | None = None,
         version: str | Path | None = None,
+        model: str | None = None,
+        more_models: Sequence[str] = (),
         logs: Sequence[str] = (),
         runs: Sequence[str] = (),
         priority: int = 0,
@@ -91,9 +93,12 @@ class AsyncComparisons(AsyncTwin):
         """Holds one model against flights.
 
         The model is one of: vehicle, a name of the server's library; improvement, an id; version, a text or `Path` as `rotortwin model
-        export` writes it. The flights are ids of imported logs and of runs; `ID@35:65` takes only these seconds.
+        export` writes it; model, a name of `client.models`, also `NAME@v1` or `NAME@BRANCH`. more_models: such names, held against the same
+        flights, after it in the result. The flights are ids of imported logs and of runs; `ID@35:65` takes only these seconds.
         """
-        body: Json = {"model": model_body(vehicle, improvement, version), "flights": flights_body(logs, runs), "priority": priority}
+        body: Json = {"model": model_body(vehicle, improvement, version, model), "flights": flights_body(logs, runs), "priority": priority}
+        if more_models:
+            body["more_models"] = [{"model": name} for name in more_models]
         return await self._do(self._operations.submit(body | without_none(max_wall_s=max_wall_s), idempotency_key))
 
 
@@ -108,6 +113,7 @@ class AsyncDiagnoses(AsyncTwin):
         vehicle: str | None = None,
         improvement: str | None = None,
         version: str | Path | None = None,
+        model: str | None = None,
         logs: Sequence[str] = (),
         runs: Sequence[str] = (),
         effects: Sequence[str | Path] = (),
@@ -116,7 +122,7 @@ class AsyncDiagnoses(AsyncTwin):
         idempotency_key: str | None = None,
     ) -> Job:
         """Names what a model lacks; model and flights as for a comparison. effects: documents of your own that may be named, too."""
-        body: Json = {"model": model_body(vehicle, improvement, version), "flights": flights_body(logs, runs), "priority": priority}
+        body: Json = {"model": model_body(vehicle, improvement, version, model), "flights": flights_body(logs, runs), "priority": priority}
         body |= {"effects": [effect_text(effect) for effect in effects]}
         return await self._do(self._operations.submit(body | without_none(max_wall_s=max_wall_s), idempotency_key))
 
@@ -156,8 +162,8 @@ class AsyncImprovements(AsyncTwin):
 class AsyncClassifiers(AsyncResource[Job]):
     """Networks, trained on the server; a run takes one by its id."""
 
-    def __init__(self, client: AsyncClient) -> None:
-        super().__init__(client, job_operations(client._settings, "classifiers"))
+    def __init__(self, transport: AsyncTransport) -> None:
+        super().__init__(transport, job_operations(transport.settings, "classifiers"))
 
     async def submit(
         self,

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import httpx
 
-from ._exchange import Settings, drive
+from ._exchange import Operation, Settings, drive
+from ._models import MAIN, ModelOperations
 from ._operations import (
     LibraryOperations,
     RunOperations,
@@ -22,13 +23,17 @@ from ._operations import (
     scenario_body,
 )
 from ._resource import Resource
+from ._transport import Transport
 from .fdi import Fdi
-from .models import Channel, Job, Link, Pace, Place, Run, Ticket, Validation, Verification
+from .models import Channel, Job, Json, Link, Pace, Place, Run, Ticket, Validation, Verification
 from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
+
+T = TypeVar("T")
+
 
 class Jobs(Resource[Job]):
     """Jobs of a kind that has no class of its own here."""
@@ -97,8 +102,8 @@ class Runs(Resource[Run]):
 
     _operations: RunOperations
 
-    def __init__(self, client: Client) -> None:
-        super().__init__(client, RunOperations(client._settings))
+    def __init__(self, transport: Transport) -> None:
+        super().__init__(transport, RunOperations(transport.settings))
 
     def submit(
         self,
@@ -189,18 +194,18 @@ class Runs(Resource[Run]):
 class Library:
     """Documents of one kind: the server's, and one's own."""
 
-    def __init__(self, client: Client, kind: str) -> None:
-        self._client = client
+    def __init__(self, transport: Transport, kind: str) -> None:
+        self._transport = transport
         self._kind = kind
-        self._operations = LibraryOperations(client._settings)
+        self._operations = LibraryOperations(transport.settings)
 
     def list(self) -> Sequence[str]:
         """Their names."""
-        return drive(self._client._http, self._operations.names(self._kind))
+        return drive(self._transport.http, self._operations.names(self._kind))
 
     def get(self, name: str) -> str:
         """One of them (TOML)."""
-        return drive(self._client._http, self._operations.text(self._kind, name))
+        return drive(self._transport.http, self._operations.text(self._kind, name))
 
     def put(self, name: str, document: str | Path, *, only_new: bool = False) -> None:
         """Leaves one there, on one's own account; it hides the server's of the same name.
@@ -208,15 +213,15 @@ class Library:
         document: a text (TOML), or the `Path` of a file here. only_new: refused with `Conflict` if one has left such a one already.
         A document that is refused raises `Unprocessable`, whose `complaints` are all that is wrong with it.
         """
-        drive(self._client._http, self._operations.put(self._kind, name, as_text(document), only_new))
+        drive(self._transport.http, self._operations.put(self._kind, name, as_text(document), only_new))
 
     def delete(self, name: str) -> None:
         """Takes away what one has left there."""
-        drive(self._client._http, self._operations.delete(self._kind, name))
+        drive(self._transport.http, self._operations.delete(self._kind, name))
 
     def check(self, document: str | Path) -> Validation:
         """All that is wrong with a document."""
-        return drive(self._client._http, self._operations.check(self._kind, as_text(document)))
+        return drive(self._transport.http, self._operations.check(self._kind, as_text(document)))
 
 
 class Scenarios(Library):
@@ -227,7 +232,67 @@ class Scenarios(Library):
     ) -> Validation:
         """Checks a scenario without flying it."""
         body = scenario_body(scenario, text, None, set)
-        return drive(self._client._http, self._operations.validate(body))
+        return drive(self._transport.http, self._operations.validate(body))
+
+
+class Models(Library):
+    """Models that grow: versions, additions, undo, branches."""
+
+    def __init__(self, transport: Transport) -> None:
+        super().__init__(transport, "models")
+        self._models = ModelOperations(transport.settings)
+
+    def create(self, name: str, model: Mapping[str, str]) -> Json:
+        """Begins a model: model is `{"vehicle": NAME}`, `{"model": NAME}`, `{"improvement": ID}` or `{"version": TOML}`; its history."""
+        return self._do(self._models.create(name, model))
+
+    def history(self, name: str) -> Json:
+        """All versions, oldest first, and where the branches stand."""
+        return self._do(self._models.history(name))
+
+    def version(self, name: str, at: str = MAIN) -> Json:
+        """One version in short; at: `v1`, or a branch."""
+        return self._do(self._models.version(name, at))
+
+    def export(self, name: str, at: str = MAIN) -> str:
+        """The file that says everything of a version (TOML)."""
+        return self._do(self._models.export(name, at))
+
+    def diff(self, name: str, before: str, after: str = MAIN) -> Json:
+        """What differs between two versions."""
+        return self._do(self._models.diff(name, before, after))
+
+    def add(
+        self,
+        name: str,
+        *,
+        diagnosis: str | None = None,
+        pick: int | None = None,
+        proposal: bool = False,
+        effect: Mapping[str, Any] | None = None,
+        branch: str = MAIN,
+        note: str = "",
+        seen: str | None = None,
+    ) -> Json:
+        """Makes the next version: with what a diagnosis found (pick: only this one of it, from 1; proposal: what it proposes), or with an
+        effect by hand, `{"effect": ID, "parameters": {…}}`.
+
+        seen: content hash of the version that it is to follow, by default the one at which the branch stands now; `Conflict` if the branch
+        has moved on. What was added is in `difference`.
+        """
+        body = {"diagnosis": diagnosis, "pick": pick, "proposal": proposal, "effect": effect, "note": note}
+        return self._do(self._models.add(name, branch, seen, body))
+
+    def undo(self, name: str, *, branch: str = MAIN, seen: str | None = None) -> Json:
+        """Puts a branch back to the version before; no version goes."""
+        return self._do(self._models.undo(name, branch, seen))
+
+    def branch(self, name: str, branch: str, at: str = MAIN) -> Json:
+        """Makes a branch at a version or at the head of another branch; the history."""
+        return self._do(self._models.make_branch(name, branch, at))
+
+    def _do(self, operation: Operation[T]) -> T:
+        return drive(self._transport.http, operation)
 
 
 class Client:
@@ -246,34 +311,35 @@ class Client:
         patience_s: float = 60.0,
         timeout_s: float = 30.0,
     ) -> None:
-        self._settings = Settings(url.rstrip("/"), token, ca, patience_s, timeout_s)
-        self._http = httpx.Client(verify=self._settings.verify())
-        self.runs = Runs(self)
-        self.campaigns = Campaigns(self, job_operations(self._settings, "campaigns"))
-        self.blind_benches = BlindBenches(self, job_operations(self._settings, "blind-benches"))
-        self.logs = Logs(self)
-        self.comparisons = Comparisons(self)
-        self.diagnoses = Diagnoses(self)
-        self.improvements = Improvements(self)
-        self.classifiers = Classifiers(self)
-        self.fdi = Fdi(self)
-        self.scenarios = Scenarios(self, "scenarios")
-        self.vehicles = Library(self, "vehicles")
-        self.blades = Library(self, "blades")
-        self.effects = Library(self, "effects")
-        self.models = Library(self, "models")
+        settings = Settings(url.rstrip("/"), token, ca, patience_s, timeout_s)
+        transport = Transport(settings, httpx.Client(verify=settings.verify()))
+        self._transport = transport
+        self.runs = Runs(transport)
+        self.campaigns = Campaigns(transport, job_operations(settings, "campaigns"))
+        self.blind_benches = BlindBenches(transport, job_operations(settings, "blind-benches"))
+        self.logs = Logs(transport)
+        self.comparisons = Comparisons(transport)
+        self.diagnoses = Diagnoses(transport)
+        self.improvements = Improvements(transport)
+        self.classifiers = Classifiers(transport)
+        self.fdi = Fdi(transport)
+        self.scenarios = Scenarios(transport, "scenarios")
+        self.vehicles = Library(transport, "vehicles")
+        self.blades = Library(transport, "blades")
+        self.effects = Library(transport, "effects")
+        self.models = Models(transport)
 
     def jobs(self, kind: str) -> Jobs:
         """Jobs of any kind that the server has, by the name in its addresses."""
-        return Jobs(self, job_operations(self._settings, kind))
+        return Jobs(self._transport, job_operations(self._transport.settings, kind))
 
     def ready(self) -> bool:
         """The server takes work; raises otherwise."""
-        return drive(self._http, LibraryOperations(self._settings).ready())
+        return drive(self._transport.http, LibraryOperations(self._transport.settings).ready())
 
     def close(self) -> None:
         """Closes all connections."""
-        self._http.close()
+        self._transport.http.close()
 
     def __enter__(self) -> Client:
         return self

@@ -8,20 +8,20 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from ._exchange import drive
+from ._transport import Transport
 from ._twin import CHUNK, FdiOperations, chunks_of, session_body
 from .models import FdiAnswer, FdiState, FdiWindow, Sample
 
 if TYPE_CHECKING:
     import pandas
 
-    from .client import Client
 
 
 class FdiSession:
     """Detectors of one flight. Closed by `close`, at the end of a `with`, or when nothing is asked of it for its idle time."""
 
-    def __init__(self, client: Client, operations: FdiOperations, state: FdiState) -> None:
-        self._client = client
+    def __init__(self, transport: Transport, operations: FdiOperations, state: FdiState) -> None:
+        self._transport = transport
         self._operations = operations
         self.id = state.id
         #: As it was when it was opened.
@@ -35,7 +35,7 @@ class FdiSession:
         lost: samples between the last chunk and this one that will never come. A chunk that is refused changes nothing.
         """
         first = self.next_step + lost
-        answer = drive(self._client._http, self._operations.feed(self.id, first, samples, lost > 0))
+        answer = drive(self._transport.http, self._operations.feed(self.id, first, samples, lost > 0))
         self.next_step = answer.next_step
         return answer
 
@@ -48,11 +48,11 @@ class FdiSession:
 
     def state(self) -> FdiState:
         """Calibration, last window, every change of the verdict."""
-        return drive(self._client._http, self._operations.state(self.id))
+        return drive(self._transport.http, self._operations.state(self.id))
 
     def close(self) -> None:
         """Ends it."""
-        drive(self._client._http, self._operations.close(self.id))
+        drive(self._transport.http, self._operations.close(self.id))
 
     def __enter__(self) -> FdiSession:
         return self
@@ -66,9 +66,9 @@ class FdiSession:
 class Fdi:
     """Fault detection as a service: sessions that are fed with measurements."""
 
-    def __init__(self, client: Client) -> None:
-        self._client = client
-        self._operations = FdiOperations(client._settings)
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._operations = FdiOperations(transport.settings)
 
     def open(
         self,
@@ -86,5 +86,5 @@ class Fdi:
         measurements over zenoh.
         """
         body = session_body(vehicle, vehicle_text, classifier, settings, topic)
-        state = drive(self._client._http, self._operations.open(body))
-        return FdiSession(self._client, self._operations, state)
+        state = drive(self._transport.http, self._operations.open(body))
+        return FdiSession(self._transport, self._operations, state)

@@ -20,6 +20,8 @@ pub enum Preset {
     Null,
     /// Nothing hidden, hover
     NullHover,
+    /// Nothing hidden, hover with none to 0.4 of the usual disturbances: the duties answer to the noise of the readings
+    NullStill,
     /// One effect at 0.3 of its size
     Small,
     /// Two effects that no group holds together, excitation flights
@@ -46,6 +48,7 @@ impl Preset {
             Self::Helix => "helix",
             Self::Null => "null",
             Self::NullHover => "null-hover",
+            Self::NullStill => "null-still",
             Self::Small => "small",
             Self::Pairs => "pairs",
             Self::Outside => "outside",
@@ -72,8 +75,15 @@ pub struct Case {
     pub scale: f64,
     /// With clutter.
     pub clutter: bool,
+    /// Times the generator's white force and torque.
+    #[serde(default = "usual")]
+    pub disturbance: f64,
     /// Hidden effects, a companion before the effect that needs it.
     pub effects: Vec<Hidden>,
+}
+
+fn usual() -> f64 {
+    1.0
 }
 
 impl Case {
@@ -96,6 +106,9 @@ impl Case {
             .collect()
     }
 }
+
+/// Disturbances of hovers in still air, over the usual ones.
+const STILL: [f64; 4] = [0.0, 0.05, 0.15, 0.4];
 
 /// Kinds in a random order: every kind comes once before any comes twice.
 fn shuffled(kinds: Vec<&'static Kind>, random: &mut Stream) -> Vec<&'static Kind> {
@@ -143,7 +156,7 @@ pub fn draw_cases(preset: Preset, n: usize, seed: u64, vehicles: &[(String, usiz
                 }
                 Preset::Helix => ("helix", draw_effect(kind, scale, *rotors, &mut random)),
                 Preset::Null => (["excitation", "waypoint", "helix"][index % 3], vec![]),
-                Preset::NullHover => ("hover", vec![]),
+                Preset::NullHover | Preset::NullStill => ("hover", vec![]),
                 Preset::Pairs => ("excitation", draw_pair(&catalogue, *rotors, &mut random)),
                 Preset::Outside => {
                     let kind = foreign[index % foreign.len()];
@@ -163,6 +176,11 @@ pub fn draw_cases(preset: Preset, n: usize, seed: u64, vehicles: &[(String, usiz
                 seed: seed.wrapping_mul(0x9e37_79b9).wrapping_add(index as u64 + 1) & 0xffff_ffff,
                 scale,
                 clutter: preset_of_case == Preset::Clutter,
+                disturbance: if preset_of_case == Preset::NullStill {
+                    STILL[index % STILL.len()]
+                } else {
+                    1.0
+                },
                 effects,
             }
         })

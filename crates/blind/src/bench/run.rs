@@ -321,6 +321,9 @@ impl Bench {
         add("--seed", seed.to_string());
         add("--out", log.display().to_string());
         add("--truth", truth.display().to_string());
+        if case.disturbance != 1.0 {
+            add("--disturbance", case.disturbance.to_string());
+        }
         for effect in case.effect_arguments() {
             add("--effect", effect);
         }

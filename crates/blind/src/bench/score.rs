@@ -257,6 +257,7 @@ mod tests {
             seed: 1,
             scale: 1.0,
             clutter: false,
+            disturbance: 1.0,
             effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
         }
     }

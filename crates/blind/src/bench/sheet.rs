@@ -301,6 +301,7 @@ mod tests {
             seed: 1,
             scale: 1.0,
             clutter: false,
+            disturbance: 1.0,
             effects: Vec::new(),
         };
         let failed = crate::bench::score::failed(&case, "no answer".to_owned(), 0.0);

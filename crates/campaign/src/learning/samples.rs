@@ -57,7 +57,7 @@ impl Samples {
         let mut bytes = Vec::with_capacity(4 * self.values.len() + self.labels.len());
         bytes.extend(self.values.iter().flat_map(|value| value.to_le_bytes()));
         bytes.extend_from_slice(&self.labels);
-        crate::run_hash::content_hash(&bytes)
+        rotortwin_flight::run_hash::content_hash(&bytes)
     }
 }
 

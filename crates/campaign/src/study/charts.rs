@@ -3,6 +3,7 @@
 use super::score::severity_name;
 use super::tables::title;
 use super::totals::{DetectorTotals, Totals};
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, UNKNOWN};
 use std::fmt::Write as _;
 
 /// `write!` into a String cannot fail.
@@ -330,9 +331,9 @@ fn cell(count: u64, total: u64, right: bool) -> String {
 fn code_name(code: i32, truth: bool) -> String {
     match code {
         0 => "healthy".to_owned(),
-        super::score::UNKNOWN if truth => "several".to_owned(),
-        super::score::UNKNOWN => "unknown".to_owned(),
-        super::score::AMBIGUOUS => "ambiguous".to_owned(),
+        UNKNOWN if truth => "several".to_owned(),
+        UNKNOWN => "unknown".to_owned(),
+        AMBIGUOUS => "ambiguous".to_owned(),
         100.. => format!("{}+{}", code / 100, code % 100),
         rotor => rotor.to_string(),
     }

@@ -23,8 +23,8 @@
 //!
 //! This module only reads and checks form; [`Campaign`](super::plan::Campaign) gives it a meaning.
 
-use rotortwin_plant::ConfigError;
-use rotortwin_plant::template::TomlFile;
+use rotortwin_scenario::ConfigError;
+use rotortwin_scenario::template::TomlFile;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -259,7 +259,7 @@ impl AxisDocument {
                 "expected a name of lower-case letters, digits and '_': it becomes a column",
             );
         }
-        if super::record::FIXED_COLUMNS.contains(&self.name.as_str()) || self.name.starts_with("param_") {
+        if super::cell::FIXED_COLUMNS.contains(&self.name.as_str()) || self.name.starts_with("param_") {
             return refuse("name", "this name is that of another column of the results");
         }
         if before.iter().any(|axis| axis.name == self.name) {

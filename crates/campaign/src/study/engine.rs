@@ -9,16 +9,19 @@
 use super::document::Criteria;
 use super::plan::{Campaign, PlannedFlight};
 use super::record::{DETECTORS, FlightRecord, FlightStatus};
-use super::score::{DetectorScorer, NOT_READY, Verdict, WindowTruth};
-use crate::batch::{self, BatchFlight};
-use crate::flight::{self, FlightEnd, FlightObserver, FlightOutcome, Sample, StopReason};
-use crate::pace::Pace;
-use crate::setup::run_setup;
+use super::score::{DetectorScorer, Verdict, WindowTruth};
+use rotortwin_flight::batch::{self, BatchFlight};
+use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, FlightOutcome, StopReason};
+use rotortwin_flight::pace::Pace;
+use rotortwin_flight::sample::Sample;
+use rotortwin_flight::setup::run_setup;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiEngine;
+use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_plant::batch::LANES;
+use rotortwin_plant::nearest_step;
 use rotortwin_plant::vector_units::Dispatch;
-use rotortwin_plant::{Scenario, Simulation, nearest_step};
+use rotortwin_scenario::Scenario;
 use rotortwin_wire::frames::LossEstimate;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
@@ -43,7 +46,7 @@ pub trait FlightEngine: Sync {
     fn fly(&self, flights: &[(Scenario, u64)], scorers: &mut [FlightScorer]) -> Vec<Flown>;
 }
 
-/// The lockstep loop of [`crate::flight`], one flight after the other.
+/// The lockstep loop of [`rotortwin_flight::lockstep`], one flight after the other.
 pub struct OneByOne;
 
 impl FlightEngine for OneByOne {
@@ -53,7 +56,7 @@ impl FlightEngine for OneByOne {
 
     fn fly(&self, flights: &[(Scenario, u64)], scorers: &mut [FlightScorer]) -> Vec<Flown> {
         let fly = |((scenario, seed), scorer): (&(Scenario, u64), &mut FlightScorer)| {
-            let mut simulation = match Simulation::new(scenario, *seed) {
+            let mut simulation = match scenario.simulation(*seed) {
                 Ok(simulation) => simulation,
                 Err(error) => {
                     return Flown {
@@ -65,13 +68,13 @@ impl FlightEngine for OneByOne {
             };
             let setup = run_setup(scenario, &simulation, 1);
             let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
-            flown_of(flight::fly(&mut simulation, &mut link, &setup, Pace::Fast, scorer))
+            flown_of(lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, scorer))
         };
         flights.iter().zip(scorers).map(fly).collect()
     }
 }
 
-/// Flights in the lanes of vector registers ([`crate::batch`]).
+/// Flights in the lanes of vector registers ([`rotortwin_flight::batch`]).
 #[derive(Default)]
 pub struct SideBySide {
     dispatch: Dispatch,

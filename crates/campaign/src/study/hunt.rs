@@ -12,13 +12,14 @@
 //!
 //! Limits: the search knows nothing of the detector; what it does not find in its budget may exist all the same.
 
+use super::cell::Cell;
 use super::document::Criteria;
 use super::engine::{FlightEngine, fly_scenario, fly_scenarios};
 use super::plan::{Campaign, Parameter, PlannedFlight, is_of_the_combination};
-use super::record::{Cell, FlightRecord, FlightStatus};
+use super::record::{FlightRecord, FlightStatus};
 use crate::parallel::map_in_order;
 use rotortwin_plant::random::RandomStream;
-use rotortwin_plant::template::{set_value, value_at};
+use rotortwin_scenario::template::{set_value, value_at};
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
 use std::path::{Component, Path, PathBuf};
@@ -481,7 +482,7 @@ fn relative(target: &Path, folder: &Path) -> std::io::Result<String> {
 mod tests {
     use super::*;
     use crate::study::engine::{OneByOne, SideBySide};
-    use rotortwin_plant::Scenario;
+    use rotortwin_scenario::Scenario;
 
     /// Blind for what is too small: a loss of 0.05 % is below what the detector ever reports, so it is missed whatever else is drawn.
     const BLIND: &str = "name = 'blind'\ndescription = 'd'\nscenario = 'SCENARIO'\nflights = 10\n\

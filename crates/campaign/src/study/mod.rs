@@ -9,6 +9,7 @@
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
 //! * [`hunt`]: flights where the detector fails, shrunk to what matters.
 
+pub mod cell;
 pub mod charts;
 pub mod document;
 pub mod engine;

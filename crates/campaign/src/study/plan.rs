@@ -8,13 +8,14 @@
 //! So a part of a campaign gives the same flights as the whole, on any number of threads, and adding an axis changes no draw of
 //! another one.
 
+use super::cell::Cell;
 use super::document::{AxisDocument, CampaignDocument, MAX_FLIGHTS, Pick};
-use super::record::Cell;
-use crate::protocol::Course;
-use crate::run_hash::content_hash;
+use crate::paper::protocol::Course;
+use rotortwin_flight::run_hash::content_hash;
 use rotortwin_plant::random::RandomStream;
-use rotortwin_plant::template::{ScenarioTemplate, TomlFile, overlay, set_value};
-use rotortwin_plant::{ConfigError, Scenario};
+use rotortwin_scenario::names::{Kind, meant};
+use rotortwin_scenario::template::{ScenarioTemplate, TomlFile, overlay, set_value};
+use rotortwin_scenario::{ConfigError, Scenario};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -163,7 +164,11 @@ impl Campaign {
 
     fn of(file: TomlFile, path: &Path) -> Result<Self, ConfigError> {
         let document = CampaignDocument::read(&file)?;
-        let scenario_path = path.parent().unwrap_or(Path::new("")).join(&document.scenario);
+        let scenario_path = meant(
+            Kind::Scenario,
+            path.parent().unwrap_or(Path::new("")),
+            &document.scenario,
+        );
         if !scenario_path.is_file() {
             let reason = if scenario_path.is_dir() {
                 format!(

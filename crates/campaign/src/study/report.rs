@@ -5,7 +5,7 @@ use super::folder::program;
 use super::plan::Campaign;
 use super::tables::{alarm_rate, listed_flights, percent, seconds, tables, title};
 use super::totals::Totals;
-use crate::reproduction::tables::ResultTable;
+use crate::result_table::ResultTable;
 use std::fmt::Write as _;
 
 /// `write!` into a String cannot fail.

@@ -1,8 +1,8 @@
 //! Flies what is missing in a campaign's folder, on every core, with a bounded amount of memory.
 //!
 //! Threads take the flights in order, a few at a time; a shard is written as soon as its last flight has ended. At any moment only the
-//! shards that are being flown are in memory. A stop lets the flights in the air land; shards that are not whole then are flown again
-//! next time.
+//! shards that are being flown are in memory. After a stop no further shard is begun, and those that are begun are flown to their end: nothing
+//! that was flown is lost.
 
 use super::engine::{FlightEngine, fly};
 use super::folder::{CampaignFolder, SHARD_FLIGHTS};
@@ -125,11 +125,15 @@ pub fn run(
     let failure: Mutex<Option<String>> = Mutex::default();
     let halted = AtomicBool::new(false);
     let worker = || {
-        while !stop.load(Ordering::Relaxed) && !halted.load(Ordering::Relaxed) {
-            let job = next.fetch_add(1, Ordering::Relaxed);
-            if job >= jobs {
-                return;
-            }
+        while !halted.load(Ordering::Relaxed) {
+            let wanted = |job: usize| {
+                let begins_a_shard = job.is_multiple_of(groups_per_shard);
+                job < jobs && !(begins_a_shard && stop.load(Ordering::Relaxed))
+            };
+            let taken = next.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |job| {
+                wanted(job).then_some(job + 1)
+            });
+            let Ok(job) = taken else { return };
             let shard = missing[job / groups_per_shard];
             let whole = folder.shard_range(shard);
             let group = (job % groups_per_shard) as u64;

@@ -12,6 +12,7 @@
 //!
 //! Delays are kept in steps of 2.5 ms: whole numbers, so that totals do not depend on an order of addition.
 
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN};
 use rotortwin_plant::STEP_S;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -32,13 +33,6 @@ pub fn severity_name(bin: usize) -> String {
     let lower = if bin == 0 { 0.0 } else { SEVERITY_BINS[bin - 1] };
     format!("{} – {} %", 100.0 * lower, 100.0 * SEVERITY_BINS[bin])
 }
-
-/// The verdict "not ready".
-pub const NOT_READY: i32 = -2;
-/// The verdict "ambiguous".
-pub const AMBIGUOUS: i32 = -3;
-/// The verdict "unknown fault", and the label of several faulty rotors.
-pub const UNKNOWN: i32 = -1;
 
 /// Counts of one detector over one flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

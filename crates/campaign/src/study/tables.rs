@@ -8,7 +8,7 @@ use super::plan::Campaign;
 use super::record::DETECTORS;
 use super::score::severity_name;
 use super::totals::{AxisTotals, DetectorTotals, GroupTotals, Totals};
-use crate::reproduction::tables::ResultTable;
+use crate::result_table::ResultTable;
 
 /// A detector as people call it.
 pub fn title(detector: usize) -> &'static str {

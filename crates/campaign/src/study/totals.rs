@@ -3,10 +3,12 @@
 //! Everything is a whole number or a count per whole number of steps, so totals are the same however the records came about. Delays are
 //! histograms over steps of 2.5 ms: quantiles are exact.
 
+use super::cell::Cell;
 use super::intervals::ClusterSums;
 use super::plan::{Axis, Campaign};
-use super::record::{Cell, DETECTORS, FlightRecord, FlightStatus};
-use super::score::{DetectorScore, NOT_READY, SEVERITY_BINS, Verdict, severity_bin};
+use super::record::{DETECTORS, FlightRecord, FlightStatus};
+use super::score::{DetectorScore, SEVERITY_BINS, Verdict, severity_bin};
+use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_plant::STEP_S;
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::Xxh3;

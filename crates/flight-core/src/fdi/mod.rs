@@ -26,6 +26,7 @@ pub mod residual;
 pub mod sequential;
 pub mod student_t;
 pub mod t_test;
+pub mod verdict_code;
 pub mod window;
 
 #[cfg(test)]
@@ -84,12 +85,12 @@ impl FaultVerdict {
     #[inline]
     pub const fn code(self) -> i32 {
         match self {
-            Self::NotReady => -2,
-            Self::Unknown => -1,
-            Self::Healthy => 0,
+            Self::NotReady => verdict_code::NOT_READY,
+            Self::Unknown => verdict_code::UNKNOWN,
+            Self::Healthy => verdict_code::HEALTHY,
             Self::Faulty { rotor } => rotor as i32 + 1,
             Self::FaultyPair { first, second } => 100 * (first as i32 + 1) + second as i32 + 1,
-            Self::Ambiguous => -3,
+            Self::Ambiguous => verdict_code::AMBIGUOUS,
         }
     }
 }

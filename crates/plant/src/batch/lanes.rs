@@ -5,10 +5,11 @@
 //! of a branch-free function it says so, and the caller repeats that lane alone.
 
 use super::LANES;
-use crate::battery::{BatteryConstants, ChartInterval};
-use crate::dynamics::{DynamicState, Dynamics, HeldRotors, sum_of_powers};
+use crate::body::dynamics::{DynamicState, Dynamics};
+use crate::body::rigid_body::{Quaternion, RigidBody, RigidBodyState, Surroundings};
 use crate::elementary::BranchFree;
-use crate::rigid_body::{Quaternion, RigidBody, RigidBodyState, Surroundings};
+use crate::powertrain::battery::{BatteryConstants, Chart, ChartInterval};
+use crate::powertrain::held::{HeldRotors, sum_of_powers};
 use crate::vector_units::VectorWork;
 
 /// One number of every flight.
@@ -272,7 +273,7 @@ impl<const N: usize> VectorWork for RecordTruth<N> {
             let constants = p.battery(lane);
             let mut chart = p.chart(lane);
             let power = constants.power_coefficient * sum_of_powers(&now.thrust);
-            let open_circuit_voltage = crate::dynamics::Chart::open_circuit_voltage(&mut chart, now.state_of_charge);
+            let open_circuit_voltage = Chart::open_circuit_voltage(&mut chart, now.state_of_charge);
             let output = constants.output(open_circuit_voltage, power, true);
             let values = [
                 output.open_circuit_voltage,

@@ -35,7 +35,7 @@ pub enum NoLane {
     Substeps,
     /// It has sensor faults.
     SensorFaults,
-    /// Its scenario has effects, or it records an accelerometer.
+    /// Its scenario has effects or ground contact, or it records an accelerometer.
     Effects,
     /// It has already begun.
     Begun,

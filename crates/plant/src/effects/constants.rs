@@ -6,10 +6,11 @@
 
 use rotortwin_flight_core::MAX_ROTORS;
 
-use super::hooks::{Readings, Wrench};
+use super::readings::Readings;
+use super::wrench::Wrench;
 use crate::error::Refusal;
 use crate::vector::{Vector3, cross};
-use crate::vehicle::{SpinDirection, VehicleModel};
+use crate::vehicle::model::{SpinDirection, VehicleModel};
 
 /// Hover thrust of a rotor of the F550, N, to which the two figures below belong.
 const F550_HOVER_THRUST_N: f64 = 1.55 * 9.81 / 6.0;
@@ -237,6 +238,26 @@ impl Constants {
         wrench_of(sum)
     }
 
+    /// A wrench with its drag, and the linear and angular friction of Eq. 1, added to force and torque; the drag acts `z_d` above the
+    /// centre of mass.
+    #[inline]
+    pub fn closed(&self, wrench: &Wrench, air_velocity_body: Vector3, body_rates: Vector3) -> Wrench {
+        let drag = [0, 1, 2].map(|i| wrench.drag_body[i] - self.linear_drag_kg_s * air_velocity_body[i]);
+        let up = self.drag_centre_height_m;
+        let mut torque = wrench.torque_body;
+        // r × F with r = (0, 0, −z_d).
+        torque[0] += up * drag[1];
+        torque[1] -= up * drag[0];
+        for i in 0..3 {
+            torque[i] -= self.angular_drag_nms * body_rates[i];
+        }
+        Wrench {
+            force_body: [0, 1, 2].map(|i| wrench.force_body[i] + drag[i]),
+            torque_body: torque,
+            drag_body: [0.0; 3],
+        }
+    }
+
     /// What [`Self::rotor_wrench`] needs of the vehicle, for many thrusts.
     pub fn allocation(&self) -> Allocation {
         let mut units = [[0.0; 6]; MAX_ROTORS];
@@ -452,12 +473,10 @@ fn wrench_of([x, y, z, roll, pitch, yaw]: [f64; 6]) -> Wrench {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::VehicleDocuments;
+    use crate::testing::vehicle;
 
     #[test]
     fn prop_restoring_undoes_what_sensors_do() {
-        let documents =
-            VehicleDocuments::load(std::path::Path::new("../../config/vehicles/f550.toml")).expect("it is there");
         let constants = Constants {
             accelerometer_bias_m_s2: [0.2, -0.1, 0.3],
             accelerometer_scale: 0.03,
@@ -467,7 +486,7 @@ mod tests {
             imu_lever_arm_m: [0.05, -0.02, 0.01],
             level_offset_rad: [0.02, -0.01],
             heading_offset_rad: 0.1,
-            ..Constants::nominal(&documents.vehicle)
+            ..Constants::nominal(&vehicle("f550"))
         };
         let truth = Readings {
             position_ned: [1.0, 2.0, -3.0],

@@ -2,8 +2,10 @@
 //!
 //! One declaration serves the simulator, the diagnosis, the command line and the documents.
 
+use std::fmt;
+
+use super::constants::Constants;
 use super::hooks::ActiveEffect;
-use super::{Constants, UserEffect};
 
 /// What kind of thing an effect is: physics is added to the model, a fault of sensor or timing is mended in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -241,12 +243,21 @@ pub struct Setup<'a> {
 }
 
 /// How the physics of a declaration is made.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub enum Build {
     /// In this crate.
     BuiltIn(fn(&Setup<'_>) -> Box<dyn ActiveEffect>),
     /// From an effect document.
-    User(&'static UserEffect),
+    User(&'static (dyn Fn(&Setup<'_>) -> Box<dyn ActiveEffect> + Send + Sync)),
+}
+
+impl fmt::Debug for Build {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(match self {
+            Self::BuiltIn(_) => "BuiltIn",
+            Self::User(_) => "User",
+        })
+    }
 }
 
 /// One entry of the catalogue.
@@ -293,7 +304,7 @@ impl EffectDeclaration {
     pub fn build(&self, setup: &Setup<'_>) -> Box<dyn ActiveEffect> {
         match self.build {
             Build::BuiltIn(build) => build(setup),
-            Build::User(effect) => effect.build(setup),
+            Build::User(build) => build(setup),
         }
     }
 }

@@ -9,7 +9,9 @@
 //! The same hooks serve two callers: the simulator, with the true state, and the twin, with the measured kinematics of a log. They
 //! allocate nothing and cost about 100 ns a step, because the twin runs a pass over the log for each parameter.
 
-use super::Constants;
+use super::constants::Constants;
+use super::readings::Readings;
+use super::wrench::Wrench;
 use crate::vector::Vector3;
 
 /// What the vehicle is doing at one instant.
@@ -73,56 +75,6 @@ impl Moment<'_> {
     pub fn mean_speed_ratio(&self) -> f64 {
         self.rotor_speed_ratio.iter().sum::<f64>() / self.rotor_speed_ratio.len() as f64
     }
-}
-
-/// Force and torque on the body about its centre of mass.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Wrench {
-    /// N, body; without gravity.
-    pub force_body: Vector3,
-    /// N·m, body.
-    pub torque_body: Vector3,
-    /// Air drag, N, body: kept apart because it acts at the drag centre. [`Wrench::closed`] adds it to the others.
-    pub drag_body: Vector3,
-}
-
-impl Wrench {
-    /// Force and torque with the drag, and the linear and angular friction of Eq. 1, added; the drag acts `z_d` above the centre
-    /// of mass.
-    #[inline]
-    pub fn closed(&self, air_velocity_body: Vector3, body_rates: Vector3, constants: &Constants) -> Self {
-        let drag = [0, 1, 2].map(|i| self.drag_body[i] - constants.linear_drag_kg_s * air_velocity_body[i]);
-        let up = constants.drag_centre_height_m;
-        let mut torque = self.torque_body;
-        // r × F with r = (0, 0, −z_d).
-        torque[0] += up * drag[1];
-        torque[1] -= up * drag[0];
-        for i in 0..3 {
-            torque[i] -= constants.angular_drag_nms * body_rates[i];
-        }
-        Self {
-            force_body: [0, 1, 2].map(|i| self.force_body[i] + drag[i]),
-            torque_body: torque,
-            drag_body: [0.0; 3],
-        }
-    }
-}
-
-/// What the sensors say.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Readings {
-    /// m, NED.
-    pub position_ned: Vector3,
-    /// m/s, NED.
-    pub velocity_ned: Vector3,
-    /// Roll, pitch, yaw, rad.
-    pub attitude: Vector3,
-    /// Gyroscope, rad/s, body.
-    pub body_rates: Vector3,
-    /// Accelerometer, m/s², body.
-    pub specific_force: Vector3,
-    /// V.
-    pub battery_voltage: f64,
 }
 
 /// The hooks that an effect uses, so that callers skip the others.
@@ -190,41 +142,5 @@ pub trait ActiveEffect: std::fmt::Debug + Send + Sync {
 impl Clone for Box<dyn ActiveEffect> {
     fn clone(&self) -> Self {
         self.boxed_clone()
-    }
-}
-
-/// An effect that does nothing but change constants.
-#[derive(Debug, Clone)]
-pub(crate) struct Changes<const N: usize> {
-    values: [f64; N],
-    rotor: usize,
-    change: fn(&mut Constants, &[f64; N], usize),
-}
-
-impl<const N: usize> Changes<N> {
-    /// `change` gets the constants, the parameters in the order of the declaration, and the rotor from 0.
-    pub(crate) fn boxed(
-        setup: &super::Setup<'_>,
-        change: fn(&mut Constants, &[f64; N], usize),
-    ) -> Box<dyn ActiveEffect> {
-        Box::new(Self {
-            values: std::array::from_fn(|i| setup.values[i]),
-            rotor: setup.rotor,
-            change,
-        })
-    }
-}
-
-impl<const N: usize> ActiveEffect for Changes<N> {
-    fn hooks(&self) -> Hooks {
-        Hooks::CONSTANTS
-    }
-
-    fn boxed_clone(&self) -> Box<dyn ActiveEffect> {
-        Box::new(self.clone())
-    }
-
-    fn constants(&self, constants: &mut Constants) {
-        (self.change)(constants, &self.values, self.rotor);
     }
 }

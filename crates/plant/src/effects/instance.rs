@@ -4,9 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::catalogue::catalogue;
+use super::constants::Constants;
 use super::declaration::{EffectDeclaration, ParameterDeclaration, ParameterKind, Setup};
 use super::hooks::ActiveEffect;
-use super::{Constants, EffectDocument, catalogue};
+use super::user::EffectDocument;
 use crate::error::{Refusal, in_range};
 
 /// A value may lie outside of what is plausible by this factor, not more.

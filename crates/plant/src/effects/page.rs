@@ -2,12 +2,16 @@
 
 use std::fmt::Write as _;
 
-use super::{EffectDeclaration, ParameterKind, catalogue, expression_places, expression_variables};
+use super::catalogue::catalogue;
+use super::declaration::{EffectDeclaration, ParameterKind};
+use super::user::{expression_places, expression_variables};
 
 const INTRODUCTION: &str = r#"# Effects
 
+For people who read a diagnosis or add an effect to a model.
+
 What a nominal vehicle lacks: physics, sensor faults, timing faults. One declaration of each serves the simulator, the diagnosis and this
-page, which is generated (`rotortwin effects --page > docs/effects.md`; a test of the plant fails when it is out of date).
+page, which is generated (`rotortwin effects --page > docs/effects.md`; a test fails when it is out of date).
 
 ```sh
 rotortwin effects                      # the catalogue as a table

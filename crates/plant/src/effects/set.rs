@@ -1,7 +1,10 @@
 //! A list of effects at work: calls the hooks that are in use, in the order of the list, from each effect's onset.
 
-use super::hooks::{ActiveEffect, Hooks, Moment, Readings, Wrench};
-use super::{Catalogue, Constants, EffectInstance};
+use super::constants::Constants;
+use super::hooks::{ActiveEffect, Hooks, Moment};
+use super::instance::{Catalogue, EffectInstance};
+use super::readings::Readings;
+use super::wrench::Wrench;
 use crate::error::Refusal;
 use crate::nearest_step;
 use crate::vector::Vector3;

@@ -1,7 +1,8 @@
 //! A made-up flight with the look of the reference flight (helix, fault of rotor 3 from 45 s), for tests of this crate and for
 //! looking at the report. No physics: analytic signals and noise.
 
-use rotortwin_store::telemetry::{HEALTHY, NOT_READY, TelemetryRow, TruthRow, UNKNOWN};
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY, UNKNOWN};
+use rotortwin_store::telemetry::{TelemetryRow, TruthRow};
 
 /// Rotors of the made-up vehicle.
 pub const ROTORS: usize = 6;

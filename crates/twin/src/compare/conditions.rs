@@ -1,6 +1,7 @@
 //! Flight conditions of a log, and how a residual depends on them: binned means with bands.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use super::statistics::finite_mean;
 use crate::predict::Series;
@@ -117,7 +118,7 @@ pub fn of(series: &Series) -> Vec<Condition> {
 }
 
 /// A residual against a condition.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Dependence {
     /// Key of the condition.
     pub condition: &'static str,
@@ -132,7 +133,7 @@ pub struct Dependence {
 }
 
 /// One bin.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Bin {
     /// Mean of the condition.
     pub at: f64,

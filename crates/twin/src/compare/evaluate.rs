@@ -2,11 +2,13 @@
 
 use rotortwin_plant::effects::ChannelGroup;
 use serde::Serialize;
+use utoipa::ToSchema;
 
+use super::NuisanceValues;
 use super::conditions::{self, Condition, Dependence};
 use super::open_loop::{self, OpenLoopError};
 use super::statistics::{InputTest, LjungBox, block_means, mean_square, standardised_blocks};
-use super::{NuisanceValues, nuisances};
+use crate::estimation::nuisances;
 use crate::predict::channels::{F, M, group};
 use crate::predict::{CHANNELS, ChannelResiduals, Covariance, NAMES, Nuisances, PredictError, Predictor, UNITS};
 
@@ -36,7 +38,7 @@ const CHANCE_LIMIT: f64 = 5.0;
 const CHI2_LIMIT: f64 = 1.25;
 
 /// What a channel says about the model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ChannelVerdict {
     /// Nothing but noise.
@@ -48,7 +50,7 @@ pub enum ChannelVerdict {
 }
 
 /// One channel of one model on one log.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ChannelResult {
     /// Short name: `fx`.
     pub channel: &'static str,
@@ -61,18 +63,25 @@ pub struct ChannelResult {
     /// Samples that count.
     pub samples: usize,
     /// Root mean square of the residual.
+    #[schema(value_type = Option<f64>)]
     pub rms: f64,
     /// Deviation of a sample of pure noise.
+    #[schema(value_type = Option<f64>)]
     pub noise: f64,
     /// Root mean square of means over 0.1 s.
+    #[schema(value_type = Option<f64>)]
     pub smoothed_rms: f64,
     /// What pure noise gives there.
+    #[schema(value_type = Option<f64>)]
     pub smoothed_noise: f64,
     /// Mean square of the whitened residual: 1 for pure noise.
+    #[schema(value_type = Option<f64>)]
     pub chi2: f64,
     /// Mean square of the standardised sums over 0.25 s: 1 for white noise.
+    #[schema(value_type = Option<f64>)]
     pub low_frequency: f64,
     /// Deviation of `low_frequency` by chance.
+    #[schema(value_type = Option<f64>)]
     pub low_frequency_chance: f64,
     /// Whiteness of the samples.
     pub ljung_box: Option<LjungBox>,
@@ -85,7 +94,7 @@ pub struct ChannelResult {
 }
 
 /// The stretch in which a channel that fails is farthest off.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct WorstMoment {
     /// Begin, s.
     pub start_s: f64,
@@ -94,30 +103,35 @@ pub struct WorstMoment {
     /// Channel.
     pub channel: &'static str,
     /// Mean residual.
+    #[schema(value_type = Option<f64>)]
     pub error: f64,
     /// Its unit.
     pub unit: &'static str,
     /// In deviations of such a mean by noise.
+    #[schema(value_type = Option<f64>)]
     pub deviations: f64,
     /// Conditions at that time: title, value, unit.
+    #[schema(value_type = Vec<Vec<serde_json::Value>>)]
     pub conditions: Vec<(&'static str, f64, &'static str)>,
 }
 
 /// Error of a group of channels in physical units: the height of a waterfall's step.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct GroupError {
     /// `force`, `torque`, `voltage`, `acceleration`, `attitude rate`, `velocity`.
     pub quantity: &'static str,
     /// Unit.
     pub unit: &'static str,
     /// Root mean square over the group's channels of means over 0.1 s.
+    #[schema(value_type = Option<f64>)]
     pub error: f64,
     /// What pure noise gives.
+    #[schema(value_type = Option<f64>)]
     pub noise: f64,
 }
 
 /// One model on one log.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ModelOnLog {
     /// As the caller names the model.
     pub model: String,
@@ -128,6 +142,7 @@ pub struct ModelOnLog {
     /// Errors by group.
     pub errors: Vec<GroupError>,
     /// Mean of the tested channels' chi².
+    #[schema(value_type = Option<f64>)]
     pub chi2: f64,
     /// Open-loop prediction.
     pub open_loop: Vec<OpenLoopError>,
@@ -188,14 +203,6 @@ fn samples(length_s: f64, step_s: f64) -> usize {
     ((length_s / step_s).round() as usize).max(1)
 }
 
-/// Deviation of the mean of `count` samples of pure noise.
-pub(crate) fn deviation_of_mean(covariance: Covariance, count: usize) -> f64 {
-    let n = count as f64;
-    ((n * covariance.variance + 2.0 * (n - 1.0) * covariance.lag_one) / (n * n))
-        .max(0.0)
-        .sqrt()
-}
-
 fn test(
     predictor: &Predictor,
     residuals: &ChannelResiduals,
@@ -245,7 +252,7 @@ fn test(
     result.chi2 = masked(whitened);
     let smooth = samples(SMOOTH_S, step);
     result.smoothed_rms = mean_square(&block_means(raw, mask, smooth)).0.sqrt();
-    result.smoothed_noise = deviation_of_mean(covariance, smooth);
+    result.smoothed_noise = covariance.deviation_of_mean(smooth);
     let block = samples(BLOCK_S, step);
     let (level, blocks) = mean_square(&standardised_blocks(whitened, mask, block));
     result.low_frequency = level;
@@ -266,7 +273,7 @@ fn test(
             .total_cmp(&(a.correlation / a.band_99).abs())
     });
     let means = block_means(raw, mask, block);
-    let deviation = deviation_of_mean(covariance, block);
+    let deviation = covariance.deviation_of_mean(block);
     result.conditions = conditions
         .iter()
         .filter_map(|condition| {
@@ -380,7 +387,7 @@ fn worst_moments(
                 channel: NAMES[channel],
                 error: means[block],
                 unit: UNITS[channel],
-                deviations: means[block].abs() / deviation_of_mean(covariances[channel], length),
+                deviations: means[block].abs() / covariances[channel].deviation_of_mean(length),
                 conditions: conditions.iter().map(|c| (c.title, at(c), c.unit)).collect(),
             });
         }

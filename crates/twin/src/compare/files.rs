@@ -13,6 +13,9 @@ use super::{Comparison, LogSeries};
 use crate::model::document::plain_name;
 use crate::predict::{CHANNELS, NAMES, UNITS};
 
+/// How the columns of the flight conditions begin.
+pub const CONDITION: &str = "condition_";
+
 /// Why a file could not be written: one sentence.
 #[derive(Debug, thiserror::Error)]
 #[error("writing {path}: {reason}")]
@@ -46,23 +49,32 @@ pub fn write(folder: &Path, comparison: &Comparison, series: &[LogSeries]) -> Re
     };
     put("comparison.json", &json(comparison))?;
     put("report.html", &super::report::render(comparison, series))?;
+    let names: Vec<&str> = comparison.logs.iter().map(|log| log.log.name.as_str()).collect();
     for (place, (log, series)) in comparison.logs.iter().zip(series).enumerate() {
-        let name = plain_name(&log.log.name);
-        // Two logs may have one name.
-        let taken = comparison.logs[..place]
-            .iter()
-            .any(|other| plain_name(&other.log.name) == name);
-        let file = if taken {
-            format!("residuals-{name}-{}.parquet", place + 1)
-        } else {
-            format!("residuals-{name}.parquet")
-        };
-        residuals(&folder.join(file), log, series)?;
+        residuals(&folder.join(residuals_file(&names, place)), log, series)?;
     }
     Ok(())
 }
 
-/// One row per sample: time, and per channel the measurement and each model's residual, raw and whitened; NaN where nothing counts.
+/// Name of the file with the residuals of the log at `place` among the `names` of a comparison's logs.
+pub fn residuals_file(names: &[&str], place: usize) -> String {
+    let name = plain_name(names[place]);
+    // Two logs may have one name.
+    if names[..place].iter().any(|other| plain_name(other) == name) {
+        format!("residuals-{name}-{}.parquet", place + 1)
+    } else {
+        format!("residuals-{name}.parquet")
+    }
+}
+
+/// Variance and lag-one covariance of a sample of pure noise, by channel.
+fn covariances(log: &super::LogComparison) -> Vec<[f64; 2]> {
+    let all = log.noise.covariances(1.0 / log.rate_hz);
+    all.iter().map(|one| [one.variance, one.lag_one]).collect()
+}
+
+/// One row per sample: time, per channel the measurement and each model's residual, raw and whitened, then the flight conditions; NaN where
+/// nothing counts. The metadata say what pure noise does to each channel (`covariances`: variance and lag-one covariance of a sample).
 fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Result<(), WriteError> {
     let fail = failed(path);
     let mut columns: Vec<(String, Vec<f32>)> =
@@ -102,6 +114,11 @@ fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Res
             );
         }
     }
+    for condition in &series.conditions {
+        let name = format!("{CONDITION}{}", condition.name);
+        units.insert(name.clone(), condition.unit.into());
+        columns.push((name, condition.values.iter().map(|v| *v as f32).collect()));
+    }
     let fields = columns
         .iter()
         .map(|(name, _)| {
@@ -116,6 +133,7 @@ fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Res
         .with_fields(fields)
         .build()
         .map_err(|error| fail(&error))?;
+    let titles: Vec<[&str; 3]> = series.conditions.iter().map(|c| [c.name, c.title, c.unit]).collect();
     let labels: Vec<&str> = log.models.iter().map(|model| model.model.as_str()).collect();
     let entry = |key: &str, value: String| parquet::file::metadata::KeyValue::new(format!("rotortwin.{key}"), value);
     let metadata = vec![
@@ -123,6 +141,9 @@ fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Res
         entry("log_hash", log.log.hash.clone()),
         entry("models", serde_json::to_string(&labels).expect("texts are JSON")),
         entry("units", serde_json::Value::Object(units).to_string()),
+        entry("rate_hz", log.rate_hz.to_string()),
+        entry("covariances", serde_json::json!(covariances(log)).to_string()),
+        entry("conditions", serde_json::json!(titles).to_string()),
     ];
     let level = ZstdLevel::try_new(1).map_err(|error| fail(&error))?;
     let properties = WriterProperties::builder()

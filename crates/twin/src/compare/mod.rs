@@ -7,7 +7,7 @@
 //!                             └▶ open loop: error after 0.1, 0.5, 1, 5 s                 (open_loop)
 //!                                        └▶ verdict, tables, Parquet, report.html
 //! ```
-//! Rotor biases and charge at take-off belong to a flight and are fitted to it first ([`nuisances`]); everything else is the
+//! Rotor biases and charge at take-off belong to a flight and are fitted to it first ([`crate::estimation`]); everything else is the
 //! model as it stands.
 //!
 //! "Agrees" means: no channel has a low-frequency error (0.25 s) beyond 1.5 times the noise variance (4 times in the
@@ -20,12 +20,12 @@
 pub mod conditions;
 pub mod evaluate;
 pub mod files;
-pub mod nuisances;
 pub mod open_loop;
 pub mod report;
 pub mod statistics;
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 pub use evaluate::{ChannelResult, ChannelVerdict, Evaluated, GroupError, ModelOnLog, WorstMoment};
 pub use open_loop::OpenLoopError;
@@ -45,7 +45,7 @@ pub struct NamedModel {
 }
 
 /// What was fitted to a log before the comparison.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct NuisanceValues {
     /// Constant error of each rotor's lift, N.
     pub rotor_bias_n: Vec<f64>,
@@ -54,7 +54,7 @@ pub struct NuisanceValues {
 }
 
 /// A stretch of a log that no channel counts.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Excluded {
     /// s.
     pub start_s: f64,
@@ -63,7 +63,7 @@ pub struct Excluded {
 }
 
 /// All models on one log.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct LogComparison {
     /// Which log.
     pub log: LogReference,
@@ -82,7 +82,7 @@ pub struct LogComparison {
 }
 
 /// Models against logs.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Comparison {
     /// Program and version.
     pub tool: &'static str,
@@ -95,7 +95,7 @@ pub struct Comparison {
 }
 
 /// A model, by label and content.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ModelReference {
     /// As the caller names it.
     pub label: String,

@@ -12,6 +12,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::{Constants, EffectSet, Hooks, Moment};
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use crate::predict::Source;
 use crate::predict::vectors::{cross, inverted, rotation, times, to_body};
@@ -25,17 +26,20 @@ const START_EVERY_S: f64 = 1.0;
 const DIVERGED_M_S: f64 = 1e3;
 
 /// Error after one horizon, root mean square over all starts.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct OpenLoopError {
     /// s.
     pub horizon_s: f64,
     /// Starts.
     pub starts: usize,
     /// m.
+    #[schema(value_type = Option<f64>)]
     pub position_m: f64,
     /// m/s.
+    #[schema(value_type = Option<f64>)]
     pub velocity_m_s: f64,
     /// Angle between predicted and measured attitude, rad.
+    #[schema(value_type = Option<f64>)]
     pub attitude_rad: f64,
 }
 
@@ -210,7 +214,7 @@ fn flown(set: &mut EffectSet, predictor: &Predictor, thrust: &[f64], k: usize, s
         let mut wrench = c.rotor_wrench(&f[..n]);
         set.wrench(&at, &mut wrench);
         set.advance(&at, step);
-        wrench.closed(at.air_velocity_body, at.body_rates, &c)
+        c.closed(&wrench, at.air_velocity_body, at.body_rates)
     });
     let momentum = times(&c.inertia_body_kg_m2, state.rates);
     let gyroscopic = cross(state.rates, momentum);

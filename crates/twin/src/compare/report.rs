@@ -10,7 +10,7 @@ use rotortwin_store::REPORT_CSS;
 use rotortwin_store::page::{Page, escape};
 use serde_json::{Value, json};
 
-use super::evaluate::{ChannelResult, ChannelVerdict, ModelOnLog, deviation_of_mean};
+use super::evaluate::{ChannelResult, ChannelVerdict, ModelOnLog};
 use super::{Comparison, LogComparison, LogSeries};
 use crate::predict::{CHANNELS, NAMES, UNITS};
 
@@ -395,7 +395,7 @@ fn payload(log: &LogComparison, series: &LogSeries) -> Value {
         .collect();
     let covariances = log.noise.covariances(step);
     let sigma: Vec<f64> = (0..CHANNELS)
-        .map(|c| deviation_of_mean(covariances[c], bucket))
+        .map(|c| covariances[c].deviation_of_mean(bucket))
         .collect();
     // The same samples count for every model.
     let mask = |channel: usize| {

@@ -1,6 +1,7 @@
 //! Tests on whitened residuals: block means, Ljung–Box, correlation with inputs, binned means.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Lags of the Ljung–Box test, samples.
 const LJUNG_BOX_LAGS: usize = 20;
@@ -58,15 +59,18 @@ pub fn mean_square(values: &[f64]) -> (f64, usize) {
 }
 
 /// Ljung–Box test of whiteness: Q = n(n+2) Σ ρ_l²/(n−l), chi-squared with as many degrees of freedom as lags.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct LjungBox {
     /// Degrees of freedom.
     pub lags: usize,
     /// Q.
+    #[schema(value_type = Option<f64>)]
     pub statistic: f64,
     /// Probability of a larger Q by chance.
+    #[schema(value_type = Option<f64>)]
     pub p_value: f64,
     /// Correlation of neighbours.
+    #[schema(value_type = Option<f64>)]
     pub lag_one: f64,
 }
 
@@ -110,15 +114,17 @@ pub fn chi_squared_tail(value: f64, freedom: f64) -> f64 {
 }
 
 /// Largest correlation of a residual with an input that came before it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct InputTest {
     /// Name of the input.
     pub input: &'static str,
     /// Correlation coefficient at the lag where it is largest.
+    #[schema(value_type = Option<f64>)]
     pub correlation: f64,
     /// The residual follows the input by this, s.
     pub lag_s: f64,
     /// Band that 99 % of unrelated series stay within at all lags together.
+    #[schema(value_type = Option<f64>)]
     pub band_99: f64,
     /// Number of blocks.
     pub blocks: usize,

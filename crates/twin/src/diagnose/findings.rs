@@ -1,29 +1,49 @@
 //! What a search found in the words of its result: findings with final values, and the verdict.
 
-use rotortwin_plant::effects::ParameterKind;
+use rotortwin_plant::effects::{ParameterDeclaration, ParameterKind};
 
-use super::evidence::Posterior;
-use super::fit::{Problem, position_of};
-use super::library::Candidate;
-use super::linear::{Active, Linear};
-use super::ranking::{parameters, parameters_of};
+use super::named::{Named, UNTOLD_GAP};
 use super::result::{Diagnosis, Finding, Rival, Verdict};
-use super::select::Named;
-use super::{gusts, words};
+use super::strategies::covariance;
+use super::words;
+use crate::estimation::candidates::Candidate;
+use crate::estimation::columns::Active;
+use crate::estimation::linearisation::Linear;
+use crate::estimation::normal::Posterior;
+use crate::estimation::parameters::{parameters, parameters_of};
+use crate::estimation::problem::{Problem, position_of};
 use crate::predict::channels::{F, KV};
 use crate::predict::{CHANNELS, NAMES};
-
-/// Evidence gap below which the flight cannot tell.
-pub(super) const UNTOLD_GAP: f64 = 1.5;
 
 /// Least explained share of an answer.
 const LEAST_SHARE: f64 = 0.9;
 
-/// Findings with the final values.
-pub(super) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posterior) -> Vec<Finding> {
+/// Share of a plausible range by which a value may lie beyond it.
+const BEYOND: f64 = 0.1;
+
+/// Whether the sizes of a finding can be: within the plausible range of the vehicle, give or take a tenth of it, and not all of them
+/// less than their own deviation. A fit may leave the range with another effect beside it or with the clutter at another width.
+fn can_be(entry: &Candidate, finding: &Finding) -> bool {
+    let mut sizes = entry
+        .parameters
+        .iter()
+        .zip(&finding.parameters)
+        .filter(|(p, _)| p.kind == ParameterKind::Size)
+        .peekable();
+    let within = |p: &ParameterDeclaration, value: f64| {
+        let margin = BEYOND * (p.plausible_high - p.plausible_low);
+        (p.plausible_low - margin..=p.plausible_high + margin).contains(&value)
+    };
+    sizes.clone().all(|(p, found)| within(p, found.value))
+        && (sizes.peek().is_none() || sizes.any(|(_, found)| found.value.abs() > found.deviation))
+}
+
+/// Findings with the final values, and the names of those whose size cannot be.
+pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posterior) -> (Vec<Finding>, Vec<String>) {
+    let mut impossible = Vec::new();
     let position = position_of(&problem.library, &problem.logs, &problem.active);
     let offset = problem.nuisances();
-    named
+    let found = named
         .into_iter()
         .filter_map(|one| {
             let active = problem.active.iter().find(|a| a.candidate == one.candidate)?;
@@ -61,11 +81,17 @@ pub(super) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 lost,
                 onset_s: active.onset_s,
                 reason: String::new(),
+                picture: None,
             };
             finding.reason = words::why_found(&finding, one.minimum.is_finite().then_some(one.minimum));
+            if !can_be(entry, &finding) {
+                impossible.push(finding.label);
+                return None;
+            }
             Some(finding)
         })
-        .collect()
+        .collect();
+    (found, impossible)
 }
 
 /// True if the only size of an effect came out below the smallest that would have been seen.
@@ -78,8 +104,8 @@ fn below(entry: &Candidate, values: &[f64], minimum: f64) -> bool {
 }
 
 /// Gusts as a finding.
-pub(super) fn weather_finding(problem: &Problem, found: &gusts::Gusts) -> Option<Finding> {
-    let declared = problem.logs.first()?.predictor.catalogue().find(gusts::ID)?;
+pub(crate) fn weather_finding(problem: &Problem, found: &covariance::Gusts) -> Option<Finding> {
+    let declared = problem.logs.first()?.predictor.catalogue().find(covariance::ID)?;
     let candidate = Candidate {
         declaration: declared,
         parameters: declared.parameters.to_vec(),
@@ -104,6 +130,7 @@ pub(super) fn weather_finding(problem: &Problem, found: &gusts::Gusts) -> Option
         lost: Vec::new(),
         onset_s: None,
         reason: String::new(),
+        picture: None,
     };
     finding.reason = words::why_found(&finding, None)
         + "; noise through the drag that was found, white once filtered, and no function of velocity or place";
@@ -134,7 +161,7 @@ fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -> Vec<Strin
 
 /// True if three effects at work are each easily confused with one of the others: together they draw a curve through an error that
 /// is none of theirs.
-pub(super) fn look_alikes(problem: &Problem) -> bool {
+pub(crate) fn look_alikes(problem: &Problem) -> bool {
     let named = |a: &Active| problem.library.candidates[a.candidate].declaration;
     let alike = problem.active.iter().filter(|a| {
         problem.active.iter().any(|b| {
@@ -145,7 +172,7 @@ pub(super) fn look_alikes(problem: &Problem) -> bool {
     alike.count() >= 3
 }
 
-pub(super) fn verdict(diagnosis: &Diagnosis) -> Verdict {
+pub(crate) fn verdict(diagnosis: &Diagnosis) -> Verdict {
     let ids = |findings: &[Finding]| findings.iter().map(|f| f.instance.effect.clone()).collect::<Vec<_>>();
     let nothing = diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty();
     let unexplained = !diagnosis.goodness.unexplained.is_empty();

@@ -17,46 +17,29 @@
 //!   of several samples, a battery at another charge, effects that set in late, swapped or reversed rotors.
 //! * An effect that a later one has made superfluous leaves; three that are easily confused with one another are not believed.
 //!
-//! Gusts are noise, not a column: where forces stay unexplained beside a drag, their covariance is tried (`gusts.rs`).
+//! Gusts are noise, not a column: where forces stay unexplained beside a drag, their covariance is tried (`strategies/covariance.rs`).
 
-mod charge;
-mod compass;
-mod dense;
-mod evidence;
 mod findings;
-mod fit;
-mod goodness;
-mod gusts;
-mod held_out;
-pub(crate) mod library;
-mod linear;
-mod onset;
+mod named;
+mod passes;
+mod picture;
 mod ranking;
 mod result;
 mod search;
-mod second_looks;
-mod select;
-mod settle;
-mod trials;
-mod vehicle_size;
-mod wiring;
+mod strategies;
 mod words;
 
-pub(crate) use dense::Matrix;
-pub use library::{Candidate, Library};
-pub(crate) use ranking::parameters_of;
 pub use result::{
-    ChannelGoodness, Diagnosis, Finding, FittedParameter, Goodness, HeldOutError, NotTestable, Ranked, Rival, Timing,
-    Verdict,
+    ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotTestable, Picture, PictureBin,
+    Ranked, Rival, Timing, Verdict,
 };
-pub(crate) use vehicle_size::VehicleSize;
 
 use rotortwin_plant::effects::EffectDocument;
 
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
-use crate::{propose, trim};
+use crate::{baseline, propose};
 
 /// Threshold on the ln Bayes factor.
 pub const THRESHOLD: f64 = 10.0;
@@ -117,13 +100,17 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     let changed = if options.baseline.is_empty() {
         None
     } else {
-        Some(trim::trim(logs, &options.baseline, model)?)
+        Some(baseline::trim(logs, &options.baseline, model)?)
     };
     let mut diagnosis = search::search(predictors, &catalogue, &instances, options, start)?;
     if diagnosis.verdict == Verdict::OutsideCatalogue {
         diagnosis.proposal = Some(propose::propose(logs, model)?);
     }
     diagnosis.trim = changed;
+    diagnosis.model = DiagnosedModel {
+        name: model.name.clone(),
+        hash: model.hash(),
+    };
     diagnosis.timing.total_s = (options.clock)() - start;
     Ok(diagnosis)
 }

@@ -2,13 +2,17 @@
 
 use rotortwin_plant::effects::{EffectClass, EffectInstance};
 use serde::Serialize;
+use utoipa::ToSchema;
 
+use crate::baseline::Trim;
+use crate::estimation::parameters::FittedParameter;
 use crate::propose::Proposal;
-use crate::trim::Trim;
+use crate::schema;
 
 /// The answer in one word.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
+#[schema(as = DiagnosisVerdict)]
 pub enum Verdict {
     /// The model agrees with the flight.
     Agrees,
@@ -33,40 +37,40 @@ pub enum Verdict {
     NothingTestable,
 }
 
-/// A parameter with its interval.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FittedParameter {
-    /// Key in documents.
-    pub name: String,
-    /// Letter.
-    pub symbol: String,
-    /// Unit.
-    pub unit: String,
-    /// Value.
-    pub value: f64,
-    /// Standard deviation.
-    pub deviation: f64,
-    /// Half width of the 95 % interval.
-    pub interval_95: f64,
-    /// False outside the plausible range.
-    pub plausible: bool,
-}
-
 /// Error on blocks that the fit did not see, smoothed over 0.1 s.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct HeldOutError {
     /// `force`, `torque` or `voltage`.
     pub quantity: String,
     /// Unit.
     pub unit: String,
     /// Without the effects found.
+    #[schema(value_type = Option<f64>)]
     pub before: f64,
     /// With them.
+    #[schema(value_type = Option<f64>)]
     pub after: f64,
+    /// Standard deviation of `after − before`, from the scatter over the blocks.
+    #[schema(value_type = Option<f64>)]
+    pub change_deviation: f64,
+    /// Change that is none: a hundredth of what noise alone leaves.
+    #[serde(skip)]
+    pub negligible: f64,
+}
+
+/// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
+const RISEN: f64 = 3.0;
+
+impl HeldOutError {
+    /// True if the effects found make the error larger, by more than the blocks scatter and more than a trace of the noise.
+    pub fn rises(&self) -> bool {
+        self.after - self.before > (RISEN * self.change_deviation).max(self.negligible)
+    }
 }
 
 /// A rival that explains the data nearly as well, or why it lost.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = RivalEffect)]
 pub struct Rival {
     /// Id in the catalogue.
     pub effect: String,
@@ -80,20 +84,52 @@ pub struct Rival {
     pub reason: String,
 }
 
+/// A residual against what an effect does to its channel.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = FindingPicture)]
+pub struct Picture {
+    /// Log: the one that moves the effect most.
+    pub log: String,
+    /// Channel.
+    pub channel: String,
+    /// Unit of all numbers.
+    pub unit: String,
+    /// By rising contribution of the effect.
+    pub bins: Vec<PictureBin>,
+}
+
+/// Means of the blocks in which the effect contributes about as much.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct PictureBin {
+    /// Mean contribution of the effect.
+    pub at: f64,
+    /// Mean residual without the effect.
+    pub before: f64,
+    /// Mean residual with it.
+    pub after: f64,
+    /// Half of the band that 95 % of the means of pure noise stay within.
+    pub band_95: f64,
+    /// Blocks of 0.25 s.
+    pub blocks: usize,
+}
+
 /// An effect that was found.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Finding {
     /// As documents name it.
+    #[schema(value_type = schema::EffectInstance)]
     pub instance: EffectInstance,
     /// Name shown.
     pub label: String,
     /// Physics, sensor fault or timing fault.
+    #[schema(value_type = schema::EffectClass)]
     pub class: EffectClass,
     /// Equation.
     pub equation: String,
     /// Parameters with intervals.
     pub parameters: Vec<FittedParameter>,
     /// ln of the Bayes factor against clutter.
+    #[schema(value_type = Option<f64>)]
     pub ln_bayes_factor: f64,
     /// Posterior probability among the library with equal prior odds.
     pub posterior: f64,
@@ -107,10 +143,13 @@ pub struct Finding {
     pub onset_s: Option<f64>,
     /// In plain words.
     pub reason: String,
+    /// The residual against what the effect does, without it and with it; absent where there is nothing to draw.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub picture: Option<Picture>,
 }
 
 /// One row of the ranking about the given model.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Ranked {
     /// Id in the catalogue.
     pub effect: String,
@@ -121,17 +160,20 @@ pub struct Ranked {
     /// Equation.
     pub equation: String,
     /// Class.
+    #[schema(value_type = schema::EffectClass)]
     pub class: EffectClass,
     /// Parameters by the linear fit.
     pub parameters: Vec<FittedParameter>,
     /// ln of the Bayes factor against clutter.
+    #[schema(value_type = Option<f64>)]
     pub ln_bayes_factor: f64,
     /// Change of chi² on the held-out blocks, both ways; negative is better.
+    #[schema(value_type = Option<f64>)]
     pub held_out_chi2_change: f64,
 }
 
 /// An effect that this flight cannot show at its plausible size.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct NotTestable {
     /// Id in the catalogue.
     pub effect: String,
@@ -152,24 +194,28 @@ pub struct NotTestable {
 }
 
 /// How well the model fits, before and after.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct ChannelGoodness {
     /// Log.
     pub log: String,
     /// Channel.
     pub channel: String,
     /// chi² per sample of the given model, nuisances fitted.
+    #[schema(value_type = Option<f64>)]
     pub chi2_before: f64,
     /// chi² per sample with the effects found.
+    #[schema(value_type = Option<f64>)]
     pub chi2_after: f64,
     /// Variance of 0.25 s means over that of white noise, with the effects found.
+    #[schema(value_type = Option<f64>)]
     pub block_variance: f64,
     /// The same as a normal score: above 6 the channel is not explained.
+    #[schema(value_type = Option<f64>)]
     pub whiteness_score: f64,
 }
 
 /// Absolute goodness of fit.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Goodness {
     /// Share of the slow excess error (0.25 s means) that the effects found explain; absent if there is no excess.
     pub explained_share: Option<f64>,
@@ -188,9 +234,20 @@ pub struct Timing {
     pub total_s: f64,
 }
 
+/// The model that a diagnosis was made on.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, ToSchema)]
+pub struct DiagnosedModel {
+    /// Its name.
+    pub name: String,
+    /// Content hash of its version.
+    pub hash: String,
+}
+
 /// What a diagnosis says.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Diagnosis {
+    /// The model that the logs were held against: what was found belongs to no other one.
+    pub model: DiagnosedModel,
     /// The answer.
     pub verdict: Verdict,
     /// The answer in a sentence.

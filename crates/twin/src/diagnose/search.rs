@@ -2,17 +2,25 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance};
 
-use super::fit::Problem;
-use super::goodness::{self, judge};
-use super::library::Library;
-use super::linear::LogState;
-use super::ranking::{detectable, score, table};
-use super::result::{Diagnosis, Goodness, Timing, Verdict};
-use super::second_looks::{doubt_onsets, gusts_lead, in_place_of_two, reconsider, superfluous};
-use super::select::{LEFT_FACTOR, Named, best_of};
-use super::settle::{averaged, coloured, move_to, posterior_of, settled, trust};
-use super::trials::Trials;
-use super::{Options, THRESHOLD, THRESHOLD_AT_REST, charge, findings, gusts, held_out, trials, wiring, words};
+use super::named::Named;
+use super::passes::elimination::{in_place_of_two, reconsider, superfluous};
+use super::passes::goodness::judge;
+use super::passes::gusts::{gusts_lead, without_stand_in};
+use super::passes::onset::doubt_onsets;
+use super::passes::selection::{LEFT_FACTOR, best_of};
+use super::passes::{charge, held_out, wiring};
+use super::ranking::{detectable, table};
+use super::result::{DiagnosedModel, Diagnosis, Goodness, Timing, Verdict};
+use super::strategies::covariance;
+use super::strategies::trials::{Trials, trials};
+use super::{Options, THRESHOLD, THRESHOLD_AT_REST, findings, picture, words};
+use crate::estimation::candidates::Library;
+use crate::estimation::columns::LogState;
+use crate::estimation::posterior::posterior_of;
+use crate::estimation::problem::Problem;
+use crate::estimation::scores::score;
+use crate::estimation::settle::{averaged, move_to, settled, trust};
+use crate::estimation::whiteness::{coloured, fits};
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor};
 
 /// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
@@ -54,6 +62,7 @@ pub(crate) fn search(
         })
         .collect();
     let mut diagnosis = Diagnosis {
+        model: DiagnosedModel::default(),
         verdict: Verdict::NothingTestable,
         sentence: String::new(),
         effects: Vec::new(),
@@ -121,11 +130,11 @@ pub(crate) fn search(
         trust(&mut problem);
         let posterior = settled(&mut problem)?.0;
         if before.is_none() {
-            before = Some(goodness::fits(&problem, &posterior.mean));
+            before = Some(fits(&problem, &posterior.mean));
         }
         let scored = score(&problem, &posterior);
         let special = if round < options.most_effects {
-            trials::trials(&problem, &posterior, threshold)
+            trials(&problem, &posterior, threshold)
         } else {
             Trials::default()
         };
@@ -181,35 +190,35 @@ pub(crate) fn search(
         (posterior, deviations) = settled(&mut problem)?;
     }
     let before = before.unwrap_or_default();
-    let mut after = goodness::fits(&problem, &posterior.mean);
+    let mut after = fits(&problem, &posterior.mean);
     if problem.active.is_empty() && coloured(&after) {
         // Nothing was named, but the nuisances may have stopped at a kink of the battery's chart.
         let fitted = problem.fit(&[])?;
         move_to(&mut problem, &fitted)?;
         posterior = posterior_of(&problem)?.0;
-        after = goodness::fits(&problem, &posterior.mean);
+        after = fits(&problem, &posterior.mean);
     }
     let mut goodness = judge(&problem, &before, &after);
     let mut weather = None;
     if !goodness.unexplained.is_empty() && !problem.active.is_empty() {
         (options.progress)("gusts", 0.96);
-        weather = gusts::find(&problem, &posterior)?;
+        weather = covariance::find(&problem, &posterior)?;
         if let Some(first) = &weather {
             // What a wind does depends on the drag, which is another one now.
             problem.advance(&first.posterior.mean);
             problem.linearise(&|_| ())?;
             let (about, _) = posterior_of(&problem)?;
-            weather = gusts::find(&problem, &about)?;
+            weather = covariance::find(&problem, &about)?;
             (posterior, left) = match &weather {
                 Some(second) => (second.posterior.clone(), 0.0),
                 None => (about, left),
             };
         }
         while let Some(first) = &weather
-            && let Some(without) = gusts::without_stand_in(&problem, &first.posterior, threshold)?
+            && let Some(without) = without_stand_in(&problem, &first.posterior, threshold)?
         {
             let (about, _) = posterior_of(&without)?;
-            let Some(found) = gusts::find(&without, &about)? else {
+            let Some(found) = covariance::find(&without, &about)? else {
                 break;
             };
             named.retain(|one| without.active.iter().any(|a| a.candidate == one.candidate));
@@ -230,7 +239,7 @@ pub(crate) fn search(
     diagnosis.goodness = goodness;
     diagnosis.held_out = held_out::errors(&problem, &plain)?;
     let about = if weather.is_some() { None } else { averaged(&problem) };
-    let mut found = findings::findings(&problem, named, about.as_ref().unwrap_or(&posterior));
+    let (mut found, impossible) = findings::findings(&problem, named, about.as_ref().unwrap_or(&posterior));
     found.extend(weather.and_then(|gusts| findings::weather_finding(&problem, &gusts)));
     for finding in found {
         if matches!(finding.class, EffectClass::Physics | EffectClass::Noise) {
@@ -239,15 +248,30 @@ pub(crate) fn search(
             diagnosis.sensor_or_timing.push(finding);
         }
     }
+    let drawn = diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing);
+    picture::draw(&problem, &mut drawn.collect::<Vec<_>>())?;
+    let mut doubts: Vec<String> = impossible
+        .iter()
+        .map(|label| format!("what only an impossible size of {} would explain", label.to_lowercase()))
+        .collect();
     if findings::look_alikes(&problem) {
-        diagnosis
-            .goodness
-            .unexplained
-            .push("what three effects of one kind patch together".to_owned());
-        diagnosis.verdict = Verdict::OutsideCatalogue;
-    } else {
-        diagnosis.verdict = findings::verdict(&diagnosis);
+        doubts.push("what three effects of one kind patch together".to_owned());
     }
+    if !diagnosis.effects.is_empty() {
+        let risen = diagnosis.held_out.iter().filter(|error| error.rises());
+        doubts.extend(risen.map(|error| {
+            format!(
+                "the {} error on unseen blocks, which rises with what was found,",
+                error.quantity
+            )
+        }));
+    }
+    diagnosis.verdict = if doubts.is_empty() {
+        findings::verdict(&diagnosis)
+    } else {
+        Verdict::OutsideCatalogue
+    };
+    diagnosis.goodness.unexplained.extend(doubts);
     diagnosis.sentence = words::sentence(&diagnosis);
     (options.progress)("done", 1.0);
     Ok(diagnosis)

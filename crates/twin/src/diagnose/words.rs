@@ -1,7 +1,8 @@
 //! Reasons in plain words: numbers with units, why an effect was named, why a rival lost.
 
-use super::library::Candidate;
-use super::result::{Diagnosis, Finding, FittedParameter, Rival, Verdict};
+use super::result::{Diagnosis, Finding, Rival, Verdict};
+use crate::estimation::candidates::Candidate;
+use crate::estimation::parameters::FittedParameter;
 
 /// A value with three or four significant digits.
 pub(crate) fn number(value: f64) -> String {
@@ -58,7 +59,7 @@ pub(crate) fn why_lost(winner: &Candidate, rival: &Candidate, gap: f64, implausi
 }
 
 /// A number with its unit, if it has one.
-pub(super) fn quantity(value: f64, unit: &str) -> String {
+pub(crate) fn quantity(value: f64, unit: &str) -> String {
     format!("{} {unit}", number(value)).trim_end().to_owned()
 }
 

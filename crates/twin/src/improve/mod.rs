@@ -13,14 +13,17 @@
 //! Limits: what a diagnosis calls a fault of the log is never put into a model, and neither is an effect named while a part of
 //! the error stays unexplained.
 
+pub mod from_diagnosis;
 pub mod refit;
 pub mod report;
 pub mod truth;
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use crate::compare::{self, GroupError, NamedModel, OpenLoopError};
 use crate::diagnose::{self, Diagnosis, Finding, Verdict, diagnose};
+use crate::estimation::parameters::FittedParameter;
 use crate::log::FlightLog;
 use crate::model::{LogReference, ModelEffect, ModelVersion, Provenance, Source, TOOL};
 use crate::predict::PredictError;
@@ -31,7 +34,8 @@ const MOST_ROUNDS: usize = 4;
 const WORSE: f64 = 0.1;
 
 /// A parameter as a row shows it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = ImprovementValue)]
 pub struct Value {
     /// Key in documents.
     pub name: String,
@@ -40,13 +44,16 @@ pub struct Value {
     /// Unit.
     pub unit: String,
     /// Value.
+    #[schema(value_type = Option<f64>)]
     pub value: f64,
     /// Half width of the 95 % interval.
+    #[schema(value_type = Option<f64>)]
     pub interval_95: f64,
 }
 
 /// One version on one log.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = ImprovementOnLog)]
 pub struct OnLog {
     /// Log.
     pub log: String,
@@ -55,6 +62,7 @@ pub struct OnLog {
     /// As the comparison says.
     pub agrees: bool,
     /// Mean chi² of the tested channels.
+    #[schema(value_type = Option<f64>)]
     pub chi2: f64,
     /// Errors of quantities, with what noise alone gives.
     pub errors: Vec<GroupError>,
@@ -63,7 +71,8 @@ pub struct OnLog {
 }
 
 /// One step of the waterfall.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = ImprovementRow)]
 pub struct Row {
     /// `f550@v1`, or `oracle`.
     pub version: String,
@@ -84,8 +93,9 @@ pub struct Row {
 }
 
 /// Why the loop ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schema(as = ImprovementEnd)]
 pub enum End {
     /// Nothing is missing that would show.
     Agrees,
@@ -104,7 +114,7 @@ pub enum End {
 }
 
 /// What the loop came to.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Improvement {
     /// Program and version.
     pub tool: &'static str,
@@ -321,7 +331,7 @@ fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> 
         let same = |e: &&ModelEffect| e.effect == f.instance.effect && e.rotor == f.instance.rotor;
         model.version.effect.iter().find(same)
     });
-    let value = |p: &diagnose::FittedParameter| {
+    let value = |p: &FittedParameter| {
         let fitted = added.and_then(|effect| effect.parameters.get(&p.name));
         Value {
             name: p.name.clone(),

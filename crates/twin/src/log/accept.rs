@@ -87,6 +87,7 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         vehicle: side.vehicle,
         origin: side.origin,
         licence: side.licence,
+        parameters: std::collections::BTreeMap::new(),
         report,
     };
     checks::examine(&mut log);

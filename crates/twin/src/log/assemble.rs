@@ -13,7 +13,8 @@ use super::resample::{Between, at_times, median, median_rate_hz};
 use super::sources::{RawStream, SourceLog};
 use super::table::Table;
 use super::units::{self, Dimension};
-use super::{GAP_FACTOR, Origin, names};
+use super::{GAP_FACTOR, Origin, names, outputs};
+use rotortwin_flight_core::MAX_ROTORS;
 use std::collections::BTreeSet;
 
 /// What [`assemble`] makes of a source.
@@ -35,7 +36,7 @@ struct Served<'a> {
 const EARTH_RADIUS_M: f64 = 6_371_000.0;
 
 /// Puts a parsed log on one time base; the error is the reason without the file's name.
-pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile) -> Result<Assembled, String> {
+pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize) -> Result<Assembled, String> {
     let mut report = ImportReport {
         notes: log.notes.clone(),
         ..ImportReport::default()
@@ -54,6 +55,15 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile) -> Result<Assembl
     })?;
     let start_s = log.streams[base].time_s[0];
     let base_s = &log.streams[base].time_s;
+    // A column may be long where it is brought to the base's time, or of many rows that hold its fields.
+    let columns: usize = 1 + served.iter().map(|served| served.fields.len()).sum::<usize>();
+    if base_s.len() > most_cells / columns {
+        return Err(format!(
+            "{} rows of {columns} columns are more than this program takes",
+            base_s.len()
+        ));
+    }
+    report.clock_start_s = Some(start_s);
     let mut table = Table::default();
     table.push(names::TIME, base_s.iter().map(|time| time - start_s).collect());
     let mut origin = None;
@@ -382,8 +392,10 @@ fn level(log: &SourceLog, level: Option<&Level>, default: f64) -> f64 {
         Some(Level::Number(number)) => *number,
         Some(Level::Parameter { parameter, default }) => parameter
             .iter()
-            .find_map(|name| log.parameters.get(name))
+            .filter_map(|name| log.parameters.get(name))
             .copied()
+            // 0 means that the autopilot takes another one: MOT_PWM_MIN 0 is the range of the throttle channel.
+            .find(|level| *level != 0.0)
             .unwrap_or(*default),
     }
 }
@@ -405,7 +417,7 @@ fn ordered(row: &Row, mut values: Vec<Vec<f64>>) -> Result<Vec<Vec<f64>>, String
     while values.last().is_some_and(|column| !used(column)) {
         values.pop();
     }
-    values.truncate(names::MAX_ROTORS);
+    values.truncate(MAX_ROTORS);
     Ok(values)
 }
 
@@ -418,11 +430,21 @@ fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut Import
             row.from
         ));
     }
+    let duty_of = |value: f64| (value - low) / (high - low);
+    let values = if row.order.is_none() {
+        let duties: Vec<Vec<f64>> = values
+            .iter()
+            .map(|column| column.iter().map(|value| duty_of(*value)).collect())
+            .collect();
+        only_rotors(row, values, &outputs::rotors(&duties, &log.parameters), report)
+    } else {
+        values
+    };
     let mut limited = 0_usize;
     let mut columns = Vec::new();
     for (rotor, mut column) in ordered(row, values)?.into_iter().enumerate() {
         for value in &mut column {
-            let duty = (*value - low) / (high - low);
+            let duty = duty_of(*value);
             limited += usize::from(!(0.0..=1.0).contains(&duty) && !duty.is_nan());
             *value = if duty.is_nan() { duty } else { duty.clamp(0.0, 1.0) };
         }
@@ -438,6 +460,40 @@ fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut Import
         ));
     }
     Ok(columns)
+}
+
+/// The outputs that drive rotors, in their order; says which those are and what is left out.
+fn only_rotors(
+    row: &Row,
+    mut values: Vec<Vec<f64>>,
+    rotors: &outputs::Rotors,
+    report: &mut ImportReport,
+) -> Vec<Vec<f64>> {
+    report.rotor_outputs = rotors.outputs.iter().map(|output| output + 1).collect();
+    if report.rotor_outputs.iter().copied().eq(1..=values.len()) {
+        return values;
+    }
+    let list = |outputs: &[usize]| outputs.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    let others: Vec<usize> = (1..=values.len())
+        .filter(|output| !report.rotor_outputs.contains(output))
+        .collect();
+    report.notes.push(format!(
+        "{}: rotors 1 to {} are the outputs {}",
+        row.from,
+        rotors.outputs.len(),
+        list(&report.rotor_outputs)
+    ));
+    if !others.is_empty() {
+        report.unused_columns.push(UnusedColumn {
+            column: format!("outputs {}", list(&others)),
+            reason: rotors.why.to_owned(),
+        });
+    }
+    rotors
+        .outputs
+        .iter()
+        .map(|output| std::mem::take(&mut values[*output]))
+        .collect()
 }
 
 fn normalise_quaternion(table: &mut Table) {

@@ -4,14 +4,15 @@
 //! lines at the end. Written: shortest decimal text that reads back to the same f64.
 
 use super::table::{RawColumn, Table};
-use super::{FlightLog, LogError, error, names};
+use super::{FlightLog, LogError, MAX_COLUMNS, error, names};
+use std::collections::HashSet;
 use std::io::Write;
 use std::path::Path;
 
-/// Cells of one line; quotes are taken off.
-fn cells(line: &str) -> Vec<&str> {
+/// Cells of one line, at most one more than `most`; quotes are taken off.
+fn cells(line: &str, most: usize) -> Vec<&str> {
     if !line.contains('"') {
-        return line.split(',').map(str::trim).collect();
+        return line.split(',').map(str::trim).take(most + 1).collect();
     }
     let mut cells = Vec::new();
     let mut start = 0;
@@ -22,6 +23,9 @@ fn cells(line: &str) -> Vec<&str> {
             b',' if !quoted => {
                 cells.push(unquoted(&line[start..at]));
                 start = at + 1;
+                if cells.len() > most {
+                    return cells;
+                }
             }
             _ => {}
         }
@@ -81,12 +85,13 @@ pub(crate) fn read(path: &Path, bytes: &[u8], most_cells: usize) -> Result<Table
                 format!("more than {most_rows} rows of {} columns", columns.len()),
             ));
         }
-        let cells = cells(line);
+        let cells = cells(line, columns.len());
         if cells.len() != columns.len() {
+            let more = if cells.len() > columns.len() { "or more " } else { "" };
             return Err(LogError::format(
                 path,
                 format!(
-                    "row {rows} has {} cells; the header has {} columns",
+                    "row {rows} has {} {more}cells; the header has {} columns",
                     cells.len(),
                     columns.len()
                 ),
@@ -106,7 +111,14 @@ pub(crate) fn read(path: &Path, bytes: &[u8], most_cells: usize) -> Result<Table
 }
 
 fn header_columns(path: &Path, header: &str) -> Result<Vec<RawColumn>, LogError> {
-    let columns: Vec<RawColumn> = cells(header).into_iter().map(RawColumn::new).collect();
+    let names = cells(header, MAX_COLUMNS);
+    if names.len() > MAX_COLUMNS {
+        return Err(LogError::format(
+            path,
+            format!("more than {MAX_COLUMNS} columns in the header; a flight log was expected"),
+        ));
+    }
+    let columns: Vec<RawColumn> = names.into_iter().map(RawColumn::new).collect();
     if columns.len() == 1 {
         for separator in [';', '\t'] {
             if header.contains(separator) {
@@ -123,6 +135,7 @@ fn header_columns(path: &Path, header: &str) -> Result<Vec<RawColumn>, LogError>
             "the first line holds numbers; a header line with column names was expected",
         ));
     }
+    let mut seen = HashSet::new();
     for (index, column) in columns.iter().enumerate() {
         if column.name.is_empty() {
             return Err(LogError::format(
@@ -130,7 +143,7 @@ fn header_columns(path: &Path, header: &str) -> Result<Vec<RawColumn>, LogError>
                 format!("column {} has no name in the header", index + 1),
             ));
         }
-        if columns[..index].iter().any(|other| other.name == column.name) {
+        if !seen.insert(&column.name) {
             return Err(LogError::column(
                 path,
                 &column.name,

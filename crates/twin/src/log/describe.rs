@@ -1,5 +1,6 @@
 //! A log and its import in words.
 
+use super::flight_parts::FlightParts;
 use super::{FlightLog, names};
 use std::fmt::Write as _;
 
@@ -53,6 +54,11 @@ impl FlightLog {
 
     /// The account of the import, a heading and its lines; nothing where there is nothing to say.
     pub fn account(&self) -> String {
+        self.account_with(&self.flight_parts(None))
+    }
+
+    /// The same with parts of the flight that were found before.
+    pub fn account_with(&self, flight_parts: &FlightParts) -> String {
         /// More gaps than this are counted, not listed.
         const LISTED: usize = 5;
         let report = &self.report;
@@ -65,6 +71,9 @@ impl FlightLog {
             }
         };
         section("Findings", report.findings.iter().map(ToString::to_string).collect());
+        let (parts, events) = flight_parts.lines(report.clock_start_s);
+        section("Parts", parts);
+        section("Events", events);
         let streams = report.streams.iter().map(|stream| {
             format!(
                 "{} ({} samples, {:.2} Hz): {}",

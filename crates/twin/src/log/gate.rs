@@ -3,7 +3,7 @@
 //! An error of axes, units, order or clock looks like missing physics, and a diagnosis would name some. The findings that block are
 //! those of the import and those against the vehicle; all of them in one sentence.
 
-use rotortwin_plant::vehicle::VehicleModel;
+use rotortwin_plant::vehicle::model::VehicleModel;
 
 use super::FlightLog;
 use super::findings::{Finding, FindingKind};

@@ -14,6 +14,7 @@
 
 use super::units::{self, Dimension};
 use super::{LogError, error, names};
+use rotortwin_flight_core::MAX_ROTORS;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -41,6 +42,7 @@ pub(crate) enum SourceName {
     Px4Ulog,
     ArdupilotDataflash,
     CrazyflieUsdlog,
+    Blackbox,
 }
 
 /// One row.
@@ -262,7 +264,7 @@ impl Row {
             return Err(format!("frame = {:?} does not fit '{}'", self.frame, self.to));
         }
         if let Some(order) = &self.order
-            && (order.is_empty() || order.len() > names::MAX_ROTORS || order.contains(&0))
+            && (order.is_empty() || order.len() > MAX_ROTORS || order.contains(&0))
         {
             return Err("order must name fields of the source, from 1".to_owned());
         }
@@ -271,7 +273,7 @@ impl Row {
 }
 
 /// Built-in mapping files.
-const BUILT_IN: [(&str, &str); 3] = [
+const BUILT_IN: [(&str, &str); 4] = [
     (
         "px4-ulog.toml",
         include_str!("../../../../config/log-mappings/px4-ulog.toml"),
@@ -283,6 +285,10 @@ const BUILT_IN: [(&str, &str); 3] = [
     (
         "crazyflie-usdlog.toml",
         include_str!("../../../../config/log-mappings/crazyflie-usdlog.toml"),
+    ),
+    (
+        "blackbox.toml",
+        include_str!("../../../../config/log-mappings/blackbox.toml"),
     ),
 ];
 

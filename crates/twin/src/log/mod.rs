@@ -2,13 +2,15 @@
 //!
 //! ```text
 //! CSV, Parquet, run folder (canonical names) ───────────────────────────▶ Table ─▶ accept: refusals, Euler angles ─▶ FlightLog
-//! ULog, DataFlash, usdlog ─▶ streams ─▶ mapping: units, frames, one time ──▶ Table ─┘
+//! ULog, DataFlash, usdlog, blackbox ─▶ streams ─▶ mapping: units, frames, one time ──▶ Table ─┘
 //! ```
 //! A log has one time base and columns of numbers: the canonical ones ([`names`]) in SI, NED and FRD, and whatever else the file
 //! holds under its own name. A cell without a value is NaN in memory and nowhere else.
 //!
 //! What cannot be right is refused with one sentence ([`LogError`]) before anything is kept; what looks wrong but could be read is
 //! a [`Finding`] in the [`ImportReport`].
+//!
+//! [`flight_parts`] finds what of it is on the ground, in the air, a crash.
 //!
 //! Limits: a log is held in memory as f64, 8 bytes a cell (90 s at 1 kHz and 40 columns: 29 MB); [`MAX_CELLS`] bounds it.
 
@@ -19,14 +21,17 @@ mod csv;
 mod describe;
 mod error;
 mod findings;
+pub mod flight_parts;
 mod gate;
 mod mapping;
 pub mod names;
+mod outputs;
 mod parquet;
 mod part;
 mod report;
 mod resample;
 mod side_file;
+mod source_rates;
 mod sources;
 mod steps;
 mod stored;
@@ -37,6 +42,7 @@ pub use describe::ColumnRange;
 pub use error::LogError;
 pub use findings::{Finding, FindingKind};
 pub use report::{ColumnNoise, Delay, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn};
+pub use source_rates::SensorRate;
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -44,6 +50,9 @@ use std::path::{Path, PathBuf};
 
 /// Most cells of one log: 2 GiB of numbers.
 pub const MAX_CELLS: usize = 1 << 28;
+
+/// Most columns of one log, and numbers of one sample of an autopilot's log.
+pub const MAX_COLUMNS: usize = 4096;
 
 /// Longest file that is read.
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
@@ -81,6 +90,8 @@ pub enum SourceKind {
     ArdupilotDataflashText,
     /// Crazyflie micro-SD log.
     CrazyflieUsdlog,
+    /// Betaflight or INAV blackbox.
+    Blackbox,
     /// Made in this process.
     Memory,
 }
@@ -139,8 +150,14 @@ pub struct FlightLog {
     pub origin: Option<Origin>,
     /// Licence of the data, if the side file names one.
     pub licence: Option<String>,
+    /// Parameters of the autopilot, by their names; empty for sources that hold none.
+    pub parameters: BTreeMap<String, f64>,
     /// What the import did.
     pub report: ImportReport,
+}
+
+fn most_cells(options: &ReadOptions) -> usize {
+    options.most_cells.unwrap_or(MAX_CELLS).min(MAX_CELLS)
 }
 
 /// Parses a log of an autopilot and brings it into canonical form.
@@ -160,6 +177,7 @@ fn read_autopilot(
             mapping::SourceName::ArdupilotDataflash,
         ),
         sources::Format::Usdlog => (SourceKind::CrazyflieUsdlog, mapping::SourceName::CrazyflieUsdlog),
+        sources::Format::Blackbox => (SourceKind::Blackbox, mapping::SourceName::Blackbox),
     };
     if options.truth {
         return Err(LogError::format(
@@ -168,11 +186,15 @@ fn read_autopilot(
         ));
     }
     let mapping = mapping::load(name, options.mapping.as_deref())?;
-    let parsed =
-        sources::parse(format, bytes, options.accept_damaged).map_err(|reason| LogError::format(file, reason))?;
-    let assembled = assemble::assemble(&parsed, &mapping).map_err(|reason| LogError::format(file, reason))?;
+    let parsed = sources::parse(format, bytes, options.accept_damaged, most_cells(options))
+        .map_err(|reason| LogError::format(file, reason))?;
+    let assembled =
+        assemble::assemble(&parsed, &mapping, most_cells(options)).map_err(|reason| LogError::format(file, reason))?;
     let mut log = accept::accept(source(kind), assembled.table, side)?;
     log.origin = log.origin.or(assembled.origin);
+    log.parameters = parsed.parameters;
+    log.report.clock_start_s = assembled.report.clock_start_s;
+    log.report.rotor_outputs = assembled.report.rotor_outputs;
     log.report.streams = assembled.report.streams;
     log.report.unused_columns.extend(assembled.report.unused_columns);
     log.report.conversions.splice(0..0, assembled.report.conversions);
@@ -183,8 +205,8 @@ fn read_autopilot(
 impl FlightLog {
     /// Reads a flight log; the kind of file is found from its content.
     ///
-    /// Takes canonical CSV and Parquet, run folders (`telemetry.parquet`), PX4 ULog, ArduPilot DataFlash (binary and text) and
-    /// Crazyflie usdlog. A side file `NAME.toml` beside `NAME.csv` or `NAME.parquet` is read with it.
+    /// Takes canonical CSV and Parquet, run folders (`telemetry.parquet`), PX4 ULog, ArduPilot DataFlash (binary and text),
+    /// Crazyflie usdlog, and Betaflight or INAV blackbox. A side file `NAME.toml` beside `NAME.csv` or `NAME.parquet` is read with it.
     ///
     /// # Errors
     /// Whatever the canonical format forbids, with file, row and column.
@@ -229,7 +251,7 @@ impl FlightLog {
                 "the columns of this file are canonical; a mapping has no use for it",
             ));
         }
-        let most_cells = options.most_cells.unwrap_or(MAX_CELLS).min(MAX_CELLS);
+        let most_cells = most_cells(options);
         let (kind, mut table) = if bytes.starts_with(b"PAR1") {
             let kind = if is_run {
                 SourceKind::RunFolder

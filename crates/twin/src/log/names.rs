@@ -2,8 +2,7 @@
 //!
 //! State columns are the values at `time_s`; the duty of a row is in force from `time_s` to the next row (zero-order hold).
 
-/// Most rotors that a log can have; the same number as in `rotortwin-flight-core`.
-pub const MAX_ROTORS: usize = 16;
+use rotortwin_flight_core::MAX_ROTORS;
 
 /// Time since the start of the log, s. The only column that must be there.
 pub const TIME: &str = "time_s";

@@ -4,7 +4,7 @@
 //! the report. Written: f64 columns, optional (null = no value), zstd.
 
 use super::table::{RawColumn, Table};
-use super::{FlightLog, LogError, error, names};
+use super::{FlightLog, LogError, MAX_COLUMNS, error, names};
 use parquet::basic::{Compression, Encoding, Repetition, Type as Physical, ZstdLevel};
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::DoubleType;
@@ -40,7 +40,28 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Table, LogEr
     if schema.num_columns() == 0 {
         return Err(LogError::format(path, "the file has no columns"));
     }
+    if schema.num_columns() > MAX_COLUMNS {
+        return Err(LogError::format(
+            path,
+            format!(
+                "{} columns are more than the {MAX_COLUMNS} that this program takes",
+                schema.num_columns()
+            ),
+        ));
+    }
     let promised = usize::try_from(metadata.file_metadata().num_rows()).unwrap_or(usize::MAX);
+    // Memory is taken by what the groups say of themselves.
+    let grouped = metadata.row_groups().iter().try_fold(0_usize, |sum, group| {
+        usize::try_from(group.num_rows())
+            .ok()
+            .and_then(|rows| sum.checked_add(rows))
+    });
+    if grouped != Some(promised) {
+        return Err(LogError::format(
+            path,
+            "the file is damaged: its row groups do not have the rows that it says",
+        ));
+    }
     if promised > most_cells / schema.num_columns() {
         return Err(LogError::format(
             path,

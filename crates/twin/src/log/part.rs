@@ -1,11 +1,11 @@
 //! A part of a log: some seconds, or a named segment.
 //!
 //! Written `LOG@35:65` (seconds of the log's own time) or `LOG@climb` (a segment of its side file), so that a flight with a launch by
-//! hand or a crash in it can be used where it is good.
+//! hand or a crash in it can be used where it is good. Errors state the log's own clock beside ours, where it has one.
 
 use std::path::Path;
 
-use super::{FlightLog, checks};
+use super::{FlightLog, ReadOptions, checks};
 use crate::model::content_hash;
 
 impl FlightLog {
@@ -14,7 +14,15 @@ impl FlightLog {
     /// # Errors
     /// The log is refused, or it has no such part: one sentence.
     pub fn read_part(text: &Path) -> Result<Self, String> {
-        let whole = |path: &Path| Self::read(path).map_err(|error| error.to_string());
+        Self::read_part_with(text, &ReadOptions::default())
+    }
+
+    /// As [`FlightLog::read_part`], with options.
+    ///
+    /// # Errors
+    /// The log is refused, or it has no such part: one sentence.
+    pub fn read_part_with(text: &Path, options: &ReadOptions) -> Result<Self, String> {
+        let whole = |path: &Path| Self::read_with(path, options).map_err(|error| error.to_string());
         let Some((path, part)) = text
             .to_str()
             .and_then(|text| text.rsplit_once('@'))
@@ -53,11 +61,17 @@ impl FlightLog {
         let first = self.time_s.partition_point(|t| *t < start_s);
         let last = self.time_s.partition_point(|t| *t <= end_s);
         if last < first + 2 {
+            let (from, to) = (self.time_s[0], self.time_s[self.time_s.len() - 1]);
+            let own = self.report.clock_start_s.map_or_else(String::new, |clock| {
+                format!(
+                    "; the log's own clock, {:.3} to {:.3} s, is ours plus {clock:.3} s",
+                    clock + from,
+                    clock + to
+                )
+            });
             return Err(format!(
-                "{}: expected a part within its {:.3} to {:.3} s, got {start_s} to {end_s} s",
+                "{}: expected a part within its {from:.3} to {to:.3} s, got {start_s} to {end_s} s{own}",
                 self.name,
-                self.time_s[0],
-                self.time_s[self.time_s.len() - 1]
             ));
         }
         let mut part = self.clone();

@@ -10,6 +10,10 @@ pub struct ImportReport {
     pub rows: usize,
     /// Median sample rate of the rows, Hz.
     pub sample_rate_hz: f64,
+    /// What the log's own clock (time since boot, as the tools of the autopilot show it) says at our 0 s; none where ours is its own, s.
+    pub clock_start_s: Option<f64>,
+    /// Outputs of the autopilot, from 1, that drive the rotors, in their order; empty if the columns of the file are the rotors.
+    pub rotor_outputs: Vec<usize>,
     /// Intervals without rows, longer than [`GAP_FACTOR`] median intervals.
     pub gaps: Vec<Gap>,
     /// How streams of different rate were put on the time base; empty if the file has one time base.

@@ -4,7 +4,7 @@
 //! round. A sample between two rows that are a gap apart, or beside an empty cell, has no value. There is no anti-alias filter:
 //! a lower rate folds what is above half of it.
 
-use super::{FlightLog, GAP_FACTOR, names};
+use super::{FlightLog, GAP_FACTOR, MAX_CELLS, names};
 use std::f64::consts::{PI, TAU};
 
 /// Median of finite values; `None` of nothing. Reorders the values.
@@ -119,8 +119,19 @@ impl FlightLog {
     /// The log at a constant rate from its first time on; a note of it goes into the report.
     ///
     /// * `rate_hz`: 0 exclusive to 100 kHz
-    #[must_use]
-    pub fn resampled(&self, rate_hz: f64) -> Self {
+    ///
+    /// # Errors
+    /// One sentence: it would have more than [`MAX_CELLS`] cells, as a log does whose clock jumps by years.
+    pub fn resampled(&self, rate_hz: f64) -> Result<Self, String> {
+        let cells = (self.duration_s() * rate_hz + 1.0) * (self.columns.len() + 1) as f64;
+        if cells > MAX_CELLS as f64 {
+            return Err(format!(
+                "{}: {} s at {rate_hz} Hz are {cells:.2e} cells; at most {MAX_CELLS} are taken: cut a part out of the log, or choose a \
+                 lower rate",
+                self.name,
+                self.duration_s()
+            ));
+        }
         let start_s = self.time_s.first().copied().unwrap_or(0.0);
         // One row more than whole intervals; rounding must not lose the last.
         let rows = 1 + (self.duration_s() * rate_hz + 1e-6).floor() as usize;
@@ -137,7 +148,7 @@ impl FlightLog {
         log.report.notes.push(format!(
             "resampled from {old_rate_hz:.3} Hz (median) to {rate_hz} Hz: duties and unknown columns held, the rest linear"
         ));
-        log
+        Ok(log)
     }
 }
 

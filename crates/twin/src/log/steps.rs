@@ -76,7 +76,7 @@ mod tests {
         let duty: Vec<f64> = time_s.iter().map(|time| 0.5 + 0.1 * time.cos()).collect();
         let columns = [("roll_rad".to_owned(), roll), ("duty_1".to_owned(), duty)];
         let log = FlightLog::from_columns("log", time_s, columns).expect("a good log");
-        let whole = log.resampled(400.0);
+        let whole = log.resampled(400.0).expect("it is short");
         let names = ["roll_rad", "duty_1", "pitch_rad"];
         let mut blocks: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
         let given: Result<(), String> = log.for_each_block(&names, 400.0, |first, block| {

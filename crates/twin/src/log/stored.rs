@@ -52,8 +52,10 @@ impl FlightLog {
         };
         let side_text =
             toml::to_string(&out).map_err(|bad| LogError::format(&side, format!("cannot be written: {bad}")))?;
+        let parts = self.flight_parts(None);
         let report = serde_json::json!({
-            "source": self.source, "report": self.report, "headline": self.headline(), "account": self.account(),
+            "source": self.source, "report": self.report, "headline": self.headline(), "account": self.account_with(&parts),
+            "flight_parts": parts,
         });
         let report_text = serde_json::to_string_pretty(&report)
             .map_err(|bad| LogError::format(&account, format!("cannot be written: {bad}")))?;

@@ -4,10 +4,10 @@
 //! one lift polynomial for all rotors. Constants of these kinds are folded into a vehicle document; every effect that leaves that
 //! document as it was is reported as not carried.
 
-use rotortwin_plant::VehicleDocuments;
 use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet};
 use rotortwin_plant::error::Refusal;
-use rotortwin_plant::vehicle::{Layout, ListedRotor, SpinDirection};
+use rotortwin_plant::vehicle::model::{Layout, ListedRotor, SpinDirection};
+use rotortwin_scenario::VehicleDocuments;
 
 use super::ModelVersion;
 

@@ -22,12 +22,13 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use rotortwin_plant::VehicleDocuments;
-use rotortwin_plant::blades::BladeSet;
-use rotortwin_plant::document::Document;
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
-use rotortwin_plant::error::{ConfigError, Refusal};
-use rotortwin_plant::vehicle::VehicleModel;
+use rotortwin_plant::error::Refusal;
+use rotortwin_plant::powertrain::blades::BladeSet;
+use rotortwin_plant::vehicle::model::VehicleModel;
+use rotortwin_scenario::ConfigError;
+use rotortwin_scenario::VehicleDocuments;
+use rotortwin_scenario::toml_document::Document;
 use serde::Deserialize;
 
 use super::{Correlation, ModelEffect, ModelVersion};

@@ -1,6 +1,6 @@
 //! A model version in the simulator: its vehicle and effects in the plant of a scenario.
 
-use rotortwin_plant::{ConfigError, Scenario};
+use rotortwin_scenario::{ConfigError, Scenario};
 
 use super::ModelVersion;
 

@@ -21,17 +21,16 @@ pub mod detector;
 pub mod difference;
 pub mod document;
 mod flight;
-pub mod from_diagnosis;
 pub mod specification;
 pub mod store;
 
 use std::collections::BTreeMap;
 
-use rotortwin_plant::VehicleDocuments;
-use rotortwin_plant::blades::BladeSet;
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 use rotortwin_plant::error::Refusal;
-use rotortwin_plant::vehicle::VehicleModel;
+use rotortwin_plant::powertrain::blades::BladeSet;
+use rotortwin_plant::vehicle::model::VehicleModel;
+use rotortwin_scenario::VehicleDocuments;
 use serde::{Deserialize, Serialize};
 
 pub use difference::Difference;
@@ -118,7 +117,7 @@ pub enum Source {
 }
 
 /// A log, by name and content.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LogReference {
     /// File name, without its folder.

@@ -16,7 +16,8 @@ use std::collections::BTreeMap;
 use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
-use rotortwin_plant::error::ConfigError;
+use rotortwin_scenario::ConfigError;
+use rotortwin_scenario::names::{self, Kind};
 
 use super::ModelVersion;
 use super::document::is_plain_name;
@@ -177,6 +178,14 @@ impl ModelStore {
         Ok(history)
     }
 
+    /// A vehicle of the configuration ([`names`]) that a text names, if no file and no model of the store is called so.
+    pub fn vehicle_named(&self, text: &str) -> Option<PathBuf> {
+        if !names::is_name(text) || Path::new(text).is_file() || self.has(text) {
+            return None;
+        }
+        names::find(Kind::Vehicle, text).ok()
+    }
+
     /// The version that `text` names: `model`, `model@branch`, `model@v3`, or the path of a file.
     pub fn find(&self, text: &str) -> Result<Found, StoreError> {
         let path = Path::new(text);
@@ -188,6 +197,9 @@ impl ModelStore {
                 place: None,
             });
         }
+        if let Some(path) = self.vehicle_named(text) {
+            return self.find(&path.to_string_lossy());
+        }
         let (model, at) = text.split_once('@').unwrap_or((text, MAIN));
         if !self.has(model) {
             let known = self.names()?;
@@ -196,8 +208,10 @@ impl ModelStore {
             } else {
                 format!("; models: {}", known.join(", "))
             };
+            let nearest = names::nearest_of(Kind::Vehicle, text)
+                .map_or_else(String::new, |name| format!("; did you mean the vehicle '{name}'?"));
             return refused(format!(
-                "{text}: expected a model in {}, a model version or a vehicle file, there is none of this name{known}",
+                "{text}: expected a model in {}, a model version or a vehicle file, there is none of this name{known}{nearest}",
                 self.root.display()
             ));
         }
@@ -408,8 +422,8 @@ impl ModelStore {
     }
 }
 
-/// 3 for `v3`.
-fn version_number(text: &str) -> Option<u32> {
+/// 3 for `v3`; `None`: the text names no version.
+pub fn version_number(text: &str) -> Option<u32> {
     let digits = text.strip_prefix('v')?;
     let plain =
         !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()) && (digits == "0" || !digits.starts_with('0'));

@@ -12,7 +12,7 @@ use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance, Hooks, Pa
 use serde::Serialize;
 
 use super::Rival;
-use crate::diagnose::Library;
+use crate::estimation::candidates::Library;
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};

@@ -1,8 +1,9 @@
 //! The manoeuvres: short flights that the simulator's controller follows within the vehicle's limits, each good for something else.
 
-use rotortwin_plant::Scenario;
 use rotortwin_plant::effects::EffectInstance;
-use rotortwin_plant::scenario::{Documents, Ground, ScenarioDocument};
+use rotortwin_scenario::Scenario;
+use rotortwin_scenario::scenario::Documents;
+use rotortwin_scenario::scenario_document::{Ground, ScenarioDocument};
 use serde::Serialize;
 
 use crate::model::ModelVersion;
@@ -129,7 +130,7 @@ impl Manoeuvre {
         let text = scenario_text(self, "vehicle.toml", seed);
         let mut scenario: ScenarioDocument =
             toml::from_str(&text).map_err(|error| format!("{}: {}", self.name, error.message()))?;
-        scenario.ground = self.ground_down_m().map(|down_m| Ground { down_m });
+        scenario.ground = self.ground_down_m().map(|down_m| Ground { down_m, contact: None });
         scenario.effect.extend(model.instances());
         scenario.effect.extend(hidden.iter().cloned());
         // A ground that nothing feels is refused.

@@ -16,24 +16,26 @@ pub mod noise;
 pub(crate) mod pass;
 pub mod series;
 pub(crate) mod vectors;
-pub mod whiten;
+mod vehicle_size;
+mod whiten;
 
 use std::sync::Arc;
 
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_plant::battery::Battery;
+use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::{Catalogue, Constants, EffectClass, EffectInstance, EffectSet, Hooks};
 use rotortwin_plant::error::Refusal;
-use rotortwin_plant::{Vector3, VehicleDocuments};
+use rotortwin_plant::powertrain::battery::Battery;
+use rotortwin_scenario::VehicleDocuments;
 
 pub use channels::{CHANNELS, NAMES, PerChannel, UNITS};
 pub use noise::NoiseModel;
 pub use series::{Drive, Series};
-pub use whiten::{Covariance, Whitener};
+pub use whiten::{Covariance, RateNoise, Whitener};
 
 pub(crate) use pass::{Plant, Power, Prediction, Source, Stages};
+pub(crate) use vehicle_size::VehicleSize;
 
-use crate::diagnose::VehicleSize;
 use crate::log::FlightLog;
 
 /// Thrust over commanded thrust below which no mass, air or voltage that a vehicle may have explains a commanded wrench.
@@ -118,6 +120,9 @@ pub struct Predictor {
     covariances: [Covariance; CHANNELS],
     // Shared, because fits keep copies of a log.
     whiteners: Arc<[Option<Whitener>; CHANNELS]>,
+    /// Of the angular accelerations with the noise that was assumed, once [`Self::tune`] has put others in place.
+    assumed: Option<Arc<[Option<Whitener>; 3]>>,
+    rate_noise: [RateNoise; 3],
     /// Name of the log.
     pub name: String,
 }
@@ -137,7 +142,8 @@ impl Predictor {
         let allocate = allocation(&nominal);
         let series = Series::new(log, nominal.rotor_count, allocate).map_err(PredictError)?;
         let noise = NoiseModel::of(&series, &nominal);
-        let covariances = noise.covariances(series.step_s);
+        let step_s = series.step_s;
+        let covariances = noise.covariances(step_s);
         let mut plant = Plant {
             blade: *documents.nominal_blade(),
             battery_model: documents.vehicle.battery.clone(),
@@ -154,6 +160,12 @@ impl Predictor {
             noise,
             covariances,
             whiteners: Arc::new(std::array::from_fn(|_| None)),
+            assumed: None,
+            rate_noise: [0, 1, 2].map(|axis| RateNoise {
+                reading: noise.rates_rad_s,
+                white: noise.torque_floor_rad_s2[axis] * step_s / noise.rates_rad_s,
+                drift: 0.0,
+            }),
             name: log.name.clone(),
         };
         let set = predictor.effect_set(&Nuisances::default(), &[])?;
@@ -370,6 +382,33 @@ impl Predictor {
 
     pub(crate) fn whitener(&self, channel: usize) -> Option<&Whitener> {
         self.whiteners[channel].as_ref()
+    }
+
+    /// Noise of the rates about an axis.
+    pub(crate) fn rate_noise(&self, axis: usize) -> RateNoise {
+        self.rate_noise[axis]
+    }
+
+    /// Whitens the angular acceleration about an axis with the innovations of a filter of the rate from now on.
+    pub(crate) fn tune(&mut self, axis: usize, noise: RateNoise) {
+        let step_s = self.plant.series.step_s;
+        let own = &self.whiteners;
+        self.assumed
+            .get_or_insert_with(|| Arc::new(std::array::from_fn(|axis| own[channels::M + axis].clone())));
+        self.rate_noise[axis] = noise;
+        if let Some(whitener) = &mut Arc::make_mut(&mut self.whiteners)[channels::M + axis] {
+            *whitener = whitener.with_filter(noise, step_s);
+        }
+    }
+
+    /// A whitened residual with the noise that was assumed: what a tuned noise takes over as torques of its own must not pass for explained.
+    pub(crate) fn as_assumed(&self, channel: usize, whitened: &[f64]) -> Option<Vec<f64>> {
+        let axis = channel.checked_sub(channels::M).filter(|&axis| axis < 3)?;
+        let (assumed, tuned) = (self.assumed.as_ref()?[axis].as_ref()?, self.whitener(channel)?);
+        let mut residual = whitened.to_vec();
+        tuned.undo(&mut residual);
+        assumed.apply(&mut residual);
+        Some(residual)
     }
 
     /// Charge at the start that the first second of flight tells, fraction.

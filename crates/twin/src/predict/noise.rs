@@ -1,7 +1,8 @@
 //! Noise of the readings, estimated from the log itself, and the covariance of each channel that follows.
 //!
 //! The m-th difference of a smooth signal with white noise of deviation σ has the deviation σ √(2m over m); the median of its absolute
-//! values is robust against steps, and the smallest of several orders against motion. Below stand floors: quantisation, and a white
+//! values is robust against steps, and the smallest of several orders against motion. A column that is held or interpolated from a slower
+//! stream has the noise of its source ([`super::series::SlowNoise`]): its rows look smooth and know no more. Below stand floors: quantisation, and a white
 //! disturbance of 0.33 % of the weight and 0.12 % of weight times arm on every step, which no real flight is without.
 
 use rotortwin_plant::Vector3;
@@ -15,25 +16,34 @@ use super::whiten::Covariance;
 const FORCE_FLOOR: f64 = 0.0033;
 /// White disturbance torque of a step per weight and arm: 5 mN·m on 4.18 N·m.
 const TORQUE_FLOOR: f64 = 0.0012;
+/// d ln f/d ln u of an ordinary thrust curve: how an error of a duty that was not logged shows in the thrust.
+const TYPICAL_EXPONENT: f64 = 1.4;
 /// 1/Φ⁻¹(3/4): deviation of a normal variable per median of its absolute value.
 pub(crate) const DEVIATION_PER_MEDIAN: f64 = 1.482_602_218_505_602;
 
 /// Standard deviations of the readings.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct NoiseModel {
     /// m.
+    #[schema(value_type = Option<f64>)]
     pub position_m: f64,
     /// m/s.
+    #[schema(value_type = Option<f64>)]
     pub velocity_m_s: f64,
     /// rad.
+    #[schema(value_type = Option<f64>)]
     pub attitude_rad: f64,
     /// rad/s.
+    #[schema(value_type = Option<f64>)]
     pub rates_rad_s: f64,
     /// m/s², the white disturbance force included.
+    #[schema(value_type = Option<f64>)]
     pub accel_m_s2: f64,
     /// V.
+    #[schema(value_type = Option<f64>)]
     pub voltage_v: f64,
     /// White disturbance of the angular acceleration in a step, rad/s², body.
+    #[schema(value_type = Vec<Option<f64>>)]
     pub torque_floor_rad_s2: Vector3,
 }
 
@@ -47,15 +57,30 @@ impl NoiseModel {
             worst.max(floor)
         };
         let arm = (0..c.rotor_count).map(|i| c.arm_length(i)).sum::<f64>() / c.rotor_count as f64;
+        let slow = series.slow;
+        // Thrust of a rotor per duty, at hover.
+        let slope = TYPICAL_EXPONENT * c.hover_thrust_n / slow.mean_duty;
+        let thrust = slope * slow.duty;
+        let lever = |axis: usize| {
+            (0..c.rotor_count)
+                .map(|i| match axis {
+                    0 => c.rotor_position_body[i][1].powi(2),
+                    1 => c.rotor_position_body[i][0].powi(2),
+                    _ => c.moment_ratio_m[i].powi(2),
+                })
+                .sum::<f64>()
+                .sqrt()
+        };
+        let force = thrust * (c.rotor_count as f64).sqrt() / c.mass_kg;
         let torque = TORQUE_FLOOR * c.mass_kg * c.gravity_m_s2 * arm;
         Self {
-            position_m: of(&series.raw.position, 1e-5),
-            velocity_m_s: of(&series.raw.velocity, 1e-4),
-            attitude_rad: of(&series.raw.attitude, 1e-5),
-            rates_rad_s: of(&series.raw.rates, 1e-4),
-            accel_m_s2: of(&series.raw.accel, FORCE_FLOOR * c.gravity_m_s2),
-            voltage_v: white_deviation(&series.voltage).max(2e-3),
-            torque_floor_rad_s2: [0, 1, 2].map(|i| torque / c.inertia_body_kg_m2[i][i]),
+            position_m: of(&series.raw.position, slow.position.max(1e-5)),
+            velocity_m_s: of(&series.raw.velocity, slow.velocity.max(1e-4)),
+            attitude_rad: of(&series.raw.attitude, slow.attitude.max(1e-5)),
+            rates_rad_s: of(&series.raw.rates, slow.rates.max(1e-4)),
+            accel_m_s2: of(&series.raw.accel, slow.accel.max(FORCE_FLOOR * c.gravity_m_s2)).hypot(force),
+            voltage_v: white_deviation(&series.voltage).max(slow.voltage).max(2e-3),
+            torque_floor_rad_s2: [0, 1, 2].map(|i| torque.hypot(thrust * lever(i)) / c.inertia_body_kg_m2[i][i]),
         }
     }
 

@@ -10,7 +10,7 @@ use rotortwin_plant::Vector3;
 
 use super::channels::{KA, KP, KV, M, V};
 use super::vectors::rotation;
-use crate::log::{FlightLog, names};
+use crate::log::{FlightLog, SensorRate, names};
 
 /// Whole length of the Hann window, s.
 pub const SMOOTHING_S: f64 = 0.15;
@@ -77,6 +77,83 @@ pub enum Drive {
     None,
 }
 
+/// Deviations of readings that are held or interpolated from slower streams, worst axis; 0 where every row is new.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SlowNoise {
+    /// m.
+    pub position: f64,
+    /// m/s.
+    pub velocity: f64,
+    /// rad.
+    pub attitude: f64,
+    /// rad/s.
+    pub rates: f64,
+    /// m/s².
+    pub accel: f64,
+    /// V.
+    pub voltage: f64,
+    /// Commanded duty between two samples of the outputs, as white noise on every row with the same effect over many: fraction.
+    pub duty: f64,
+    /// Mean duty, fraction; 1 where there is none.
+    pub mean_duty: f64,
+}
+
+impl SlowNoise {
+    fn of(log: &FlightLog, notes: &mut Vec<String>) -> Self {
+        let mut told = Vec::new();
+        let mut worst = |what: &str, unit: &str, columns: &[&str]| {
+            let slow: Vec<_> = columns
+                .iter()
+                .filter_map(|column| log.source_rate(column))
+                .filter(SensorRate::is_slower)
+                .collect();
+            let deviation = slow.iter().map(SensorRate::deviation).fold(0.0, f64::max);
+            if let Some(rate) = slow.iter().min_by(|a, b| a.source_hz.total_cmp(&b.source_hz)) {
+                told.push(format!("{what} {:.1} Hz (± {deviation:.2e} {unit})", rate.source_hz));
+            }
+            deviation
+        };
+        let mut slow = Self {
+            position: worst("position", "m", &names::POSITION),
+            velocity: worst("velocity", "m/s", &names::VELOCITY),
+            attitude: worst("attitude", "rad", &names::ATTITUDE),
+            rates: worst("rates", "rad/s", &names::RATES),
+            accel: worst("specific force", "m/s²", &names::ACCEL),
+            voltage: worst("voltage", "V", &[names::BATTERY_VOLTAGE]),
+            duty: 0.0,
+            mean_duty: 1.0,
+        };
+        if slow.position > 0.0 {
+            // An estimator's position is no integral of its velocity: fixes correct it.
+            slow.position = slow.position.max(log.position_corrections_m());
+        }
+        if let Some(rate) = log.duty_rate().filter(SensorRate::is_slower) {
+            // An error that lasts for n rows counts √n times as much over many as one of each row.
+            slow.duty = rate.between * (rate.rows_hz / rate.source_hz).sqrt();
+            let duties = log.duties();
+            let values = || {
+                duties
+                    .iter()
+                    .flat_map(|duty| duty.iter())
+                    .filter(|value| value.is_finite())
+            };
+            slow.mean_duty = values().sum::<f64>() / values().count().max(1) as f64;
+            told.push(format!(
+                "motor outputs {:.1} Hz (± {:.3})",
+                rate.source_hz, rate.between
+            ));
+        }
+        if !told.is_empty() {
+            notes.push(format!(
+                "slower than the rows ({:.1} Hz), so taken with the noise of their source and of what stands between its samples: {}",
+                log.sample_rate_hz(),
+                told.join(", ")
+            ));
+        }
+        slow
+    }
+}
+
 /// A log on a uniform grid.
 #[derive(Debug, Clone)]
 pub struct Series {
@@ -105,6 +182,10 @@ pub struct Series {
     pub height: Vec<f64>,
     /// Which columns there are.
     pub available: Available,
+    /// Noise of what is held or interpolated from slower streams; 0 where every row is new.
+    pub slow: SlowNoise,
+    /// In the air, upright and clear of the ground, from and to, s: nothing else is judged.
+    pub air: Vec<(f64, f64)>,
     /// What was left out or done, in words.
     pub notes: Vec<String>,
 }
@@ -121,6 +202,8 @@ impl Series {
         }
         let mut notes = Vec::new();
         let duration = log.duration_s();
+        let air = in_the_air(log, &mut notes)?;
+        let slow = SlowNoise::of(log, &mut notes);
         let uniform = {
             let step = duration / (log.time_s.len() as f64 - 1.0);
             let start = log.time_s[0];
@@ -134,7 +217,7 @@ impl Series {
             log
         } else {
             notes.push(format!("time base is not uniform: resampled to {rate:.3} Hz"));
-            resampled = log.resampled(rate);
+            resampled = log.resampled(rate)?;
             &resampled
         };
         let n = log.time_s.len();
@@ -219,6 +302,8 @@ impl Series {
             voltage: voltage.unwrap_or_default(),
             height,
             available,
+            slow,
+            air,
             notes,
         })
     }
@@ -258,7 +343,7 @@ impl Series {
         }
     }
 
-    /// True for samples of flight away from the ends: the rotors of the model lift a share of the weight.
+    /// True for samples in the air away from the ends: the rotors of the model lift a share of the weight.
     pub fn flying(&self, thrust: &[f64], weight_n: f64) -> Vec<bool> {
         let edge = (EDGE_S / self.step_s).ceil() as usize;
         let mut flying: Vec<bool> = (0..self.len)
@@ -267,6 +352,13 @@ impl Series {
                 k >= edge && k + edge < self.len && (self.drive == Drive::None || total > FLYING_SHARE * weight_n)
             })
             .collect();
+        let mut parts = self.air.iter().peekable();
+        for (k, flying) in flying.iter_mut().enumerate() {
+            // Half a step for what resampling moves.
+            let time = self.time(k);
+            while parts.next_if(|part| part.1 + 0.5 * self.step_s < time).is_some() {}
+            *flying &= parts.peek().is_some_and(|part| part.0 <= time + 0.5 * self.step_s);
+        }
         // Take-off and landing touch the ground on either side of the edge.
         let ground: Vec<usize> = (edge..self.len - edge).filter(|&k| !flying[k]).collect();
         for k in ground {
@@ -276,6 +368,42 @@ impl Series {
         }
         flying
     }
+}
+
+/// Seconds of a log in which a model is judged; says what is left out.
+fn in_the_air(log: &FlightLog, notes: &mut Vec<String>) -> Result<Vec<(f64, f64)>, String> {
+    let parts = log.flight_parts(None);
+    let air = parts.in_the_air();
+    let words = |spans: &[(f64, f64)]| {
+        let shown: Vec<String> = spans
+            .iter()
+            .take(6)
+            .map(|(a, b)| format!("{a:.1} to {b:.1} s"))
+            .collect();
+        let more = spans.len().saturating_sub(6);
+        let more = if more > 0 {
+            format!(" and {more} more")
+        } else {
+            String::new()
+        };
+        shown.join(", ") + &more
+    };
+    if air.is_empty() {
+        return Err(format!(
+            "{}: expected some seconds in the air, the log has none (`rotortwin log show` lists its parts)",
+            log.name
+        ));
+    }
+    let seconds: f64 = air.iter().map(|(a, b)| b - a).sum();
+    if log.duration_s() - seconds > 0.1 {
+        notes.push(format!(
+            "{}: judged in the air only, {} ({seconds:.1} of {:.1} s; `rotortwin log show` says what the rest is)",
+            log.name,
+            words(&air),
+            log.duration_s()
+        ));
+    }
+    Ok(air)
 }
 
 fn rotor_input(

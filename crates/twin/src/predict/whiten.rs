@@ -14,6 +14,14 @@ pub struct Covariance {
 }
 
 impl Covariance {
+    /// Deviation of the mean of `count` samples of pure noise.
+    pub fn deviation_of_mean(self, count: usize) -> f64 {
+        let n = count as f64;
+        ((n * self.variance + 2.0 * (n - 1.0) * self.lag_one) / (n * n))
+            .max(0.0)
+            .sqrt()
+    }
+
     /// White noise of a standard deviation.
     pub fn white(deviation: f64) -> Self {
         Self {
@@ -49,7 +57,144 @@ impl Covariance {
     }
 }
 
-/// The two diagonals of L⁻¹'s recursion for one mask, w_k = g_k r_k − p_k w_{k−1}.
+/// Noise of a measured rate on one axis: white readings, a white torque and one that drifts. Its innovations are those of a Kalman
+/// filter of (rate, torque):
+///
+/// m_k = μ_k + n_k,   μ_{k+1} = μ_k + h r̄_k + D_k + w_k,   D_{k+1} = D_k + v_k
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateNoise {
+    /// Deviation of a reading n, rad/s.
+    pub reading: f64,
+    /// Deviation of what a white torque changes the rate by in a step, w, over that of a reading.
+    pub white: f64,
+    /// Deviation of a step of the drifting torque, v, as rate by step, over that of a reading.
+    pub drift: f64,
+}
+
+/// Steps over which the drifting torque has drifted when a log begins.
+const DRIFTED_STEPS: f64 = 800.0;
+/// Relative change of the innovation's variance from which the filter stands still.
+const STEADY: f64 = 1e-10;
+/// Steps of the filter at most until it is taken as still.
+const MOST_FILTER_STEPS: usize = 20_000;
+
+/// One step of the filter for readings of deviation 1: variance of the innovation, its shares that go to the rate and to the torque.
+type FilterStep = [f64; 3];
+
+impl RateNoise {
+    /// The filter's steps until it stands still.
+    fn steps(self) -> Vec<FilterStep> {
+        let (white, drift) = (self.white * self.white, self.drift * self.drift);
+        let (mut rate, mut both, mut torque) = (1.0, 0.0, drift * DRIFTED_STEPS);
+        let mut steps: Vec<FilterStep> = Vec::new();
+        while steps.len() < MOST_FILTER_STEPS {
+            (rate, both, torque) = (rate + 2.0 * both + torque + white, both + torque, torque + drift);
+            let variance = rate + 1.0;
+            let (to_rate, to_torque) = (rate / variance, both / variance);
+            torque -= to_torque * both;
+            both *= 1.0 - to_rate;
+            rate *= 1.0 - to_rate;
+            let still = steps.last().is_some_and(|last| {
+                (last[0] - variance).abs() < STEADY * variance
+                    && (last[2] - to_torque).abs() < STEADY * to_torque.abs() + 1e-15
+            });
+            steps.push([variance, to_rate, to_torque]);
+            if still {
+                break;
+            }
+        }
+        steps
+    }
+
+    /// ln likelihood of rate residuals h r (rad/s; NaN where masked) with readings of this deviation, and with the deviation of the
+    /// readings that makes it most likely, and that deviation. Without the constant.
+    pub fn log_likelihood(self, residual: &[f64]) -> (f64, f64, f64) {
+        let steps = self.steps();
+        let (mut at, mut count, mut squares, mut logs) = (0, 0.0, 0.0, 0.0);
+        let (mut after, mut torque) = (0.0, 0.0);
+        let log_variance: Vec<f64> = steps.iter().map(|step| step[0].ln()).collect();
+        for &r in residual {
+            if r.is_nan() {
+                (at, after, torque) = (0, 0.0, 0.0);
+                continue;
+            }
+            let [variance, to_rate, to_torque] = steps[at];
+            let innovation = r + after - torque;
+            after = (1.0 - to_rate) * innovation;
+            torque += to_torque * innovation;
+            squares += innovation * innovation / variance;
+            logs += log_variance[at];
+            count += 1.0;
+            at = (at + 1).min(steps.len() - 1);
+        }
+        let own = self.reading * self.reading;
+        let best = (squares / f64::max(count, 1.0)).max(f64::MIN_POSITIVE);
+        let with = |square: f64| -0.5 * (squares / square + count * square.ln() + logs);
+        (with(own), with(best), best.sqrt())
+    }
+
+    /// The noise that makes residuals h r (rad/s; NaN where masked) most likely: the gain of the predictor is estimated, not assumed.
+    /// A gain that is wrong leaves innovations that the readings before foretell; the controller answers to these readings, and what it
+    /// commands then seems to explain them.
+    pub fn most_likely(self, residual: &[f64]) -> Self {
+        const WHITE: (f64, f64) = (1e-3, 30.0);
+        const DRIFT: (f64, f64) = (1e-8, 1.0);
+        let within = |one: Self| Self {
+            white: one.white.clamp(WHITE.0, WHITE.1),
+            drift: one.drift.clamp(DRIFT.0, DRIFT.1),
+            ..one
+        };
+        let of = |one: Self| one.log_likelihood(residual).1;
+        let mut best = within(self);
+        let mut most = of(best);
+        // A valley may lead to either border: start from where it is and from both corners.
+        for start in [(0.002, 1e-7), (0.05, 1e-7), (0.01, 1e-4)] {
+            let other = Self {
+                white: start.0,
+                drift: start.1,
+                ..best
+            };
+            let value = of(other);
+            if value > most {
+                (best, most) = (other, value);
+            }
+        }
+        let mut factor: f64 = 4.0;
+        while factor > 1.05 {
+            let mut moved = false;
+            for (white, drift) in [
+                (factor, 1.0),
+                (1.0 / factor, 1.0),
+                (1.0, factor * factor),
+                (1.0, 1.0 / (factor * factor)),
+            ] {
+                let other = within(Self {
+                    white: best.white * white,
+                    drift: best.drift * drift,
+                    ..best
+                });
+                let value = of(other);
+                if value > most + 1e-6 {
+                    (best, most, moved) = (other, value, true);
+                }
+            }
+            if !moved {
+                factor = factor.sqrt();
+            }
+        }
+        Self {
+            reading: of_reading(best, residual),
+            ..best
+        }
+    }
+}
+
+/// Deviation of a reading that makes residuals most likely.
+fn of_reading(noise: RateNoise, residual: &[f64]) -> f64 {
+    noise.log_likelihood(residual).2
+}
+
+/// The two diagonals of L⁻¹'s recursion for one mask, w_k = g_k r_k − p_k w_{k−1}; or the filter of a [`RateNoise`].
 ///
 /// They depend on nothing but the samples since the last masked one, and soon no more on these: kept is the table of (g, p) until they
 /// stand still, and for each sample its place there.
@@ -59,9 +204,91 @@ pub struct Whitener {
     place: Vec<u16>,
     /// g = 1/l_kk and p = l_{k,k−1}/l_kk; zeros first.
     steps: Vec<[f64; 2]>,
+    /// Steps of the filter in place of `steps`, for readings of this deviation at this interval.
+    filter: Option<Filter>,
+}
+
+/// A filter of rates as a whitener.
+#[derive(Debug, Clone)]
+struct Filter {
+    /// 1/deviation of the innovation, shares of it for rate and torque; zeros first.
+    steps: Vec<[f64; 3]>,
+    step_s: f64,
+}
+
+/// What the filter remembers: rate and torque of the step before, rad/s.
+#[derive(Debug, Clone, Copy, Default)]
+struct FilterState {
+    after: f64,
+    torque: f64,
+}
+
+impl Filter {
+    /// Innovation over its deviation; 0 where masked.
+    fn innovation(&self, state: &mut FilterState, place: u16, residual: f64) -> f64 {
+        if place == 0 {
+            *state = FilterState::default();
+            return 0.0;
+        }
+        let step = self.steps[usize::from(place)];
+        let innovation = self.step_s * residual + state.after - state.torque;
+        state.take(step, innovation);
+        step[0] * innovation
+    }
+}
+
+impl FilterState {
+    fn take(&mut self, step: [f64; 3], innovation: f64) {
+        self.after = (1.0 - step[1]) * innovation;
+        self.torque += step[2] * innovation;
+    }
 }
 
 impl Whitener {
+    /// The same samples with the innovations of a rate's filter, for residuals in rad/s².
+    pub fn with_filter(&self, noise: RateNoise, step_s: f64) -> Self {
+        let mut steps = vec![[0.0; 3]];
+        steps.extend(
+            noise
+                .steps()
+                .into_iter()
+                .map(|[variance, rate, torque]| [1.0 / (noise.reading * variance.sqrt()), rate, torque]),
+        );
+        let mut at = 0;
+        let place = self.place.iter().map(|&place| {
+            at = if place == 0 { 0 } else { (at + 1).min(steps.len() - 1) };
+            at as u16
+        });
+        Self {
+            place: place.collect(),
+            steps: Vec::new(),
+            filter: Some(Filter { steps, step_s }),
+        }
+    }
+
+    /// r of w = L⁻¹ r in place; masked samples become NaN.
+    pub fn undo(&self, whitened: &mut [f64]) {
+        let mut before = 0.0;
+        let mut state = FilterState::default();
+        for (w, &place) in whitened.iter_mut().zip(&self.place) {
+            if place == 0 {
+                (*w, before, state) = (f64::NAN, 0.0, FilterState::default());
+                continue;
+            }
+            if let Some(filter) = &self.filter {
+                let step = filter.steps[usize::from(place)];
+                let innovation = *w / step[0];
+                *w = (innovation - state.after + state.torque) / filter.step_s;
+                state.take(step, innovation);
+            } else {
+                let [gain, previous] = self.steps[usize::from(place)];
+                let now = *w;
+                *w = (now + previous * before) / gain;
+                before = now;
+            }
+        }
+    }
+
     /// For a covariance and a mask (true: sample counts).
     pub fn new(covariance: Covariance, mask: &[bool]) -> Self {
         let mut steps = vec![[0.0; 2]];
@@ -89,11 +316,22 @@ impl Whitener {
             place
         });
         let place = place.collect();
-        Self { place, steps }
+        Self {
+            place,
+            steps,
+            filter: None,
+        }
     }
 
     /// L⁻¹ r in place; masked samples become 0.
     pub fn apply(&self, residual: &mut [f64]) {
+        if let Some(filter) = &self.filter {
+            let mut state = FilterState::default();
+            for (r, &place) in residual.iter_mut().zip(&self.place) {
+                *r = filter.innovation(&mut state, place, *r);
+            }
+            return;
+        }
         let mut before = 0.0;
         for (r, &place) in residual.iter_mut().zip(&self.place) {
             let [gain, previous] = self.steps[usize::from(place)];
@@ -105,6 +343,13 @@ impl Whitener {
 
     /// L⁻¹ (a − b) · `factor` as f32, for columns of a Jacobian.
     pub fn difference(&self, a: &[f64], b: &[f64], factor: f64) -> Vec<f32> {
+        if let Some(filter) = &self.filter {
+            let mut state = FilterState::default();
+            let samples = a.iter().zip(b).zip(&self.place);
+            return samples
+                .map(|((&x, &y), &place)| filter.innovation(&mut state, place, (x - y) * factor) as f32)
+                .collect();
+        }
         if let Some(gain) = self.white() {
             // Without a recursion several samples are taken at once.
             let scaled = a.iter().zip(b).zip(&self.place);
@@ -158,6 +403,7 @@ impl Whitener {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rotortwin_plant::random::NormalStream;
 
     /// rᵀ C⁻¹ r by Gaussian elimination of the full matrix.
     fn brute_force(covariance: Covariance, r: &[f64]) -> f64 {
@@ -233,6 +479,98 @@ mod tests {
             whitener.apply(&mut expected);
             let expected: Vec<f32> = expected.iter().map(|&x| x as f32).collect();
             assert_eq!(whitener.difference(&a, &b, 4.0), expected);
+        }
+    }
+
+    /// A yaw loop that answers to nothing but the noise of its gyro: (h r with the rates as read, lagged command), rad/s and rad/s².
+    fn loop_of_noise(gain: f64, noise: f64, disturbance: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
+        let (h, lag) = (0.0025, 0.05);
+        let mut draws = NormalStream::new(seed, "loop");
+        let (mut rate, mut torque, mut read) = (0.0, 0.0, 0.0);
+        let (mut differences, mut torques) = (Vec::new(), Vec::new());
+        for _ in 0..16_000 {
+            let after = torque + (1.0 - libm::exp(-h / lag)) * (-gain * read - torque);
+            let mean = 0.5 * (torque + after);
+            torque = after;
+            rate += h * mean + disturbance * draws.sample();
+            let now = rate + noise * draws.sample();
+            differences.push(now - read - h * mean);
+            torques.push(mean);
+            read = now;
+        }
+        (differences, torques)
+    }
+
+    /// What a false gain of the torque seems to be, by least squares of whitened residuals, in its own deviations.
+    fn false_gain(noise: RateNoise, differences: &[f64], torques: &[f64]) -> f64 {
+        let plain = Whitener::new(Covariance::white(1.0), &vec![true; differences.len()]);
+        let filter = plain.with_filter(noise, 1.0);
+        let (mut r, mut x) = (
+            differences.to_vec(),
+            torques.iter().map(|t| 0.0025 * t).collect::<Vec<_>>(),
+        );
+        filter.apply(&mut r);
+        filter.apply(&mut x);
+        let of = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        of(&x, &r) / of(&x, &x).sqrt()
+    }
+
+    #[test]
+    fn val_noise_that_comes_back_as_a_command_explains_nothing_with_the_most_likely_gain() {
+        let (reading, gain) = (0.0055, 3.9);
+        let assumed = RateNoise {
+            reading,
+            white: 0.045,
+            drift: 1e-8,
+        };
+        let (mut most, mut assumed_least) = (0.0_f64, f64::INFINITY);
+        for seed in 0..8 {
+            let (differences, torques) = loop_of_noise(gain, reading, 0.0, seed);
+            let likely = assumed.most_likely(&differences);
+            most = most.max(false_gain(likely, &differences, &torques).abs());
+            assumed_least = assumed_least.min(false_gain(assumed, &differences, &torques).abs());
+        }
+        // With the gain that was assumed every seed shows an effect that is not there; with the most likely one none of eight is beyond
+        // what one in two thousand would be.
+        assert!(assumed_least > 4.0, "{assumed_least}");
+        assert!(most < 3.5, "{most}");
+    }
+
+    #[test]
+    fn val_the_most_likely_noise_is_that_which_was_drawn() {
+        let (reading, disturbance) = (0.0055, 0.0011);
+        let (differences, _) = loop_of_noise(0.0, reading, disturbance, 3);
+        let start = RateNoise {
+            reading: 0.01,
+            white: 0.02,
+            drift: 1e-6,
+        };
+        let found = start.most_likely(&differences);
+        assert!((found.reading / reading - 1.0).abs() < 0.03, "{found:?}");
+        assert!((found.white / (disturbance / reading) - 1.0).abs() < 0.15, "{found:?}");
+    }
+
+    #[test]
+    fn prop_a_filter_is_undone() {
+        let mut mask = vec![true; 60];
+        mask[20] = false;
+        let noise = RateNoise {
+            reading: 0.0055,
+            white: 0.03,
+            drift: 1e-4,
+        };
+        let plain = Whitener::new(Covariance::of_difference(0.01, 0.0, 0.2, 0.0025), &mask);
+        for whitener in [plain.with_filter(noise, 0.0025), plain] {
+            let r: Vec<f64> = (0..60).map(|k| libm::sin(0.7 * f64::from(k))).collect();
+            let mut back = r.clone();
+            whitener.apply(&mut back);
+            assert_eq!(back[20], 0.0);
+            let none = whitener.difference(&r, &vec![0.0; 60], 1.0);
+            assert!(back.iter().zip(&none).all(|(a, b)| *a as f32 == *b));
+            whitener.undo(&mut back);
+            assert!(back[20].is_nan());
+            let same = |k: usize| k == 20 || (back[k] - r[k]).abs() < 1e-9;
+            assert!((0..60).all(same));
         }
     }
 }

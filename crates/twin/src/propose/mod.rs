@@ -12,17 +12,19 @@
 //! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at best hinted at.
 //! A proposal is a correlation with a dimension, not yet physics, and it is never added without being asked for.
 
+mod candidate;
 mod regression;
 mod terms;
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance, ParameterEntry, TermEntry};
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
+use candidate::Candidate;
 use regression::{Gram, Regression};
-use terms::Candidate;
 
 /// Id of a proposed effect; the next ones of a model are numbered.
 const ID: &str = "proposed-effect";
@@ -30,39 +32,45 @@ const ID: &str = "proposed-effect";
 const RANGE: f64 = 3.0;
 
 /// One proposed term: what acts, where, and on what evidence.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProposedTerm {
     /// Places and what acts there: `force_x: air_velocity_x * airspeed^2`.
     pub acts: Vec<String>,
     /// Name of the factor.
     pub parameter: String,
     /// Fitted on everything.
+    #[schema(value_type = Option<f64>)]
     pub factor: f64,
     /// Standard deviation by a jackknife over 5 s blocks.
+    #[schema(value_type = Option<f64>)]
     pub deviation: f64,
     /// Unit.
     pub unit: String,
     /// Correlation of the residual, before any term, with the term.
+    #[schema(value_type = Option<f64>)]
     pub correlation: f64,
     /// Share of the excess error in the channels that it acts on which this and the terms before it remove on unseen blocks.
+    #[schema(value_type = Option<f64>)]
     pub held_out_share: f64,
 }
 
 /// What a channel's residual follows most, among all candidates.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Correlate {
     /// Channel: `fx`.
     pub channel: String,
     /// Regressor: `force_x: air_velocity_x`.
     pub regressor: String,
     /// Correlation coefficient.
+    #[schema(value_type = Option<f64>)]
     pub correlation: f64,
 }
 
 /// A proposal.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Proposal {
     /// The terms as an effect document, as `effect_files` of a scenario takes it; absent if no term explains anything unseen.
+    #[schema(value_type = Option<serde_json::Value>)]
     pub document: Option<EffectDocument>,
     /// Its terms, in the order in which they were taken.
     pub terms: Vec<ProposedTerm>,
@@ -159,7 +167,9 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     let mut candidates = terms::candidates(&failing);
     candidates.extend(terms::periodic(&regressions, &failing));
     let documents: Vec<EffectDocument> = candidates.iter().map(Candidate::alone).collect();
-    let catalogue = Catalogue::with_documents(&documents)?;
+    // The model may hold effects of a user itself, such as an earlier proposal.
+    let all: Vec<EffectDocument> = documents.iter().chain(&model.effect_document).cloned().collect();
+    let catalogue = Catalogue::with_documents(&all)?;
     let mut gram = Gram::new(candidates.len());
     for regression in &regressions {
         regression.add_to(&mut gram, &candidates, &documents, &catalogue)?;

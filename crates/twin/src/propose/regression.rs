@@ -6,9 +6,8 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
-use super::terms::Candidate;
-use crate::compare::evaluate::deviation_of_mean;
-use crate::compare::nuisances;
+use super::candidate::Candidate;
+use crate::estimation::nuisances;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
 
 /// Length of a mean, s.
@@ -49,7 +48,7 @@ impl Regression {
         let step_s = predictor.series().step_s;
         let rows = ((MEAN_S / step_s).round() as usize).max(1);
         let covariances = predictor.noise().covariances(step_s);
-        let noise = covariances.map(|covariance| deviation_of_mean(covariance, rows).max(f64::MIN_POSITIVE));
+        let noise = covariances.map(|covariance| covariance.deviation_of_mean(rows).max(f64::MIN_POSITIVE));
         let counts = |start: usize| {
             (0..CHANNELS).all(|channel| {
                 let mask = &residuals.mask[channel];

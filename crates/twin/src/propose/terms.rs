@@ -5,8 +5,7 @@
 
 use std::f64::consts::TAU;
 
-use rotortwin_plant::effects::{EffectDocument, ParameterEntry, TermEntry, factor_unit};
-
+use super::candidate::Candidate;
 use super::regression::Regression;
 use crate::predict::channels::{F, KA, KP, KV, M, V};
 
@@ -22,85 +21,6 @@ const LOWEST_HZ: f64 = 0.1;
 const HIGHEST_HZ: f64 = 4.5;
 /// Share of a channel's variance that one frequency must have.
 const PERIODIC_SHARE: f64 = 0.15;
-
-/// A term: what acts at each place is its expression times one factor.
-#[derive(Debug, Clone)]
-pub(super) struct Candidate {
-    acts: Vec<(String, String)>,
-}
-
-impl Candidate {
-    fn new(acts: impl IntoIterator<Item = (impl Into<String>, impl Into<String>)>) -> Self {
-        Self {
-            acts: acts
-                .into_iter()
-                .map(|(place, what)| (place.into(), what.into()))
-                .collect(),
-        }
-    }
-
-    /// `force_x: air_velocity_x`.
-    pub(super) fn acts(&self) -> Vec<String> {
-        self.acts
-            .iter()
-            .map(|(place, what)| format!("{place}: {what}"))
-            .collect()
-    }
-
-    /// Unit of the factor.
-    pub(super) fn unit(&self) -> String {
-        let (place, what) = &self.acts[0];
-        factor_unit(place, what).expect("the table holds places and expressions of variables")
-    }
-
-    /// As terms of a document with this factor.
-    pub(super) fn entries(&self, factor: &str) -> Vec<TermEntry> {
-        self.acts
-            .iter()
-            .map(|(place, what)| TermEntry {
-                place: place.clone(),
-                expression: format!("{factor} * ({what})"),
-            })
-            .collect()
-    }
-
-    /// As an effect of its own, with the factor `c`.
-    pub(super) fn alone(&self) -> EffectDocument {
-        let id: String = self
-            .acts()
-            .join("-")
-            .chars()
-            .map(|c| {
-                if c.is_ascii_alphanumeric() {
-                    c.to_ascii_lowercase()
-                } else {
-                    '-'
-                }
-            })
-            .collect();
-        // Ids are short; the hash keeps long ones apart.
-        let hash = crate::model::content_hash(id.as_bytes());
-        EffectDocument {
-            id: format!("term-{hash}"),
-            name: self.acts().join(", "),
-            excited_by: String::new(),
-            confused_with: Vec::new(),
-            source: String::new(),
-            per_rotor: false,
-            parameter: vec![ParameterEntry {
-                name: "c".to_owned(),
-                unit: self.unit(),
-                meaning: String::new(),
-                shape: false,
-                low: -1e9,
-                high: 1e9,
-                size: Some(1.0),
-                typical: 1.0,
-            }],
-            term: self.entries("c"),
-        }
-    }
-}
 
 /// Same expression on several axes of a place.
 fn on_axes(place: &str, axes: &[usize], what: impl Fn(usize) -> String) -> Candidate {

@@ -6,7 +6,7 @@
 use super::{ControllerPeer, FdiPeer, LinkError, PlantLink, RunSetup};
 use crate::convert;
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
-use crate::proto::Role;
+use rotortwin_proto::Role;
 use std::collections::VecDeque;
 
 /// [`PlantLink`] to a controller and an FDI engine of this process.

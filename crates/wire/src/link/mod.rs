@@ -2,9 +2,9 @@
 //!
 //! [`PlantLink`] is the plant's view of its two peers; [`ControllerPeer`] and [`FdiPeer`] are what the peers do. Between them:
 //!
-//! * `in_process`: a function call;
-//! * `iceoryx2`: shared memory between processes of one host;
-//! * `zenoh`: TCP between hosts, with or without a router.
+//! * [`in_process`]: a function call;
+//! * iceoryx2: shared memory between processes of one host (crate `rotortwin-links`);
+//! * zenoh: TCP between hosts, with or without a router (the same crate).
 //!
 //! # The protocol
 //! ```text
@@ -22,17 +22,10 @@
 //! after the time-out ([`LinkError::PeerSilent`]); both with the last step it answered and the length of its silence.
 
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
-use crate::proto::{ControllerSetup, FdiSetup, Role};
+use rotortwin_proto::{ControllerSetup, FdiSetup, Role};
 use std::time::Duration;
 
-pub mod endpoint;
 pub mod in_process;
-pub mod iox2;
-pub mod topics;
-mod watch;
-pub mod zenoh;
-
-pub use watch::host_name;
 
 /// The plant's view of the controller and the FDI engine of its run.
 pub trait PlantLink {
@@ -115,7 +108,7 @@ impl Default for LinkTiming {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
     /// The process of a peer ended.
-    #[error("the {} ({program}) died {}: silent for {} ms", role_name(*role), after(*last_step), silence.as_millis())]
+    #[error("the {} ({program}) died {}{}", role_name(*role), after(*last_step), silent(*silence))]
     PeerDied {
         /// Which peer.
         role: Role,
@@ -200,6 +193,14 @@ pub fn role_name(role: Role) -> &'static str {
         Role::Controller => "controller",
         Role::Fdi => "FDI engine",
         Role::Unspecified => "unknown peer",
+    }
+}
+
+/// How long it had been silent when its end was noticed; nothing if that was at once.
+fn silent(silence: Duration) -> String {
+    match silence.as_millis() {
+        0 => String::new(),
+        silence_ms => format!(": silent for {silence_ms} ms"),
     }
 }
 

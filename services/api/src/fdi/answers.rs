@@ -2,7 +2,7 @@
 
 use rotortwin_fdi::service::{Answer, Calibration, Window};
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_plant::Detectors;
+use rotortwin_scenario::Detectors;
 use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
 use serde::Serialize;
 use utoipa::ToSchema;

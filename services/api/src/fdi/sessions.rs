@@ -8,10 +8,10 @@ use crate::access::Caller;
 use crate::problem::Problem;
 use rotortwin_fdi::service::topic::TopicService;
 use rotortwin_fdi::service::{Answer, Chunk, FdiSession, Refusal};
-use rotortwin_plant::Detectors;
+use rotortwin_links::topics::TopicSession;
+use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_process::LinkAddress;
-use rotortwin_wire::link::topics::TopicSession;
-use rotortwin_wire::link::zenoh::ZenohOptions;
+use rotortwin_scenario::Detectors;
 use serde::Serialize;
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -283,9 +283,25 @@ impl FdiSessions {
         open.contains_key(id)
     }
 
-    /// A session as it stands.
+    /// The caller's sessions as they stand, the oldest id first. Looking at them keeps none alive.
+    pub(crate) fn list(&self, caller: &Caller) -> Vec<SessionView> {
+        let mut open = lock(&self.open);
+        self.sweep(&mut open);
+        let mut entries: Vec<Arc<Entry>> = open.values().cloned().collect();
+        drop(open);
+        entries.retain(|entry| caller.sees_all || entry.tenant == caller.tenant);
+        entries.sort_by(|a, b| a.id.cmp(&b.id));
+        entries.iter().map(|entry| self.look_at(entry)).collect()
+    }
+
+    /// A session as it stands, for whoever uses it.
     pub(crate) fn view(&self, entry: &Entry) -> SessionView {
-        let session = entry.session();
+        entry.touch();
+        self.look_at(entry)
+    }
+
+    fn look_at(&self, entry: &Entry) -> SessionView {
+        let session = lock(&entry.session);
         SessionView {
             id: entry.id.clone(),
             detectors: entry.detectors.clone(),

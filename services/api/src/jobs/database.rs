@@ -1,10 +1,14 @@
 //! The database: SQLite in the data folder, or a Postgres that several servers and workers share. One set of statements serves both; what
 //! differs stands here.
 
+use crate::data_folder::OWN_FILE;
 use crate::jobs::hub::Hub;
+use crate::jobs::timed::{TimedPool, Transaction};
 use sqlx::any::AnyPoolOptions;
 use sqlx::migrate::{Migrate as _, Migration, MigrationType, Migrator};
-use sqlx::{AnyPool, AssertSqlSafe, SqlStr};
+use sqlx::postgres::{PgListener, PgNotification};
+use sqlx::{AssertSqlSafe, SqlStr};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,8 +18,32 @@ pub(crate) const CHANNEL: &str = "rotortwin_job";
 
 /// Postgres: live samples, `ID LINE`.
 const LIVE_CHANNEL: &str = "rotortwin_live";
+/// Connections that a server takes, beside the one on which it listens.
+pub(crate) const SERVER_CONNECTIONS: u32 = 10;
+/// Connections that a worker takes, however many jobs it does at the same time, beside the one on which it listens.
+pub(crate) const WORKER_CONNECTIONS: u32 = 3;
 /// Postgres takes no longer notices than 8000 bytes.
 const LONGEST_NOTICE: usize = 7900;
+
+/// A connection that is given back answers within this, or is closed.
+const RETURN: Duration = Duration::from_secs(2);
+/// A connection on which nothing was heard for so long is asked whether it is there.
+const QUIET: Duration = Duration::from_secs(20);
+/// The database is reached within this.
+const CONNECT: Duration = Duration::from_secs(10);
+/// Connections that nobody has used for so long are closed.
+const IDLE: Duration = Duration::from_secs(60);
+/// What each connection to Postgres sets.
+///
+/// * A statement waits 5 s for a row that another one holds, and takes 15 s at most.
+/// * A transaction in which nothing is said for 5 s is undone, and its rows are free: ours say all that they have to say at once, so whoever
+///   is silent is gone.
+/// * A host that is gone is noticed after 10 s of silence and 3 questions 3 s apart, and what cannot be delivered to it after 10 s.
+///
+/// (That an accepted job survives a power cut needs nothing here: `synchronous_commit` is on by default.)
+const POSTGRES_SETTINGS: &str = "SET lock_timeout = '5s'; SET statement_timeout = '15s'; SET idle_in_transaction_session_timeout = '5s'; \
+     SET tcp_keepalives_idle = 10; SET tcp_keepalives_interval = 3; SET tcp_keepalives_count = 3; SET tcp_user_timeout = '10s'; \
+     SET client_min_messages = warning;";
 
 /// Which of the two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,7 +55,7 @@ pub(crate) enum Dialect {
 /// The database, open.
 #[derive(Debug, Clone)]
 pub(crate) struct Database {
-    pub(crate) pool: AnyPool,
+    pub(crate) pool: TimedPool,
     dialect: Dialect,
     /// Those who wait in this process.
     pub(crate) hub: Arc<Hub>,
@@ -41,8 +69,16 @@ impl Database {
     pub(crate) async fn open_file(path: &Path) -> Result<Self, String> {
         let told =
             |error: &dyn std::fmt::Display| format!("{}: the database cannot be opened: {error}", path.display());
+        // The files beside it get its permissions.
+        std::fs::File::options()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .mode(OWN_FILE)
+            .open(path)
+            .map_err(|error| told(&error))?;
         let url = format!("sqlite://{}?mode=rwc", path.display());
-        let database = Self::connect(&url, Dialect::Sqlite)
+        let database = Self::connect(&url, Dialect::Sqlite, SERVER_CONNECTIONS)
             .await
             .map_err(|error| told(&error))?;
         database.back_up(path).await.map_err(|error| told(&error))?;
@@ -54,14 +90,14 @@ impl Database {
     ///
     /// # Errors
     /// One sentence; the password is not in it.
-    pub(crate) async fn open_postgres(url: &str) -> Result<Self, String> {
+    pub(crate) async fn open_postgres(url: &str, most_connections: u32) -> Result<Self, String> {
         if !(url.starts_with("postgres://") || url.starts_with("postgresql://")) {
             return Err("DATABASE_URL: expected postgres://USER:PASSWORD@HOST/DATABASE; without it SQLite in the data folder is used".to_owned());
         }
         let shown = url.rsplit('@').next().unwrap_or_default();
         let told =
             |error: &dyn std::fmt::Display| format!("DATABASE_URL: the database at {shown} cannot be used: {error}");
-        let database = Self::connect(url, Dialect::Postgres)
+        let database = Self::connect(url, Dialect::Postgres, most_connections)
             .await
             .map_err(|error| told(&error))?;
         database.migrate().await.map_err(|error| told(&error))?;
@@ -70,29 +106,36 @@ impl Database {
         Ok(database)
     }
 
-    async fn connect(url: &str, dialect: Dialect) -> Result<Self, sqlx::Error> {
+    async fn connect(url: &str, dialect: Dialect, most_connections: u32) -> Result<Self, sqlx::Error> {
         sqlx::any::install_default_drivers();
         let pool = AnyPoolOptions::new()
-            .max_connections(12)
+            .max_connections(most_connections)
+            .idle_timeout(IDLE)
             .acquire_timeout(Duration::from_secs(10))
             .after_connect(move |connection, _| {
                 Box::pin(async move {
                     use sqlx::Executor as _;
-                    // An accepted job survives a power cut: FULL, not NORMAL. (Postgres: synchronous_commit is on by default.)
+                    // An accepted job survives a power cut: FULL, not NORMAL.
                     let settings = match dialect {
                         Dialect::Sqlite => {
                             "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 10000; PRAGMA foreign_keys = ON;"
                         }
-                        Dialect::Postgres => "SET lock_timeout = '10s'; SET statement_timeout = '30s'; SET client_min_messages = warning;",
+                        Dialect::Postgres => POSTGRES_SETTINGS,
                     };
                     connection.execute(settings).await.map(|_| ())
                 })
             })
-            .after_release(|connection, _| Box::pin(is_clean(connection)))
+            .after_release(|connection, _| {
+                Box::pin(async {
+                    let clean = tokio::time::timeout(RETURN, is_clean(connection)).await;
+                    // An error: it is closed without a word.
+                    clean.unwrap_or_else(|_| Err(sqlx::Error::PoolTimedOut))
+                })
+            })
             .connect(url)
             .await?;
         Ok(Self {
-            pool,
+            pool: TimedPool::new(pool),
             dialect,
             hub: Arc::new(Hub::default()),
         })
@@ -100,14 +143,14 @@ impl Database {
 
     async fn migrate(&self) -> Result<(), sqlx::Error> {
         migrations(self.dialect)
-            .run(&self.pool)
+            .run(self.pool.untimed())
             .await
             .map_err(|error| sqlx::Error::Configuration(Box::new(error)))
     }
 
     /// Copies a database that has an older schema to `NAME.before-VERSION`.
     async fn back_up(&self, path: &Path) -> Result<(), sqlx::Error> {
-        let mut connection = self.pool.acquire().await?;
+        let mut connection = self.pool.untimed().acquire().await?;
         connection
             .ensure_migrations_table("_sqlx_migrations")
             .await
@@ -135,25 +178,35 @@ impl Database {
             .map(|_| ())
     }
 
-    /// A statement with `@NOW` (ms since 1970 by the database's clock, so that hosts need not agree) and `@SKIP` (rows that another one has
-    /// just taken are passed over) in this database's words.
+    /// A statement with `@NOW` (ms since 1970 by the database's clock, so that hosts need not agree), `@SKIP` (rows that another one has
+    /// just taken are passed over) and `@OPEN` (the smallest number of a transaction that writes now or later) in this database's words,
+    /// and `@VEHICLE`, what lists show as a job's vehicle.
     pub(crate) fn sql(&self, text: &str) -> AssertSqlSafe<String> {
-        let (now, skip) = match self.dialect {
-            Dialect::Sqlite => ("CAST(unixepoch('subsec') * 1000 AS INTEGER)", ""),
+        let (now, skip, open, vehicle) = match self.dialect {
+            // Transactions that write follow one another: all have the number 0.
+            Dialect::Sqlite => (
+                "CAST(unixepoch('subsec') * 1000 AS INTEGER)",
+                "",
+                "1",
+                "json_extract(facts, '$.vehicle')",
+            ),
             Dialect::Postgres => (
                 "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)",
                 "FOR UPDATE OF j SKIP LOCKED",
+                "CAST(pg_snapshot_xmin(pg_current_snapshot())::text AS BIGINT)",
+                "CAST(facts AS json) ->> 'vehicle'",
             ),
         };
-        AssertSqlSafe(text.replace("@NOW", now).replace("@SKIP", skip))
+        AssertSqlSafe(
+            text.replace("@NOW", now)
+                .replace("@SKIP", skip)
+                .replace("@OPEN", open)
+                .replace("@VEHICLE", vehicle),
+        )
     }
 
     /// Tells other processes, once the transaction is committed, to look at a job again, or at the queue (no id).
-    pub(super) async fn tell(
-        &self,
-        transaction: &mut sqlx::Transaction<'_, sqlx::Any>,
-        id: &str,
-    ) -> Result<(), sqlx::Error> {
+    pub(super) async fn tell(&self, transaction: &mut Transaction, id: &str) -> Result<(), sqlx::Error> {
         if self.dialect == Dialect::Postgres {
             sqlx::query("SELECT pg_notify($1, $2)")
                 .bind(CHANNEL)
@@ -194,17 +247,15 @@ impl Database {
 
     /// Ends all connections.
     pub(crate) async fn close(&self) {
-        self.pool.close().await;
+        self.pool.untimed().close().await;
     }
 }
 
-/// Whether a connection can be used again. SQLite ends a transaction by itself when the disk is full; sqlx then fails to roll it back, and
+/// Whether a connection can be used again. One on which a statement was given up still owes its answer: it is asked for a sign of life,
+/// which comes after that. SQLite ends a transaction by itself when the disk is full; sqlx then fails to roll it back, and
 /// would go on in a transaction that never ends and locks everybody else out.
 async fn is_clean(connection: &mut sqlx::AnyConnection) -> Result<bool, sqlx::Error> {
     use sqlx::Connection as _;
-    if !connection.is_in_transaction() {
-        return Ok(true);
-    }
     // A roll-back that was begun when the transaction was dropped comes before this.
     connection.ping().await?;
     let is_clean = !connection.is_in_transaction();
@@ -217,17 +268,17 @@ async fn is_clean(connection: &mut sqlx::AnyConnection) -> Result<bool, sqlx::Er
 /// Passes on what other processes say, as long as the process lives; what is said while the connection is down is made up for by waking all.
 async fn listen(url: String, hub: Arc<Hub>) {
     loop {
-        match sqlx::postgres::PgListener::connect(&url).await {
+        let connected = tokio::time::timeout(CONNECT, PgListener::connect(&url)).await;
+        match connected.unwrap_or(Err(sqlx::Error::PoolTimedOut)) {
             Ok(mut listener) => {
                 if let Err(error) = listener.listen_all([CHANNEL, LIVE_CHANNEL]).await {
                     tracing::warn!(%error, "other processes' words cannot be listened to");
                 }
                 hub.wake_all();
-                // `None`: the connection was lost and is being made again.
-                while let Ok(Some(notice)) = listener.try_recv().await {
+                while let Some(notice) = next_notice(&mut listener).await {
                     if notice.channel() == LIVE_CHANNEL {
                         if let Some((id, line)) = notice.payload().split_once(' ') {
-                            hub.take_live(id, line);
+                            hub.live.take(id, line);
                         }
                         continue;
                     }
@@ -240,6 +291,21 @@ async fn listen(url: String, hub: Arc<Hub>) {
             Err(error) => tracing::warn!(%error, "other processes' words cannot be listened to"),
         }
         tokio::time::sleep(Duration::from_secs(1)).await;
+    }
+}
+
+/// What another process says; `None`: the connection is lost. One that is silent is asked whether it is still there.
+async fn next_notice(listener: &mut PgListener) -> Option<PgNotification> {
+    loop {
+        match tokio::time::timeout(QUIET, listener.try_recv()).await {
+            Ok(heard) => return heard.ok().flatten(),
+            Err(_) => {
+                let asked = sqlx::query::<sqlx::Postgres>("SELECT 1").execute(&mut *listener);
+                if !matches!(tokio::time::timeout(RETURN, asked).await, Ok(Ok(_))) {
+                    return None;
+                }
+            }
+        }
     }
 }
 
@@ -259,6 +325,12 @@ fn migrations(dialect: Dialect) -> Migrator {
                 "documents",
                 include_str!("../../migrations/sqlite/0004_documents.sql"),
             ),
+            (5, "models", include_str!("../../migrations/sqlite/0005_models.sql")),
+            (
+                6,
+                "events_in_order",
+                include_str!("../../migrations/sqlite/0006_events_in_order.sql"),
+            ),
         ],
         Dialect::Postgres => &[
             (1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql")),
@@ -271,6 +343,12 @@ fn migrations(dialect: Dialect) -> Migrator {
                 3,
                 "documents",
                 include_str!("../../migrations/postgres/0003_documents.sql"),
+            ),
+            (4, "models", include_str!("../../migrations/postgres/0004_models.sql")),
+            (
+                5,
+                "events_in_order",
+                include_str!("../../migrations/postgres/0005_events_in_order.sql"),
             ),
         ],
     };

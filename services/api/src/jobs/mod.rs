@@ -9,11 +9,12 @@
 
 pub(crate) mod database;
 pub(crate) mod hub;
+pub(crate) mod live;
 pub(crate) mod queue;
 pub(crate) mod seats;
-pub(crate) mod spec;
 pub(crate) mod store;
 mod table;
+pub(crate) mod timed;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -87,13 +88,17 @@ pub(crate) enum JobKind {
     Diagnosis,
     /// Compare, diagnose, add, compare again: versions of a model.
     Improvement,
+    /// A vehicle that is identified from logs.
+    Identification,
+    /// The manoeuvre that would tell two effects apart.
+    NextFlight,
     /// A classifier that is trained.
     Classifier,
 }
 
 impl JobKind {
     /// All of them, for look-ups.
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 12] = [
         Self::Run,
         Self::Campaign,
         Self::CampaignShard,
@@ -103,6 +108,8 @@ impl JobKind {
         Self::Comparison,
         Self::Diagnosis,
         Self::Improvement,
+        Self::Identification,
+        Self::NextFlight,
         Self::Classifier,
     ];
 
@@ -118,6 +125,8 @@ impl JobKind {
             Self::Comparison => "comparison",
             Self::Diagnosis => "diagnosis",
             Self::Improvement => "improvement",
+            Self::Identification => "identification",
+            Self::NextFlight => "next-flight",
             Self::Classifier => "classifier",
         }
     }
@@ -134,6 +143,8 @@ impl JobKind {
             Self::Comparison => "comparisons",
             Self::Diagnosis => "diagnoses",
             Self::Improvement => "improvements",
+            Self::Identification => "identifications",
+            Self::NextFlight => "next-flights",
             Self::Classifier => "classifiers",
         }
     }
@@ -154,7 +165,7 @@ pub(crate) struct NewJob {
     pub(crate) tenant: String,
     /// Larger goes first among the jobs of a tenant.
     pub(crate) priority: i64,
-    /// JSON ([`spec::Spec`]).
+    /// JSON ([`rotortwin_jobs::StoredJob`]).
     pub(crate) spec: String,
     /// JSON: what lists show.
     pub(crate) facts: String,
@@ -222,6 +233,50 @@ pub(crate) struct Event {
     pub(crate) kind: String,
     /// JSON.
     pub(crate) data: String,
+}
+
+/// An event of any job, with its place in one order over all of them.
+#[derive(Debug, Clone)]
+pub(crate) struct PlacedEvent {
+    /// Where it stands.
+    pub(crate) place: EventPlace,
+    /// Whose it is.
+    pub(crate) job: String,
+    /// What that job is.
+    pub(crate) job_kind: JobKind,
+    /// The event itself.
+    pub(crate) event: Event,
+}
+
+/// A place in the order of all events: number of the transaction that wrote it, and its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct EventPlace {
+    pub(crate) written: i64,
+    pub(crate) position: i64,
+}
+
+impl std::fmt::Display for EventPlace {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}.{}", self.written, self.position)
+    }
+}
+
+impl std::str::FromStr for EventPlace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| text.parse::<i64>().ok().filter(|number| *number >= 0);
+        text.split_once('.')
+            .and_then(|(written, position)| {
+                Some(Self {
+                    written: number(written)?,
+                    position: number(position)?,
+                })
+            })
+            .ok_or_else(|| {
+                format!("'{text}' is no place in the stream of events; expected the id of one, such as 0.17")
+            })
+    }
 }
 
 /// What a worker says at the end.

@@ -13,6 +13,9 @@ use crate::jobs::database::Database;
 use sqlx::Row as _;
 use std::time::Duration;
 
+/// Later than all times, ms since 1970.
+const FOREVER_MS: &str = "9000000000000000";
+
 /// Whether a submission made a job.
 #[derive(Debug)]
 pub(crate) enum Submitted {
@@ -72,7 +75,7 @@ impl Database {
     /// `false`: there is one under this key.
     async fn insert(
         &self,
-        transaction: &mut Transaction<'_>,
+        transaction: &mut Transaction,
         id: &str,
         new: &NewJob,
         part_of: Option<&str>,
@@ -267,7 +270,7 @@ impl Database {
     /// The whole can begin, or is lost with its part; whom that concerns.
     async fn part_ended(
         &self,
-        transaction: &mut Transaction<'_>,
+        transaction: &mut Transaction,
         whole: &str,
         part: &Job,
     ) -> Result<Vec<String>, sqlx::Error> {
@@ -308,7 +311,7 @@ impl Database {
         Ok(others)
     }
 
-    async fn cancel_parts(&self, transaction: &mut Transaction<'_>, whole: &str) -> Result<Vec<String>, sqlx::Error> {
+    async fn cancel_parts(&self, transaction: &mut Transaction, whole: &str) -> Result<Vec<String>, sqlx::Error> {
         sqlx::query("UPDATE job SET cancel_requested = 1 WHERE part_of = $1 AND status IN ('queued', 'running')")
             .bind(whole)
             .execute(&mut **transaction)
@@ -369,47 +372,79 @@ impl Database {
     /// run, because nobody else can have them. A job that was begun `attempts` times has most likely killed its workers: it ends as failed.
     /// Their ids.
     ///
+    /// Each in a transaction of its own, and a row that somebody holds is left for the next time: a host that vanished within a transaction
+    /// holds its rows until the database notices, and keeps nobody else's job waiting.
+    ///
     /// # Errors
-    /// The database.
+    /// The database; of a single job only if none could be queued.
     pub(crate) async fn requeue_abandoned(&self, everything: bool, attempts: i64) -> Result<Vec<String>, sqlx::Error> {
+        let rows = sqlx::query(self.sql(&format!(
+            "SELECT id FROM job WHERE status = 'running' AND claim_until_ms < {} ORDER BY id",
+            if everything { FOREVER_MS } else { "@NOW" }
+        )))
+        .fetch_all(&self.pool)
+        .await?;
+        let (mut ids, mut refused) = (Vec::new(), None);
+        for row in rows {
+            let id: String = row.try_get("id")?;
+            match self.requeue_one(&id, everything, attempts).await {
+                Ok(true) => ids.push(id),
+                Ok(false) => {}
+                Err(error) => {
+                    tracing::warn!(job = id, %error, "an abandoned job cannot be queued now; trying again later");
+                    refused = Some(error);
+                }
+            }
+        }
+        match refused {
+            Some(error) if ids.is_empty() => Err(error),
+            _ => Ok(ids),
+        }
+    }
+
+    /// `false`: somebody has it, or holds its row.
+    async fn requeue_one(&self, id: &str, everything: bool, attempts: i64) -> Result<bool, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
-        let rows = sqlx::query(self.sql(
+        let row = sqlx::query(self.sql(
             "UPDATE job SET status = CASE WHEN cancel_requested = 1 THEN 'canceled' WHEN attempts >= $1 THEN 'failed' ELSE 'queued' END, \
              error = CASE WHEN cancel_requested = 1 THEN 'canceled; its worker was gone' WHEN attempts >= $2 THEN \
                'its worker was gone at every attempt' ELSE error END, \
              finished_ms = CASE WHEN cancel_requested = 1 OR attempts >= $3 THEN @NOW ELSE NULL END, \
              claim = NULL, claim_until_ms = NULL, ticket = NULL \
-             WHERE status = 'running' AND claim_until_ms < (CASE WHEN $4 = 1 THEN 9000000000000000 ELSE @NOW END) RETURNING *",
+             WHERE id = (SELECT j.id FROM job j WHERE j.id = $4 AND j.status = 'running' \
+               AND j.claim_until_ms < (CASE WHEN $5 = 1 THEN @FOREVER ELSE @NOW END) @SKIP) RETURNING *"
+                .replace("@FOREVER", FOREVER_MS)
+                .as_str(),
         ))
         .bind(attempts)
         .bind(attempts)
         .bind(attempts)
+        .bind(id)
         .bind(i64::from(everything))
-        .fetch_all(&mut *transaction)
+        .fetch_optional(&mut *transaction)
         .await?;
-        let (mut ids, mut others) = (Vec::new(), Vec::new());
-        for row in rows {
-            let job = job_of(&row)?;
-            if job.status.is_final() {
-                self.append(&mut transaction, &job.id, "ended", &ended(&job)).await?;
-                if let Some(whole) = &job.part_of {
-                    others.extend(self.part_ended(&mut transaction, whole, &job).await?);
-                }
-            } else {
-                self.append(&mut transaction, &job.id, "requeued", r#"{"why":"its worker is gone"}"#)
-                    .await?;
+        let Some(row) = row else {
+            return Ok(false);
+        };
+        let job = job_of(&row)?;
+        let mut others = Vec::new();
+        if job.status.is_final() {
+            self.append(&mut transaction, id, "ended", &ended(&job)).await?;
+            if let Some(whole) = &job.part_of {
+                others.extend(self.part_ended(&mut transaction, whole, &job).await?);
             }
-            ids.push(job.id);
+        } else {
+            self.append(&mut transaction, id, "requeued", r#"{"why":"its worker is gone"}"#)
+                .await?;
         }
-        if !ids.is_empty() {
-            self.tell(&mut transaction, "").await?;
-        }
+        self.tell(&mut transaction, "").await?;
         transaction.commit().await?;
-        for id in ids.iter().chain(&others) {
-            self.hub.wake(id);
-            self.hub.queue.notify_one();
+        self.hub.wake(id);
+        for id in others {
+            self.hub.wake(&id);
         }
-        Ok(ids)
+        self.hub.queue.notify_one();
+        Ok(true)
     }
 
     /// Wants a job stopped: a queued one is canceled at once with its parts, a running one is told to its worker. `None`: there is none.
@@ -478,7 +513,7 @@ impl Database {
 }
 
 /// Whether the claim is still this one's; the row is held until the transaction ends.
-pub(super) async fn holds(transaction: &mut Transaction<'_>, id: &str, token: &str) -> Result<bool, sqlx::Error> {
+pub(super) async fn holds(transaction: &mut Transaction, id: &str, token: &str) -> Result<bool, sqlx::Error> {
     let held = sqlx::query("UPDATE job SET claim = claim WHERE id = $1 AND claim = $2")
         .bind(id)
         .bind(token)

@@ -1,7 +1,7 @@
 //! What is read of jobs and events.
 
 use super::table::{SHORT, job_of};
-use super::{Event, Job, JobKind, Status};
+use super::{Event, EventPlace, Job, JobKind, PlacedEvent, Status};
 use crate::jobs::database::Database;
 use sqlx::Row as _;
 
@@ -18,6 +18,12 @@ pub(crate) struct Filter<'a> {
     pub(crate) name: Option<&'a str>,
     /// Only those forked from this one.
     pub(crate) parent: Option<&'a str>,
+    /// Only of this vehicle.
+    pub(crate) vehicle: Option<&'a str>,
+    /// Only those submitted then or later, ms since 1970.
+    pub(crate) from_ms: Option<i64>,
+    /// Only those submitted before, ms since 1970.
+    pub(crate) to_ms: Option<i64>,
     /// Only older ones.
     pub(crate) before: Option<&'a str>,
 }
@@ -30,6 +36,20 @@ impl Database {
     pub(crate) async fn get(&self, id: &str) -> Result<Option<Job>, sqlx::Error> {
         let row = sqlx::query("SELECT * FROM job WHERE id = $1")
             .bind(id)
+            .fetch_optional(&self.pool)
+            .await?;
+        row.as_ref().map(job_of).transpose()
+    }
+
+    /// The job that a tenant has submitted under a key; `None`: none.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn by_key(&self, tenant: &str, kind: JobKind, key: &str) -> Result<Option<Job>, sqlx::Error> {
+        let row = sqlx::query("SELECT * FROM job WHERE tenant = $1 AND kind = $2 AND idempotency_key = $3")
+            .bind(tenant)
+            .bind(kind.as_str())
+            .bind(key)
             .fetch_optional(&self.pool)
             .await?;
         row.as_ref().map(job_of).transpose()
@@ -61,12 +81,16 @@ impl Database {
         // Only the conditions that there are, so that the database can use its indices.
         let mut conditions = vec!["part_of IS NULL".to_owned()];
         let mut values: Vec<&str> = Vec::new();
+        // Numbers need no place of their own.
+        conditions.extend(filter.from_ms.map(|at| format!("submitted_ms >= {at}")));
+        conditions.extend(filter.to_ms.map(|at| format!("submitted_ms < {at}")));
         for (condition, value) in [
             ("kind =", filter.kind.map(JobKind::as_str)),
             ("tenant =", filter.tenant),
             ("status =", filter.status.map(Status::as_str)),
             ("name =", filter.name),
             ("parent =", filter.parent),
+            ("@VEHICLE =", filter.vehicle),
             ("id <", filter.before),
         ] {
             if let Some(value) = value {
@@ -140,6 +164,74 @@ impl Database {
         .fetch_one(&self.pool)
         .await?;
         Ok((row.try_get("open")?, row.try_get("bytes")?))
+    }
+
+    /// Events of all jobs that are no parts, of a tenant if one is named, after a place, in order, at most `limit`.
+    ///
+    /// Only what no open transaction can still come before: see the schema.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn all_events_after(
+        &self,
+        tenant: Option<&str>,
+        place: EventPlace,
+        progress: bool,
+        limit: i64,
+    ) -> Result<Vec<PlacedEvent>, sqlx::Error> {
+        let mut conditions = String::new();
+        if !progress {
+            conditions += " AND e.kind <> 'progress'";
+        }
+        if tenant.is_some() {
+            conditions += " AND j.tenant = $3";
+        }
+        let text = format!(
+            "SELECT e.written, e.position, e.job_id, e.seq, e.kind, e.data, j.kind AS job_kind FROM job_event e \
+             JOIN job j ON j.id = e.job_id WHERE (e.written, e.position) > ($1, $2) AND e.written < @OPEN AND j.part_of IS NULL{conditions} \
+             ORDER BY e.written, e.position LIMIT {limit}"
+        );
+        let mut query = sqlx::query(self.sql(&text)).bind(place.written).bind(place.position);
+        if let Some(tenant) = tenant {
+            query = query.bind(tenant.to_owned());
+        }
+        let rows = query.fetch_all(&self.pool).await?;
+        rows.iter()
+            .map(|row| {
+                let kind: String = row.try_get("job_kind")?;
+                let unknown = || sqlx::Error::Decode(format!("this version knows no jobs of kind '{kind}'").into());
+                Ok(PlacedEvent {
+                    place: EventPlace {
+                        written: row.try_get("written")?,
+                        position: row.try_get("position")?,
+                    },
+                    job: row.try_get("job_id")?,
+                    job_kind: JobKind::parse(&kind).ok_or_else(unknown)?,
+                    event: Event {
+                        seq: row.try_get("seq")?,
+                        kind: row.try_get("kind")?,
+                        data: row.try_get("data")?,
+                    },
+                })
+            })
+            .collect()
+    }
+
+    /// The place after which everything comes that is written from now on.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn last_place(&self) -> Result<EventPlace, sqlx::Error> {
+        // Two columns of one row: what is settled ends where the first open transaction begins.
+        let row = sqlx::query(self.sql(
+            "SELECT CAST(@OPEN AS BIGINT) - 1 AS written, CAST(COALESCE((SELECT MAX(position) FROM job_event), 0) AS BIGINT) AS position",
+        ))
+        .fetch_one(&self.pool)
+        .await?;
+        Ok(EventPlace {
+            written: row.try_get("written")?,
+            position: row.try_get("position")?,
+        })
     }
 
     /// Events of a job after `seq`, in order, at most `limit`.

@@ -10,8 +10,7 @@ pub(super) const SHORT: &str = "id, kind, name, tenant, status, priority, '' AS 
      request_hash, submitted_ms, started_ms, finished_ms, attempts, failures, wall_limit_ms, worker, cancel_requested, NULL AS ticket, folder, \
      bytes, run_hash, error, NULL AS result, NULL AS metrics";
 
-/// A transaction of either database.
-pub(super) type Transaction<'a> = sqlx::Transaction<'a, sqlx::Any>;
+pub(super) use super::timed::Transaction;
 
 pub(super) fn job_of(row: &AnyRow) -> Result<Job, sqlx::Error> {
     let (kind, status): (String, String) = (row.try_get("kind")?, row.try_get("status")?);
@@ -55,7 +54,7 @@ impl Database {
     /// Adds an event to a job whose row this transaction has written, and so holds: numbers have no gaps.
     pub(super) async fn append(
         &self,
-        transaction: &mut Transaction<'_>,
+        transaction: &mut Transaction,
         id: &str,
         kind: &str,
         data: &str,

@@ -3,15 +3,15 @@
 
 pub(crate) mod own;
 mod paths;
+pub(crate) mod versions;
 
 use self::paths::{PATHS, every_path_inside, stays_inside};
 use crate::artifacts::{Artifacts, files_below};
 use crate::problem::Problem;
-use rotortwin_plant::blades::BladeSet;
-use rotortwin_plant::complaints::complaints;
 use rotortwin_plant::effects::{Catalogue, EffectDocument};
 use rotortwin_plant::error::Refusal;
-use rotortwin_plant::{Classifier, ConfigError, Scenario, VehicleDocuments};
+use rotortwin_scenario::complaints::complaints;
+use rotortwin_scenario::{Classifier, ConfigError, Scenario, VehicleDocuments, effect_documents, vehicle_documents};
 use rotortwin_twin::model::ModelVersion;
 use serde::Serialize;
 use std::io;
@@ -156,9 +156,11 @@ impl Library {
         let found = match kind {
             DocumentKind::Scenario => Scenario::complaints(text, folder),
             DocumentKind::Vehicle => VehicleDocuments::complaints(text, folder),
-            DocumentKind::Blades => complaints("blades", text, "", |text| BladeSet::parse("blades", text).map(|_| ())),
+            DocumentKind::Blades => complaints("blades", text, "", |text| {
+                vehicle_documents::parse_blades("blades", text).map(|_| ())
+            }),
             DocumentKind::Effect => complaints("effect", text, "", |text| {
-                EffectDocument::parse("effect", text).map(|_| ())
+                effect_documents::parse("effect", text).map(|_| ())
             }),
             DocumentKind::Model => complaints("model", text, "", |text| {
                 ModelVersion::parse("model", text, &folder).map(|_| ())
@@ -182,20 +184,27 @@ impl Library {
             .with_complaints(all.into_iter().map(|complaint| complaint.sentence).collect())
     }
 
+    /// The effect documents of the library.
+    ///
+    /// # Errors
+    /// 422: one is none.
+    pub(crate) fn effect_documents(&self) -> Result<Vec<EffectDocument>, Problem> {
+        self.names(DocumentKind::Effect.folder())
+            .iter()
+            .map(|name| {
+                let path = self.root.join("effects").join(format!("{name}.toml"));
+                effect_documents::load(path).map_err(|error| self.refusal(&error))
+            })
+            .collect()
+    }
+
     /// The built-in effects, with the documents of the library.
     ///
     /// # Errors
     /// 422: a document is none.
     pub(crate) fn catalogue(&self) -> Result<Catalogue, Problem> {
-        let documents: Vec<EffectDocument> = self
-            .names(DocumentKind::Effect.folder())
-            .iter()
-            .map(|name| {
-                let path = self.root.join("effects").join(format!("{name}.toml"));
-                EffectDocument::load(path).map_err(|error| self.refusal(&error))
-            })
-            .collect::<Result<_, _>>()?;
-        Catalogue::with_documents(&documents).map_err(|refusal: Refusal| Problem::unprocessable(refusal.reason))
+        Catalogue::with_documents(&self.effect_documents()?)
+            .map_err(|refusal: Refusal| Problem::unprocessable(refusal.reason))
     }
 
     /// A version of a model by name.

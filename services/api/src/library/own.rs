@@ -163,7 +163,11 @@ impl Database {
         .map(|done| done.rows_affected() == 1)
     }
 
-    async fn has_document(&self, tenant: &str, kind: DocumentKind, name: &str) -> Result<bool, sqlx::Error> {
+    /// Whether a tenant has left a document of this name.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn has_document(&self, tenant: &str, kind: DocumentKind, name: &str) -> Result<bool, sqlx::Error> {
         let row = sqlx::query("SELECT name FROM document WHERE tenant = $1 AND folder = $2 AND name = $3")
             .bind(tenant)
             .bind(kind.folder())

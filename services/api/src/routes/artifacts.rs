@@ -125,5 +125,8 @@ pub(super) async fn one(app: &App, job: &Job, name: &str, request: Request) -> R
         .map_err(|error| Problem::internal(&error))?;
     let mut response = response.map(Body::new);
     response.headers_mut().insert(header::ETAG, etag_value);
+    response
+        .headers_mut()
+        .insert(header::CONTENT_SECURITY_POLICY, crate::browsers::FILES);
     Ok(response)
 }

@@ -1,14 +1,12 @@
 //! Blind benches: submit. The cases are done in parts by all workers, and then put together.
 
-use super::jobs::{JobView, Shared, Terms};
-use super::library::checked_name;
-use super::tasks::{Draft, laid_out, submit_in_parts};
+use super::documents::checked_name;
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{Draft, OUT, laid_out, submit_in_parts};
 use crate::access::Caller;
 use crate::jobs::JobKind;
-use crate::jobs::spec::{Content, Input, Task};
 use crate::library::Library;
 use crate::problem::Problem;
-use crate::worker::task::THREADS;
 use axum::Json;
 use axum::extract::rejection::JsonRejection;
 use axum::http::HeaderMap;
@@ -17,6 +15,7 @@ use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::run::Request;
 use rotortwin_blind::error::BlindError;
 use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_jobs::{BlindBench, Input, StoredJob};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -27,6 +26,7 @@ use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 super::collection!(
     blind_benches,
     crate::jobs::JobKind::BlindBench,
+    AnyResult,
     "blind bench",
     "/api/v1/blind-benches",
     "/api/v1/blind-benches/{id}",
@@ -137,6 +137,10 @@ pub(crate) async fn submit(
     body: Result<Json<BlindBenchSubmission>, JsonRejection>,
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
+    let hash = jobs::request_hash(&body);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::BlindBench, &headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
     let terms = Terms {
         priority: body.priority,
         max_wall_s: body.max_wall_s,
@@ -192,7 +196,7 @@ pub(crate) async fn submit(
             kind,
             name,
             facts,
-            task: task(&input, &request, part),
+            stored: stored(&input, &request, part),
             terms,
         }
     };
@@ -306,34 +310,22 @@ fn readable(library: &Library, name: &str) -> Result<(), Problem> {
         .map_err(|error| library.refusal(&error))
 }
 
-fn task(library: &Input, request: &Request, part: Option<&Range<u64>>) -> Task {
-    let presets: Vec<&str> = request.presets.iter().map(|preset| preset.name()).collect();
-    let mut args: Vec<String> = ["blind", "--json", "--events", "--out", "out", "--jobs", THREADS]
-        .map(str::to_owned)
-        .to_vec();
-    for (option, value) in [
-        ("--preset", presets.join(",")),
-        ("--n", request.n.to_string()),
-        ("--seed", request.seed.to_string()),
-        ("--vehicles", request.vehicles.join(",")),
-        ("--duration-s", request.duration_s.to_string()),
-    ] {
-        args.extend([option.to_owned(), value]);
-    }
+fn stored(library: &Input, request: &Request, part: Option<&Range<u64>>) -> StoredJob {
     let mut inputs = vec![library.clone()];
-    match part {
-        Some(part) => args.extend(["--cases".to_owned(), format!("{}..{}", part.start, part.end)]),
-        // A bench goes on where its files end: with the rows of all parts there is only the score to be made.
-        None => inputs.push(Input {
-            path: "out".to_owned(),
-            content: Content::Parts,
+    // A bench continues where its files end: with the rows of all parts there is only the score to be made.
+    inputs.extend(part.is_none().then(|| Input::parts(OUT)));
+    StoredJob {
+        job: rotortwin_jobs::Job::BlindBench(BlindBench {
+            presets: request.presets.clone(),
+            n: request.n,
+            seed: request.seed,
+            vehicles: request.vehicles.clone(),
+            duration_s: request.duration_s,
+            out: OUT.into(),
+            cases: part.cloned(),
+            processes: None,
         }),
-    }
-    Task {
-        args,
         inputs,
-        result: None,
-        discard: Vec::new(),
     }
 }
 
@@ -399,21 +391,27 @@ mod tests {
         let body = submission(json!({ "n": 4, "seed": 7, "presets": ["pairs", "null-hover"] })).unwrap();
         let request = checked(&body, &chosen(&body.vehicles).unwrap(), 600.0).unwrap();
         assert_eq!(request.vehicles, ["config/vehicles/f550.toml"]);
-        let library = Input {
-            path: LAID_OUT.to_owned(),
-            content: Content::Folder("library/0".to_owned()),
+        let library = Input::folder(LAID_OUT, "library/0");
+        let bench = |part| match stored(&library, &request, part) {
+            StoredJob {
+                job: rotortwin_jobs::Job::BlindBench(bench),
+                inputs,
+            } => (bench, inputs.len()),
+            other => panic!("no bench: {other:?}"),
         };
-        let (whole, part) = (task(&library, &request, None), task(&library, &request, Some(&(2..5))));
-        let (same, more) = part.args.split_at(whole.args.len());
-        assert_eq!(same, whole.args);
-        assert_eq!(more, ["--cases", "2..5"]);
-        assert!(
-            whole
-                .args
-                .join(" ")
-                .contains("--preset pairs,null-hover --n 4 --seed 7")
-        );
-        assert_eq!(whole.inputs.len(), 2);
+        let ((whole, inputs), (part, inputs_of_part)) = (bench(None), bench(Some(&(2..5))));
+        let asked = BlindBench {
+            presets: request.presets.clone(),
+            n: request.n,
+            seed: request.seed,
+            vehicles: request.vehicles.clone(),
+            duration_s: request.duration_s,
+            ..whole.clone()
+        };
+        assert_eq!(whole, asked);
+        let cases = Some(2..5);
+        assert_eq!(part, BlindBench { cases, ..asked });
+        assert_eq!((whole.cases, inputs, inputs_of_part), (None, 2, 1));
     }
 
     #[test]

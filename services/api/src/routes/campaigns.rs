@@ -1,20 +1,19 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
 
-use super::jobs::{JobView, Shared, Terms};
-use super::tasks::{Draft, LIBRARY, laid_out, submit_in_parts};
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{Draft, LIBRARY, OUT, laid_out, submit_in_parts};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
-use crate::jobs::spec::{Content, Input, Task};
 use crate::library::Library;
 use crate::problem::Problem;
-use crate::worker::task::THREADS;
 use axum::Json;
 use axum::extract::rejection::JsonRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_campaign::study::Campaign;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
+use rotortwin_jobs::{Input, StoredJob};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::ops::Range;
@@ -23,6 +22,7 @@ use utoipa::ToSchema;
 super::collection!(
     campaigns,
     crate::jobs::JobKind::Campaign,
+    AnyResult,
     "campaign",
     "/api/v1/campaigns",
     "/api/v1/campaigns/{id}",
@@ -82,6 +82,10 @@ pub(crate) async fn submit(
     body: Result<Json<CampaignSubmission>, JsonRejection>,
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
+    let hash = jobs::request_hash(&body);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Campaign, &headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
     let library = app.library(&caller).await?;
     let text = find(&library, &body)?;
     let terms = Terms {
@@ -124,7 +128,7 @@ pub(super) async fn accept(
     let (library, document, _folder) = match classifier {
         None => (library, text, None),
         Some(id) => {
-            let file = super::classifiers::trained(app, caller, id).await?;
+            let file = super::tasks::trained(app, caller, id).await?;
             let name = format!("trained-{id}.json");
             let (library, folder) = std::fs::read_to_string(&file)
                 .map(|text| vec![(format!("classifiers/{name}"), text)])
@@ -161,7 +165,7 @@ pub(super) async fn accept(
             kind,
             name,
             facts,
-            task: task(&input, &document, shards),
+            stored: stored(&input, &document, shards),
             terms,
         }
     };
@@ -206,45 +210,19 @@ fn read(library: &Library, text: &str) -> Result<Campaign, Problem> {
     Campaign::parse(text, &library.root().join("campaigns").join(SUBMITTED)).map_err(|error| library.refusal(&error))
 }
 
-fn task(library: &Input, text: &str, shards: Option<&Range<u64>>) -> Task {
+fn stored(library: &Input, text: &str, shards: Option<&Range<u64>>) -> StoredJob {
     let file = format!("{LIBRARY}/campaigns/{SUBMITTED}");
-    let mut args: Vec<String> = [
-        "campaign",
-        &file,
-        "--out",
-        "out",
-        "--json",
-        "--events",
-        "--threads",
-        THREADS,
-    ]
-    .map(str::to_owned)
-    .to_vec();
-    let mut inputs = vec![
-        library.clone(),
-        Input {
-            path: file,
-            content: Content::Text(text.to_owned()),
-        },
-    ];
-    let discard = match shards {
-        Some(part) => {
-            args.extend(["--shards".to_owned(), format!("{}..{}", part.start, part.end)]);
-            vec!["campaign.lock".to_owned()]
-        }
-        None => {
-            inputs.push(Input {
-                path: "out".to_owned(),
-                content: Content::Parts,
-            });
-            // The shards stay: from them alone a client can print the tables and go on.
-            vec!["campaign.lock".to_owned()]
-        }
-    };
-    Task {
-        args,
+    let mut inputs = vec![library.clone(), Input::text(file.clone(), text)];
+    // The shards of the parts stay: from them alone a client can print the tables and continue.
+    inputs.extend(shards.is_none().then(|| Input::parts(OUT)));
+    StoredJob {
+        job: rotortwin_jobs::Job::Campaign(rotortwin_jobs::Campaign {
+            campaign: file.into(),
+            out: OUT.into(),
+            shards: shards.cloned(),
+            limit: None,
+            threads: None,
+        }),
         inputs,
-        result: None,
-        discard,
     }
 }

@@ -1,18 +1,17 @@
 //! Classifiers: train, evaluate. The file is an artifact, `classifier.json`; a run takes it by the job's id.
 
-use super::jobs::{JobView, Shared, Terms};
-use super::tasks::{Draft, LIBRARY, done, laid_out};
-use crate::App;
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{CLASSIFIER, Draft, LIBRARY, OUT, done, laid_out};
 use crate::access::Caller;
 use crate::jobs::JobKind;
-use crate::jobs::spec::Task;
 use crate::problem::Problem;
-use crate::worker::task::THREADS;
 use axum::Json;
 use axum::extract::Path;
 use axum::extract::rejection::{JsonRejection, PathRejection};
 use axum::http::HeaderMap;
 use axum::response::Response;
+use rotortwin_jobs::StoredJob;
+use rotortwin_jobs::training::Method;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::PathBuf;
@@ -21,6 +20,7 @@ use utoipa::ToSchema;
 super::collection!(
     classifiers,
     crate::jobs::JobKind::Classifier,
+    AnyResult,
     "classifier",
     "/api/v1/classifiers",
     "/api/v1/classifiers/{id}",
@@ -30,21 +30,8 @@ super::collection!(
     "/api/v1/classifiers/{id}/artifacts/{*path}"
 );
 
-/// Its file.
-pub(super) const FILE: &str = "classifier.json";
 /// Data sets, at most.
 const MOST_SEEDS: u32 = 100;
-
-/// What the network reads and how it is trained.
-#[derive(Debug, Default, Clone, Copy, Deserialize, Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Method {
-    /// As in the paper, for scenarios with `nominal_thrust = "static"`.
-    #[default]
-    Paper,
-    /// Rotor lag in the residuals, self-calibrated, Adam; for scenarios with `nominal_thrust = "lagged"`.
-    Improved,
-}
 
 /// A classifier to be trained.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
@@ -104,6 +91,10 @@ pub(crate) async fn submit(
     body: Result<Json<Training>, JsonRejection>,
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
+    let hash = jobs::request_hash(&body);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Classifier, &headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
     let library = app.library(&caller).await?;
     library.text("scenarios", &body.scenario)?;
     if !(1..=MOST_SEEDS).contains(&body.seeds) {
@@ -112,37 +103,22 @@ pub(crate) async fn submit(
             body.seeds
         )));
     }
-    let method = match body.method {
-        Method::Paper => "paper",
-        Method::Improved => "improved",
-    };
-    let args = [
-        "train",
-        "--out",
-        &format!("out/{FILE}"),
-        "--method",
-        method,
-        "--scenario",
-        &format!("{LIBRARY}/scenarios/{}.toml", body.scenario),
-        "--seeds",
-        &body.seeds.to_string(),
-        "--first-seed",
-        &body.first_seed.to_string(),
-        "--threads",
-        THREADS,
-        "--json",
-    ]
-    .map(str::to_owned)
-    .to_vec();
+    let method = body.method.as_str();
+    let job = rotortwin_jobs::Job::Training(rotortwin_jobs::Training {
+        method: body.method,
+        scenario: format!("{LIBRARY}/scenarios/{}.toml", body.scenario).into(),
+        seeds: body.seeds,
+        first_seed: body.first_seed,
+        out: PathBuf::from(OUT).join(CLASSIFIER),
+        threads: None,
+    });
     let draft = Draft {
         kind: JobKind::Classifier,
         name: format!("{}-{method}", body.scenario),
         facts: json!({ "method": method, "scenario": body.scenario, "seeds": body.seeds, "first_seed": body.first_seed }),
-        task: Task {
-            args,
+        stored: StoredJob {
+            job,
             inputs: vec![laid_out(&app, &library).await?],
-            result: None,
-            discard: Vec::new(),
         },
         terms: Terms {
             priority: body.priority,
@@ -150,19 +126,6 @@ pub(crate) async fn submit(
         },
     };
     draft.submit(&app, &caller, &headers, &body, Vec::new()).await
-}
-
-/// The file of a classifier that was trained here.
-///
-/// # Errors
-/// 404, 409.
-pub(super) async fn trained(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem> {
-    let job = done(app, caller, JobKind::Classifier, id).await?;
-    app.artifacts
-        .file(job.folder.as_deref().unwrap_or_default(), FILE)
-        .await
-        .map_err(|error| Problem::internal(&error))?
-        .ok_or_else(|| Problem::not_found(format!("the file of classifier {id} is gone")))
 }
 
 /// Fresh flights of the protocol, judged with a classifier.
@@ -215,6 +178,10 @@ pub(crate) async fn evaluate(
 ) -> Result<Response, Problem> {
     let Path(id) = id?;
     let Json(body) = body?;
+    let hash = jobs::request_hash(&(&id, &body));
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Campaign, &headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
     let job = done(&app, &caller, JobKind::Classifier, &id).await?;
     if !(1..=MOST_SEEDS).contains(&body.repeats) {
         return Err(Problem::unprocessable(format!(

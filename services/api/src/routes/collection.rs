@@ -3,13 +3,14 @@
 
 /// Makes the routes of a kind of jobs.
 macro_rules! collection {
-    ($module:ident, $kind:expr, $word:literal, $all:literal, $one:literal, $cancel:literal, $events:literal, $files:literal, $file:literal) => {
+    ($module:ident, $kind:expr, $result:ident, $word:literal, $all:literal, $one:literal, $cancel:literal, $events:literal, $files:literal, $file:literal) => {
         pub(crate) mod $module {
             use crate::App;
             use crate::access::Caller;
             use crate::jobs::JobKind;
             use crate::problem::Problem;
             use crate::routes::jobs::{self, JobPage, JobView, ListQuery, Shared};
+            use crate::routes::results::{$result, JobWithResult};
             use crate::routes::{artifacts, events};
             use axum::Json;
             use axum::extract::rejection::{PathRejection, QueryRejection};
@@ -48,7 +49,7 @@ macro_rules! collection {
 
             #[doc = concat!("One ", $word, " with its result.")]
             #[utoipa::path(get, path = $one, summary = concat!("One ", $word, " with its result."), tag = stringify!($module), operation_id = concat!("get_", stringify!($module)), params(("id" = String, Path)), responses(
-                (status = 200, description = "how it stands", body = JobView),
+                (status = 200, description = "how it stands", body = JobWithResult<$result>),
                 (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")
             ))]

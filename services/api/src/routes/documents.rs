@@ -1,4 +1,172 @@
-//! The addresses of a kind of document in the library: list, get, put, delete. Written once, described for each.
+//! Documents of one kind in the library: list, get, put, delete. Written once, described for each.
+
+use crate::App;
+use crate::access::Caller;
+use crate::library::own::{LARGEST_DOCUMENT, Precondition, Written, hash_of};
+use crate::library::{Complaint, DocumentKind, Library};
+use crate::problem::Problem;
+use axum::Json;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Longest name of a document.
+const LONGEST_NAME: usize = 64;
+
+/// Names, in order.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Names {
+    /// All that can be named.
+    items: Vec<String>,
+    /// Those of them that the caller has left there.
+    own: Vec<String>,
+}
+
+/// A document that was left in the library.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct StoredDocument {
+    name: String,
+    /// Of the text; the ETag without its quotes.
+    hash: String,
+}
+
+pub(super) async fn list(app: &App, caller: &Caller, kind: DocumentKind) -> Result<Names, Problem> {
+    let own = app.database.documents(&caller.tenant).await?;
+    let own = own.into_iter().filter(|document| document.folder == kind.folder());
+    Ok(Names {
+        items: app.library(caller).await?.names(kind.folder()),
+        own: own.map(|document| document.name).collect(),
+    })
+}
+
+pub(super) async fn get(app: &App, caller: &Caller, kind: DocumentKind, name: &str) -> Result<Response, Problem> {
+    let text = app.library(caller).await?.text(kind.folder(), name)?;
+    let tag = format!("\"{}\"", hash_of(&text));
+    Ok(([(header::CONTENT_TYPE, "application/toml"), (header::ETAG, &tag)], text).into_response())
+}
+
+pub(super) async fn put(
+    app: &App,
+    caller: &Caller,
+    kind: DocumentKind,
+    name: &str,
+    headers: &HeaderMap,
+    text: &str,
+) -> Result<Response, Problem> {
+    checked_name(name)?;
+    check_form(headers)?;
+    let precondition = precondition(headers)?;
+    if text.len() > LARGEST_DOCUMENT {
+        return Err(Problem::too_large(format!(
+            "the document has {} bytes; expected at most {LARGEST_DOCUMENT}",
+            text.len()
+        )));
+    }
+    if kind == DocumentKind::Model && app.database.has_model(&caller.tenant, name).await? {
+        return Err(Problem::conflict(format!(
+            "the model '{name}' has versions that are kept; expected additions to it, or another name"
+        )));
+    }
+    let library = app.library(caller).await?;
+    let complaints = check(library, kind, text.to_owned()).await?;
+    if let Some(first) = complaints.first() {
+        let all = complaints.iter().map(|complaint| complaint.sentence.clone()).collect();
+        return Err(Problem::unprocessable(first.sentence.clone()).with_complaints(all));
+    }
+    let written = app
+        .database
+        .put_document(&caller.tenant, kind, name, text, &precondition)
+        .await?;
+    let stored = StoredDocument {
+        name: name.to_owned(),
+        hash: hash_of(text),
+    };
+    let tag = format!("\"{}\"", stored.hash);
+    let address = format!("/api/v1/{}/{name}", kind.folder());
+    match written {
+        Written::Created => {
+            let headers = [(header::LOCATION, address), (header::ETAG, tag)];
+            Ok((StatusCode::CREATED, headers, Json(stored)).into_response())
+        }
+        Written::Replaced => Ok(([(header::ETAG, tag)], Json(stored)).into_response()),
+        Written::Refused if precondition == Precondition::Absent => Err(Problem::precondition_failed(format!(
+            "you have left '{name}' there already; expected none (`If-None-Match: *`)"
+        ))),
+        Written::Refused => Err(Problem::precondition_failed(format!(
+            "'{name}' is not there, or was changed since; expected the text of `If-Match`"
+        ))),
+        Written::Full => Err(Problem::disk_full(format!(
+            "'{}' has as many documents as one may have; delete some that are done with",
+            caller.tenant
+        ))),
+    }
+}
+
+pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name: &str) -> Result<StatusCode, Problem> {
+    let had_versions = kind == DocumentKind::Model && app.database.forget_model(&caller.tenant, name).await?;
+    if app.database.delete_document(&caller.tenant, kind, name).await? || had_versions {
+        return Ok(StatusCode::NO_CONTENT);
+    }
+    Err(Problem::not_found(format!(
+        "you have left no '{name}' under {}; what the server has itself cannot be deleted",
+        kind.folder()
+    )))
+}
+
+/// It becomes the name of a file.
+///
+/// # Errors
+/// 400.
+pub(super) fn checked_name(name: &str) -> Result<(), Problem> {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-".contains(c);
+    let begins = name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit());
+    if begins && name.len() <= LONGEST_NAME && name.chars().all(plain) {
+        return Ok(());
+    }
+    Err(Problem::bad_request(format!(
+        "'{name}' is no name for a document; expected 1 to {LONGEST_NAME} of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit"
+    )))
+}
+
+/// A document says that it is TOML.
+fn check_form(headers: &HeaderMap) -> Result<(), Problem> {
+    let kind = headers
+        .get(header::CONTENT_TYPE)
+        .map(|kind| kind.to_str().unwrap_or_default());
+    let essence = kind.unwrap_or_default().split(';').next().unwrap_or_default().trim();
+    if essence.eq_ignore_ascii_case("application/toml") {
+        return Ok(());
+    }
+    Err(Problem::unsupported(format!(
+        "the document comes as {}; expected `Content-Type: application/toml`",
+        kind.unwrap_or("nothing in particular")
+    )))
+}
+
+pub(super) fn precondition(headers: &HeaderMap) -> Result<Precondition, Problem> {
+    let value = |name| headers.get(name).map(|value| value.to_str().unwrap_or_default().trim());
+    match (value(header::IF_MATCH), value(header::IF_NONE_MATCH)) {
+        (None, None) => Ok(Precondition::None),
+        (None, Some("*")) => Ok(Precondition::Absent),
+        (Some(tag), None) if tag.len() > 2 && tag.starts_with('"') && tag.ends_with('"') => {
+            Ok(Precondition::Hash(tag.trim_matches('"').to_owned()))
+        }
+        _ => Err(Problem::bad_request(
+            "expected at most one of `If-Match: \"ETAG\"` and `If-None-Match: *`",
+        )),
+    }
+}
+
+/// All that is wrong with a document.
+///
+/// # Errors
+/// 500.
+pub(super) async fn check(library: Library, kind: DocumentKind, text: String) -> Result<Vec<Complaint>, Problem> {
+    tokio::task::spawn_blocking(move || library.complaints(kind, &text))
+        .await
+        .map_err(|error| Problem::internal(&error))
+}
 
 /// Makes a module with the addresses of one kind of document.
 macro_rules! documents {
@@ -8,8 +176,8 @@ macro_rules! documents {
             use crate::access::Caller;
             use crate::library::DocumentKind;
             use crate::problem::Problem;
+            use crate::routes::documents::{self, Names, StoredDocument};
             use crate::routes::jobs::Shared;
-            use crate::routes::library::{self, Names, StoredDocument};
             use axum::Json;
             use axum::extract::Path;
             use axum::extract::rejection::{PathRejection, StringRejection};
@@ -31,7 +199,7 @@ macro_rules! documents {
                 (status = 200, description = "names", body = Names)
             ))]
             pub(crate) async fn list(app: Shared, caller: Caller) -> Result<Json<Names>, Problem> {
-                library::list(&app, &caller, KIND).await.map(Json)
+                documents::list(&app, &caller, KIND).await.map(Json)
             }
 
             #[doc = concat!("The text of a ", $word, ".")]
@@ -46,7 +214,7 @@ macro_rules! documents {
                 name: Result<Path<String>, PathRejection>,
             ) -> Result<Response, Problem> {
                 let Path(name) = name?;
-                library::get(&app, &caller, KIND, &name).await
+                documents::get(&app, &caller, KIND, &name).await
             }
 
             #[doc = concat!("Leaves a ", $word, " in the library, on one's own account.")]
@@ -59,8 +227,10 @@ macro_rules! documents {
                 (status = 201, description = "created", body = StoredDocument, headers(("Location" = String, description = "its address"), ("ETag" = String, description = "changes with the text"))),
                 (status = 200, description = "replaced", body = StoredDocument, headers(("ETag" = String, description = "changes with the text"))),
                 (status = 400, description = "no name, or no text", body = Problem, content_type = "application/problem+json"),
+                (status = 409, description = "a model of this name has versions that are kept", body = Problem, content_type = "application/problem+json"),
                 (status = 412, description = "it is not as `If-Match` or `If-None-Match` expect", body = Problem, content_type = "application/problem+json"),
                 (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+                (status = 415, description = "not TOML", body = Problem, content_type = "application/problem+json"),
                 (status = 422, description = "it is refused: `complaints` lists all that is wrong", body = Problem, content_type = "application/problem+json"),
                 (status = 507, description = "the disk is full, or there are too many", body = Problem, content_type = "application/problem+json")
             ))]
@@ -72,7 +242,7 @@ macro_rules! documents {
                 text: Result<String, StringRejection>,
             ) -> Result<Response, Problem> {
                 let Path(name) = name?;
-                library::put(&app, &caller, KIND, &name, &headers, &text?).await
+                documents::put(&app, &caller, KIND, &name, &headers, &text?).await
             }
 
             #[doc = concat!("Takes a ", $word, " of one's own out of the library.")]
@@ -87,7 +257,7 @@ macro_rules! documents {
                 name: Result<Path<String>, PathRejection>,
             ) -> Result<StatusCode, Problem> {
                 let Path(name) = name?;
-                library::delete(&app, &caller, KIND, &name).await
+                documents::delete(&app, &caller, KIND, &name).await
             }
         }
     };

@@ -16,8 +16,8 @@ use axum::response::{IntoResponse, Response};
 use rotortwin_fdi::service::session::{LONGEST_BRIDGE, LONGEST_CHUNK, REMEMBERED};
 use rotortwin_fdi::service::topic::{measurement_topic, report_topic};
 use rotortwin_fdi::service::{Chunk, Refusal};
-use rotortwin_plant::scenario::NominalThrustModel;
-use rotortwin_plant::{DetectorSettings, Detectors};
+use rotortwin_scenario::settings::NominalThrustModel;
+use rotortwin_scenario::{DetectorSettings, Detectors};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::{IntoParams, ToSchema};
@@ -271,6 +271,22 @@ pub(crate) async fn open(
 pub(crate) fn find(app: &App, caller: &Caller, id: Result<Path<String>, PathRejection>) -> Result<Arc<Entry>, Problem> {
     let Path(id) = id?;
     app.fdi.get(caller, &id)
+}
+
+/// Sessions that are open.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct OpenSessions {
+    items: Vec<SessionView>,
+}
+
+/// One's own sessions that are open, as they stand. Looking at them keeps none alive.
+#[utoipa::path(get, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "list_fdi_sessions", responses(
+    (status = 200, description = "the sessions", body = OpenSessions)
+))]
+pub(crate) async fn list(State(app): State<Arc<App>>, caller: Caller) -> Json<OpenSessions> {
+    Json(OpenSessions {
+        items: app.fdi.list(&caller),
+    })
 }
 
 /// A session as it stands.

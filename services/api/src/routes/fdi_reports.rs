@@ -10,7 +10,7 @@ use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, State};
 use futures_util::StreamExt as _;
-use rotortwin_plant::DetectorSettings;
+use rotortwin_scenario::DetectorSettings;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -130,7 +130,7 @@ async fn stored(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem
     let (table, beside) = if is_run {
         ("telemetry.parquet".to_owned(), "summary.json".to_owned())
     } else {
-        let stem = super::logs::STEM;
+        let stem = super::tasks::STEM;
         (format!("{stem}.parquet"), format!("{stem}.toml"))
     };
     let key = job.folder.unwrap_or_default();

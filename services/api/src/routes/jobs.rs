@@ -111,6 +111,12 @@ pub(crate) struct ListQuery {
     pub(super) name: Option<String>,
     /// Only those made from this one.
     pub(super) parent: Option<String>,
+    /// Only those of this vehicle: runs by its name, logs by the name that was given when they were submitted.
+    pub(super) vehicle: Option<String>,
+    /// Only those submitted then or later, ms since 1970, UTC.
+    pub(super) from_ms: Option<i64>,
+    /// Only those submitted before, ms since 1970, UTC.
+    pub(super) to_ms: Option<i64>,
     /// `next` of the page before.
     pub(super) cursor: Option<String>,
     /// Items a page, 1 to 1000.
@@ -126,6 +132,9 @@ impl ListQuery {
             status: self.status,
             name: self.name.as_deref(),
             parent: self.parent.as_deref(),
+            vehicle: self.vehicle.as_deref(),
+            from_ms: self.from_ms,
+            to_ms: self.to_ms,
             before: self.cursor.as_deref(),
         }
     }
@@ -182,6 +191,35 @@ pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Pro
     }
 }
 
+/// The answer to a submission that was accepted before under its key: 200 with the job that is there, or 409 if the body is another one.
+/// Asked before limits and documents are looked at: what the job was made of may have changed or gone since, and it is there all the same.
+///
+/// # Errors
+/// 400, 409, 503.
+pub(super) async fn before<V: Serialize>(
+    app: &App,
+    caller: &Caller,
+    kind: JobKind,
+    headers: &HeaderMap,
+    request_hash: &str,
+    view: impl FnOnce(Job) -> V,
+) -> Result<Option<Response>, Problem> {
+    let Some(key) = idempotency_key(headers)? else {
+        return Ok(None);
+    };
+    match app.database.by_key(&caller.tenant, kind, &key).await? {
+        None => Ok(None),
+        Some(job) if job.new.request_hash == request_hash => {
+            Ok(Some((StatusCode::OK, Json(view(job))).into_response()))
+        }
+        Some(_) => Err(another_body()),
+    }
+}
+
+fn another_body() -> Problem {
+    Problem::conflict("another body was submitted under this Idempotency-Key; expected the same body, or a new key")
+}
+
 /// Puts a job into the queue: 202 with its address, or 200 with the one that is there under this key.
 ///
 /// # Errors
@@ -216,9 +254,7 @@ pub(super) async fn accept<V: Serialize>(
             Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(view(*job))).into_response())
         }
         Submitted::Before(job) => Ok((StatusCode::OK, Json(view(*job))).into_response()),
-        Submitted::Other => Err(Problem::conflict(
-            "another body was submitted under this Idempotency-Key; expected the same body, or a new key",
-        )),
+        Submitted::Other => Err(another_body()),
     }
 }
 

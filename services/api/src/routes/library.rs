@@ -1,15 +1,13 @@
 //! Documents that submissions can name: scenarios, vehicles, blades, effects, models.
 
+use super::documents::check;
 use super::jobs::Shared;
-use crate::App;
+use super::results::DeclaredEffect;
 use crate::access::Caller;
-use crate::library::own::{LARGEST_DOCUMENT, Precondition, Written, hash_of};
 use crate::library::{Complaint, DocumentKind};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::JsonRejection;
-use axum::http::{HeaderMap, StatusCode, header};
-use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -48,137 +46,6 @@ super::documents!(
     "/api/v1/models",
     "/api/v1/models/{name}"
 );
-
-/// Longest name of a document.
-const LONGEST_NAME: usize = 64;
-
-/// Names, in order.
-#[derive(Debug, Serialize, ToSchema)]
-pub(crate) struct Names {
-    /// All that can be named.
-    items: Vec<String>,
-    /// Those of them that the caller has left there.
-    own: Vec<String>,
-}
-
-/// A document that was left in the library.
-#[derive(Debug, Serialize, ToSchema)]
-pub(crate) struct StoredDocument {
-    name: String,
-    /// Of the text; the ETag without its quotes.
-    hash: String,
-}
-
-pub(super) async fn list(app: &App, caller: &Caller, kind: DocumentKind) -> Result<Names, Problem> {
-    let own = app.database.documents(&caller.tenant).await?;
-    let own = own.into_iter().filter(|document| document.folder == kind.folder());
-    Ok(Names {
-        items: app.library(caller).await?.names(kind.folder()),
-        own: own.map(|document| document.name).collect(),
-    })
-}
-
-pub(super) async fn get(app: &App, caller: &Caller, kind: DocumentKind, name: &str) -> Result<Response, Problem> {
-    let text = app.library(caller).await?.text(kind.folder(), name)?;
-    let tag = format!("\"{}\"", hash_of(&text));
-    Ok(([(header::CONTENT_TYPE, "application/toml"), (header::ETAG, &tag)], text).into_response())
-}
-
-pub(super) async fn put(
-    app: &App,
-    caller: &Caller,
-    kind: DocumentKind,
-    name: &str,
-    headers: &HeaderMap,
-    text: &str,
-) -> Result<Response, Problem> {
-    checked_name(name)?;
-    let precondition = precondition(headers)?;
-    if text.len() > LARGEST_DOCUMENT {
-        return Err(Problem::too_large(format!(
-            "the document has {} bytes; expected at most {LARGEST_DOCUMENT}",
-            text.len()
-        )));
-    }
-    let library = app.library(caller).await?;
-    let complaints = check(library, kind, text.to_owned()).await?;
-    if let Some(first) = complaints.first() {
-        let all = complaints.iter().map(|complaint| complaint.sentence.clone()).collect();
-        return Err(Problem::unprocessable(first.sentence.clone()).with_complaints(all));
-    }
-    let written = app
-        .database
-        .put_document(&caller.tenant, kind, name, text, &precondition)
-        .await?;
-    let stored = StoredDocument {
-        name: name.to_owned(),
-        hash: hash_of(text),
-    };
-    let tag = format!("\"{}\"", stored.hash);
-    let address = format!("/api/v1/{}/{name}", kind.folder());
-    match written {
-        Written::Created => {
-            let headers = [(header::LOCATION, address), (header::ETAG, tag)];
-            Ok((StatusCode::CREATED, headers, Json(stored)).into_response())
-        }
-        Written::Replaced => Ok(([(header::ETAG, tag)], Json(stored)).into_response()),
-        Written::Refused if precondition == Precondition::Absent => Err(Problem::precondition_failed(format!(
-            "you have left '{name}' there already; expected none (`If-None-Match: *`)"
-        ))),
-        Written::Refused => Err(Problem::precondition_failed(format!(
-            "'{name}' is not there, or was changed since; expected the text of `If-Match`"
-        ))),
-        Written::Full => Err(Problem::disk_full(format!(
-            "'{}' has as many documents as one may have; delete some that are done with",
-            caller.tenant
-        ))),
-    }
-}
-
-pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name: &str) -> Result<StatusCode, Problem> {
-    if app.database.delete_document(&caller.tenant, kind, name).await? {
-        return Ok(StatusCode::NO_CONTENT);
-    }
-    Err(Problem::not_found(format!(
-        "you have left no '{name}' under {}; what the server has itself cannot be deleted",
-        kind.folder()
-    )))
-}
-
-/// It becomes the name of a file.
-///
-/// # Errors
-/// 400.
-pub(super) fn checked_name(name: &str) -> Result<(), Problem> {
-    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-".contains(c);
-    let begins = name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit());
-    if begins && name.len() <= LONGEST_NAME && name.chars().all(plain) {
-        return Ok(());
-    }
-    Err(Problem::bad_request(format!(
-        "'{name}' is no name for a document; expected 1 to {LONGEST_NAME} of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit"
-    )))
-}
-
-fn precondition(headers: &HeaderMap) -> Result<Precondition, Problem> {
-    let value = |name| headers.get(name).map(|value| value.to_str().unwrap_or_default().trim());
-    match (value(header::IF_MATCH), value(header::IF_NONE_MATCH)) {
-        (None, None) => Ok(Precondition::None),
-        (None, Some("*")) => Ok(Precondition::Absent),
-        (Some(tag), None) if tag.len() > 2 && tag.starts_with('"') && tag.ends_with('"') => {
-            Ok(Precondition::Hash(tag.trim_matches('"').to_owned()))
-        }
-        _ => Err(Problem::bad_request(
-            "expected at most one of `If-Match: \"ETAG\"` and `If-None-Match: *`",
-        )),
-    }
-}
-
-async fn check(library: crate::library::Library, kind: DocumentKind, text: String) -> Result<Vec<Complaint>, Problem> {
-    tokio::task::spawn_blocking(move || library.complaints(kind, &text))
-        .await
-        .map_err(|error| Problem::internal(&error))
-}
 
 /// A scenario to check: the name of one of the server's, or a text.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -326,9 +193,8 @@ validation!(
 /// The effects that a model can have.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct EffectCatalogue {
-    /// Id, name, equation, parameters with units and plausible ranges, channels, what it is confused with, source.
-    #[schema(value_type = Vec<Object>)]
-    items: serde_json::Value,
+    /// The built-in ones, then those of the library.
+    items: Vec<DeclaredEffect>,
 }
 
 /// The catalogue of effects: the built-in ones and the documents of the library, as the diagnosis knows them.
@@ -338,6 +204,8 @@ pub(crate) struct EffectCatalogue {
 ))]
 pub(crate) async fn catalogue(app: Shared, caller: Caller) -> Result<Json<EffectCatalogue>, Problem> {
     let catalogue = app.library(&caller).await?.catalogue()?;
-    let items = serde_json::to_value(catalogue.entries()).map_err(|error| Problem::internal(&error))?;
-    Ok(Json(EffectCatalogue { items }))
+    let items = catalogue.entries().iter().map(|entry| DeclaredEffect::of(entry));
+    Ok(Json(EffectCatalogue {
+        items: items.collect::<Result<_, Problem>>()?,
+    }))
 }

@@ -3,22 +3,24 @@
 //! ```text
 //!  rotortwin fly --events --live ─ lines ─▶ worker ─▶ hub ─ broadcast ─▶ one task a watcher ─▶ WebSocket
 //! ```
-//! The flight waits for nobody: a watcher that is too slow loses samples and is told how many. Nothing of it is stored; what was recorded is
-//! in the telemetry once the run has ended.
+//! The flight waits for nobody: a watcher that is too slow loses samples and is told how many. With `from_s` it gets first what is kept of the
+//! flight ([`crate::jobs::live`]), and again what it was too slow for: there is no hole. Nothing of it is on disk; what was recorded is in the
+//! telemetry once the run has ended.
 
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::Job;
+use crate::jobs::live::Past;
 use crate::problem::Problem;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Path, Query, State};
 use axum::response::Response;
-use rotortwin_plant::{Documents, Scenario};
-use rotortwin_sim::events::LiveSample;
+use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_store::query::{Channel, matching};
 use rotortwin_store::telemetry_columns;
+use rotortwin_wire::events::LiveSample;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -38,6 +40,9 @@ const LONGEST_MESSAGE: usize = 64 << 10;
 /// How often it is looked whether the run has ended, should nobody tell.
 const LOOK: Duration = Duration::from_secs(2);
 
+/// Rows of a message with what was before.
+const ROWS: usize = 1000;
+
 /// What to send; a client may also say it later, as a JSON message.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, ToSchema, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -49,6 +54,8 @@ pub(crate) struct Subscription {
     /// Most samples a second of wall clock, up to 100; 20 without it.
     #[param(minimum = 0.01, maximum = 100)]
     rate_hz: Option<f64>,
+    /// Begin with what is kept of the flight after this simulated time, s; 0: with all of it. Without it, with the next sample.
+    from_s: Option<f64>,
 }
 
 /// What comes: JSON text messages, told apart by `type`.
@@ -67,6 +74,18 @@ pub(crate) enum LiveMessage {
         channels: Vec<Value>,
         /// Most samples a second of wall clock.
         rate_hz: f64,
+    },
+    /// What was before, some rows at a time; `sample` goes on after it without a hole.
+    History {
+        /// Simulated time of each row.
+        time_s: Vec<f64>,
+        /// Step number of each row.
+        step: Vec<u64>,
+        /// Values by channel, one a row; `null`: none.
+        #[schema(value_type = Object)]
+        values: Value,
+        /// The flight is long: only every so many samples were kept, evenly.
+        thinned: bool,
     },
     /// A row.
     Sample {
@@ -150,6 +169,20 @@ impl Selection {
         })
     }
 
+    fn history(&self, samples: &[Arc<LiveSample>], thinned: bool) -> Value {
+        let values = self.picked.iter().map(|place| {
+            let column = samples
+                .iter()
+                .map(|sample| sample.values.get(*place).copied().flatten());
+            (self.channels[*place].name.clone(), json!(column.collect::<Vec<_>>()))
+        });
+        let values: serde_json::Map<String, Value> = values.collect();
+        json!({
+            "type": "history", "time_s": samples.iter().map(|sample| sample.sim_time_s).collect::<Vec<_>>(),
+            "step": samples.iter().map(|sample| sample.step).collect::<Vec<_>>(), "values": values, "thinned": thinned,
+        })
+    }
+
     fn sample(&self, sample: &LiveSample) -> Value {
         let values = self.picked.iter().map(|place| {
             let value = sample.values.get(*place).copied().flatten();
@@ -184,8 +217,11 @@ pub(crate) async fn live(
         problem.status = rejection.status().as_u16();
         problem
     })?;
+    if wish.from_s.is_some_and(f64::is_nan) {
+        return Err(Problem::unprocessable("`from_s` is no number; expected seconds"));
+    }
     // Before it is looked whether the run has ended: an end in between is seen.
-    let samples = app.database.hub.watch_live(&run.id);
+    let (past, samples) = app.database.hub.live.watch(&run.id);
     let watcher = Watcher {
         app,
         run,
@@ -193,10 +229,14 @@ pub(crate) async fn live(
         sent: 0,
         lost: 0,
         due: Instant::now(),
+        // Nothing is before the start.
+        seen_s: wish
+            .from_s
+            .map(|from| if from <= 0.0 { f64::NEG_INFINITY } else { from }),
     };
     Ok(upgrade
         .max_message_size(LONGEST_MESSAGE)
-        .on_upgrade(move |socket| watcher.serve(socket, samples)))
+        .on_upgrade(move |socket| watcher.serve(socket, past, samples)))
 }
 
 /// Rotors of the run's vehicle: they decide which channels there are.
@@ -215,14 +255,16 @@ struct Watcher {
     lost: u64,
     /// Earlier samples are passed over.
     due: Instant,
+    /// For a client that wants no hole: the simulated time up to which it has everything, s.
+    seen_s: Option<f64>,
 }
 
 /// The client is gone.
 struct Gone;
 
 impl Watcher {
-    async fn serve(mut self, mut socket: WebSocket, samples: Receiver<Arc<LiveSample>>) {
-        if self.tell(&mut socket, samples).await.is_ok() {
+    async fn serve(mut self, mut socket: WebSocket, past: Past, samples: Receiver<Arc<LiveSample>>) {
+        if self.tell(&mut socket, past, samples).await.is_ok() {
             let end = json!({
                 "type": "end", "status": self.run.status.as_str(), "samples": self.sent, "lost": self.lost,
             });
@@ -234,14 +276,25 @@ impl Watcher {
     }
 
     /// Sends samples until the run or the server ends.
-    async fn tell(&mut self, socket: &mut WebSocket, mut samples: Receiver<Arc<LiveSample>>) -> Result<(), Gone> {
+    async fn tell(
+        &mut self,
+        socket: &mut WebSocket,
+        past: Past,
+        mut samples: Receiver<Arc<LiveSample>>,
+    ) -> Result<(), Gone> {
         let mut ending = self.app.shop.ending.subscribe();
         let mut look = tokio::time::interval(LOOK);
         send(socket, &self.selection.start(&self.run)).await?;
+        self.catch_up(socket, &past).await?;
         loop {
             tokio::select! {
                 sample = samples.recv() => match sample {
                     Ok(sample) => self.pass_on(socket, &sample).await?,
+                    Err(RecvError::Lagged(_)) if self.seen_s.is_some() => {
+                        let past;
+                        (past, samples) = self.app.database.hub.live.watch(&self.run.id);
+                        self.catch_up(socket, &past).await?;
+                    }
                     Err(RecvError::Lagged(count)) => {
                         self.lost += count;
                         send(socket, &json!({ "type": "lost", "count": count })).await?;
@@ -250,8 +303,11 @@ impl Watcher {
                         if self.has_ended().await {
                             return Ok(());
                         }
-                        // It was queued again.
-                        samples = self.app.database.hub.watch_live(&self.run.id);
+                        // It was queued again, and flies from the start.
+                        let past;
+                        (past, samples) = self.app.database.hub.live.watch(&self.run.id);
+                        self.seen_s = self.seen_s.map(|_| f64::NEG_INFINITY);
+                        self.catch_up(socket, &past).await?;
                     }
                 },
                 message = socket.recv() => match message {
@@ -267,6 +323,18 @@ impl Watcher {
         }
     }
 
+    /// Sends what is kept and was not seen, to a client that wants no hole.
+    async fn catch_up(&mut self, socket: &mut WebSocket, past: &Past) -> Result<(), Gone> {
+        let Some(seen) = self.seen_s else { return Ok(()) };
+        let unseen = past.samples.partition_point(|sample| sample.sim_time_s <= seen);
+        for rows in past.samples[unseen..].chunks(ROWS) {
+            send(socket, &self.selection.history(rows, past.every > 1)).await?;
+            self.sent += rows.len() as u64;
+            self.seen_s = rows.last().map(|last| last.sim_time_s);
+        }
+        Ok(())
+    }
+
     async fn pass_on(&mut self, socket: &mut WebSocket, sample: &LiveSample) -> Result<(), Gone> {
         let now = Instant::now();
         if now < self.due {
@@ -280,6 +348,7 @@ impl Watcher {
             now + period
         };
         self.sent += 1;
+        self.seen_s = self.seen_s.map(|_| sample.sim_time_s);
         send(socket, &self.selection.sample(sample)).await
     }
 

@@ -1,21 +1,21 @@
 //! Flight logs: upload and import.
 
-use super::jobs::{JobView, Shared, Terms};
-use super::tasks::Draft;
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{Draft, LIBRARY, OUT, STEM, laid_out};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::jobs::queue::new_id;
-use crate::jobs::spec::{Content, Input, Task};
 use crate::problem::Problem;
+use axum::Json;
 use axum::body::Body;
-use axum::extract::Query;
-use axum::extract::rejection::QueryRejection;
+use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
+use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use futures_util::StreamExt as _;
+use rotortwin_jobs::{Input, LogImport, StoredJob};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 use tokio::io::AsyncWriteExt as _;
 use utoipa::{IntoParams, ToSchema};
 use xxhash_rust::xxh3::Xxh3;
@@ -23,6 +23,7 @@ use xxhash_rust::xxh3::Xxh3;
 super::collection!(
     logs,
     crate::jobs::JobKind::Log,
+    AnyResult,
     "log",
     "/api/v1/logs",
     "/api/v1/logs/{id}",
@@ -32,8 +33,10 @@ super::collection!(
     "/api/v1/logs/{id}/artifacts/{*path}"
 );
 
-/// Imported logs are named so: `log.parquet`, `log.toml`, `log.import.json`.
-pub(super) const STEM: &str = "log";
+/// Where a job finds the mapping that came with it.
+const MAPPING: &str = "mapping.toml";
+/// Bytes.
+const LONGEST_MAPPING: usize = 64 << 10;
 /// Endings by which the import knows what a file is.
 const ENDINGS: [&str; 6] = ["csv", "parquet", "ulg", "bin", "log", "usd"];
 
@@ -84,58 +87,191 @@ pub(crate) async fn submit(
 ) -> Result<Response, Problem> {
     let Query(import) = import?;
     let file = file_name(&import.name)?;
-    let mut args: Vec<String> = ["log", "import", &file, "--out", "out", "--quiet"]
-        .map(str::to_owned)
-        .to_vec();
-    let mut inputs = Vec::new();
-    if let Some(rate) = import.rate_hz {
-        if !(1.0..=10_000.0).contains(&rate) {
-            return Err(Problem::unprocessable(format!(
-                "`rate_hz` is {rate}; expected 1 to 10000"
-            )));
-        }
-        args.extend(["--rate".to_owned(), rate.to_string()]);
-    }
-    args.extend(import.align.then(|| "--align".to_owned()));
-    args.extend(import.damaged.then(|| "--damaged".to_owned()));
-    if let Some(vehicle) = &import.vehicle {
-        let library = app.library(&caller).await?;
-        library.text("vehicles", vehicle)?;
-        inputs.push(super::tasks::laid_out(&app, &library).await?);
-        args.extend([
-            "--vehicle".to_owned(),
-            format!("{}/vehicles/{vehicle}.toml", super::tasks::LIBRARY),
-        ]);
-    }
-    let (key, size, hash) = receive(&app, body, &file).await?;
-    inputs.push(Input {
-        path: file.clone(),
-        content: Content::File(format!("{key}/{file}")),
-    });
-    let draft = Draft {
-        kind: JobKind::Log,
-        name: import.name.clone(),
-        facts: serde_json::json!({ "file": import.name, "bytes": size, "xxh3": hash, "upload": key }),
-        task: Task {
-            args,
-            inputs,
-            result: Some(format!("{STEM}.import.json")),
-            discard: Vec::new(),
-        },
-        terms: Terms::default(),
+    let mut job = LogImport {
+        file: file.clone().into(),
+        out: OUT.into(),
+        damaged: import.damaged,
+        vehicle: None,
+        mapping: None,
+        rate_hz: import.rate_hz,
+        align: import.align,
     };
-    let answer = draft
-        .submit(&app, &caller, &headers, &(&import, &hash), Vec::new())
-        .await;
-    // A refused or repeated file is of no use to anybody.
-    if answer
+    let mut inputs = Vec::new();
+    check_rate(import.rate_hz)?;
+    let (key, size, hash) = receive(&app, body, &file).await?;
+    inputs.push(Input::file(file.clone(), format!("{key}/{file}")));
+    let answer = async {
+        let submission = (&import, &hash);
+        let known = jobs::request_hash(&submission);
+        if let Some(answer) = jobs::before(&app, &caller, JobKind::Log, &headers, &known, JobView::from).await? {
+            return Ok(answer);
+        }
+        if let Some(vehicle) = &import.vehicle {
+            let library = app.library(&caller).await?;
+            library.text("vehicles", vehicle)?;
+            inputs.push(laid_out(&app, &library).await?);
+            job.vehicle = Some(format!("{LIBRARY}/vehicles/{vehicle}.toml").into());
+        }
+        let draft = Draft {
+            kind: JobKind::Log,
+            name: import.name.clone(),
+            facts: facts(&import, size, &hash, &key),
+            stored: StoredJob {
+                job: rotortwin_jobs::Job::LogImport(job),
+                inputs,
+            },
+            terms: Terms::default(),
+        };
+        draft.submit(&app, &caller, &headers, &submission, Vec::new()).await
+    }
+    .await;
+    discard_unless(is_accepted(&answer), &app, &key).await;
+    answer
+}
+
+/// What lists show of an upload.
+fn facts(import: &Import, size: u64, hash: &str, key: &str) -> serde_json::Value {
+    let mut facts = serde_json::json!({ "file": import.name, "bytes": size, "xxh3": hash, "upload": key });
+    if let Some(vehicle) = &import.vehicle {
+        facts["vehicle"] = vehicle.clone().into();
+    }
+    facts
+}
+
+/// How an uploaded log is to be read again.
+#[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ImportAgain {
+    /// Bring every column to this constant rate, Hz.
+    rate_hz: Option<f64>,
+    /// Take the estimated delays out of attitude, velocity and position.
+    #[serde(default)]
+    align: bool,
+    /// Take what can be read of a file whose checksum is wrong.
+    #[serde(default)]
+    damaged: bool,
+    /// Name of one of the library's vehicles to hold the log against: number and order of the rotors.
+    vehicle: Option<String>,
+    /// A mapping (TOML) whose rows go before the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors.
+    #[schema(max_length = 65_536)]
+    mapping: Option<String>,
+}
+
+/// Imports an uploaded log once more, in another way: another log, with the first one as its parent.
+#[utoipa::path(post, path = "/api/v1/logs/{id}/import", tag = "logs", operation_id = "import_log_again", request_body = ImportAgain,
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the log that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "address of the log"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such log or vehicle, or its upload is gone", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be imported so", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn again(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+    body: Result<Json<ImportAgain>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let (id, Json(body)) = (id?, body?);
+    let log = jobs::find(&app, &caller, JobKind::Log, Ok(id)).await?;
+    let submission = (&log.id, &body);
+    let known = jobs::request_hash(&submission);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Log, &headers, &known, JobView::from).await? {
+        return Ok(answer);
+    }
+    check_rate(body.rate_hz)?;
+    if body.mapping.as_ref().is_some_and(|text| text.len() > LONGEST_MAPPING) {
+        return Err(Problem::unprocessable(format!(
+            "`mapping` is longer than {LONGEST_MAPPING} bytes; expected the rows that differ"
+        )));
+    }
+    let facts: serde_json::Value = serde_json::from_str(&log.new.facts).unwrap_or_default();
+    let gone = || Problem::not_found(format!("the log {} has no upload that could be read again", log.id));
+    let upload = facts["upload"].as_str().ok_or_else(gone)?;
+    let file = file_name(facts["file"].as_str().unwrap_or_default())?;
+    // A copy of its own: the first log may be deleted.
+    let source = app.artifacts.file(upload, &file).await;
+    let source = source.map_err(|error| Problem::internal(&error))?.ok_or_else(gone)?;
+    let key = format!("uploads/{}", new_id());
+    let io = |error: std::io::Error| Problem::unwritten(&error, "the file cannot be kept: the disk is full");
+    let target = app.artifacts.place(&key);
+    tokio::fs::create_dir_all(&target).await.map_err(io)?;
+    let copied = async {
+        tokio::fs::copy(&source, target.join(&file)).await.map_err(io)?;
+        app.artifacts.publish(&key).await.map_err(io)?;
+        let mut inputs = vec![Input::file(file.clone(), format!("{key}/{file}"))];
+        let mut job = LogImport {
+            file: file.clone().into(),
+            out: OUT.into(),
+            damaged: body.damaged,
+            vehicle: None,
+            mapping: None,
+            rate_hz: body.rate_hz,
+            align: body.align,
+        };
+        if let Some(text) = &body.mapping {
+            inputs.push(Input::text(MAPPING, text.clone()));
+            job.mapping = Some(MAPPING.into());
+        }
+        if let Some(vehicle) = &body.vehicle {
+            let library = app.library(&caller).await?;
+            library.text("vehicles", vehicle)?;
+            inputs.push(laid_out(&app, &library).await?);
+            job.vehicle = Some(format!("{LIBRARY}/vehicles/{vehicle}.toml").into());
+        }
+        let mut facts = facts.clone();
+        facts["upload"] = key.clone().into();
+        if let Some(vehicle) = &body.vehicle {
+            facts["vehicle"] = vehicle.clone().into();
+        }
+        let draft = Draft {
+            kind: JobKind::Log,
+            name: log.new.name.clone(),
+            facts,
+            stored: StoredJob {
+                job: rotortwin_jobs::Job::LogImport(job),
+                inputs,
+            },
+            terms: Terms::default(),
+        };
+        let mut new = draft.into_job(&caller)?;
+        new.parent = Some(log.id.clone());
+        new.idempotency_key = jobs::idempotency_key(&headers)?;
+        new.request_hash = known;
+        jobs::accept(&app, new, JobView::from).await
+    };
+    let answer = copied.await;
+    discard_unless(is_accepted(&answer), &app, &key).await;
+    answer
+}
+
+fn is_accepted(answer: &Result<Response, Problem>) -> bool {
+    answer
         .as_ref()
-        .map_or(true, |answer| answer.status() != StatusCode::ACCEPTED)
-        && let Err(error) = app.artifacts.delete(&key).await
-    {
+        .is_ok_and(|answer| answer.status() == StatusCode::ACCEPTED)
+}
+
+/// A refused or repeated file is of no use to anybody.
+async fn discard_unless(accepted: bool, app: &App, key: &str) {
+    if !accepted && let Err(error) = app.artifacts.delete(key).await {
         tracing::warn!(key, %error, "an upload that nobody needs cannot be deleted");
     }
-    answer
+}
+
+fn check_rate(rate_hz: Option<f64>) -> Result<(), Problem> {
+    match rate_hz.filter(|rate| !(1.0..=10_000.0).contains(rate)) {
+        Some(rate) => Err(Problem::unprocessable(format!(
+            "`rate_hz` is {rate}; expected 1 to 10000"
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// `log`, with the ending of what was sent.
@@ -146,7 +282,10 @@ fn file_name(name: &str) -> Result<String, Problem> {
             "`name`: expected the name of a file, 1 to 200 letters, digits and ._- ()+",
         ));
     }
-    match Path::new(name).extension().and_then(|ending| ending.to_str()) {
+    match std::path::Path::new(name)
+        .extension()
+        .and_then(|ending| ending.to_str())
+    {
         None => Ok(STEM.to_owned()),
         Some(ending) if ENDINGS.contains(&ending.to_ascii_lowercase().as_str()) => {
             Ok(format!("{STEM}.{}", ending.to_ascii_lowercase()))
@@ -156,13 +295,6 @@ fn file_name(name: &str) -> Result<String, Problem> {
             ENDINGS.join(", ")
         ))),
     }
-}
-
-/// A log's name in results: that of its file, without the ending.
-pub(super) fn stem(name: &str) -> &str {
-    let stem = Path::new(name).file_stem().and_then(|stem| stem.to_str());
-    stem.filter(|stem| stem.chars().any(|c| c.is_ascii_alphanumeric()))
-        .unwrap_or(STEM)
 }
 
 /// Streams a body to a file of the artifact store; key, size and hash.

@@ -1,5 +1,6 @@
 //! The addresses of the API, version 1, and the OpenAPI document that describes them.
 
+mod all_events;
 mod artifacts;
 mod blind_benches;
 mod campaigns;
@@ -11,12 +12,22 @@ mod exports;
 mod fdi;
 mod fdi_reports;
 mod fdi_stream;
+mod geometry;
+mod identifications;
 mod jobs;
 mod library;
 mod live;
+mod log_examples;
+mod log_telemetry;
 mod logs;
+mod model_views;
+mod models;
+mod next_flights;
+mod residuals;
+mod results;
 mod runs;
 mod server;
+mod session;
 mod submissions;
 mod table;
 mod tasks;
@@ -36,6 +47,7 @@ use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use tower_http::cors::CorsLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
+use tower_http::timeout::RequestBodyTimeoutLayer;
 use tower_http::trace::TraceLayer;
 use utoipa::OpenApi;
 use utoipa::openapi::{Content, Ref, ResponseBuilder};
@@ -62,6 +74,9 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "comparisons", description = "A model held against flights"),
         (name = "diagnoses", description = "Which physical effect a model lacks"),
         (name = "improvements", description = "Compare, diagnose, add, compare again"),
+        (name = "next_flights", description = "The manoeuvre that would tell two effects apart"),
+        (name = "identifications", description = "A vehicle from flight logs, mass and arm"),
+        (name = "models", description = "Models that grow: versions, additions, undo, branches, differences"),
         (name = "fdi", description = "Fault detection as a service: sessions that are fed with measurements, and logs that are judged"),
         (name = "library", description = "Scenarios, vehicles, blades, effects and models that can be named: the server's, and one's own"),
         (name = "server", description = "How the server is")
@@ -93,15 +108,27 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(classifiers::submit))
         .routes(routes!(classifiers::evaluate))
         .merge(classifiers::classifiers::routes())
+        .routes(routes!(log_examples::generate))
+        .routes(routes!(log_examples::truth))
+        .routes(routes!(log_telemetry::channels))
+        .routes(routes!(log_telemetry::telemetry))
+        .routes(routes!(logs::again))
         .routes(routes!(logs::submit))
         .merge(logs::logs::routes())
         .routes(routes!(twin::compare))
+        .routes(routes!(residuals::series))
+        .routes(routes!(residuals::conditions))
         .merge(twin::comparisons::routes())
         .routes(routes!(twin::diagnose))
         .merge(twin::diagnoses::routes())
         .routes(routes!(twin::improve))
         .merge(twin::improvements::routes())
-        .routes(routes!(fdi::open))
+        .routes(routes!(next_flights::submit))
+        .merge(next_flights::next_flights::routes())
+        .routes(routes!(identifications::submit))
+        .routes(routes!(identifications::keep))
+        .merge(identifications::identifications::routes())
+        .routes(routes!(fdi::open, fdi::list))
         .routes(routes!(fdi::get, fdi::close))
         .routes(routes!(fdi::feed))
         .routes(routes!(fdi_stream::stream))
@@ -116,7 +143,19 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(library::validate_effect))
         .merge(library::models::routes())
         .routes(routes!(library::validate_model))
+        .routes(routes!(geometry::of_vehicle))
+        .routes(routes!(geometry::of_run))
+        .routes(routes!(geometry::of_model))
+        .routes(routes!(models::create))
+        .routes(routes!(models::history))
+        .routes(routes!(models::add))
+        .routes(routes!(models::undo))
+        .routes(routes!(models::branch))
+        .routes(routes!(models::diff))
+        .routes(routes!(models::version))
         .routes(routes!(library::catalogue))
+        .routes(routes!(all_events::events))
+        .routes(routes!(session::get, session::sign_in, session::sign_out))
         .routes(routes!(server::healthz))
         .routes(routes!(server::readyz))
         .routes(routes!(server::metrics))
@@ -138,13 +177,25 @@ fn add_refusals_of_access(api: &mut utoipa::openapi::OpenApi) {
         if !path.starts_with("/api/") {
             continue;
         }
-        let operations = [&mut item.get, &mut item.post, &mut item.delete, &mut item.put];
-        for operation in operations.into_iter().flatten() {
-            for (status, description) in [
+        let operations = [
+            (&mut item.get, false),
+            (&mut item.post, true),
+            (&mut item.delete, true),
+            (&mut item.put, true),
+        ];
+        for (operation, writes) in operations {
+            let Some(operation) = operation else { continue };
+            let of_writes = writes.then_some(("415", "a body in a form that is not taken"));
+            let of_all = [
                 ("401", "no token, or one that is worth nothing"),
-                ("403", "the token does not allow this"),
+                (
+                    "403",
+                    "the token does not allow this, or a web page of somebody else asks",
+                ),
+                ("421", "this server does not go by that name"),
                 ("429", "more than is allowed"),
-            ] {
+            ];
+            for (status, description) in of_all.into_iter().chain(of_writes) {
                 let content = Content::builder()
                     .schema(Some(Ref::from_schema_name("Problem")))
                     .build();
@@ -172,18 +223,24 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .and(NotForContentType::new("application/octet-stream"))
         .and(NotForContentType::new("application/vnd.apache.parquet"));
     let router = router
-        .route("/", axum::routing::get(server::front))
         .route("/api/v1/openapi.json", axum::routing::get(server::openapi))
         .merge(SwaggerUi::new("/api/v1/docs").config(Config::new(["/api/v1/openapi.json"])))
-        .fallback(no_such_address)
+        .fallback(crate::web::page)
         .method_not_allowed_fallback(wrong_method)
         .layer(axum::middleware::from_fn_with_state(
             Arc::clone(&app),
             crate::access::authorize,
         ))
         .layer(DefaultBodyLimit::max(LARGEST_BODY))
+        .layer(RequestBodyTimeoutLayer::new(crate::connections::BODY_PAUSE))
         .layer(cors(&app))
         .layer(CompressionLayer::new().compress_when(compressible));
+    let router = router
+        .layer(axum::middleware::from_fn_with_state(
+            Arc::clone(&app),
+            crate::browsers::guard,
+        ))
+        .layer(axum::middleware::from_fn(crate::browsers::mark));
     let router = if app.shop.traces.are_on() {
         let traced = axum::middleware::from_fn_with_state(Arc::clone(&app), crate::traces::request);
         router.layer(traced)
@@ -220,13 +277,6 @@ fn cors(app: &App) -> CorsLayer {
             HeaderName::from_static("last-event-id"),
         ])
         .expose_headers([header::LOCATION, header::ETAG, HeaderName::from_static("x-request-id")])
-}
-
-async fn no_such_address(uri: Uri) -> Problem {
-    Problem::not_found(format!(
-        "nothing is served at {}; /api/v1/openapi.json lists what is",
-        uri.path()
-    ))
 }
 
 async fn wrong_method(method: Method, uri: Uri) -> Problem {

@@ -4,13 +4,14 @@ use super::jobs::{self, ListQuery, Shared};
 use crate::App;
 use crate::access::Caller;
 use crate::clock::now_ms;
-use crate::jobs::spec::{Flight, Link, Pace, Place, Spec};
 use crate::jobs::{Job, JobKind, Status};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::StatusCode;
+use rotortwin_jobs::StoredJob;
+use rotortwin_jobs::flight::{Flight, Link, Pace, Place};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -79,7 +80,7 @@ pub(crate) struct Run {
     /// What is allowed and most likely not meant.
     warnings: Vec<String>,
     /// What it was, what the detectors said: `summary.json`. Not in lists.
-    #[schema(value_type = Option<Object>)]
+    #[schema(value_type = Option<rotortwin_store::Summary>)]
     summary: Option<serde_json::Value>,
 }
 
@@ -191,9 +192,12 @@ pub(crate) async fn cancel(
 }
 
 pub(super) fn flight_of(run: &Job) -> Result<Flight, Problem> {
-    match serde_json::from_str(&run.new.spec) {
-        Ok(Spec::Flight(flight)) => Ok(flight),
-        Ok(Spec::Task(_)) => Err(Problem::unprocessable("the run is no flight")),
+    match StoredJob::parse(&run.new.spec) {
+        Ok(StoredJob {
+            job: rotortwin_jobs::Job::Run(flight),
+            ..
+        }) => Ok(flight),
+        Ok(_) => Err(Problem::unprocessable("the run is no flight")),
         Err(error) => Err(Problem::unprocessable(format!(
             "this version cannot read what another one accepted: {error}"
         ))),

@@ -5,7 +5,6 @@ use super::runs::{Facts, Run, flight_of};
 use super::tasks::ModelChoice;
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::spec::{Flight, Link, Pace, Place, Spec, join_timeout};
 use crate::jobs::{JobKind, NewJob};
 use crate::library::Library;
 use crate::problem::Problem;
@@ -14,8 +13,10 @@ use axum::extract::Path;
 use axum::extract::rejection::{JsonRejection, PathRejection};
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_plant::classifier::Classifier;
-use rotortwin_plant::{Documents, Scenario};
+use rotortwin_jobs::StoredJob;
+use rotortwin_jobs::flight::{Flight, Link, Pace, Place, join_timeout};
+use rotortwin_scenario::classifier::Classifier;
+use rotortwin_scenario::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -143,10 +144,10 @@ async fn with_models(
 }
 
 async fn with_classifier(app: &App, caller: &Caller, scenario: &Scenario, id: &str) -> Result<Scenario, Problem> {
-    let file = super::classifiers::trained(app, caller, id).await?;
+    let file = super::tasks::trained(app, caller, id).await?;
     let classifier = Classifier::read(&file).map_err(|error| app.shelf.refusal(&error))?;
     let mut documents = scenario.documents().clone();
-    documents.scenario.fdi.network = Some(super::classifiers::FILE.to_owned());
+    documents.scenario.fdi.network = Some(super::tasks::CLASSIFIER.to_owned());
     documents.classifier = Some(classifier);
     Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))
 }
@@ -174,13 +175,16 @@ pub(crate) async fn submit(
     body: Result<Json<Submission>, JsonRejection>,
 ) -> Result<Response, Problem> {
     let Json(body) = body?;
+    let hash = jobs::request_hash(&body);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Run, &headers, &hash, Run::from).await? {
+        return Ok(answer);
+    }
     let scenario = submitted_scenario(&app.library(&caller).await?, &body)?;
     let (scenario, notes) = with_models(&app, &caller, scenario, &body).await?;
     let scenario = match &body.classifier {
         None => scenario,
         Some(id) => with_classifier(&app, &caller, &scenario, id).await?,
     };
-    let hash = jobs::request_hash(&body);
     accept(&app, &caller, &headers, hash, body, &scenario, notes, None).await
 }
 
@@ -218,7 +222,9 @@ async fn accept(
         )));
     }
     let seed = body.seed.unwrap_or_else(|| scenario.seed());
-    rotortwin_plant::Simulation::new(scenario, seed).map_err(|error| Problem::unprocessable(error.to_string()))?;
+    scenario
+        .simulation(seed)
+        .map_err(|error| Problem::unprocessable(error.to_string()))?;
     let spec = Flight {
         documents: documents.to_toml(),
         seed: seed.to_string(),
@@ -242,7 +248,9 @@ async fn accept(
         name: scenario.name().to_owned(),
         tenant: caller.tenant.clone(),
         priority: body.priority,
-        spec: json(&Spec::Flight(spec))?,
+        spec: StoredJob::alone(rotortwin_jobs::Job::Run(spec))
+            .to_json()
+            .map_err(|error| Problem::internal(&error))?,
         facts: json(&facts)?,
         parent,
         idempotency_key: jobs::idempotency_key(headers)?,
@@ -313,8 +321,13 @@ pub(crate) async fn fork(
     headers: HeaderMap,
     body: Result<Json<Fork>, JsonRejection>,
 ) -> Result<Response, Problem> {
-    let run = super::runs::find(&app, &caller, id).await?;
+    let Path(id) = id?;
     let Json(body) = body?;
+    let hash = jobs::request_hash(&(&id, &body));
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Run, &headers, &hash, Run::from).await? {
+        return Ok(answer);
+    }
+    let run = super::runs::find(&app, &caller, Ok(Path(id))).await?;
     let spec = flight_of(&run)?;
     let mut documents = recorded(&spec)?.documents().clone();
     if body.healthy {
@@ -343,7 +356,6 @@ pub(crate) async fn fork(
         max_wall_s: u64::try_from(run.new.wall_limit_ms / 1000).ok(),
         max_sim_s: None,
     };
-    let hash = jobs::request_hash(&(&run.id, &body));
     accept(
         &app,
         &caller,

@@ -82,7 +82,7 @@ pub(crate) async fn table(
         status: Some(query.status.unwrap_or(Status::Done)),
         name: query.name.as_deref(),
         parent: query.parent.as_deref(),
-        before: None,
+        ..Filter::default()
     };
     let Some(columns) = &query.columns else {
         /// Names are collected from so many runs.

@@ -1,34 +1,43 @@
-//! What submissions of tasks share: commands of `rotortwin` over the library, logs, runs and models.
+//! What submissions share that are no runs: jobs over the library, logs, runs and models.
 
 use super::jobs::{self, JobView, Terms};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::spec::{Content, Input, Spec, Task};
 use crate::jobs::{Job, JobKind, NewJob, Status};
 use crate::library::Library;
 use crate::problem::Problem;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use rotortwin_jobs::{Input, StoredJob};
 use rotortwin_twin::model::ModelVersion;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use std::path::{Path, PathBuf};
 use utoipa::ToSchema;
 
-/// Where a task finds the library.
+/// Where a job finds the library.
 pub(super) const LIBRARY: &str = "library";
-/// Where a task finds a version of a model.
+/// Where a job leaves its files.
+pub(super) const OUT: &str = "out";
+/// Imported logs are named so: `log.parquet`, `log.toml`, `log.import.json`.
+pub(super) const STEM: &str = "log";
+/// The version that an improvement ends with, in its files.
+pub(super) const FINAL_MODEL: &str = "model.toml";
+/// File of a trained classifier.
+pub(super) const CLASSIFIER: &str = "classifier.json";
+/// Where a job finds a version of a model.
 const VERSION: &str = "version.toml";
 /// A job has at most this many parts.
 const MOST_PARTS: u64 = 64;
 /// A submission names at most this many logs and runs.
 const MOST_LOGS: usize = 64;
 
-/// A task that is being put together.
+/// A job that is being put together.
 pub(super) struct Draft {
     pub(super) kind: JobKind,
     pub(super) name: String,
     pub(super) facts: serde_json::Value,
-    pub(super) task: Task,
+    pub(super) stored: StoredJob,
     pub(super) terms: Terms,
 }
 
@@ -43,7 +52,7 @@ impl Draft {
             name: self.name,
             tenant: caller.tenant.clone(),
             priority: self.terms.priority,
-            spec: serde_json::to_string(&Spec::Task(self.task)).map_err(|error| Problem::internal(&error))?,
+            spec: self.stored.to_json().map_err(|error| Problem::internal(&error))?,
             facts: self.facts.to_string(),
             parent: None,
             idempotency_key: None,
@@ -105,7 +114,7 @@ pub(super) async fn submit_in_parts(
     whole.submit(app, caller, headers, body, parts).await
 }
 
-/// A library as it is now, for a task.
+/// A library as it is now, for a job.
 ///
 /// # Errors
 /// 500.
@@ -114,10 +123,7 @@ pub(super) async fn laid_out(app: &App, library: &Library) -> Result<Input, Prob
         .snapshot(&app.artifacts)
         .await
         .map_err(|error| Problem::internal(&error))?;
-    Ok(Input {
-        path: LIBRARY.to_owned(),
-        content: Content::Folder(key),
-    })
+    Ok(Input::folder(LIBRARY, key))
 }
 
 /// Flights to hold a model against.
@@ -133,18 +139,18 @@ pub(crate) struct Flights {
 }
 
 impl Flights {
-    /// Words for the command line, and the inputs that they mean.
+    /// As a job names them, and the inputs that this means.
     ///
     /// # Errors
     /// 404: no such log or run. 409: it is not done. 422: none, too many, or no part of a log.
-    pub(super) async fn lay_out(&self, app: &App, caller: &Caller) -> Result<(Vec<String>, Vec<Input>), Problem> {
+    pub(super) async fn lay_out(&self, app: &App, caller: &Caller) -> Result<(Vec<PathBuf>, Vec<Input>), Problem> {
         let count = self.logs.len() + self.runs.len();
         if !(1..=MOST_LOGS).contains(&count) {
             return Err(Problem::unprocessable(format!(
                 "{count} flights in `logs` and `runs`; expected 1 to {MOST_LOGS}"
             )));
         }
-        let (mut words, mut inputs) = (Vec::new(), Vec::new());
+        let (mut paths, mut inputs) = (Vec::new(), Vec::new());
         for (kind, texts) in [(JobKind::Log, &self.logs), (JobKind::Run, &self.runs)] {
             for text in texts {
                 let (id, part) = match text.split_once('@') {
@@ -157,28 +163,33 @@ impl Flights {
                 let file = match kind {
                     // Under the name that it was uploaded with, as results name their logs.
                     JobKind::Log => {
-                        let stem = super::logs::stem(&job.new.name);
+                        let stem = stem(&job.new.name);
                         for ending in ["parquet", "toml"] {
-                            inputs.push(Input {
-                                path: format!("{folder}/{stem}.{ending}"),
-                                content: Content::File(format!("{key}/{}.{ending}", super::logs::STEM)),
-                            });
+                            let file = format!("{key}/{}.{ending}", STEM);
+                            inputs.push(Input::file(format!("{folder}/{stem}.{ending}"), file));
                         }
                         format!("{folder}/{stem}.parquet")
                     }
                     _ => {
-                        inputs.push(Input {
-                            path: folder.clone(),
-                            content: Content::Folder(key),
-                        });
+                        inputs.push(Input::folder(folder.clone(), key));
                         folder
                     }
                 };
-                words.push(part.map_or_else(|| file.clone(), |part| format!("{file}@{part}")));
+                paths.push(
+                    part.map_or_else(|| file.clone(), |part| format!("{file}@{part}"))
+                        .into(),
+                );
             }
         }
-        Ok((words, inputs))
+        Ok((paths, inputs))
     }
+}
+
+/// A log's name in results: that of its file, without the ending.
+fn stem(name: &str) -> &str {
+    let stem = Path::new(name).file_stem().and_then(|stem| stem.to_str());
+    stem.filter(|stem| stem.chars().any(|c| c.is_ascii_alphanumeric()))
+        .unwrap_or(STEM)
 }
 
 /// Seconds `FROM:TO`, or the name of a segment.
@@ -205,7 +216,7 @@ pub(crate) struct ModelChoice {
     /// A version of a model, as `rotortwin model export` writes it (TOML).
     #[serde(default)]
     version: Option<String>,
-    /// Name of a version that was left in the library, under `/api/v1/models`.
+    /// Name of a model, under `/api/v1/models`: its version at the head of `main`, or `NAME@v1`, `NAME@BRANCH`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     model: Option<String>,
     /// Comparison: what to call the model in the result.
@@ -240,20 +251,23 @@ impl ModelChoice {
         }
     }
 
-    /// The word for the command line, the inputs that it means, and a name.
+    /// As a job names it, the inputs that this means, and a name. `place`: models of one job are laid out beside each other.
     ///
     /// # Errors
     /// 404, 409, 422.
-    pub(super) async fn lay_out(&self, app: &App, caller: &Caller) -> Result<(String, Vec<Input>, String), Problem> {
+    pub(super) async fn lay_out(
+        &self,
+        app: &App,
+        caller: &Caller,
+        place: usize,
+    ) -> Result<(String, Vec<Input>, String), Problem> {
         let library = app.library(caller).await?;
-        // Whatever it is made from, it stands alone: what is flown or fitted tomorrow is what was there today.
-        let alone = |text: String, name: &str| {
-            let input = Input {
-                path: VERSION.to_owned(),
-                content: Content::Text(text),
-            };
-            (VERSION.to_owned(), vec![input], name.to_owned())
+        let file = |name: &str| match place {
+            0 => name.to_owned(),
+            _ => format!("{place}-{name}"),
         };
+        // Whatever it is made from, it stands alone: what is flown or fitted tomorrow is what was there today.
+        let alone = |text: String, name: &str| (file(VERSION), vec![Input::text(file(VERSION), text)], name.to_owned());
         match (&self.vehicle, &self.improvement, &self.version, &self.model) {
             (Some(name), None, None, None) => {
                 library.text("vehicles", name)?;
@@ -262,18 +276,21 @@ impl ModelChoice {
             }
             (None, Some(id), None, None) => {
                 let job = done(app, caller, JobKind::Improvement, id).await?;
-                let file = super::twin::FINAL_MODEL;
-                let input = Input {
-                    path: file.to_owned(),
-                    content: Content::File(format!("{}/{file}", job.folder.unwrap_or_default())),
-                };
-                Ok((file.to_owned(), vec![input], job.new.name))
+                let path = file(FINAL_MODEL);
+                let input = Input::file(
+                    path.clone(),
+                    format!("{}/{FINAL_MODEL}", job.folder.unwrap_or_default()),
+                );
+                Ok((path, vec![input], job.new.name))
             }
             (None, None, Some(text), None) => {
                 let version = library.parse_model(text)?;
                 Ok(alone(text.clone(), &version.name))
             }
-            (None, None, None, Some(name)) => Ok(alone(library.model(name)?.to_toml(), name)),
+            (None, None, None, Some(name)) => {
+                let version = named_model(app, caller, &library, name).await?;
+                Ok(alone(version.to_toml(), name))
+            }
             _ => Err(one_model()),
         }
     }
@@ -293,16 +310,24 @@ impl ModelChoice {
                 let job = done(app, caller, JobKind::Improvement, id).await?;
                 let file = app
                     .artifacts
-                    .file(job.folder.as_deref().unwrap_or_default(), super::twin::FINAL_MODEL)
+                    .file(job.folder.as_deref().unwrap_or_default(), FINAL_MODEL)
                     .await
                     .map_err(|error| Problem::internal(&error))?
                     .ok_or_else(|| Problem::not_found(format!("the model of improvement {id} is gone")))?;
                 ModelVersion::load(file).map_err(|error| Problem::internal(&error))
             }
             (None, None, Some(text), None) => library.parse_model(text),
-            (None, None, None, Some(name)) => library.model(name),
+            (None, None, None, Some(name)) => named_model(app, caller, &library, name).await,
             _ => Err(one_model()),
         }
+    }
+}
+
+/// `NAME`, `NAME@v1` or `NAME@BRANCH`.
+async fn named_model(app: &App, caller: &Caller, library: &Library, text: &str) -> Result<ModelVersion, Problem> {
+    match text.split_once('@') {
+        None => library.model(text),
+        Some((name, at)) => app.model_version(caller, name, at).await,
     }
 }
 
@@ -324,6 +349,19 @@ pub(super) async fn done(app: &App, caller: &Caller, kind: JobKind, id: &str) ->
         )));
     }
     Ok(job)
+}
+
+/// The file of a classifier that was trained here.
+///
+/// # Errors
+/// 404, 409.
+pub(super) async fn trained(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem> {
+    let job = done(app, caller, JobKind::Classifier, id).await?;
+    app.artifacts
+        .file(job.folder.as_deref().unwrap_or_default(), CLASSIFIER)
+        .await
+        .map_err(|error| Problem::internal(&error))?
+        .ok_or_else(|| Problem::not_found(format!("the file of classifier {id} is gone")))
 }
 
 #[cfg(test)]

@@ -11,10 +11,10 @@ use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
+use rotortwin_store::files::TELEMETRY_FILE;
 use rotortwin_store::query::{
     self, ChannelKind, DEFAULT_POINTS, Format, MOST_VALUES, QueryError, TelemetryFile, render::RunTable,
 };
-use rotortwin_store::run_folder::TELEMETRY_FILE;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ pub(crate) enum AnswerFormat {
 
 impl AnswerFormat {
     /// What was asked for by name, or by `Accept`; JSON otherwise.
-    fn of(named: Option<Self>, headers: &HeaderMap) -> Format {
+    pub(super) fn of(named: Option<Self>, headers: &HeaderMap) -> Format {
         let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok());
         match (named, accept) {
             (Some(Self::Json), _) => Format::Json,
@@ -78,6 +78,23 @@ pub(crate) struct Channels {
     items: Vec<ChannelInfo>,
 }
 
+impl From<query::Channel> for ChannelInfo {
+    fn from(channel: query::Channel) -> Self {
+        Self {
+            name: channel.name,
+            unit: channel.unit,
+            description: channel.description,
+            kind: channel.kind,
+        }
+    }
+}
+
+impl Channels {
+    pub(super) fn new(rows: u64, items: Vec<ChannelInfo>) -> Self {
+        Self { rows, items }
+    }
+}
+
 /// What was recorded of a run.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/channels", tag = "telemetry", operation_id = "run_channels", params(("id" = String, Path)), responses(
     (status = 200, description = "its channels", body = Channels),
@@ -94,17 +111,8 @@ pub(crate) async fn channels(
     let path = file_of(&app, &run, TELEMETRY_FILE).await?;
     let answer = blocking(move || {
         let file = TelemetryFile::open(&path)?;
-        let items = file.channels().iter().cloned();
-        let items = items.map(|channel| ChannelInfo {
-            name: channel.name,
-            unit: channel.unit,
-            description: channel.description,
-            kind: channel.kind,
-        });
-        Ok(Channels {
-            rows: file.rows(),
-            items: items.collect(),
-        })
+        let items = file.channels().iter().cloned().map(ChannelInfo::from);
+        Ok(Channels::new(file.rows(), items.collect()))
     });
     Ok(Json(answer.await?))
 }
@@ -130,7 +138,11 @@ pub(crate) struct Selection {
 }
 
 impl Selection {
-    fn query(&self) -> query::Query {
+    pub(super) fn format(&self) -> Option<AnswerFormat> {
+        self.format
+    }
+
+    pub(super) fn query(&self) -> query::Query {
         query::Query {
             channels: names(&self.channels),
             from_s: self.from_s,

@@ -1,23 +1,25 @@
 //! A model held against flights: comparisons, diagnoses, improvements.
 
-use super::jobs::{JobView, Shared, Terms};
-use super::tasks::{Draft, Flights, ModelChoice};
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{Draft, FINAL_MODEL, Flights, ModelChoice, OUT};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
-use crate::jobs::spec::{Content, Input, Task};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::JsonRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use rotortwin_jobs::{Comparison, Diagnosis, Improvement, Input, StoredJob};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::path::PathBuf;
 use utoipa::ToSchema;
 
 super::collection!(
     comparisons,
     crate::jobs::JobKind::Comparison,
+    ComparisonResult,
     "comparison",
     "/api/v1/comparisons",
     "/api/v1/comparisons/{id}",
@@ -29,6 +31,7 @@ super::collection!(
 super::collection!(
     diagnoses,
     crate::jobs::JobKind::Diagnosis,
+    DiagnosisResult,
     "diagnosis",
     "/api/v1/diagnoses",
     "/api/v1/diagnoses/{id}",
@@ -40,6 +43,7 @@ super::collection!(
 super::collection!(
     improvements,
     crate::jobs::JobKind::Improvement,
+    ImprovementResult,
     "improvement",
     "/api/v1/improvements",
     "/api/v1/improvements/{id}",
@@ -49,8 +53,10 @@ super::collection!(
     "/api/v1/improvements/{id}/artifacts/{*path}"
 );
 
-/// The version that an improvement ends with, in its files.
-pub(super) const FINAL_MODEL: &str = "model.toml";
+/// Folder of the models, beside or below the files of the job.
+const MODELS: &str = "models";
+/// A comparison has at most this many models.
+const MOST_MODELS: usize = 16;
 /// A submission brings at most this many effects of its own.
 const MOST_EFFECTS: usize = 32;
 
@@ -60,6 +66,9 @@ const MOST_EFFECTS: usize = 32;
 pub(crate) struct TwinSubmission {
     /// Which model.
     model: ModelChoice,
+    /// Comparison: more models, each held against the same flights; in the result they come after `model`, in this order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    more_models: Vec<ModelChoice>,
     /// Which flights; all of one vehicle.
     flights: Flights,
     /// Diagnosis: effects of one's own that may be named, too (TOML).
@@ -143,80 +152,88 @@ async fn submit(
     body: &TwinSubmission,
     kind: JobKind,
 ) -> Result<Response, Problem> {
+    let hash = jobs::request_hash(body);
+    if let Some(answer) = jobs::before(app, caller, kind, headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
     check_belongings(body, kind)?;
-    let (model, mut inputs, name) = body.model.lay_out(app, caller).await?;
+    let (model, mut inputs, name) = body.model.lay_out(app, caller, 0).await?;
+    let mut labels = vec![body.model.label()?.map_or_else(|| name.clone(), str::to_owned)];
+    let mut models = vec![model.clone()];
+    for (place, choice) in body.more_models.iter().enumerate() {
+        let (model, more, name) = choice.lay_out(app, caller, place + 1).await?;
+        labels.push(choice.label()?.map_or(name, str::to_owned));
+        models.push(model);
+        inputs.extend(more);
+    }
     let (flights, logs) = body.flights.lay_out(app, caller).await?;
     inputs.extend(logs);
-    let mut args: Vec<String> = vec![
-        match kind {
-            JobKind::Comparison => "compare",
-            JobKind::Diagnosis => "diagnose",
-            _ => "improve",
-        }
-        .to_owned(),
-    ];
-    args.extend(flights.iter().cloned());
-    args.extend([
-        "--model".to_owned(),
-        model,
-        "--out".to_owned(),
-        "out".to_owned(),
-        "--json".to_owned(),
-    ]);
-    if let Some(label) = body.model.label()? {
-        args.push(format!("--label={label}"));
-    }
-    if kind != JobKind::Comparison {
-        args.push("--events".to_owned());
-    }
     let library = app.library(caller).await?;
     let named = body.library_effects.iter().map(|name| library.text("effects", name));
     let named = named.collect::<Result<Vec<String>, Problem>>()?;
+    let mut effects: Vec<PathBuf> = Vec::new();
     for (number, effect) in body.effects.iter().chain(&named).enumerate() {
         let path = format!("effects/{number}.toml");
-        args.extend(["--effects".to_owned(), path.clone()]);
-        inputs.push(Input {
-            path,
-            content: Content::Text(effect.clone()),
-        });
+        effects.push(path.clone().into());
+        inputs.push(Input::text(path, effect.clone()));
     }
-    if kind == JobKind::Improvement {
-        args.extend(
-            [
-                "--yes",
-                "--models",
-                "out/models",
-                "--final",
-                &format!("out/{FINAL_MODEL}"),
-            ]
-            .map(str::to_owned),
-        );
-        if let Some(held_out) = &body.held_out {
-            let (words, logs) = held_out.lay_out(app, caller).await?;
+    let out = PathBuf::from(OUT);
+    let job = match kind {
+        JobKind::Comparison => rotortwin_jobs::Job::Comparison(Comparison {
+            logs: flights,
+            model: models,
+            label: labels,
+            models: MODELS.into(),
+            out: Some(out),
+        }),
+        JobKind::Diagnosis => rotortwin_jobs::Job::Diagnosis(Diagnosis {
+            logs: flights,
+            model,
+            models: MODELS.into(),
+            effects,
+            baseline: Vec::new(),
+            out: Some(out),
+        }),
+        _ => {
+            let (held_out, logs) = match &body.held_out {
+                Some(held_out) => held_out.lay_out(app, caller).await?,
+                None => (Vec::new(), Vec::new()),
+            };
             inputs.extend(logs);
-            args.push("--held-out".to_owned());
-            args.extend(words);
+            rotortwin_jobs::Job::Improvement(Improvement {
+                logs: flights,
+                held_out,
+                model,
+                models: out.join(MODELS),
+                truth: None,
+                final_version: Some(out.join(FINAL_MODEL)),
+                out: Some(out),
+            })
         }
-    }
+    };
     // The same log may be named twice, for two parts of it.
     inputs.sort_by(|a, b| a.path.cmp(&b.path));
     inputs.dedup_by(|a, b| a.path == b.path);
     let draft = Draft {
         kind,
         name,
-        facts: json!({ "model": body.model, "flights": body.flights }),
-        task: Task {
-            args,
-            inputs,
-            result: None,
-            discard: Vec::new(),
-        },
+        facts: facts(body),
+        stored: StoredJob { job, inputs },
         terms: Terms {
             priority: body.priority,
             max_wall_s: body.max_wall_s,
         },
     };
     draft.submit(app, caller, headers, body, Vec::new()).await
+}
+
+/// What lists show.
+fn facts(body: &TwinSubmission) -> serde_json::Value {
+    let mut facts = json!({ "model": body.model, "flights": body.flights });
+    if !body.more_models.is_empty() {
+        facts["more_models"] = json!(body.more_models);
+    }
+    facts
 }
 
 fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem> {
@@ -233,6 +250,15 @@ fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem>
         return Err(Problem::unprocessable(
             "an improvement begins with a vehicle's nominal model; expected `model: {\"vehicle\": …}`, or a `version` without effects",
         ));
+    }
+    if kind != JobKind::Comparison && !body.more_models.is_empty() {
+        return Err(Problem::unprocessable("`more_models` belong to a comparison"));
+    }
+    if body.more_models.len() >= MOST_MODELS {
+        return Err(Problem::unprocessable(format!(
+            "{} models; expected at most {MOST_MODELS}",
+            1 + body.more_models.len()
+        )));
     }
     if kind != JobKind::Comparison && body.model.label()?.is_some() {
         return Err(Problem::unprocessable("`label` belongs to a comparison"));

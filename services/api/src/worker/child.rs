@@ -1,9 +1,13 @@
-//! A process that does a job: its events, signs of life to the database, its end.
+//! A process that does a job: its limits, its events, signs of life to the database, its end.
+//!
+//! A job reads what strangers have written. Its process, and each that it starts, may take so much memory, processor time and disk and no
+//! more: what a file makes of itself costs this one job. It gets none of our secrets.
 
 use super::{LEASE, Workshop};
 use crate::jobs::Job;
-use rustix::process::{Pid, Signal, kill_process, kill_process_group};
+use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, kill_process_group, prlimit};
 use serde_json::Value;
+use std::os::unix::process::ExitStatusExt as _;
 use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
@@ -23,6 +27,93 @@ const LIVE_NOTICE: Duration = Duration::from_millis(100);
 const TOLD_TO_WHOLE: &[&str] = &["case"];
 /// What a process may say that is no event, bytes.
 const MOST_WORDS: usize = 64 << 20;
+
+/// No file that a job writes is longer, bytes.
+const LARGEST_FILE: u64 = 64 << 30;
+/// What a thread of the standard library says last when there is no memory.
+const NO_MEMORY: &str = "memory allocation of";
+/// How the names of variables begin that hold passwords, keys and tokens of this process, or of where it sends things.
+const SECRETS: &[&str] = &[
+    "DATABASE_URL",
+    "PG",
+    "AWS_",
+    "OTEL_",
+    "ROTORTWIN_TOKEN",
+    "ROTORTWIN_ARTIFACTS",
+];
+
+/// What the process of a job may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Limits {
+    /// Memory of its own, bytes; each process that it starts may take as much.
+    memory: u64,
+    /// Processor time, s.
+    cpu_s: u64,
+}
+
+impl Limits {
+    pub(super) fn of(shop: &Workshop, job: &Job) -> Self {
+        // So long on each of its threads: it ends even where nobody is left to look at a clock.
+        let wall_s = u64::try_from(job.new.wall_limit_ms / 1000).unwrap_or(0) + 1;
+        Self {
+            memory: shop.job_memory,
+            cpu_s: wall_s.saturating_mul(shop.threads as u64 + 2),
+        }
+    }
+
+    fn hold(self, child: &Child) -> std::io::Result<()> {
+        let pid = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
+        for (resource, most) in [
+            // Not the address space, of which shared memory and stacks take much without using it.
+            (Resource::Data, self.memory),
+            (Resource::Cpu, self.cpu_s),
+            (Resource::Fsize, LARGEST_FILE),
+            (Resource::Core, 0),
+        ] {
+            let limit = Rlimit {
+                current: Some(most),
+                // At the harder limit of the processor time there is no signal that says why.
+                maximum: Some(if resource == Resource::Cpu { most + 5 } else { most }),
+            };
+            // Its death is seen elsewhere.
+            match pid.map(|pid| prlimit(Some(pid), resource, limit)) {
+                Some(Err(error)) if error != rustix::io::Errno::SRCH => return Err(error.into()),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Takes out of a command's environment what only this process needs to know.
+pub(super) fn without_secrets(command: &mut Command) {
+    for (name, _) in std::env::vars_os() {
+        if name
+            .to_str()
+            .is_some_and(|name| SECRETS.iter().any(|start| name.starts_with(start)))
+        {
+            command.env_remove(name);
+        }
+    }
+}
+
+/// The limit that ended a process, as a sentence; another try would end alike.
+pub(super) fn limit_reached(shop: &Workshop, status: Option<ExitStatus>, complaints: &Path) -> Option<String> {
+    let signal = status?.signal()?;
+    if signal == Signal::XCPU.as_raw() {
+        return Some("it took more processor time than a job may".to_owned());
+    }
+    if signal == Signal::XFSZ.as_raw() {
+        return Some(format!("it wrote a file of more than {} GiB", LARGEST_FILE >> 30));
+    }
+    let said = std::fs::read_to_string(complaints).unwrap_or_default();
+    (signal == Signal::ABORT.as_raw() && said.contains(NO_MEMORY)).then(|| {
+        format!(
+            "it needs more than the {} MB of memory that a job may take (`--job-memory`)",
+            shop.job_memory / 1_000_000
+        )
+    })
+}
 
 /// Why a process ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,15 +150,18 @@ impl Listener for Everything {
     async fn event(&mut self, _: &str, _: &Value) {}
 }
 
-/// Starts a process in a group of its own, with its complaints in a file.
-pub(super) fn start(mut command: Command, complaints: &Path) -> std::io::Result<Child> {
-    command
+/// Starts a process in a group of its own, within its limits, with its complaints in a file.
+pub(super) fn start(mut command: Command, limits: Limits, complaints: &Path) -> std::io::Result<Child> {
+    without_secrets(&mut command);
+    let child = command
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(std::fs::File::create(complaints)?)
         .process_group(0)
         .kill_on_drop(true)
-        .spawn()
+        .spawn()?;
+    limits.hold(&child)?;
+    Ok(child)
 }
 
 /// Reads a process until it has ended, and ends it if somebody wants that.
@@ -96,7 +190,7 @@ pub(super) async fn watch(
     loop {
         tokio::select! {
             line = lines.next_line() => match line {
-                Ok(Some(line)) if shop.database.hub.take_live(&job.id, &line) => {
+                Ok(Some(line)) if shop.database.hub.live.take(&job.id, &line) => {
                     if shop.database.is_shared() && told.elapsed() >= LIVE_NOTICE {
                         told = Instant::now();
                         shop.database.tell_live(&job.id, &line).await;
@@ -146,7 +240,7 @@ pub(super) async fn watch(
             }
         }
     }
-    shop.database.hub.end_live(&job.id);
+    shop.database.hub.live.end(&job.id);
     match child.wait().await {
         Ok(status) => end.status = Some(status),
         Err(error) => tracing::error!(job = job.id, %error, "a process cannot be waited for"),

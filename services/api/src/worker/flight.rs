@@ -1,9 +1,9 @@
 //! A flight: `rotortwin fly`, which starts plant, controller and FDI engine, or waits for those that join from elsewhere.
 
-use super::child::{self, Listener, Reason};
+use super::child::{self, Limits, Listener, Reason};
 use super::{Ended, Meeting, Workshop, files_key};
-use crate::jobs::spec::{Flight, Link, Place};
 use crate::jobs::{Job, Outcome, Status};
+use rotortwin_jobs::flight::{Flight, Link, Place};
 use rotortwin_store::summary::{Status as FlightStatus, Summary, load_summary};
 use serde_json::Value;
 use std::path::Path;
@@ -17,7 +17,8 @@ const COMPLAINTS: &str = "fly.log";
 pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, folder: &Path) -> Ended {
     let out = shop.artifacts.place(&files_key(job));
     let complaints = folder.join(COMPLAINTS);
-    let child = command(shop, spec, folder, &out).and_then(|command| child::start(command, &complaints));
+    let child =
+        command(shop, spec, folder, &out).and_then(|command| child::start(command, Limits::of(shop, job), &complaints));
     let child = match child {
         Ok(child) => child,
         Err(error) => return Ended::Failed(format!("the flight could not be started: {error}")),
@@ -55,8 +56,8 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
     if let (FlightStatus::Failed, Some(failure)) = (summary.status, &summary.failure)
         && end.reason == Reason::Itself
         && job.failures + 1 < super::ATTEMPTS
+        && failure.lost
         && is_worth_another_try(spec, &failure.peer)
-        && failure.silence_ms > 0
     {
         return Ended::Failed(failure.sentence.clone());
     }
@@ -73,12 +74,12 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
     Ended::Outcome(outcome)
 }
 
-/// One of our own processes fell silent. Somebody else's that does is a result.
+/// One of our own processes is gone. Somebody else's that is gone is a result.
 fn is_worth_another_try(spec: &Flight, peer: &str) -> bool {
     match peer {
         "controller" => spec.controller != Place::External,
         "fdi" => spec.fdi != Place::External,
-        "plant" => true,
+        "plant" | "supervisor" => true,
         _ => false,
     }
 }

@@ -11,16 +11,17 @@
 //!   bits, so a second execution is harmless.
 
 mod child;
+mod command;
 mod flight;
 mod seat;
-pub(crate) mod task;
+mod task;
 
 use crate::artifacts::Artifacts;
 use crate::jobs::database::Database;
 use crate::jobs::queue::FairShare;
-use crate::jobs::spec::Spec;
 use crate::jobs::{Job, Outcome, Status};
 use crate::traces::Traces;
+use rotortwin_jobs::StoredJob;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -54,6 +55,8 @@ pub(crate) struct Workshop {
     pub(crate) zenoh: Meeting,
     /// Threads of one job.
     pub(crate) threads: usize,
+    /// Memory that the process of a job may take, bytes.
+    pub(crate) job_memory: u64,
     /// Becomes true when the process ends.
     pub(crate) ending: watch::Sender<bool>,
     /// Where spans of requests and attempts go.
@@ -186,13 +189,13 @@ async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
     if let Err(error) = fresh_folder(&folder) {
         return Ended::Failed(format!("{}: cannot be made: {error}", folder.display()));
     }
-    match serde_json::from_str(&job.new.spec) {
-        Ok(Spec::Flight(spec)) => flight::fly(shop, job, token, &spec, &folder).await,
-        Ok(Spec::Task(spec)) => task::perform(shop, job, token, &spec, &folder).await,
-        Err(error) => Ended::Outcome(failed(
-            job,
-            format!("this version of rotortwin does not understand the job: {error}"),
-        )),
+    match StoredJob::parse(&job.new.spec) {
+        Ok(StoredJob {
+            job: rotortwin_jobs::Job::Run(spec),
+            ..
+        }) => flight::fly(shop, job, token, &spec, &folder).await,
+        Ok(stored) => task::perform(shop, job, token, stored, &folder).await,
+        Err(error) => Ended::Outcome(failed(job, error.to_string())),
     }
 }
 

@@ -1,7 +1,7 @@
 //! A seat: `rotortwin controller` or `rotortwin fdi` for a run that is flown on another host.
 
 use super::Workshop;
-use super::child::{last_words, signal};
+use super::child::{last_words, signal, without_secrets};
 use crate::jobs::seats::Seat;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -25,7 +25,9 @@ pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
         .map_or(Ok(()), std::fs::create_dir_all)
         .and_then(|()| std::fs::File::create(&complaints))
         .and_then(|file| {
-            Command::new(&shop.program)
+            let mut command = Command::new(&shop.program);
+            without_secrets(&mut command);
+            command
                 .arg(&seat.role)
                 .args(["--link", &text("link")])
                 .args(["--run-id", &text("run_id")])

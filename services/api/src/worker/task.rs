@@ -1,35 +1,34 @@
-//! Any other command of `rotortwin`: campaign, diagnosis, training.
+//! Any job but a flight: campaign, diagnosis, training.
 
-use super::child::{self, Everything, Reason};
-use super::{Ended, Workshop, files_key};
-use crate::jobs::spec::{Content, Task};
+use super::child::{self, Everything, Limits, Reason};
+use super::{Ended, Workshop, command, files_key};
 use crate::jobs::{Job, Outcome, Status};
+use rotortwin_jobs::{Content, Input, StoredJob};
 use std::io;
+use std::num::NonZeroUsize;
 use std::path::Path;
 use tokio::process::Command;
 
 /// Where its complaints are, beside its files.
 const COMPLAINTS: &str = "task.log";
-/// In arguments: as many threads as this worker gives to one job.
-pub(crate) const THREADS: &str = "{threads}";
 /// Exit code of a command whose input is bad: another try would end alike.
 const BAD_INPUT: i32 = 2;
 
-pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, spec: &Task, folder: &Path) -> Ended {
+pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: StoredJob, folder: &Path) -> Ended {
     let complaints = folder.join(COMPLAINTS);
-    if let Err(error) = lay_out(shop, job, spec, folder).await {
+    if let Err(error) = lay_out(shop, job, &stored.inputs, folder).await {
         return Ended::Failed(format!("what the job needs cannot be laid out: {error}"));
     }
+    let threads = NonZeroUsize::new(shop.threads).unwrap_or(NonZeroUsize::MIN);
+    let StoredJob { job: spec, inputs } = stored;
+    let spec = spec.with_threads(threads);
+    let words = match command::words(&spec) {
+        Ok(words) => words,
+        Err(sentence) => return Ended::Outcome(super::failed(job, sentence)),
+    };
     let mut command = Command::new(&shop.program);
-    let threads = shop.threads.to_string();
-    command
-        .args(
-            spec.args
-                .iter()
-                .map(|word| if word == THREADS { &threads } else { word }),
-        )
-        .current_dir(folder);
-    let child = match child::start(command, &complaints) {
+    command.args(words).current_dir(folder);
+    let child = match child::start(command, Limits::of(shop, job), &complaints) {
         Ok(child) => child,
         Err(error) => return Ended::Failed(format!("the job could not be started: {error}")),
     };
@@ -51,22 +50,25 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, spec: &Task
         ),
         (_, Some(0)) => (Status::Done, None),
         (_, Some(BAD_INPUT)) => (Status::Failed, Some(child::last_words(&complaints))),
-        _ => return Ended::Failed(child::last_words(&complaints)),
+        _ => match child::limit_reached(shop, end.status, &complaints) {
+            Some(why) => (Status::Failed, Some(why)),
+            None => return Ended::Failed(child::last_words(&complaints)),
+        },
     };
     let out = folder.join("out");
-    for name in &spec.discard {
+    for name in spec.leftovers() {
         remove(&out.join(name));
     }
-    let result = match &spec.result {
+    let result = match command::result_file(&spec) {
         None => Some(end.words),
-        Some(name) => std::fs::read_to_string(out.join(name)).ok(),
+        Some(path) => std::fs::read_to_string(folder.join(path)).ok(),
     };
     let result = result.filter(|text| serde_json::from_str::<serde_json::Value>(text).is_ok());
     if status == Status::Done && result.is_none() {
         return Ended::Failed("it ended without a result".to_owned());
     }
-    // What it has read stands in the specification, and need not stand here, too.
-    for input in &spec.inputs {
+    // What it has read stands in its row, and need not stand here, too.
+    for input in &inputs {
         let top = input.path.split('/').next().unwrap_or_default();
         if top != "out" {
             remove(&folder.join(top));
@@ -97,9 +99,9 @@ fn remove(path: &Path) {
     }
 }
 
-async fn lay_out(shop: &Workshop, job: &Job, spec: &Task, folder: &Path) -> io::Result<()> {
+async fn lay_out(shop: &Workshop, job: &Job, inputs: &[Input], folder: &Path) -> io::Result<()> {
     std::fs::create_dir_all(folder.join("out"))?;
-    for input in &spec.inputs {
+    for input in inputs {
         let path = folder.join(&input.path);
         if let Some(parent) = path.parent() {
             std::fs::create_dir_all(parent)?;

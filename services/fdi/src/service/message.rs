@@ -4,8 +4,8 @@
 
 use super::session::{Answer, Calibration, Chunk, LONGEST_CHUNK, Refusal, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_proto::{FdiCalibration, FdiMeasurements, FdiVerdicts, FdiWindow};
 use rotortwin_wire::convert::ConvertError;
-use rotortwin_wire::proto::{FdiCalibration, FdiMeasurements, FdiVerdicts, FdiWindow};
 
 impl Chunk {
     /// From a message for a vehicle of `rotor_count` rotors.

@@ -11,10 +11,10 @@
 use super::message::{MessageRefusal, refusal_message};
 use super::session::{Answer, Chunk, FdiSession};
 use prost::Message as _;
+use rotortwin_links::topics::{LONGEST_MESSAGE, TopicPublisher, TopicSession, TopicSubscriber};
+use rotortwin_proto::{FdiMeasurements, FdiVerdicts};
 use rotortwin_wire::convert::ConvertError;
 use rotortwin_wire::link::LinkError;
-use rotortwin_wire::link::topics::{LONGEST_MESSAGE, TopicPublisher, TopicSession, TopicSubscriber};
-use rotortwin_wire::proto::{FdiMeasurements, FdiVerdicts};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

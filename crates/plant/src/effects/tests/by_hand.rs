@@ -35,7 +35,7 @@ fn added(id: &str, sizes: &[(&str, f64)]) -> Wrench {
     let at = instant(&constants, &rotors);
     let mut wrench = Wrench::default();
     effect.wrench(&at, &mut wrench);
-    wrench.closed(at.air_velocity_body, at.body_rates, &constants)
+    constants.closed(&wrench, at.air_velocity_body, at.body_rates)
 }
 
 fn thrusts(id: &str, sizes: &[(&str, f64)]) -> [f64; 6] {
@@ -84,7 +84,7 @@ fn val_friction_damping_and_drag_centre() {
             drag_body: [-2.0, -1.0, 0.0],
             ..Wrench::default()
         };
-        drag.closed(at.air_velocity_body, at.body_rates, c)
+        c.closed(&drag, at.air_velocity_body, at.body_rates)
     };
     let w = closed(&changed("linear-friction", &[("drag_kg_s", 0.2)]));
     near("linear friction", w.force_body[0], -2.0 - 0.2 * 4.0);

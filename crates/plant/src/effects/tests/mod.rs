@@ -3,16 +3,12 @@
 mod by_hand;
 mod rules;
 
-use std::path::Path;
-
 use super::*;
-use crate::vehicle::VehicleModel;
+use crate::testing::vehicle;
 
 /// F550: hover thrust 1.55 · 9.81/6 = 2.53425 N.
 pub(crate) fn f550() -> Constants {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml");
-    let vehicle: VehicleModel = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
-    Constants::nominal(&vehicle)
+    Constants::nominal(&vehicle("f550"))
 }
 
 /// Thrusts, speed ratios, their rates, and duties of an instant.
@@ -106,7 +102,7 @@ pub(crate) fn response(effect: &mut Box<dyn ActiveEffect>) -> Vec<f64> {
     let mut wrench = constants.rotor_wrench(&thrust);
     wrench.drag_body = [-1.0, -0.25, -0.1];
     effect.wrench(&at, &mut wrench);
-    let wrench = wrench.closed(at.air_velocity_body, at.body_rates, &constants);
+    let wrench = constants.closed(&wrench, at.air_velocity_body, at.body_rates);
     let mut readings = Readings {
         position_ned: at.position_ned,
         velocity_ned: at.velocity_ned,

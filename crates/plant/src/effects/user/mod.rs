@@ -25,7 +25,6 @@ mod units;
 mod variables;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
@@ -33,12 +32,14 @@ use serde::{Deserialize, Serialize};
 use self::expression::{Program, Symbol};
 use self::units::Dimension;
 use self::variables::Variable;
+use super::catalogue::catalogue;
 use super::declaration::{
     Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, ParameterKind, Place, Setup,
 };
-use super::hooks::{ActiveEffect, Hooks, Moment, Readings, Wrench};
-use crate::document::Document;
-use crate::error::{ConfigError, Refusal, in_range};
+use super::hooks::{ActiveEffect, Hooks, Moment};
+use super::readings::Readings;
+use super::wrench::Wrench;
+use crate::error::{Refusal, in_range};
 use crate::vector::Vector3;
 
 /// Parameters and terms of one effect at most.
@@ -186,21 +187,10 @@ impl Target {
 
 /// A checked and compiled effect of a user.
 #[derive(Debug)]
-pub struct UserEffect {
+struct UserEffect {
     terms: Vec<(Target, Program)>,
     hooks: Hooks,
     per_rotor: bool,
-}
-
-impl UserEffect {
-    /// The physics with these parameters.
-    pub(super) fn build(&'static self, setup: &Setup<'_>) -> Box<dyn ActiveEffect> {
-        Box::new(Active {
-            effect: self,
-            values: setup.values.to_vec(),
-            rotor: self.per_rotor.then_some(setup.rotor),
-        })
-    }
 }
 
 #[derive(Debug, Clone)]
@@ -212,6 +202,15 @@ struct Active {
 }
 
 impl Active {
+    /// The physics of `effect` with these parameters.
+    fn boxed(effect: &'static UserEffect, setup: &Setup<'_>) -> Box<dyn ActiveEffect> {
+        Box::new(Self {
+            effect,
+            values: setup.values.to_vec(),
+            rotor: effect.per_rotor.then_some(setup.rotor),
+        })
+    }
+
     /// Calls `add` with target and value of every term that `wanted` takes and that is not of single rotors.
     #[inline]
     fn each(&self, at: &Moment<'_>, wanted: fn(Target) -> bool, mut add: impl FnMut(Target, f64)) {
@@ -297,26 +296,11 @@ impl ActiveEffect for Active {
 }
 
 impl EffectDocument {
-    /// Reads and checks the document at `path`.
-    pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
-        Self::from_document(&Document::read(path.as_ref())?)
-    }
-
-    /// As [`EffectDocument::load`], from a text that errors call `name`.
-    pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
-        Self::from_document(&Document::from_text(name, text)?)
-    }
-
-    pub(crate) fn from_document(document: &Document) -> Result<Self, ConfigError> {
-        let parsed: Self = document.parse()?;
-        parsed.declaration().map_err(|refusal| document.refuse(refusal))?;
-        Ok(parsed)
-    }
-
     /// The declaration of this document. It lives as long as the process; the same document gives the same one.
     pub fn declaration(&self) -> Result<&'static EffectDeclaration, Refusal> {
         static KNOWN: Mutex<BTreeMap<String, &'static EffectDeclaration>> = Mutex::new(BTreeMap::new());
-        let text = toml::to_string(self).expect("texts and numbers can be written");
+        // Debug writes numbers so that different ones have different texts.
+        let text = format!("{self:?}");
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(declaration) = known.get(&text) {
             return Ok(declaration);
@@ -341,7 +325,7 @@ impl EffectDocument {
             );
             return Err(Refusal::new("id", reason));
         }
-        if super::catalogue().iter().any(|entry| entry.id == self.id) {
+        if catalogue().iter().any(|entry| entry.id == self.id) {
             let reason = format!("`{}` is the id of a built-in effect: expected another", self.id);
             return Err(Refusal::new("id", reason));
         }
@@ -485,6 +469,11 @@ impl EffectDocument {
         let reads_only = terms.iter().all(|(target, _)| target.declared().1 == Place::Reading);
         let confused: Vec<&'static str> = self.confused_with.iter().map(|id| text(id)).collect();
         let wind = places.contains(&Place::Wind);
+        let effect: &'static UserEffect = Box::leak(Box::new(UserEffect {
+            terms,
+            hooks,
+            per_rotor: self.per_rotor,
+        }));
         EffectDeclaration {
             id: text(&self.id),
             name: text(&self.name),
@@ -507,10 +496,8 @@ impl EffectDocument {
             excited_by: text(&self.excited_by),
             confused_with: Box::leak(confused.into_boxed_slice()),
             source: text(&self.source),
-            build: Build::User(Box::leak(Box::new(UserEffect {
-                terms,
-                hooks,
-                per_rotor: self.per_rotor,
+            build: Build::User(Box::leak(Box::new(move |setup: &Setup<'_>| {
+                Active::boxed(effect, setup)
             }))),
         }
     }

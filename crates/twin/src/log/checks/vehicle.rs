@@ -13,7 +13,7 @@ use super::kinematics::mean;
 use crate::log::findings::{Finding, FindingKind};
 use crate::log::resample::median_rate_hz;
 use crate::log::{FlightLog, names};
-use rotortwin_plant::vehicle::VehicleModel;
+use rotortwin_plant::vehicle::model::VehicleModel;
 
 /// Length of a window, s.
 const WINDOW_S: f64 = 0.08;

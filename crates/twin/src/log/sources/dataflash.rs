@@ -6,8 +6,9 @@
 //! Format characters c C e E are hundredths, L is 1e-7 degrees; text fields are left out. A message with an instance field (`I`,
 //! `Instance`, or `C` of the estimator cores) becomes a stream per instance. Bytes that are no message are skipped and counted.
 
-use super::{Cursor, Number, RawStream, SourceLog};
+use super::{Cursor, Number, RawStream, Room, SourceLog};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 const HEAD: [u8; 2] = [0xa3, 0x95];
 const FMT_TYPE: u8 = 128;
@@ -94,9 +95,9 @@ fn described(payload: &[u8]) -> Option<(u8, Message)> {
 }
 
 /// Parses a binary DataFlash log.
-pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
+pub(super) fn parse(bytes: &[u8], room: Room) -> Result<SourceLog, String> {
     let mut messages: BTreeMap<u8, Message> = BTreeMap::new();
-    let mut gathered = Gathered::default();
+    let mut gathered = Gathered::new(room);
     let mut at = 0;
     let mut damaged_bytes = 0;
     while at < bytes.len() {
@@ -117,7 +118,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
                         messages.insert(kind, message);
                     }
                 } else if let Some(message) = messages.get(&kind) {
-                    read_message(message, payload, &mut gathered);
+                    read_message(message, payload, &mut gathered)?;
                 }
                 at += length;
             }
@@ -139,7 +140,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
     Ok(log)
 }
 
-fn read_message(message: &Message, payload: &[u8], gathered: &mut Gathered) {
+fn read_message(message: &Message, payload: &[u8], gathered: &mut Gathered) -> Result<(), String> {
     let mut cursor = Cursor { bytes: payload };
     let mut values = Vec::with_capacity(message.items.len());
     let mut name = None;
@@ -151,22 +152,22 @@ fn read_message(message: &Message, payload: &[u8], gathered: &mut Gathered) {
                     label.as_str(),
                     if *scale == 0.01 { value / 100.0 } else { value * scale },
                 )),
-                None => return,
+                None => return Ok(()),
             },
             Item::Skip(count) => drop(cursor.take(*count)),
             Item::Name => name = cursor.take(16).map(text),
         }
     }
-    gathered.push(&message.name, &values, name.as_deref());
+    gathered.push(&message.name, &values, name.as_deref())
 }
 
 /// Messages on their way into streams, in the order of the file.
-#[derive(Default)]
 pub(super) struct Gathered {
     streams: BTreeMap<(String, u16), Gathering>,
     parameters: BTreeMap<String, f64>,
     /// Messages so far.
     order: usize,
+    room: Room,
 }
 
 #[derive(Default)]
@@ -201,41 +202,65 @@ impl Clock {
 }
 
 impl Gathered {
+    pub(super) fn new(room: Room) -> Self {
+        Self {
+            streams: BTreeMap::new(),
+            parameters: BTreeMap::new(),
+            order: 0,
+            room,
+        }
+    }
+
     /// Adds one message; `name` is its text field, if it has one.
-    pub(super) fn push(&mut self, message: &str, values: &[(&str, f64)], name: Option<&str>) {
+    ///
+    /// # Errors
+    /// More than there is room for.
+    pub(super) fn push(&mut self, message: &str, values: &[(&str, f64)], name: Option<&str>) -> Result<(), String> {
         self.order += 1;
         if message == "PARM" {
             if let (Some(name), Some((_, value))) = (name, values.iter().find(|(label, _)| *label == "Value")) {
+                Room::parameter(self.parameters.len())?;
                 self.parameters.entry(name.to_owned()).or_insert(*value);
             }
-            return;
+            return Ok(());
         }
         let instance = values
             .iter()
-            .find(|(label, _)| matches!(*label, "I" | "Instance") || (*label == "C" && message.starts_with("XK")))
+            .find(|(label, _)| match *label {
+                // The integral part of a controller is no number of an instance.
+                "I" => !message.starts_with("PID"),
+                "C" => message.starts_with("XK"),
+                other => other == "Instance",
+            })
             .map_or(0, |(_, value)| *value as u16);
-        let gathering = self.streams.entry((message.to_owned(), instance)).or_insert_with(|| {
-            let labels: Vec<&str> = values.iter().map(|(label, _)| *label).collect();
-            Gathering {
-                stream: RawStream {
-                    name: message.to_owned(),
-                    instance,
-                    time_s: Vec::new(),
-                    fields: labels.iter().map(|label| ((*label).to_owned(), Vec::new())).collect(),
-                    ..RawStream::default()
-                },
-                order: Vec::new(),
-                clock: Clock::of(message, &labels),
+        let gathering = match self.streams.entry((message.to_owned(), instance)) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(place) => {
+                self.room.stream(values.len())?;
+                let labels: Vec<&str> = values.iter().map(|(label, _)| *label).collect();
+                place.insert(Gathering {
+                    stream: RawStream {
+                        name: message.to_owned(),
+                        instance,
+                        time_s: Vec::new(),
+                        fields: labels.iter().map(|label| ((*label).to_owned(), Vec::new())).collect(),
+                        ..RawStream::default()
+                    },
+                    order: Vec::new(),
+                    clock: Clock::of(message, &labels),
+                })
             }
-        });
+        };
         // A message type that is described twice keeps its first form.
         if gathering.stream.fields.len() != values.len() {
-            return;
+            return Ok(());
         }
+        self.room.sample(1 + values.len())?;
         gathering.order.push(self.order);
         for ((_, column), (_, value)) in gathering.stream.fields.iter_mut().zip(values) {
             column.push(*value);
         }
+        Ok(())
     }
 
     /// Gives each stream its time.

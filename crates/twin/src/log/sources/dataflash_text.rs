@@ -2,8 +2,8 @@
 //!
 //! The text holds scaled values (degrees, not hundredths). Lines that are no message are counted, not an error.
 
-use super::SourceLog;
 use super::dataflash::Gathered;
+use super::{MAX_COLUMNS, Room, SourceLog};
 use std::collections::BTreeMap;
 
 /// Where a `FMT` line must be found for the file to be one.
@@ -15,10 +15,10 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 }
 
 /// Parses a text DataFlash log.
-pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
+pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
     let text = String::from_utf8_lossy(bytes);
     let mut formats: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    let mut gathered = Gathered::default();
+    let mut gathered = Gathered::new(room);
     let mut odd_lines = 0;
     for line in text.lines() {
         let mut cells = line.split(',').map(str::trim);
@@ -27,14 +27,16 @@ pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
             // Type, length, name, format, labels …
             let mut cells = cells.skip(2);
             if let (Some(name), Some(_)) = (cells.next(), cells.next()) {
-                formats.insert(name, cells.filter(|label| !label.is_empty()).collect());
+                room.format()?;
+                let labels = cells.filter(|label| !label.is_empty());
+                formats.insert(name, labels.take(MAX_COLUMNS).collect());
             }
             continue;
         }
         let Some(labels) = formats.get(name) else {
             continue;
         };
-        let cells: Vec<&str> = cells.collect();
+        let cells: Vec<&str> = cells.take(labels.len() + 2).collect();
         if cells.len() < labels.len() {
             odd_lines += 1;
             continue;
@@ -44,7 +46,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
             let at = labels.iter().position(|label| *label == "Name").unwrap_or(0);
             let value = cells.get(at + 1).and_then(|cell| cell.parse().ok());
             if let Some(value) = value {
-                gathered.push(name, &[("Value", value)], Some(cells[at]));
+                gathered.push(name, &[("Value", value)], Some(cells[at]))?;
             }
             continue;
         }
@@ -53,7 +55,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
             .zip(&cells)
             .map(|(label, cell)| (*label, cell.parse().unwrap_or(f64::NAN)))
             .collect();
-        gathered.push(name, &values, None);
+        gathered.push(name, &values, None)?;
     }
     if formats.is_empty() {
         return Err("no FMT line that describes a message; a text DataFlash log was expected".to_owned());

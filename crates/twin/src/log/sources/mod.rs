@@ -1,17 +1,93 @@
 //! Log files of autopilots, each parsed into streams; nothing is converted here.
 //!
 //! ```text
-//! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
+//! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
 //! ```
-//! Each parser takes any bytes: it never panics, and what it allocates is bounded by the length of the file. A damaged or cut file
-//! yields what can be read before and after the damage, with a note that says how much was lost.
+//! Each parser takes any bytes: it never panics, and what it allocates is bounded by [`Room`], which refuses a file that wants more before
+//! the memory is taken. A damaged or cut file yields what can be read before and after the damage, with a note that says how much was lost.
 
+mod blackbox;
 mod dataflash;
 mod dataflash_text;
 mod ulog;
 mod usdlog;
 
+use super::MAX_COLUMNS;
 use std::collections::BTreeMap;
+
+/// Most descriptions of messages, streams, and topics that are logged twice; logs of real flights have some hundreds.
+const MOST_STREAMS: usize = 4096;
+/// Most numbers of all streams' samples together; logs of real flights have some thousands.
+const MOST_FIELDS: usize = 1 << 16;
+/// Most parameters; real vehicles have some thousands.
+const MOST_PARAMETERS: usize = 1 << 14;
+
+/// What a file may still make of itself. Each is counted where it would grow; the error is the reason of the refusal.
+#[derive(Clone, Copy, Debug)]
+struct Room {
+    cells: usize,
+    formats: usize,
+    streams: usize,
+    fields: usize,
+}
+
+impl Room {
+    fn new(most_cells: usize) -> Self {
+        Self {
+            cells: most_cells,
+            formats: MOST_STREAMS,
+            streams: MOST_STREAMS,
+            fields: MOST_FIELDS,
+        }
+    }
+
+    fn take(place: &mut usize, count: usize, what: &str, most: usize) -> Result<(), String> {
+        *place = place
+            .checked_sub(count)
+            .ok_or_else(|| format!("more than {most} {what}; a log of a flight was expected"))?;
+        Ok(())
+    }
+
+    /// A sample of so many numbers.
+    fn sample(&mut self, numbers: usize) -> Result<(), String> {
+        self.cells = self
+            .cells
+            .checked_sub(numbers)
+            .ok_or("more samples than this program takes; cut the log into parts")?;
+        Ok(())
+    }
+
+    /// A description of a message.
+    fn format(&mut self) -> Result<(), String> {
+        Self::take(&mut self.formats, 1, "message formats", MOST_STREAMS)
+    }
+
+    /// A stream whose samples have so many numbers.
+    fn stream(&mut self, fields: usize) -> Result<(), String> {
+        if fields > MAX_COLUMNS {
+            return Err(format!(
+                "a message of {fields} numbers; at most {MAX_COLUMNS} are taken"
+            ));
+        }
+        Self::take(&mut self.streams, 1, "subscriptions and instances", MOST_STREAMS)?;
+        Self::take(
+            &mut self.fields,
+            fields,
+            "numbers in all messages together",
+            MOST_FIELDS,
+        )
+    }
+
+    /// Parameters so far, before another one.
+    fn parameter(known: usize) -> Result<(), String> {
+        if known < MOST_PARAMETERS {
+            return Ok(());
+        }
+        Err(format!(
+            "more than {MOST_PARAMETERS} parameters; a log of a flight was expected"
+        ))
+    }
+}
 
 /// Kinds of autopilot logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +96,7 @@ pub(crate) enum Format {
     DataFlash,
     DataFlashText,
     Usdlog,
+    Blackbox,
 }
 
 /// A parsed file.
@@ -104,18 +181,27 @@ pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
         Some(Format::DataFlash)
     } else if bytes.first() == Some(&usdlog::MAGIC) {
         Some(Format::Usdlog)
+    } else if bytes.starts_with(blackbox::MAGIC) {
+        Some(Format::Blackbox)
     } else {
         dataflash_text::looks_like(bytes).then_some(Format::DataFlashText)
     }
 }
 
 /// Parses a file; the error is the reason without the file's name.
-pub(crate) fn parse(format: Format, bytes: &[u8], accept_damaged: bool) -> Result<SourceLog, String> {
+pub(crate) fn parse(
+    format: Format,
+    bytes: &[u8],
+    accept_damaged: bool,
+    most_cells: usize,
+) -> Result<SourceLog, String> {
+    let room = Room::new(most_cells);
     let log = match format {
-        Format::Ulog => ulog::parse(bytes),
-        Format::DataFlash => dataflash::parse(bytes),
-        Format::DataFlashText => dataflash_text::parse(bytes),
-        Format::Usdlog => usdlog::parse(bytes, accept_damaged),
+        Format::Ulog => ulog::parse(bytes, room),
+        Format::DataFlash => dataflash::parse(bytes, room),
+        Format::DataFlashText => dataflash_text::parse(bytes, room),
+        Format::Usdlog => usdlog::parse(bytes, accept_damaged, room),
+        Format::Blackbox => blackbox::parse(bytes, room),
     }?;
     Ok(log.finish())
 }

@@ -6,9 +6,9 @@
 //! ```
 //! Topics become streams; nested types are flattened to `outer.inner`, arrays to `name[i]`. Text fields are left out.
 //!
-//! Limits: a topic may have [`MAX_FIELDS`] numbers and types may nest [`MAX_DEPTH`] deep.
+//! Limits: a topic may have [`MAX_COLUMNS`] numbers and texts, and types may nest [`MAX_DEPTH`] deep; the rest is in [`Room`].
 
-use super::{Cursor, Number, RawStream, SourceLog};
+use super::{Cursor, MAX_COLUMNS, Number, RawStream, Room, SourceLog};
 use std::collections::BTreeMap;
 
 pub(super) const MAGIC: &[u8] = &[b'U', b'L', b'o', b'g', 0x01, 0x12, 0x35];
@@ -16,7 +16,6 @@ pub(super) const MAGIC: &[u8] = &[b'U', b'L', b'o', b'g', 0x01, 0x12, 0x35];
 const SYNC: &[u8] = &[8, 0, b'S', 0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
 const HEADER_BYTES: usize = 16;
 const MESSAGE_TYPES: &[u8] = b"BFIMPQARDLCSO";
-const MAX_FIELDS: usize = 4096;
 const MAX_DEPTH: usize = 8;
 
 /// One place in a sample.
@@ -62,6 +61,8 @@ fn parse_format(payload: &[u8]) -> Option<(String, Vec<Field>)> {
     let fields = fields
         .split(';')
         .filter(|field| !field.trim().is_empty())
+        // One more than a topic may have is as good as all.
+        .take(MAX_COLUMNS + 1)
         .map(|field| {
             let (kind, name) = field.trim().split_once(' ')?;
             let (kind, count) = match kind.split_once('[') {
@@ -78,12 +79,14 @@ fn parse_format(payload: &[u8]) -> Option<(String, Vec<Field>)> {
     Some((name.to_owned(), fields))
 }
 
-/// Appends the places of a type; `None` if it is unknown, too deep or too long.
+/// Appends the places of a type; `None` if it is unknown, too deep or too long. A type without a number counts, too: nested ones could
+/// be gone through forever.
 fn flatten(
     formats: &BTreeMap<String, Vec<Field>>,
     kind: &str,
     prefix: &str,
     depth: usize,
+    visits: &mut usize,
     items: &mut Vec<Item>,
 ) -> Option<()> {
     if depth > MAX_DEPTH {
@@ -92,12 +95,16 @@ fn flatten(
     for field in formats.get(kind)? {
         if field.kind == "char" {
             items.push(Item::Skip(field.count));
+            if items.len() > MAX_COLUMNS {
+                return None;
+            }
             continue;
         }
-        if field.count > MAX_FIELDS {
+        if field.count > MAX_COLUMNS {
             return None;
         }
         for index in 0..field.count {
+            *visits += 1;
             let name = if field.count == 1 {
                 format!("{prefix}{}", field.name)
             } else {
@@ -106,9 +113,9 @@ fn flatten(
             match number(&field.kind) {
                 Some(number) if field.name.starts_with("_padding") => items.push(Item::Skip(number.bytes())),
                 Some(number) => items.push(Item::Number(name, number)),
-                None => flatten(formats, &field.kind, &format!("{name}."), depth + 1, items)?,
+                None => flatten(formats, &field.kind, &format!("{name}."), depth + 1, visits, items)?,
             }
-            if items.len() > MAX_FIELDS {
+            if items.len().max(*visits) > MAX_COLUMNS {
                 return None;
             }
         }
@@ -125,10 +132,11 @@ struct Parser {
     dropout_ms: u64,
     unknown_types: usize,
     appended: Vec<u64>,
+    room: Room,
 }
 
 /// Parses a ULog file.
-pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
+pub(super) fn parse(bytes: &[u8], room: Room) -> Result<SourceLog, String> {
     if bytes.len() < HEADER_BYTES {
         return Err("the file ends in the ULog header".to_owned());
     }
@@ -141,6 +149,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
         dropout_ms: 0,
         unknown_types: 0,
         appended: Vec::new(),
+        room,
     };
     let mut at = HEADER_BYTES;
     let mut damaged_bytes = 0;
@@ -172,14 +181,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<SourceLog, String> {
                 }
             }
         }
-        parser.message(kind, &bytes[at + 3..end]);
+        parser.message(kind, &bytes[at + 3..end])?;
         at = end;
     }
     parser.finish(damaged_bytes)
 }
 
 impl Parser {
-    fn message(&mut self, kind: u8, payload: &[u8]) {
+    fn message(&mut self, kind: u8, payload: &[u8]) -> Result<(), String> {
         match kind {
             b'B' if payload.len() >= 40 => {
                 let (offsets, _) = payload[16..40].as_chunks::<8>();
@@ -187,13 +196,14 @@ impl Parser {
                 self.appended = offsets.filter(|offset| *offset > 0).collect();
             }
             b'F' => {
+                self.room.format()?;
                 if let Some((name, fields)) = parse_format(payload) {
                     self.formats.insert(name, fields);
                 }
             }
-            b'P' => self.parameter(payload),
-            b'A' => self.subscribe(payload),
-            b'D' => self.sample(payload),
+            b'P' => self.parameter(payload)?,
+            b'A' => self.subscribe(payload)?,
+            b'D' => self.sample(payload)?,
             b'O' => {
                 if let Some(duration) = (Cursor { bytes: payload }).u16() {
                     self.dropouts += 1;
@@ -202,10 +212,11 @@ impl Parser {
             }
             _ => {}
         }
+        Ok(())
     }
 
     /// `u8 key length, "type name", value`; the first value of a parameter is the one at the start of the log.
-    fn parameter(&mut self, payload: &[u8]) {
+    fn parameter(&mut self, payload: &[u8]) -> Result<(), String> {
         let mut cursor = Cursor { bytes: payload };
         let read = || -> Option<(String, f64)> {
             let length = usize::from(cursor.u8()?);
@@ -215,23 +226,26 @@ impl Parser {
         };
         let mut read = read;
         if let Some((name, value)) = read() {
+            Room::parameter(self.log.parameters.len())?;
             self.log.parameters.entry(name).or_insert(value);
         }
+        Ok(())
     }
 
-    fn subscribe(&mut self, payload: &[u8]) {
+    fn subscribe(&mut self, payload: &[u8]) -> Result<(), String> {
         let mut cursor = Cursor { bytes: payload };
         let (Some(instance), Some(id)) = (cursor.u8(), cursor.u16()) else {
-            return;
+            return Ok(());
         };
         let Ok(name) = std::str::from_utf8(cursor.bytes) else {
-            return;
+            return Ok(());
         };
-        let mut items = Vec::new();
-        if flatten(&self.formats, name, "", 0, &mut items).is_none() {
+        let (mut items, mut visits) = (Vec::new(), 0);
+        if flatten(&self.formats, name, "", 0, &mut visits, &mut items).is_none() {
             self.unknown_types += 1;
-            return;
+            return Ok(());
         }
+        self.room.stream(items.len())?;
         let fields = items.iter().filter_map(|item| match item {
             Item::Number(name, _) if name != "timestamp" => Some((name.clone(), Vec::new())),
             _ => None,
@@ -251,13 +265,15 @@ impl Parser {
         if let Some(old) = self.topics.insert(id, topic) {
             self.finished.push(old.stream);
         }
+        Ok(())
     }
 
-    fn sample(&mut self, payload: &[u8]) {
+    fn sample(&mut self, payload: &[u8]) -> Result<(), String> {
         let mut cursor = Cursor { bytes: payload };
         let Some(topic) = cursor.u16().and_then(|id| self.topics.get_mut(&id)) else {
-            return;
+            return Ok(());
         };
+        self.room.sample(1 + topic.stream.fields.len())?;
         let mut time_us = None;
         let mut values = Vec::with_capacity(topic.stream.fields.len());
         for item in &topic.items {
@@ -280,6 +296,7 @@ impl Parser {
             }
             _ => topic.short_samples += 1,
         }
+        Ok(())
     }
 
     fn finish(self, damaged_bytes: usize) -> Result<SourceLog, String> {

@@ -6,7 +6,7 @@
 //! ```
 //! `c` is a character of Python's `struct`: b B h H i I l L q Q e f d. The CRC-32 (IEEE) is over everything before it.
 
-use super::{Cursor, Number, RawStream, SourceLog};
+use super::{Cursor, MAX_COLUMNS, Number, RawStream, Room, SourceLog};
 use std::collections::BTreeMap;
 
 pub(super) const MAGIC: u8 = 0xbc;
@@ -64,10 +64,11 @@ pub(super) fn crc32(bytes: &[u8]) -> u32 {
 }
 
 /// Parses a usdlog. With `accept_damaged`, a wrong CRC is a note instead of a refusal.
-pub(super) fn parse(bytes: &[u8], accept_damaged: bool) -> Result<SourceLog, String> {
+pub(super) fn parse(bytes: &[u8], accept_damaged: bool, mut room: Room) -> Result<SourceLog, String> {
     let mut log = SourceLog::default();
     let mut cursor = Cursor { bytes };
-    let (version, mut events) = header(&mut cursor)?.ok_or_else(|| "the file ends in the usdlog header".to_owned())?;
+    let (version, mut events) =
+        header(&mut cursor, &mut room)?.ok_or_else(|| "the file ends in the usdlog header".to_owned())?;
 
     let intact = bytes
         .split_last_chunk::<CRC_BYTES>()
@@ -80,7 +81,7 @@ pub(super) fn parse(bytes: &[u8], accept_damaged: bool) -> Result<SourceLog, Str
     }
     while !cursor.bytes.is_empty() {
         let before = cursor.bytes.len();
-        if record(&mut cursor, version, &mut events).is_none() {
+        if record(&mut cursor, version, &mut events, &mut room)?.is_none() {
             if intact {
                 return Err(format!(
                     "{before} bytes before the CRC-32 are not a record; the header does not fit the records"
@@ -96,7 +97,7 @@ pub(super) fn parse(bytes: &[u8], accept_damaged: bool) -> Result<SourceLog, Str
 }
 
 /// `Ok(None)`: the file ends too early.
-fn header(cursor: &mut Cursor<'_>) -> Result<Option<Header>, String> {
+fn header(cursor: &mut Cursor<'_>, room: &mut Room) -> Result<Option<Header>, String> {
     let (Some(_), Some(version), Some(count)) = (cursor.u8(), cursor.u16(), cursor.u16()) else {
         return Ok(None);
     };
@@ -115,6 +116,12 @@ fn header(cursor: &mut Cursor<'_>) -> Result<Option<Header>, String> {
                 ..RawStream::default()
             },
         };
+        if usize::from(variables) > MAX_COLUMNS {
+            return Err(format!(
+                "event '{name}' has {variables} variables; at most {MAX_COLUMNS} are taken"
+            ));
+        }
+        room.stream(usize::from(variables))?;
         for _ in 0..variables {
             let Some(text) = cursor.c_string() else {
                 return Ok(None);
@@ -134,19 +141,34 @@ fn header(cursor: &mut Cursor<'_>) -> Result<Option<Header>, String> {
     Ok(Some((version, events)))
 }
 
-fn record(cursor: &mut Cursor<'_>, version: u16, events: &mut BTreeMap<u16, Event>) -> Option<()> {
-    let event = events.get_mut(&cursor.u16()?)?;
-    let time_s = match version {
-        1 => Number::U32.read(cursor)? * 1e-3,
-        _ => Number::U64.read(cursor)? * 1e-6,
+/// `Ok(None)`: what follows is no record.
+fn record(
+    cursor: &mut Cursor<'_>,
+    version: u16,
+    events: &mut BTreeMap<u16, Event>,
+    room: &mut Room,
+) -> Result<Option<()>, String> {
+    let begun = |cursor: &mut Cursor<'_>| {
+        let id = cursor.u16()?;
+        let time_s = match version {
+            1 => Number::U32.read(cursor)? * 1e-3,
+            _ => Number::U64.read(cursor)? * 1e-6,
+        };
+        Some((id, time_s))
+    };
+    let Some((event, time_s)) = begun(cursor).and_then(|(id, time_s)| Some((events.get_mut(&id)?, time_s))) else {
+        return Ok(None);
     };
     let bytes = event.numbers.iter().map(|number| number.bytes()).sum();
-    let mut values = Cursor {
-        bytes: cursor.take(bytes)?,
+    let Some(bytes) = cursor.take(bytes) else {
+        return Ok(None);
     };
+    room.sample(1 + event.numbers.len())?;
+    let mut values = Cursor { bytes };
     event.stream.time_s.push(time_s);
     for (number, (_, column)) in event.numbers.iter().zip(&mut event.stream.fields) {
-        column.push(number.read(&mut values)?);
+        // As many bytes were taken as the numbers have.
+        column.push(number.read(&mut values).unwrap_or(f64::NAN));
     }
-    Some(())
+    Ok(Some(()))
 }

@@ -1,8 +1,8 @@
 //! The actuators of a pass: delay, dead zone, Eq. 19 and lag, from duty and logged voltage to the thrust of every rotor.
 
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_plant::battery::Battery;
 use rotortwin_plant::effects::{Constants, EffectSet, Hooks};
+use rotortwin_plant::powertrain::battery::Battery;
 
 use super::{Plant, When};
 use crate::predict::series::{Drive, Kinematics};

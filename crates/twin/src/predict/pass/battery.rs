@@ -1,8 +1,8 @@
 //! The battery of a pass: terminal voltage from the rotors' power, and the means of it over strides of steps.
 
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_plant::battery::Battery;
 use rotortwin_plant::effects::{Constants, EffectSet, Hooks};
+use rotortwin_plant::powertrain::battery::Battery;
 
 use super::{Plant, When};
 use crate::predict::series::Kinematics;

@@ -132,7 +132,7 @@ impl Plant {
                 set.rotor_thrust(&at, &mut f[..n]);
                 w = allocation.wrench(&f[..n]);
                 set.wrench(&at, &mut w);
-                w = w.closed(at.air_velocity_body, at.body_rates, &c);
+                w = c.closed(&w, at.air_velocity_body, at.body_rates);
                 set.advance(&at, s.step_s);
             } else {
                 w = allocation.wrench(&f[..n]);
@@ -140,7 +140,7 @@ impl Plant {
                     let r = turned(&motion.ned_from_body, k, k + 1);
                     let (v, wind) = (between(&motion.velocity, k, k + 1), c.wind_ned_m_s);
                     let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
-                    w = w.closed(to_body(&r, relative), omega, &c);
+                    w = c.closed(&w, to_body(&r, relative), omega);
                 }
             }
             let momentum = times(&c.inertia_body_kg_m2, omega);

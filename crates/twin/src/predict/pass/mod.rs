@@ -26,9 +26,9 @@ mod tests;
 use std::sync::{Arc, OnceLock};
 
 use rotortwin_plant::Vector3;
-use rotortwin_plant::battery::BatteryModel;
-use rotortwin_plant::blades::Blade;
 use rotortwin_plant::effects::{Constants, EffectSet, Hooks, Moment};
+use rotortwin_plant::powertrain::battery::BatteryModel;
+use rotortwin_plant::powertrain::blades::Blade;
 
 use super::channels::{CHANNELS, F, KA, KP, KV, M, PerChannel, V};
 use super::series::{Drive, Kinematics, Series, Vectors};

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use rotortwin_plant::VehicleDocuments;
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
+use rotortwin_scenario::VehicleDocuments;
 
-use crate::diagnose::library::Library;
+use crate::estimation::candidates::Library;
 use crate::log::FlightLog;
 use crate::predict::{CHANNELS, NAMES, Nuisances, Predictor, Source, Stages};
 

@@ -1,0 +1,150 @@
+//! Where results go: looked at before the work, so that nothing computed is lost, and named when the disk is full.
+
+use crate::output;
+use rotortwin_store::run_folder::RunFolder;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Less than this is no room for anything.
+const FULL_BELOW_BYTES: u64 = 64 * 1024;
+
+/// A folder for results, made before the work: it must not exist or be empty, as that of a run. Dropped without [`keep`](Self::keep), it is
+/// removed again, as bad input leaves nothing.
+pub(crate) struct ResultFolder(Option<RunFolder>);
+
+impl ResultFolder {
+    /// Makes it, and makes sure that files can be written there.
+    pub(crate) fn create(path: &Path) -> Result<Self, String> {
+        let folder = RunFolder::create(path).map_err(|error| error.to_string())?;
+        let probe = folder.spool_path();
+        if let Err(error) = std::fs::File::create_new(&probe).and_then(|_| std::fs::remove_file(&probe)) {
+            let sentence = format!("{}: cannot write to the folder: {error}", path.display());
+            folder.discard().map_err(|error| error.to_string())?;
+            return Err(sentence);
+        }
+        Ok(Self(Some(folder)))
+    }
+
+    /// As [`create`](Self::create), where a folder was asked for.
+    pub(crate) fn of_option(path: Option<&PathBuf>) -> Result<Option<Self>, String> {
+        path.map(|path| Self::create(path)).transpose()
+    }
+
+    /// As [`of_option`](Self::of_option); `None` also for a folder that holds `inside`, or the way to it, and nothing else: the results
+    /// go beside it.
+    pub(crate) fn beside(path: Option<&Path>, inside: &Path) -> Result<Option<Self>, String> {
+        match path {
+            Some(path) if holds_only(path, inside) => Ok(None),
+            path => path.map(Self::create).transpose(),
+        }
+    }
+
+    /// The work is done: from now on it stays.
+    pub(crate) fn keep(mut self) -> RunFolder {
+        self.0.take().expect("only this takes it")
+    }
+}
+
+impl Drop for ResultFolder {
+    fn drop(&mut self) {
+        if let Some(folder) = self.0.take()
+            && let Err(error) = folder.discard()
+        {
+            tracing::warn!(%error, "an empty folder stays");
+        }
+    }
+}
+
+/// Whether the folder `path` has one entry, and `inside` is it or lies below it.
+fn holds_only(path: &Path, inside: &Path) -> bool {
+    let Ok(entries) = std::fs::read_dir(path) else {
+        return false;
+    };
+    let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
+    let first = inside.strip_prefix(path).ok().and_then(|rest| rest.iter().next());
+    matches!(names.as_slice(), [name] if Some(name.as_os_str()) == first)
+}
+
+/// Tries whether a file can be written, and leaves everything as it was.
+pub(crate) fn writable_file(path: &Path) -> Result<(), String> {
+    let existed = path.exists();
+    std::fs::File::options()
+        .append(true)
+        .create(true)
+        .open(path)
+        .and_then(|_| if existed { Ok(()) } else { std::fs::remove_file(path) })
+        .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
+}
+
+/// The run failed while it wrote to `place`: says so, and which disk is full if one is.
+pub(crate) fn failed_at(place: &Path, sentence: impl std::fmt::Display) -> ExitCode {
+    match full_disk(place) {
+        Some(disk) => output::failed(format!("{sentence}; {disk}")),
+        None => output::failed(sentence),
+    }
+}
+
+/// A sentence about the disk that holds `place`, if it is full.
+fn full_disk(place: &Path) -> Option<String> {
+    let place = place.ancestors().find(|place| place.exists())?.canonicalize().ok()?;
+    let space = rustix::fs::statvfs(&place).ok()?;
+    let free = space.f_bavail * space.f_frsize;
+    let device = std::fs::metadata(&place).ok()?.dev();
+    let on_it = |path: &&Path| std::fs::metadata(path).is_ok_and(|data| data.dev() == device);
+    let mount = place.ancestors().take_while(on_it).last()?;
+    (free < FULL_BELOW_BYTES).then(|| {
+        format!(
+            "the disk is full: {} has {} KiB left of {} MiB",
+            mount.display(),
+            free / 1024,
+            (space.f_blocks * space.f_frsize) >> 20
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_a_folder_is_kept_only_for_results() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("out");
+        drop(ResultFolder::create(&path).unwrap());
+        assert!(!path.exists(), "bad input leaves nothing");
+        let folder = ResultFolder::create(&path).unwrap().keep();
+        std::fs::write(folder.path().join("result"), "1").unwrap();
+        let refusal = ResultFolder::create(&path).err().unwrap_or_default();
+        assert!(refusal.contains("not empty"), "{refusal}");
+        assert!(path.join("result").exists());
+    }
+
+    #[test]
+    fn val_results_go_beside_the_models_and_nothing_else() {
+        let place = tempfile::tempdir().unwrap();
+        let (out, models) = (place.path().join("out"), place.path().join("out/models"));
+        std::fs::create_dir_all(&models).unwrap();
+        assert!(ResultFolder::beside(Some(&out), &models).unwrap().is_none());
+        std::fs::write(out.join("improvement.txt"), "1").unwrap();
+        assert!(ResultFolder::beside(Some(&out), &models).is_err());
+    }
+
+    #[test]
+    fn val_a_file_that_can_be_written_is_left_as_it_was() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("file");
+        writable_file(&path).unwrap();
+        assert!(!path.exists());
+        std::fs::write(&path, "before").unwrap();
+        writable_file(&path).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "before");
+        let refusal = writable_file(&place.path().join("no/such/folder")).unwrap_err();
+        assert!(refusal.contains("no/such/folder: cannot be written"), "{refusal}");
+    }
+
+    #[test]
+    fn val_a_disk_with_room_is_not_full() {
+        assert_eq!(full_disk(&std::env::temp_dir().join("not/there/yet")), None);
+    }
+}

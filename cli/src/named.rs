@@ -1,0 +1,50 @@
+//! Arguments that take the path of a document or its name: `config/scenarios/hover.toml` or `hover`.
+
+use clap::builder::{OsStringValueParser, TypedValueParser};
+use rotortwin_scenario::names::{Kind, NameError, find, is_name};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+/// A path as it is, a name as the file that it stands for.
+pub(crate) fn resolved(kind: Kind, text: &OsStr) -> Result<PathBuf, NameError> {
+    let path = Path::new(text);
+    match text.to_str() {
+        Some(name) if is_name(name) && !path.exists() => find(kind, name),
+        // Paths may be no text at all.
+        _ => Ok(path.to_owned()),
+    }
+}
+
+fn parser(kind: Kind) -> impl TypedValueParser<Value = PathBuf> {
+    OsStringValueParser::new().try_map(move |text| resolved(kind, &text))
+}
+
+/// Of a scenario.
+pub(crate) fn scenario() -> impl TypedValueParser<Value = PathBuf> {
+    parser(Kind::Scenario)
+}
+
+/// Of a vehicle.
+pub(crate) fn vehicle() -> impl TypedValueParser<Value = PathBuf> {
+    parser(Kind::Vehicle)
+}
+
+/// Of a campaign.
+pub(crate) fn campaign() -> impl TypedValueParser<Value = PathBuf> {
+    parser(Kind::Campaign)
+}
+
+/// Of a file with effects.
+pub(crate) fn effect() -> impl TypedValueParser<Value = PathBuf> {
+    parser(Kind::Effect)
+}
+
+/// Of a table of columns.
+pub(crate) fn log_mapping() -> impl TypedValueParser<Value = PathBuf> {
+    parser(Kind::LogMapping)
+}
+
+/// Of a classifier.
+pub(crate) fn classifier() -> impl TypedValueParser<Value = PathBuf> {
+    parser(Kind::Classifier)
+}

@@ -1,0 +1,291 @@
+//! `rotortwin vehicle from-log`: a vehicle of one's own from flight logs, mass and arm.
+
+use crate::grid::Grid;
+use crate::{destination, output};
+use clap::{Parser, Subcommand};
+use rotortwin_twin::identify::{Estimate, Files, HeldOut, Identified, Request, Source, files, held_out, identify};
+use rotortwin_twin::log::FlightLog;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin vehicle`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Identify a vehicle from flight logs; what no log holds is its mass and its arm
+    FromLog(FromLog),
+}
+
+#[derive(Debug, Parser)]
+struct FromLog {
+    /// Flight logs of one vehicle; LOG@FROM:TO takes a part, in seconds of the log
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Mass with battery, kg
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    mass: f64,
+    /// From the centre of the vehicle to the furthest rotor, m
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    arm: f64,
+    /// Frame, where the log does not say it, such as quad-x (numbers as in ArduPilot)
+    #[arg(long)]
+    frame: Option<String>,
+    /// Capacity of the battery, Ah
+    #[arg(long, value_name = "AH")]
+    capacity: Option<f64>,
+    /// Cells in series
+    #[arg(long)]
+    cells: Option<u32>,
+    /// Write NAME.toml, NAME.blades.toml and NAME.intervals.toml; must not exist
+    #[arg(long, value_name = "NAME.toml")]
+    out: Option<PathBuf>,
+    /// Fit each half of each flight and score it on the other: R² beside the class default
+    #[arg(long)]
+    held_out: bool,
+    /// Print JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Identifies, writes and prints; exit code 2 for bad input, 1 where the result cannot be written.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    let What::FromLog(args) = &args.what;
+    let found = match find(args) {
+        Ok(found) => found,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    if let Some((_, paths)) = &found.targets {
+        for (path, text) in paths
+            .iter()
+            .zip([&found.texts.vehicle, &found.texts.blades, &found.texts.intervals])
+        {
+            if let Err(sentence) = output::write_text(path, text) {
+                return destination::failed_at(path, sentence);
+            }
+        }
+    }
+    if args.json {
+        println!("{:#}", found.json());
+    } else {
+        print!("{}", output::fitted(&found.text()));
+    }
+    ExitCode::SUCCESS
+}
+
+/// What the command found.
+struct Found {
+    vehicle: Identified,
+    scores: Vec<HeldOut>,
+    texts: Files,
+    /// Name and paths of the files, where they are written.
+    targets: Option<(String, [PathBuf; 3])>,
+}
+
+fn find(args: &FromLog) -> Result<Found, String> {
+    let targets = args.out.as_deref().map(targets).transpose()?;
+    let logs = args
+        .logs
+        .iter()
+        .map(|path| FlightLog::read_part(path))
+        .collect::<Result<Vec<_>, _>>()?;
+    let request = Request {
+        mass_kg: args.mass,
+        arm_m: args.arm,
+        frame: args.frame.clone(),
+        capacity_ah: args.capacity,
+        cells: args.cells,
+    };
+    let vehicle = identify(&logs, &request).map_err(|error| error.to_string())?;
+    let scores = if args.held_out {
+        logs.iter()
+            .map(|log| held_out(log, &request).map_err(|error| error.to_string()))
+            .collect::<Result<Vec<_>, _>>()?
+    } else {
+        Vec::new()
+    };
+    let name = targets.as_ref().map_or("vehicle", |(name, _)| name.as_str());
+    let texts = files(&vehicle, name);
+    texts
+        .documents()
+        .map_err(|reason| format!("the identified vehicle is not valid, so nothing was written: {reason}"))?;
+    Ok(Found {
+        vehicle,
+        scores,
+        texts,
+        targets,
+    })
+}
+
+impl Found {
+    fn json(&self) -> serde_json::Value {
+        let written: Vec<String> = self
+            .targets
+            .iter()
+            .flat_map(|(_, paths)| paths.iter().map(|path| path.display().to_string()))
+            .collect();
+        serde_json::json!({
+            "identified": self.vehicle, "held_out": self.scores, "written": written,
+            "vehicle": self.texts.vehicle, "blades": self.texts.blades,
+        })
+    }
+
+    fn text(&self) -> String {
+        let mut text = vehicle_text(&self.vehicle);
+        for scores in &self.scores {
+            text.push_str(&scores_text(scores));
+        }
+        text.push_str(&match &self.targets {
+            Some((_, [vehicle, ..])) => format!(
+                "\nWritten: {0} with its blades and intervals. Next:\n  rotortwin compare LOG --model {0}\n",
+                vehicle.display()
+            ),
+            None => "\nNothing was written; --out NAME.toml writes the vehicle.\n".to_owned(),
+        });
+        text
+    }
+}
+
+/// Name and paths of the three files; none may exist.
+fn targets(out: &Path) -> Result<(String, [PathBuf; 3]), String> {
+    let name = out
+        .file_name()
+        .and_then(|name| name.to_str())
+        .and_then(|name| name.strip_suffix(".toml"))
+        .filter(|name| !name.is_empty())
+        .ok_or_else(|| format!("--out {}: expected a name that ends in .toml", out.display()))?;
+    let paths = ["toml", "blades.toml", "intervals.toml"].map(|ending| out.with_file_name(format!("{name}.{ending}")));
+    for path in &paths {
+        if path.exists() {
+            return Err(format!("{} exists already; nothing was written", path.display()));
+        }
+        destination::writable_file(path)?;
+    }
+    Ok((name.to_owned(), paths))
+}
+
+/// Four digits, in the notation that is shorter.
+fn number(value: f64) -> String {
+    if value == 0.0 {
+        "0".to_owned()
+    } else if !(1e-3..1e5).contains(&value.abs()) {
+        format!("{value:.3e}")
+    } else {
+        let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 6) as usize;
+        format!("{value:.digits$}")
+    }
+}
+
+fn vehicle_text(found: &Identified) -> String {
+    let mut text = String::new();
+    let mut line = |content: String| {
+        text.push_str(&content);
+        text.push('\n');
+    };
+    line(format!(
+        "{}: {} rotors on outputs {}; {} ({}: {})",
+        found.logs.join(", "),
+        found.airframe.places.len(),
+        found
+            .outputs
+            .iter()
+            .map(usize::to_string)
+            .collect::<Vec<_>>()
+            .join(", "),
+        found.airframe.name,
+        found.airframe.source.words(),
+        found.airframe.how
+    ));
+    let parts: Vec<String> = found
+        .airborne
+        .iter()
+        .take(8)
+        .map(|part| format!("{:.1}–{:.1} s", part.start_s, part.end_s))
+        .collect();
+    let more = found.airborne.len().saturating_sub(parts.len());
+    let more = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
+    line(format!(
+        "In the air: {}{more}. Class for defaults: {}.\n",
+        parts.join(", "),
+        found.class.name
+    ));
+    let mut table = Grid::new(["quantity", "value", "95 % interval", "unit", "from"]).numbers(1..3);
+    for value in &found.values {
+        table.add_row([
+            value.name.clone(),
+            number(value.value),
+            interval(value),
+            value.unit.to_owned(),
+            value.source.words().to_owned(),
+        ]);
+    }
+    line(format!(
+        "{table}\nHow each value was found: --json, or the comments of the file that --out writes."
+    ));
+    let mut seen = Vec::new();
+    for value in &found.values {
+        if matches!(value.source, Source::Class | Source::LogAndClass) && !value.better.is_empty() {
+            let line = format!("  {}: {}", value.name, value.better);
+            if !seen.contains(&line) {
+                seen.push(line);
+            }
+        }
+    }
+    if !seen.is_empty() {
+        line(format!("\nWhat would make it better:\n{}", seen.join("\n")));
+    }
+    let slow: Vec<String> = found
+        .sensors
+        .iter()
+        .filter(|rate| rate.source_hz < 0.7 * rate.rows_hz)
+        .map(|rate| format!("{} {:.1} Hz", rate.column, rate.source_hz))
+        .collect();
+    if let (Some(first), false) = (found.sensors.first(), slow.is_empty()) {
+        line(format!(
+            "\nSlower than the rows ({:.0} Hz): {}",
+            first.rows_hz,
+            slow.join(", ")
+        ));
+    }
+    for note in &found.notes {
+        line(format!("Note  {note}"));
+    }
+    text
+}
+
+fn interval(value: &Estimate) -> String {
+    if value.low < value.high {
+        format!("{} to {}", number(value.low), number(value.high))
+    } else {
+        String::new()
+    }
+}
+
+fn scores_text(scores: &HeldOut) -> String {
+    let mut table = Grid::new(["channel", "band, Hz", "R², class default", "R², calibrated"]).numbers_from(2);
+    for score in &scores.scores {
+        table.add_row([
+            score.channel.to_owned(),
+            format!(
+                "{} to {}",
+                output::significant(score.band.low_hz),
+                output::significant(score.band.high_hz)
+            ),
+            format!("{:.2}", score.class_default),
+            format!("{:.2}", score.calibrated),
+        ]);
+    }
+    format!(
+        "\nHeld out: {}, {:.0} s in the air; each half predicted with what the other half gave\n{table}\n\
+         Gains of the second half over the first: roll {:.2}, pitch {:.2} (1: both halves tell the same vehicle)\n",
+        scores.log, scores.seconds, scores.gain_ratio[0], scores.gain_ratio[1]
+    )
+}

@@ -1,0 +1,113 @@
+//! Which version of a model a text names, and how a failure of the store ends a command.
+
+use crate::output;
+use rotortwin_twin::model::store::{MAIN, Place};
+use rotortwin_twin::model::{ModelStore, ModelVersion, StoreError};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// A failure of the store, with its exit code.
+pub(crate) fn store_failed(error: &StoreError) -> ExitCode {
+    match error {
+        StoreError::Io { .. } => output::failed(error),
+        StoreError::Document(_) | StoreError::Refused(_) => output::bad_input(error),
+    }
+}
+
+/// The version that a text names.
+pub(crate) fn find(store: &ModelStore, text: &str) -> Result<ModelVersion, StoreError> {
+    store.find(text).map(|found| found.version)
+}
+
+/// MODEL and BRANCH of a text that must not name a version by number.
+pub(crate) fn model_and_branch(text: &str) -> (&str, &str) {
+    text.split_once('@').unwrap_or((text, MAIN))
+}
+
+/// A model of the store at the head of a branch; a vehicle or version file begins one of its name.
+pub(crate) fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVersion, String), StoreError> {
+    let head = Head::find(store, text)?;
+    head.begin(store)?;
+    Ok((head.version, head.branch))
+}
+
+/// Where a model stands, or would begin.
+pub(crate) struct Head {
+    pub(crate) version: ModelVersion,
+    pub(crate) branch: String,
+    /// The store does not have the model yet.
+    is_new: bool,
+}
+
+impl Head {
+    /// Begins the model if it is new.
+    pub(crate) fn begin(&self, store: &ModelStore) -> Result<(), StoreError> {
+        if self.is_new {
+            store.create(&self.version)?;
+        }
+        Ok(())
+    }
+
+    /// The versions from the first to this one.
+    pub(crate) fn line(&self, store: &ModelStore) -> Result<Vec<ModelVersion>, StoreError> {
+        if self.is_new {
+            return Ok(vec![self.version.clone()]);
+        }
+        let history = store.history(&self.version.name)?;
+        let head = store.head(&self.version.name, &self.branch)?;
+        let line = history.line_to(head);
+        Ok(line
+            .iter()
+            .filter_map(|number| history.versions.get(number).cloned())
+            .collect())
+    }
+
+    /// Looks it up, and writes nothing.
+    pub(crate) fn find(store: &ModelStore, text: &str) -> Result<Self, StoreError> {
+        let named = store.vehicle_named(text);
+        let path = named.as_deref().unwrap_or(Path::new(text));
+        if path.is_file() {
+            let version = ModelVersion::load(path)?;
+            let first = ModelVersion::first(version.name.clone(), version.documents());
+            if version != first {
+                return Err(StoreError::Refused(format!(
+                    "{text}: expected a model of {}; take this version in with 'rotortwin model import {text}'",
+                    store.root().display()
+                )));
+            }
+            let branch = MAIN.to_owned();
+            if !store.has(&first.name) {
+                return Ok(Self {
+                    version: first,
+                    branch,
+                    is_new: true,
+                });
+            }
+            let begun = store.find(&format!("{}@v0", first.name))?.version;
+            if begun != first {
+                return Err(StoreError::Refused(format!(
+                    "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
+                    first.name
+                )));
+            }
+            let version = store.find(&first.name)?.version;
+            return Ok(Self {
+                version,
+                branch,
+                is_new: false,
+            });
+        }
+        let (_, branch) = model_and_branch(text);
+        let found = store.find(text)?;
+        match found.place {
+            Some(Place { branch: Some(_), .. }) => Ok(Self {
+                version: found.version,
+                branch: branch.to_owned(),
+                is_new: false,
+            }),
+            _ => Err(StoreError::Refused(format!(
+                "{text}: expected a branch, as a version never changes; make one with 'rotortwin model branch {text} NAME'"
+            ))),
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! Examples for a first visit: a log with something hidden in it, or with nothing.
+
+use crate::catalogue;
+use crate::draw::draw_effect;
+use crate::error::{BlindError, Result};
+use crate::hidden::Hidden;
+use crate::random::Stream;
+use serde::{Deserialize, Serialize};
+
+/// Kinds that an excitation flight of a minute shows and tells apart from all others: the bench finds each of them by its name.
+pub const SHOWN: [&str; 6] = [
+    "rotor-drag",
+    "quadratic-drag",
+    "translational-lift",
+    "centre-of-mass",
+    "motor-time-constant",
+    "inertia-roll",
+];
+/// Loss of thrust of a damaged blade, fraction.
+const LOSS: [f64; 2] = [0.04, 0.12];
+
+/// What an example shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Example {
+    /// One effect that the vehicle's model lacks
+    HiddenEffect,
+    /// One rotor that has lost some of its thrust
+    DamagedBlade,
+    /// A vehicle as its model says
+    Healthy,
+}
+
+impl Example {
+    /// As an argument has it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::HiddenEffect => "hidden-effect",
+            Self::DamagedBlade => "damaged-blade",
+            Self::Healthy => "healthy",
+        }
+    }
+
+    /// What is hidden, drawn by the seed.
+    pub fn effects(self, rotors: usize, seed: u64) -> Vec<Hidden> {
+        let mut random = Stream::new(seed, "example");
+        match self {
+            Self::HiddenEffect => {
+                let id = SHOWN[random.below(SHOWN.len())];
+                let kind = catalogue::kind(id);
+                kind.map_or_else(Vec::new, |kind| draw_effect(kind, 1.0, rotors, &mut random))
+            }
+            Self::DamagedBlade => {
+                let rotor = 1 + random.below(rotors);
+                let share = -random.between(LOSS[0], LOSS[1]);
+                let kind = catalogue::kind("rotor-thrust-scale");
+                let effect = kind.map(|kind| {
+                    let mut effect = Hidden::typical(kind, Some(rotor));
+                    effect.parameters.insert("share".to_owned(), share);
+                    effect
+                });
+                effect.into_iter().collect()
+            }
+            Self::Healthy => Vec::new(),
+        }
+    }
+}
+
+/// An effect by its id alone, of a size and on a rotor that the seed draws, or `id:parameter=value,…` as it is.
+///
+/// # Errors
+/// There is none of this id, or it has no such parameter.
+pub fn effect(text: &str, rotors: usize, seed: u64) -> Result<Vec<Hidden>> {
+    match catalogue::kind(text) {
+        Some(kind) => Ok(draw_effect(kind, 1.0, rotors, &mut Stream::new(seed, "example"))),
+        None => {
+            let effect = Hidden::parse(text)?;
+            effect.check(rotors)?;
+            let kind = catalogue::kind(&effect.id);
+            match kind.and_then(|kind| kind.companion) {
+                Some(companion) => Err(BlindError::input(
+                    format!("effect {text}"),
+                    format!("it does nothing without {companion}; expected its id alone, which brings both"),
+                )),
+                None => Ok(vec![effect]),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_examples_repeat_and_are_what_they_are_called() {
+        for seed in 0..40 {
+            for rotors in [4, 6, 8] {
+                for example in [Example::HiddenEffect, Example::DamagedBlade, Example::Healthy] {
+                    let effects = example.effects(rotors, seed);
+                    assert_eq!(effects, example.effects(rotors, seed));
+                    assert_eq!(effects.len(), usize::from(example != Example::Healthy));
+                    assert!(effects.iter().all(|effect| effect.check(rotors).is_ok()));
+                }
+                let blade = &Example::DamagedBlade.effects(rotors, seed)[0];
+                assert!((-LOSS[1]..=-LOSS[0]).contains(&blade.parameters["share"]));
+            }
+        }
+        let drawn: std::collections::BTreeSet<String> = (0..100)
+            .map(|seed| Example::HiddenEffect.effects(6, seed)[0].id.clone())
+            .collect();
+        assert_eq!(drawn.len(), SHOWN.len(), "every kind is drawn: {drawn:?}");
+    }
+
+    #[test]
+    fn val_an_effect_by_name_or_in_full() {
+        assert_eq!(effect("wind", 6, 3).unwrap().len(), 2, "with its companion");
+        let given = effect("rotor-thrust-scale:rotor=2,share=-0.1", 6, 3).unwrap();
+        assert_eq!((given[0].rotor, given[0].parameters["share"]), (Some(2), -0.1));
+        for (bad, words) in [
+            ("none", "there is no effect"),
+            ("rotor-thrust-scale:rotor=7", "from 1 to 6"),
+            ("rotor-drag:x=1", "no parameter"),
+            ("wind:north_m_s=2", "rotor-drag"),
+        ] {
+            let error = effect(bad, 6, 3).unwrap_err().to_string();
+            assert!(error.contains(words), "{bad}: {error}");
+        }
+    }
+}

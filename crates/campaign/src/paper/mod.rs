@@ -1,0 +1,18 @@
+//! The paper's evaluation, on many flights:
+//!
+//! ```text
+//!  protocol ─▶ windows ─▶ data_set ─┬▶ cross_validation (learning) ─┬▶ reproduction ─▶ tables, report, table_file
+//!                                   └▶ T-test verdicts ─────────────┘        └▶ classifiers ─▶ a classifier file
+//! ```
+//!
+//! * [`protocol`]: the 48 flights. * [`windows`]: one flight, boiled down. * [`data_set`]: all of them, as samples.
+//! * [`cross_validation`], [`scores`]: how good a network is. * [`reproduction`]: the tables of the paper.
+//! * [`classifiers`]: trained networks as files.
+
+pub mod classifiers;
+pub mod cross_validation;
+pub mod data_set;
+pub mod protocol;
+pub mod reproduction;
+pub mod scores;
+pub mod windows;

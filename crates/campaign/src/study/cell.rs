@@ -1,0 +1,67 @@
+//! Columns and values of a campaign's table.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Columns that every campaign has; an axis must not take their names.
+pub const FIXED_COLUMNS: [&str; 16] = [
+    "flight",
+    "seed",
+    "status",
+    "reason",
+    "run_hash",
+    "steps",
+    "rotor_count",
+    "fault_onset_s",
+    "faulty_rotors",
+    "onset_loss_share",
+    "final_loss_share",
+    "thrust_loss_n",
+    "thrust_loss_low_n",
+    "thrust_loss_high_n",
+    "true_thrust_loss_n",
+    "record",
+];
+
+/// A value in a table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Cell {
+    /// A whole number.
+    Integer(i64),
+    /// A number.
+    Number(f64),
+    /// A text.
+    Text(String),
+}
+
+impl Cell {
+    /// What a TOML value is called in the results: numbers as they are, everything else as text.
+    pub fn from_value(value: &toml::Value) -> Self {
+        match value {
+            toml::Value::Integer(x) => Self::Integer(*x),
+            toml::Value::Float(x) => Self::Number(*x),
+            toml::Value::String(text) => Self::Text(text.clone()),
+            other => Self::Text(other.to_string()),
+        }
+    }
+
+    /// As a number, if it is one.
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Integer(x) => Some(*x as f64),
+            Self::Number(x) => Some(*x),
+            Self::Text(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for Cell {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Integer(x) => x.fmt(out),
+            Self::Number(x) => x.fmt(out),
+            Self::Text(text) => text.fmt(out),
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! One flight with an autopilot of its own clock in the place of the controller.
+//!
+//! ```text
+//!  prelude:  instruments ─▶ exchange ─▶ parts of 0.5 ms …  until it holds still near the first point: hand-over
+//!  flight:   the same, and at each step of 2.5 ms: sense, detectors with each rotor's mean duty of the step, hash, observer
+//! ```
+//! Arming and climb take any time; trajectory, faults and calibration count from the hand-over, which is step 0. Detectors, hash
+//! and telemetry keep 400 Hz whatever the autopilot's rate is. The FDI engine runs in this process.
+
+use crate::lockstep::{Failure, FlightEnd, FlightObserver, FlightOutcome, StopReason};
+use crate::run_hash::RunHasher;
+use crate::sample::Sample;
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::Simulation;
+use rotortwin_plant::sensing::instruments::{InstrumentModel, Instruments};
+use rotortwin_plant::simulation::parts::PARTS_PER_STEP;
+use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Fix, Readings};
+use rotortwin_wire::convert;
+use rotortwin_wire::frames::{CommandFrame, SensorFrame, Stamp};
+use rotortwin_wire::link::{FdiPeer, RunSetup};
+use rotortwin_wire::peers::FdiEnginePeer;
+use std::time::Instant;
+
+/// When the flight begins, and how long that may take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandOver {
+    /// Largest distance from the first point of the trajectory, m.
+    pub radius_m: f64,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+    /// For how long both have to hold, s of simulated time.
+    pub hold_s: f64,
+    /// Longest prelude, s of simulated time.
+    pub limit_s: f64,
+}
+
+impl Default for HandOver {
+    fn default() -> Self {
+        Self {
+            radius_m: 0.5,
+            speed_m_s: 0.3,
+            hold_s: 2.0,
+            limit_s: 600.0,
+        }
+    }
+}
+
+/// What a flight with an autopilot leaves besides that of any flight.
+#[derive(Clone, Debug)]
+pub struct AutopilotOutcome {
+    /// As for any flight.
+    pub flight: FlightOutcome,
+    /// Simulated time before the hand-over, s.
+    pub prelude_s: f64,
+}
+
+/// Flies `simulation`, which stands on the ground, with an autopilot to its end.
+pub fn fly(
+    simulation: &mut Simulation,
+    autopilot: &mut impl Autopilot,
+    setup: &RunSetup,
+    instruments: (&InstrumentModel, u64),
+    hand_over: HandOver,
+    observer: &mut impl FlightObserver,
+) -> AutopilotOutcome {
+    let mut flight = Flight {
+        run_id: setup.run_id,
+        instruments: Instruments::new(instruments.0, instruments.1),
+        parts_left: 0,
+        duty: [0.0; MAX_ROTORS],
+        hasher: RunHasher::new(simulation.rotor_count()),
+        steps: 0,
+        prelude_ns: 0,
+    };
+    let start = Instant::now();
+    let end = match flight.run(simulation, autopilot, setup, hand_over, observer) {
+        Ok(()) => FlightEnd::Done,
+        Err(StopReason::Canceled) => FlightEnd::Canceled,
+        Err(StopReason::Failed(failure)) => match observer.stop_requested() {
+            Some(StopReason::Canceled) => FlightEnd::Canceled,
+            Some(StopReason::Failed(reason)) => FlightEnd::Failed(reason),
+            None => FlightEnd::Failed(failure),
+        },
+    };
+    autopilot.finish();
+    AutopilotOutcome {
+        flight: FlightOutcome {
+            end,
+            steps: flight.steps,
+            run_hash: flight.hasher.digest(),
+            wall: start.elapsed(),
+            real_time: None,
+        },
+        prelude_s: flight.prelude_ns as f64 * 1e-9,
+    }
+}
+
+struct Flight {
+    run_id: u64,
+    instruments: Instruments,
+    /// Until the autopilot is asked again.
+    parts_left: u32,
+    duty: [f64; MAX_ROTORS],
+    hasher: RunHasher,
+    steps: u64,
+    prelude_ns: u64,
+}
+
+impl Flight {
+    fn run(
+        &mut self,
+        simulation: &mut Simulation,
+        autopilot: &mut impl Autopilot,
+        setup: &RunSetup,
+        hand_over: HandOver,
+        observer: &mut impl FlightObserver,
+    ) -> Result<(), StopReason> {
+        let refused = |peer: &str, sentence: String| StopReason::Failed(Failure::of(peer, sentence));
+        let mut fdi = FdiEnginePeer::default();
+        fdi.setup(&setup.fdi).map_err(|sentence| refused("fdi", sentence))?;
+        simulation
+            .begin_prelude()
+            .map_err(|refusal| refused("plant", refusal.to_string()))?;
+        self.prelude(simulation, autopilot, hand_over, observer)?;
+        simulation.hand_over();
+        autopilot.flight_begins();
+        observer.handed_over(self.prelude_ns as f64 * 1e-9);
+        while !simulation.done() {
+            stop_if_asked(observer)?;
+            self.step(simulation, autopilot, &mut fdi, observer)?;
+        }
+        Ok(())
+    }
+
+    fn prelude(
+        &mut self,
+        simulation: &mut Simulation,
+        autopilot: &mut impl Autopilot,
+        hand_over: HandOver,
+        observer: &mut impl FlightObserver,
+    ) -> Result<(), StopReason> {
+        let (mut still_ns, mut last_ns) = (0, 0);
+        loop {
+            stop_if_asked(observer)?;
+            for _ in 0..PARTS_PER_STEP {
+                self.part(simulation, autopilot)?;
+            }
+            report_mishaps(simulation, observer);
+            self.prelude_ns = simulation.elapsed_ns();
+            let away = distance_and_speed(simulation);
+            let near = away.0 < hand_over.radius_m && away.1 < hand_over.speed_m_s && !simulation.on_ground();
+            still_ns = if near {
+                still_ns + (self.prelude_ns - last_ns)
+            } else {
+                0
+            };
+            last_ns = self.prelude_ns;
+            if still_ns as f64 * 1e-9 >= hand_over.hold_s {
+                return Ok(());
+            }
+            if self.prelude_ns as f64 * 1e-9 > hand_over.limit_s {
+                let sentence = format!(
+                    "{} did not come to rest within {} m of the first point of the trajectory in {} s of simulated time: it is {:.1} m \
+                     away at {:.1} m/s{}",
+                    autopilot.identity().peer,
+                    hand_over.radius_m,
+                    hand_over.limit_s,
+                    away.0,
+                    away.1,
+                    if simulation.on_ground() { ", on the ground" } else { "" }
+                );
+                return Err(StopReason::Failed(Failure::of("controller", sentence)));
+            }
+        }
+    }
+
+    fn step(
+        &mut self,
+        simulation: &mut Simulation,
+        autopilot: &mut impl Autopilot,
+        fdi: &mut FdiEnginePeer,
+        observer: &mut impl FlightObserver,
+    ) -> Result<(), StopReason> {
+        let sensed = simulation.sense();
+        let stamp = Stamp {
+            run_id: self.run_id,
+            step: sensed.step,
+            sim_time_ns: sensed.sim_time_ns,
+        };
+        let sensors = SensorFrame::new(stamp, &sensed.nav, &sensed.reference, sensed.battery_voltage).canonical();
+        let truth = *simulation.truth();
+        let mut sum = [0.0; MAX_ROTORS];
+        for _ in 0..PARTS_PER_STEP {
+            self.part(simulation, autopilot)?;
+            for (sum, duty) in sum.iter_mut().zip(&self.duty) {
+                *sum += duty;
+            }
+        }
+        let command = CommandFrame {
+            stamp,
+            duty: sum.map(|duty| (duty / f64::from(PARTS_PER_STEP)) as f32),
+            ..CommandFrame::default()
+        }
+        .canonical();
+        let rotors = simulation.rotor_count();
+        let nonsense =
+            |peer: &str, error: convert::ConvertError| StopReason::Failed(Failure::of(peer, error.to_string()));
+        convert::check_sensors(&sensors).map_err(|error| nonsense("plant", error))?;
+        convert::check_command(&command, rotors).map_err(|error| nonsense("controller", error))?;
+        let mut report = fdi.step(&sensors, &command).canonical();
+        report.stamp = stamp;
+        convert::check_report(&report, rotors).map_err(|error| nonsense("fdi", error))?;
+        report_mishaps(simulation, observer);
+        let sample = Sample {
+            sensors,
+            command,
+            report,
+            truth,
+            specific_force_m_s2: sensed.specific_force_m_s2,
+        };
+        self.hasher.update(&sample);
+        self.steps += 1;
+        observer
+            .sample(&sample)
+            .map_err(|sentence| StopReason::Failed(Failure::of("plant", sentence)))
+    }
+
+    /// 0.5 ms, the autopilot being asked where it is due.
+    fn part(&mut self, simulation: &mut Simulation, autopilot: &mut impl Autopilot) -> Result<(), StopReason> {
+        if self.parts_left == 0 {
+            self.duty = autopilot.exchange(&self.readings(simulation))?;
+            self.parts_left = autopilot.interval_parts().max(1);
+        }
+        self.parts_left -= 1;
+        simulation.advance_part(&self.duty)?;
+        Ok(())
+    }
+
+    fn readings(&mut self, simulation: &Simulation) -> Readings {
+        let sample = simulation.measure(&mut self.instruments);
+        let truth = simulation.truth();
+        Readings {
+            time_ns: sample.time_ns,
+            specific_force_m_s2: sample.specific_force_m_s2,
+            body_rates_rad_s: sample.body_rates_rad_s,
+            magnetic_field_gauss: sample.magnetic_field_gauss,
+            pressure_hpa: sample.pressure_hpa,
+            pressure_altitude_m: sample.pressure_altitude_m,
+            temperature_c: sample.temperature_c,
+            gps: sample.gps.map(|fix| Fix {
+                latitude_deg: fix.latitude_deg,
+                longitude_deg: fix.longitude_deg,
+                altitude_m: fix.altitude_m,
+                velocity_ned_m_s: fix.velocity_ned_m_s,
+            }),
+            range_m: sample.range_m,
+            position_ned_m: truth.position_ned_m,
+            velocity_ned_m_s: truth.velocity_ned_m_s,
+            attitude_rad: truth.attitude_rad,
+        }
+    }
+}
+
+fn stop_if_asked(observer: &mut impl FlightObserver) -> Result<(), StopReason> {
+    observer.stop_requested().map_or(Ok(()), Err)
+}
+
+fn report_mishaps(simulation: &mut Simulation, observer: &mut impl FlightObserver) {
+    let time_s = simulation.truth().sim_time_ns as f64 * 1e-9;
+    for event in simulation.take_ground_events() {
+        observer.mishap(time_s, event);
+    }
+}
+
+/// From the first point of the trajectory, m, and m/s.
+fn distance_and_speed(simulation: &Simulation) -> (f64, f64) {
+    let truth = simulation.truth();
+    let first = simulation.first_point();
+    let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let away = [0, 1, 2].map(|i| truth.position_ned_m[i] - first[i]);
+    (length(away), length(truth.velocity_ned_m_s))
+}
+
+impl From<AutopilotError> for StopReason {
+    fn from(error: AutopilotError) -> Self {
+        if error.stopped {
+            return Self::Canceled;
+        }
+        let failure = Failure::of("controller", error.sentence);
+        Self::Failed(Failure {
+            silence: error.silence,
+            lost: error.lost,
+            ..failure
+        })
+    }
+}

@@ -1,0 +1,49 @@
+//! From a scenario to what the peers of a flight are told before its first step.
+
+use crate::run_hash::model_hash;
+use rotortwin_plant::Simulation;
+use rotortwin_scenario::Scenario;
+use rotortwin_wire::link::RunSetup;
+use rotortwin_wire::setup::{self, Trim};
+
+/// What the peers of a run are told before step 0. `simulation` is at its first step.
+pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> RunSetup {
+    let trim = scenario.starts_trimmed().then(|| Trim {
+        duty: simulation.hover_duty(),
+        battery_voltage: simulation.truth().battery_voltage_v as f32,
+    });
+    let network = scenario.classifier().map(|classifier| {
+        setup::network_setup(
+            classifier.inputs.rotor_count,
+            &classifier.network_weights(),
+            classifier.inputs.self_calibrated,
+        )
+    });
+    RunSetup {
+        run_id,
+        scenario: scenario.name().to_owned(),
+        model_hash: model_hash(scenario),
+        step_count: scenario.duration_steps(),
+        controller: setup::controller_setup(&scenario.controller_config(), trim),
+        fdi: setup::fdi_setup(&scenario.fdi_config(), network),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenario_network_reaches_the_fdi_engine_bit_for_bit() {
+        for (name, self_calibrated) in [("reference-flight", false), ("lag-aware-reference-flight", true)] {
+            let path = format!("{}/../../config/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+            let scenario = Scenario::load(path).expect("a good scenario");
+            let simulation = scenario.simulation(1).expect("a good scenario");
+            let sent = run_setup(&scenario, &simulation, 1).fdi;
+            let received = setup::fdi_config(&sent).expect("good parameters");
+            let network = received.network.expect("the scenario names a classifier");
+            assert_eq!(Some(network), scenario.fdi_config().network);
+            assert_eq!(network.self_calibrated(), self_calibrated);
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! Blind benches: logs with hidden effects from a foreign simulator, each diagnosed, and the answers scored.
+
+use rotortwin_blind::bench::cases::Preset;
+use serde::{Deserialize, Serialize};
+use std::num::NonZeroUsize;
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// A blind bench, or some of its cases. What its folder holds already is not done again: over the rows of all parts it only makes the score.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BlindBench {
+    /// What is to be shown: one after the other.
+    pub presets: Vec<Preset>,
+    /// Cases of each preset.
+    pub n: usize,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Vehicle documents, taken in turn.
+    pub vehicles: Vec<String>,
+    /// Length of a flight, s.
+    pub duration_s: f64,
+    /// Folder of the results; a bench that was stopped is continued there.
+    pub out: PathBuf,
+    /// Only these cases, counted over all presets; unset: all, and the score.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cases: Option<Range<u64>>,
+    /// Processes at a time; unset: 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub processes: Option<NonZeroUsize>,
+}

@@ -1,0 +1,105 @@
+//! A model held against flights.
+//!
+//! `logs` are flight logs of any source, or run folders; `LOG@35:65` takes only these seconds, `LOG@NAME` a segment. A model is named as on
+//! the command line: `MODEL`, `MODEL@BRANCH` or `MODEL@v2` of the folder `models`, or the path of a version or vehicle file.
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Models held against flights: where, when and how much they disagree.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// The flights.
+    pub logs: Vec<PathBuf>,
+    /// The models.
+    pub model: Vec<String>,
+    /// What to call them in the result, one for each; empty: their names.
+    #[serde(default)]
+    pub label: Vec<String>,
+    /// Folder of the models.
+    pub models: PathBuf,
+    /// Folder for the report and its files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+}
+
+/// Which effects a model lacks on flights of one vehicle.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// The flights.
+    pub logs: Vec<PathBuf>,
+    /// The model.
+    pub model: String,
+    /// Folder of the models.
+    pub models: PathBuf,
+    /// Effect documents of the caller's own that may be named, too.
+    #[serde(default)]
+    pub effects: Vec<PathBuf>,
+    /// Healthy flights of the same vehicle; none, or three at least.
+    #[serde(default)]
+    pub baseline: Vec<PathBuf>,
+    /// Folder for the diagnosis and what it proposes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+}
+
+/// Compare, diagnose, add what is missing, compare again, until the model agrees or the reason why it does not is known.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Improvement {
+    /// Flights of one vehicle to learn from.
+    pub logs: Vec<PathBuf>,
+    /// Flights of the same vehicle that no fit sees.
+    #[serde(default)]
+    pub held_out: Vec<PathBuf>,
+    /// `MODEL` or `MODEL@BRANCH`; a vehicle file begins a model of its name.
+    pub model: String,
+    /// Folder of the models; accepted versions are kept there.
+    pub models: PathBuf,
+    /// What is really missing, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truth: Option<PathBuf>,
+    /// Folder for the report and its files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+    /// File for the version that it ends with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub final_version: Option<PathBuf>,
+}
+
+/// A vehicle from flight logs, mass and arm: `vehicle.toml`, its blades and its intervals.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identification {
+    /// Flights of one vehicle.
+    pub logs: Vec<PathBuf>,
+    /// With battery, kg.
+    pub mass_kg: f64,
+    /// From the centre to the furthest rotor, m.
+    pub arm_m: f64,
+    /// Frame, where the log does not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<String>,
+    /// Of the battery, A h.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capacity_ah: Option<f64>,
+    /// Cells in series.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cells: Option<u32>,
+    /// Fit each half of each flight and score it on the other.
+    #[serde(default)]
+    pub held_out: bool,
+    /// `NAME.toml`, the document of the vehicle; its blades and intervals stand beside it.
+    pub out: PathBuf,
+}
+
+/// The manoeuvre that would tell two effects apart.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NextFlight {
+    /// The model as it stands.
+    pub model: String,
+    /// Folder of the models.
+    pub models: PathBuf,
+    /// The two effects: `mass`, `rotor-thrust-scale#3`.
+    pub between: [String; 2],
+    /// File for the best manoeuvre as a scenario.
+    pub out: PathBuf,
+}

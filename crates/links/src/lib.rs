@@ -1,0 +1,18 @@
+//! Links between processes: what carries the messages of `rotortwin-wire` to another process or host.
+//!
+//! * [`endpoint`]: one process's end of a link, and all that does not depend on the transport: hand-shake, order, time-outs, deaths;
+//! * [`iox2`]: shared memory between processes of one host (iceoryx2);
+//! * [`zenoh`]: TCP between hosts, with or without a router, TLS and credentials;
+//! * [`topics`]: other topics of zenoh, for services that are not part of a flight.
+//!
+//! The link within one process is `rotortwin_wire::link::in_process`; a campaign needs no other and does not compile this crate.
+//! All give the same answers, so a run has the same hash over each of them: `tests/conformance.rs`.
+
+pub mod endpoint;
+pub mod iox2;
+mod shared_frame;
+pub mod topics;
+mod watch;
+pub mod zenoh;
+
+pub use watch::host_name;

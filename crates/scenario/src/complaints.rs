@@ -1,0 +1,214 @@
+//! All that is wrong with a document at once, where reading it stops at the first.
+//!
+//! The reader is asked again and again: each time the value that it complained about is put right, with that of a document known to be
+//! good, or is left out. What it says then is about the user's other values. A complaint that the repair itself could have caused (the
+//! same key again) is not listed; where nothing can be put right, the list ends, and more may be found later.
+
+use crate::error::ConfigError;
+use crate::toml_document::{Document, at, index, join};
+use rotortwin_plant::error::Refusal;
+use std::collections::{BTreeMap, BTreeSet};
+use toml::{Table, Value};
+
+/// A list of complaints ends here.
+const MOST_COMPLAINTS: usize = 50;
+
+/// Every complaint about a text that `check` has, in the order of checking; empty: it is good.
+///
+/// `name` is what the complaints of `check` call the text; `good` is a document of the same kind whose values may stand in.
+pub fn complaints(
+    name: &str,
+    text: &str,
+    good: &str,
+    check: impl Fn(&str) -> Result<(), ConfigError>,
+) -> Vec<ConfigError> {
+    let Err(first) = check(text) else {
+        return Vec::new();
+    };
+    let (Ok(original), Ok(table)) = (Document::from_text(name, text), text.parse::<Table>()) else {
+        return vec![first];
+    };
+    let mut patient = Patient {
+        root: Value::Table(table),
+        good: Value::Table(good.parse().unwrap_or_default()),
+        left_out: BTreeMap::new(),
+        treated: BTreeSet::new(),
+    };
+    let mut found: Vec<ConfigError> = Vec::new();
+    let mut next = Some(first);
+    while let Some(error) = next.filter(|_| found.len() < MOST_COMPLAINTS) {
+        let Some(key) = error.key().filter(|_| error.file() == name) else {
+            found.push(error);
+            break;
+        };
+        let path = parts(key);
+        let told = join(&patient.as_written(&path));
+        if !found.iter().any(|other| other.key() == Some(&told)) {
+            found.push(original.refuse(Refusal::new(told, error.reason())));
+        }
+        if !patient.treat(&path) {
+            break;
+        }
+        let Ok(changed) = toml::to_string(&patient.root) else {
+            break;
+        };
+        next = check(&changed).err();
+    }
+    found
+}
+
+/// A document that is being put right.
+struct Patient {
+    root: Value,
+    good: Value,
+    /// Entries of lists that were left out, by the list's path: indices as the user wrote them.
+    left_out: BTreeMap<String, BTreeSet<usize>>,
+    /// Paths that were put right; complained about again, what holds them is left out.
+    treated: BTreeSet<String>,
+}
+
+impl Patient {
+    /// Puts the value at a path right; `false`: it cannot be.
+    fn treat(&mut self, path: &[String]) -> bool {
+        for length in (1..=path.len()).rev() {
+            let (holder, last) = (&path[..length - 1], &path[length - 1]);
+            if !self.treated.insert(join(&self.as_written(&path[..length]))) {
+                continue;
+            }
+            let stand_in = at(&mut self.good, &path[..length]).cloned();
+            let here = at(&mut self.root, &path[..length]).cloned();
+            if let Some(stand_in) = stand_in
+                && Some(&stand_in) != here.as_ref()
+                && index(last).is_none()
+                && let Some(Value::Table(table)) = at(&mut self.root, holder)
+            {
+                table.insert(last.clone(), stand_in);
+                // Should it be complained about again, it is left out.
+                return true;
+            }
+            if here.is_some() && self.leave_out(holder, last) {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn leave_out(&mut self, holder: &[String], last: &str) -> bool {
+        let list = join(&self.as_written(holder));
+        let as_written = index(last).map(|i| self.index_as_written(&list, i));
+        match (at(&mut self.root, holder), index(last)) {
+            (Some(Value::Table(table)), None) => table.remove(last).is_some(),
+            (Some(Value::Array(items)), Some(i)) if i < items.len() => {
+                items.remove(i);
+                self.left_out.entry(list).or_default().extend(as_written);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// A path in the changed document, as it was in the user's.
+    fn as_written(&self, path: &[String]) -> Vec<String> {
+        let mut written: Vec<String> = Vec::with_capacity(path.len());
+        for part in path {
+            let part = match index(part) {
+                Some(i) => format!("[{}]", self.index_as_written(&join(&written), i)),
+                None => part.clone(),
+            };
+            written.push(part);
+        }
+        written
+    }
+
+    fn index_as_written(&self, list: &str, index: usize) -> usize {
+        let none = BTreeSet::new();
+        let left_out = self.left_out.get(list).unwrap_or(&none);
+        (0..).filter(|i| !left_out.contains(i)).nth(index).unwrap_or(index)
+    }
+}
+
+/// `fault[0].rotor` as `fault`, `[0]`, `rotor`.
+fn parts(key: &str) -> Vec<String> {
+    key.replace('[', ".[")
+        .split('.')
+        .filter(|part| !part.is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{Scenario, VehicleDocuments};
+    use std::path::Path;
+
+    fn config(path: &str) -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(path)
+    }
+
+    fn of_scenario(text: &str) -> Vec<(Option<usize>, String)> {
+        Scenario::complaints(text, config("scenarios"))
+            .iter()
+            .map(|error| (error.line(), error.key().unwrap_or_default().to_owned()))
+            .collect()
+    }
+
+    #[test]
+    fn val_good_documents_have_no_complaint() {
+        let text = std::fs::read_to_string(config("scenarios/reference-flight.toml")).expect("readable");
+        assert_eq!(of_scenario(&text), []);
+        let text = std::fs::read_to_string(config("vehicles/octo-x.toml")).expect("readable");
+        assert_eq!(VehicleDocuments::complaints(&text, config("vehicles")), []);
+    }
+
+    #[test]
+    fn val_every_mistake_of_a_scenario_is_told_with_its_line() {
+        let text = "name = \"wrong\"\n\
+            description = \"five mistakes\"\n\
+            vehicle = \"../vehicles/f550.toml\"\n\
+            duration_s = -3.0\n\
+            colour = \"red\"\n\
+            [trajectory]\n\
+            kind = \"hover\"\n\
+            position_ned_m = [0.0, 0.0, 0.0]\n\
+            [initial]\n\
+            state_of_charge = 3.0\n\
+            [[fault]]\n\
+            time_s = 5.0\n\
+            rotor = 1\n\
+            blade = \"none-such\"\n\
+            [[fault]]\n\
+            time_s = 6.0\n\
+            rotor = 17\n\
+            blade = \"b\"\n";
+        let mut found = of_scenario(text);
+        found.sort();
+        let expected = [
+            (Some(4), "duration_s"),
+            (Some(5), "colour"),
+            (Some(10), "initial.state_of_charge"),
+            (Some(14), "fault[0].blade"),
+            (Some(17), "fault[1].rotor"),
+        ];
+        assert_eq!(found, expected.map(|(line, key)| (line, key.to_owned())));
+    }
+
+    #[test]
+    fn val_every_mistake_of_a_vehicle_is_told() {
+        let text = std::fs::read_to_string(config("vehicles/f550.toml")).expect("readable");
+        let text = text
+            .replacen("mass_kg = ", "mass_kg = -", 1)
+            .replacen("resistance_ohm = ", "resistance_ohm = -", 1);
+        let found = VehicleDocuments::complaints(&text, config("vehicles"));
+        let keys: Vec<&str> = found.iter().filter_map(|error| error.key()).collect();
+        assert_eq!(keys.len(), 2, "{found:?}");
+        assert!(keys.iter().any(|key| key.ends_with("mass_kg")), "{keys:?}");
+        assert!(keys.iter().any(|key| key.ends_with("resistance_ohm")), "{keys:?}");
+    }
+
+    #[test]
+    fn val_what_is_no_toml_has_one_complaint() {
+        let found = Scenario::complaints("name = ", config("scenarios"));
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].line(), Some(1));
+    }
+}

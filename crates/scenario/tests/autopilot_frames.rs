@@ -1,0 +1,58 @@
+//! Outputs of autopilots on shipped vehicles.
+#![expect(clippy::unwrap_used, reason = "a test that cannot read the configuration has failed")]
+
+use rotortwin_plant::vehicle::model::VehicleModel;
+use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
+use std::path::Path;
+
+fn vehicle(name: &str) -> VehicleModel {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/vehicles/{name}.toml"));
+    toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn val_channels_of_a_hexarotor_x_are_those_observed_in_flight() {
+    let expected = [
+        (AutopilotKind::ArduPilot, [2, 5, 6, 3, 1, 4]),
+        (AutopilotKind::Px4, [2, 5, 6, 3, 1, 4]),
+        (AutopilotKind::Betaflight, [3, 1, 4, 6, 2, 5]),
+    ];
+    for (autopilot, numbers) in expected {
+        let (frame, rotors) = AutopilotFrame::of_vehicle(autopilot, &vehicle("f550")).unwrap();
+        let found: Vec<usize> = rotors.iter().map(|rotor| rotor + 1).collect();
+        assert_eq!(found, numbers, "{}", frame.name);
+    }
+}
+
+#[test]
+fn val_a_vehicle_without_a_frame_is_named() {
+    let sentence = AutopilotFrame::of_vehicle(AutopilotKind::Px4, &vehicle("octo-x")).unwrap_err();
+    assert_eq!(
+        sentence,
+        "no frame of PX4 fits the vehicle Octo X (px4-hexa-x: it has 6 motors, the vehicle 8)"
+    );
+}
+
+#[test]
+fn val_bad_frames_are_refused_with_line_and_key() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/autopilots/px4-hexa-x.toml");
+    let good = std::fs::read_to_string(path).unwrap();
+    let said = |from: &str, to: &str| {
+        assert!(good.contains(from));
+        AutopilotFrame::parse("frame", &good.replacen(from, to, 1))
+            .unwrap_err()
+            .to_string()
+    };
+    assert_eq!(
+        said("channel = 2", "channel = 1"),
+        "frame, line 19, key `motor[1].channel`: expected each channel from 1 to 6 once, got 1"
+    );
+    assert_eq!(
+        said("max_us = 2000.0", "max_us = 900.0"),
+        "frame, line 10, key `pulse.max_us`: expected a number from 1100 to 2500 µs, got 900"
+    );
+    assert_eq!(
+        said("spin = \"cw\"", "spin = \"left\""),
+        "frame, line 16, key `motor[0].spin`: expected one of ccw, cw, got `left`"
+    );
+}

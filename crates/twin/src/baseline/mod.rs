@@ -1,0 +1,364 @@
+//! Trim: a flight held against healthy flights of the same vehicle by the mean thrust that each rotor is asked for.
+//!
+//! ```text
+//! logs ─▶ thrust of the model from duties and voltage ─▶ mean of each rotor in flight ─▶ ln of it over the healthy mean
+//!      ─▶ likelihood under the spread of the healthy flights ─▶ posterior of: nothing, one rotor, mass, a load at a place
+//! ```
+//! A vehicle that does not tumble has no mean torque: whatever a rotor lost, its command makes good for. On a quadrotor a rotor with
+//! the gain 1 + s is asked for 1/(1 + s) of its thrust and the others for what they had; a load asks all of them. So neither rates nor
+//! accelerometer are needed, and errors of the model that every flight has (mass, thrust map, rotors that differ by 14 %) cancel.
+//!
+//! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated from them, so the
+//! likelihood is Student's t. Several logs that are diagnosed together count as one flight: the spread between sessions is larger than
+//! within, and one session has one of it.
+//!
+//! Limits: an effect that moves no mean stays unseen; of more than four rotors it is assumed that commands are allocated by the
+//! pseudo-inverse; a common change of all rotors is called mass, be it air, voltage or propellers.
+
+mod posterior;
+
+use rotortwin_plant::effects::{Constants, ParameterDeclaration, catalogue};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::estimation::parameters::{FittedParameter, parameters_of};
+use crate::log::FlightLog;
+use crate::model::ModelVersion;
+use crate::predict::{PredictError, Predictor, VehicleSize, allocation};
+
+use posterior::{Spread, Weighed};
+
+/// Fewest healthy flights that tell a spread.
+pub const LEAST_BASELINE: usize = 3;
+/// Posterior from which an answer is named.
+pub const NAMED: f64 = 0.95;
+/// Steps and largest share of the search for the smallest loss of a rotor that would be named.
+const LOSS_STEPS: usize = 60;
+const LOSS_STEP: f64 = 0.01;
+/// Fixed-point steps of the balance with another gain; the error shrinks by the gain's change each time.
+const BALANCE_STEPS: usize = 60;
+
+/// Something that may have changed.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = TrimChange)]
+pub struct Change {
+    /// Id of the effect in the catalogue; for a load `mass` with `centre-of-mass`.
+    pub effect: String,
+    /// Rotor, from 1.
+    pub rotor: Option<usize>,
+    /// In words.
+    pub label: String,
+    /// Posterior probability.
+    pub posterior: f64,
+    /// Its parameters.
+    pub parameters: Vec<FittedParameter>,
+}
+
+/// The answer.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Trim {
+    /// In words.
+    pub sentence: String,
+    /// What is named: the fewest that together have [`NAMED`]; none if nothing has changed.
+    pub named: Vec<Change>,
+    /// All that may have changed, most probable first.
+    pub ranking: Vec<Change>,
+    /// Posterior probability that nothing has changed.
+    pub unchanged: f64,
+    /// Thrust asked of each rotor over that of the healthy flights, less 1.
+    pub thrust_change: Vec<f64>,
+    /// Spread of healthy flights, relative: common to all rotors, and of a rotor beside that.
+    pub spread: [f64; 2],
+    /// Healthy flights.
+    pub baseline: Vec<String>,
+    /// Smallest loss of one rotor that would be named, whichever rotor it is; none up to 60 %.
+    pub smallest_loss: Option<f64>,
+}
+
+/// What a candidate changes.
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Rotor(usize),
+    Mass,
+    Load,
+}
+
+/// The balance of a vehicle about the healthy mean thrusts.
+struct Balance<'a> {
+    healthy: &'a [f64],
+    constants: &'a Constants,
+}
+
+impl Balance<'_> {
+    /// Part of a change of thrusts that changes force or torque, as the allocation makes good for it.
+    fn seen(&self, change: &[f64]) -> Vec<f64> {
+        let (mut force, mut torque) = (0.0, [0.0; 3]);
+        for (i, x) in change.iter().enumerate() {
+            let [rx, ry, _] = self.constants.rotor_position_body[i];
+            force += x;
+            torque[0] -= ry * x;
+            torque[1] += rx * x;
+            torque[2] += self.constants.rotor_spin[i] * self.constants.moment_ratio_m[i] * x;
+        }
+        self.allocated(force, torque)
+    }
+
+    /// Thrusts for a further force and torque.
+    fn allocated(&self, force: f64, torque: [f64; 3]) -> Vec<f64> {
+        // About a large thrust, where no rotor is held at 0.
+        let total: f64 = 1e3 * self.healthy.iter().sum::<f64>();
+        let allocate = allocation(self.constants);
+        let (with, without) = (allocate(total + force, torque), allocate(total, [0.0; 3]));
+        with.iter().zip(&without).map(|(a, b)| a - b).collect()
+    }
+
+    /// ln of thrust asked for over healthy thrust, rotor by rotor.
+    fn signature(&self, kind: Kind, values: &[f64]) -> Vec<f64> {
+        let total: f64 = self.healthy.iter().sum();
+        let asked: Vec<f64> = match kind {
+            Kind::Rotor(rotor) => {
+                let mut asked = self.healthy.to_vec();
+                for _ in 0..BALANCE_STEPS {
+                    let mut missing = vec![0.0; asked.len()];
+                    missing[rotor] = values[0] * asked[rotor];
+                    asked = self
+                        .healthy
+                        .iter()
+                        .zip(self.seen(&missing))
+                        .map(|(f, x)| f - x)
+                        .collect();
+                }
+                asked
+            }
+            Kind::Mass => self.healthy.iter().map(|f| f * (1.0 + values[0])).collect(),
+            Kind::Load => {
+                let [share, forward, right] = [values[0], values[1], values[2]];
+                let more = self.allocated(total * share, [-total * right, total * forward, 0.0]);
+                self.healthy.iter().zip(more).map(|(f, x)| f + x).collect()
+            }
+        };
+        asked
+            .iter()
+            .zip(self.healthy)
+            .map(|(a, f)| (a / f).max(1e-3).ln())
+            .collect()
+    }
+}
+
+/// A candidate with the declared parameters that it moves.
+struct Candidate {
+    kind: Kind,
+    effect: &'static str,
+    parameters: Vec<ParameterDeclaration>,
+}
+
+fn candidates(rotors: usize, size: &VehicleSize) -> Vec<Candidate> {
+    let of = |ids: &[&'static str]| {
+        ids.iter()
+            .filter_map(|id| catalogue().iter().find(|d| d.id == *id))
+            .flat_map(|d| size.parameters(d))
+            .collect::<Vec<_>>()
+    };
+    let mut all: Vec<Candidate> = (0..rotors)
+        .map(|rotor| Candidate {
+            kind: Kind::Rotor(rotor),
+            effect: "rotor-thrust-scale",
+            parameters: of(&["rotor-thrust-scale"]),
+        })
+        .collect();
+    all.push(Candidate {
+        kind: Kind::Mass,
+        effect: "mass",
+        parameters: of(&["mass"]),
+    });
+    all.push(Candidate {
+        kind: Kind::Load,
+        effect: "mass with centre-of-mass",
+        parameters: of(&["mass", "centre-of-mass"]),
+    });
+    all
+}
+
+/// Holds flights against healthy flights of the same vehicle.
+///
+/// # Errors
+/// One sentence: fewer than [`LEAST_BASELINE`] healthy flights, or a log without the inputs of the rotors.
+pub fn trim(logs: &[FlightLog], healthy: &[FlightLog], model: &ModelVersion) -> Result<Trim, PredictError> {
+    if healthy.len() < LEAST_BASELINE {
+        return Err(PredictError(format!(
+            "expected at least {LEAST_BASELINE} healthy flights as a baseline, because their spread is what tells a change, got {}",
+            healthy.len()
+        )));
+    }
+    if logs.is_empty() {
+        return Err(PredictError("expected at least one log, got none".into()));
+    }
+    let documents = model.documents();
+    let (instances, effects) = (model.instances(), model.catalogue()?);
+    let mut nominal = None;
+    let mut mean_of = |log: &FlightLog| -> Result<Vec<f64>, PredictError> {
+        let predictor = Predictor::new(&documents, &instances, &effects, log)?;
+        let (mean, _) = predictor.mean_thrust()?;
+        if mean.iter().any(|f| f.is_nan() || *f <= 0.0) {
+            return Err(PredictError(format!(
+                "{}: expected every rotor to lift in the mean, got {mean:.3?} N",
+                log.name
+            )));
+        }
+        nominal.get_or_insert_with(|| (predictor.nominal, predictor.vehicle_size()));
+        Ok(mean)
+    };
+    let baseline: Vec<Vec<f64>> = healthy.iter().map(&mut mean_of).collect::<Result<_, _>>()?;
+    let flown: Vec<Vec<f64>> = logs.iter().map(&mut mean_of).collect::<Result<_, _>>()?;
+    let Some((constants, size)) = nominal else {
+        return Err(PredictError("expected at least one log, got none".into()));
+    };
+    let mut found = weigh(&flown, &baseline, &constants, &size);
+    found.baseline = healthy.iter().map(|log| log.name.clone()).collect();
+    Ok(found)
+}
+
+/// Mean of logarithms, rotor by rotor.
+fn log_mean(flights: &[Vec<f64>]) -> Vec<f64> {
+    let count = flights.len() as f64;
+    (0..flights[0].len())
+        .map(|i| flights.iter().map(|f| f[i].ln()).sum::<f64>() / count)
+        .collect()
+}
+
+fn weigh(flown: &[Vec<f64>], baseline: &[Vec<f64>], constants: &Constants, size: &VehicleSize) -> Trim {
+    let centre = log_mean(baseline);
+    let healthy: Vec<f64> = centre.iter().map(|x| x.exp()).collect();
+    let deviations: Vec<Vec<f64>> = baseline
+        .iter()
+        .map(|f| f.iter().zip(&centre).map(|(f, c)| f.ln() - c).collect())
+        .collect();
+    let spread = Spread::of(&deviations);
+    let balance = Balance {
+        healthy: &healthy,
+        constants,
+    };
+    let all = candidates(healthy.len(), size);
+    let data: Vec<f64> = log_mean(flown).iter().zip(&centre).map(|(a, c)| a - c).collect();
+    let (unchanged, weighed) = weigh_all(&data, &spread, &balance, &all);
+    let mut ranking: Vec<Change> = all.iter().zip(&weighed).map(|(c, (p, w))| change(c, *p, w)).collect();
+    ranking.sort_by(|a, b| b.posterior.total_cmp(&a.posterior));
+    let named = named(unchanged, &ranking);
+    let smallest_loss = smallest_loss(&spread, &balance, &all);
+    let mut trim = Trim {
+        sentence: String::new(),
+        named,
+        ranking,
+        unchanged,
+        thrust_change: data.iter().map(|x| x.exp() - 1.0).collect(),
+        spread: spread.relative(),
+        baseline: vec![String::new(); baseline.len()],
+        smallest_loss,
+    };
+    trim.sentence = sentence(&trim);
+    trim
+}
+
+/// Posterior that nothing has changed, and each candidate's with its fit. Nothing has one half of the prior, the candidates the rest.
+fn weigh_all(data: &[f64], spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> (f64, Vec<(f64, Weighed)>) {
+    let nothing = spread.log_likelihood(data);
+    let weighed: Vec<Weighed> = all
+        .iter()
+        .map(|one| {
+            // The whole plausible range within two deviations: a mean is one number, and a narrower prior would pull it to 0.
+            let wide = |p: &ParameterDeclaration| 0.5 * p.plausible_low.abs().max(p.plausible_high.abs());
+            let sizes: Vec<f64> = one.parameters.iter().map(wide).collect();
+            posterior::weigh(data, spread, &sizes, &|values| balance.signature(one.kind, values))
+        })
+        .collect();
+    let share = 1.0 / all.len() as f64;
+    let odds: Vec<f64> = weighed
+        .iter()
+        .map(|w| share * (w.log_evidence - nothing).exp())
+        .collect();
+    let total: f64 = 1.0 + odds.iter().sum::<f64>();
+    let weighed = odds.iter().zip(weighed).map(|(o, w)| (o / total, w)).collect();
+    (1.0 / total, weighed)
+}
+
+fn change(candidate: &Candidate, posterior: f64, weighed: &Weighed) -> Change {
+    let rotor = match candidate.kind {
+        Kind::Rotor(rotor) => Some(rotor + 1),
+        _ => None,
+    };
+    let label = match candidate.kind {
+        Kind::Rotor(rotor) => format!("thrust of rotor {}", rotor + 1),
+        Kind::Mass => "mass, or the thrust of all rotors".to_owned(),
+        Kind::Load => "a load at a place".to_owned(),
+    };
+    Change {
+        effect: candidate.effect.to_owned(),
+        rotor,
+        label,
+        posterior,
+        parameters: parameters_of(&candidate.parameters, &weighed.values, &weighed.deviations),
+    }
+}
+
+/// The fewest changes that together have [`NAMED`]; none if that nothing has changed is not improbable.
+fn named(unchanged: f64, ranking: &[Change]) -> Vec<Change> {
+    if unchanged > 1.0 - NAMED {
+        return Vec::new();
+    }
+    let mut named = Vec::new();
+    let mut sum = 0.0;
+    for one in ranking {
+        sum += one.posterior;
+        named.push(one.clone());
+        if sum >= NAMED {
+            break;
+        }
+    }
+    named
+}
+
+/// Smallest loss that would be named on every rotor, if all else is as in the healthy mean.
+fn smallest_loss(spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> Option<f64> {
+    let shown = |rotor: usize, loss: f64| {
+        let data = balance.signature(Kind::Rotor(rotor), &[-loss]);
+        weigh_all(&data, spread, balance, all).1[rotor].0 >= NAMED
+    };
+    let rotors = balance.healthy.len();
+    (1..=LOSS_STEPS)
+        .map(|step| step as f64 * LOSS_STEP)
+        .find(|&loss| (0..rotors).all(|rotor| shown(rotor, loss)))
+}
+
+fn sentence(trim: &Trim) -> String {
+    let count = trim.baseline.len();
+    let told = |one: &Change| {
+        let values: Vec<String> = one
+            .parameters
+            .iter()
+            .map(|p| {
+                format!("{} = {:.3} ± {:.3} {}", p.symbol, p.value, p.interval_95, p.unit)
+                    .trim_end()
+                    .to_owned()
+            })
+            .collect();
+        format!("{} ({})", one.label, values.join(", "))
+    };
+    match trim.named.as_slice() {
+        [] => format!(
+            "Against {count} healthy flights nothing has changed for certain (probability of no change {:.0} %).",
+            100.0 * trim.unchanged
+        ),
+        [one] => format!(
+            "Against {count} healthy flights changed: {}, probability {:.1} %.",
+            told(one),
+            100.0 * one.posterior
+        ),
+        several => format!(
+            "Against {count} healthy flights something changed, and these flights cannot tell {}.",
+            several.iter().map(told).collect::<Vec<_>>().join(" from ")
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,160 @@
+//! Likelihood of a trim under the spread of healthy flights, and the evidence of a candidate.
+//!
+//! The deviation z of ln thrust of n rotors from the healthy mean is taken as a common part c (mean of z) and a rest d. With spreads
+//! s_c and s_d estimated from K flights (K − 1 and (K − 1)(n − 1) degrees of freedom), and the mean itself uncertain by a K-th, both
+//! are Student's t:
+//!
+//! ```text
+//! ln p = −(ν_c + 1)/2 ln(1 + n c²/(ν_c S_c²)) − (ν_d + n − 1)/2 ln(1 + |d|²/(ν_d S_d²)),   S² = s² (1 + 1/K)
+//! ```
+//! up to a constant. A candidate's parameters have normal priors; the evidence is Laplace's about the mode,
+//! which iteratively reweighted least squares find.
+
+use crate::estimation::dense::Matrix;
+
+/// Least spread, relative: no two flights are known to be more alike.
+const LEAST_SPREAD: f64 = 0.005;
+/// Iterations of the reweighted least squares.
+const STEPS: usize = 30;
+/// Step of the differences in prior deviations.
+const STEP: f64 = 0.01;
+
+/// Spread of healthy flights.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spread {
+    rotors: f64,
+    flights: f64,
+    /// Variance of √n c and of each dimension of d.
+    common: f64,
+    rest: f64,
+}
+
+/// Mode, deviations and evidence of a candidate.
+#[derive(Debug, Clone)]
+pub(super) struct Weighed {
+    pub(super) values: Vec<f64>,
+    pub(super) deviations: Vec<f64>,
+    pub(super) log_evidence: f64,
+}
+
+/// n c², |d|².
+fn parts(z: &[f64]) -> (f64, f64) {
+    let n = z.len() as f64;
+    let mean = z.iter().sum::<f64>() / n;
+    (n * mean * mean, z.iter().map(|x| (x - mean) * (x - mean)).sum())
+}
+
+impl Spread {
+    /// From deviations from their mean.
+    pub(super) fn of(deviations: &[Vec<f64>]) -> Self {
+        let (flights, rotors) = (deviations.len() as f64, deviations[0].len() as f64);
+        let (mut common, mut rest) = (0.0, 0.0);
+        for one in deviations {
+            let (c, d) = parts(one);
+            common += c;
+            rest += d;
+        }
+        let least = LEAST_SPREAD * LEAST_SPREAD;
+        Self {
+            rotors,
+            flights,
+            common: (common / (flights - 1.0)).max(rotors * least),
+            rest: (rest / ((flights - 1.0) * (rotors - 1.0))).max(least),
+        }
+    }
+
+    /// Standard deviations of the common factor and of a rotor beside it.
+    pub(super) fn relative(&self) -> [f64; 2] {
+        [(self.common / self.rotors).sqrt(), self.rest.sqrt()]
+    }
+
+    /// ν S² and exponent of both parts.
+    fn scales(&self) -> [(f64, f64); 2] {
+        let wide = 1.0 + 1.0 / self.flights;
+        let (own, rest) = (self.flights - 1.0, (self.flights - 1.0) * (self.rotors - 1.0));
+        [
+            (own * self.common * wide, own + 1.0),
+            (rest * self.rest * wide, rest + self.rotors - 1.0),
+        ]
+    }
+
+    pub(super) fn log_likelihood(&self, z: &[f64]) -> f64 {
+        let (c, d) = parts(z);
+        let [(scale_c, power_c), (scale_d, power_d)] = self.scales();
+        -0.5 * power_c * (1.0 + c / scale_c).ln() - 0.5 * power_d * (1.0 + d / scale_d).ln()
+    }
+
+    /// Precisions of both parts at a residual, as of the normal distribution with the same gradient there.
+    fn precisions(&self, z: &[f64]) -> (f64, f64) {
+        let (c, d) = parts(z);
+        let [(scale_c, power_c), (scale_d, power_d)] = self.scales();
+        (power_c / (scale_c + c), power_d / (scale_d + d))
+    }
+}
+
+/// aᵀ W b with W of the precisions of both parts.
+fn product(a: &[f64], b: &[f64], (common, rest): (f64, f64)) -> f64 {
+    let n = a.len() as f64;
+    let (mean_a, mean_b) = (a.iter().sum::<f64>() / n, b.iter().sum::<f64>() / n);
+    let inner: f64 = a.iter().zip(b).map(|(x, y)| (x - mean_a) * (y - mean_b)).sum();
+    common * n * mean_a * mean_b + rest * inner
+}
+
+/// Fits a candidate whose parameters have prior deviations `sizes`.
+pub(super) fn weigh(data: &[f64], spread: &Spread, sizes: &[f64], signature: &dyn Fn(&[f64]) -> Vec<f64>) -> Weighed {
+    let count = sizes.len();
+    let residual = |at: &[f64]| -> Vec<f64> {
+        let values: Vec<f64> = at.iter().zip(sizes).map(|(x, s)| x * s).collect();
+        data.iter().zip(signature(&values)).map(|(z, m)| z - m).collect()
+    };
+    let log_posterior = |at: &[f64], r: &[f64]| spread.log_likelihood(r) - 0.5 * at.iter().map(|x| x * x).sum::<f64>();
+    let mut at = vec![0.0; count];
+    let mut r = residual(&at);
+    let mut precision = Matrix::zero(count);
+    for _ in 0..STEPS {
+        let weights = spread.precisions(&r);
+        let columns: Vec<Vec<f64>> = (0..count)
+            .map(|j| {
+                let mut moved = at.clone();
+                moved[j] += STEP;
+                r.iter().zip(residual(&moved)).map(|(a, b)| (a - b) / STEP).collect()
+            })
+            .collect();
+        let mut gradient = vec![0.0; count];
+        for i in 0..count {
+            gradient[i] = product(&columns[i], &r, weights) - at[i];
+            for j in 0..count {
+                *precision.at_mut(i, j) = product(&columns[i], &columns[j], weights) + if i == j { 1.0 } else { 0.0 };
+            }
+        }
+        let Some(factor) = precision.cholesky() else { break };
+        let step = factor.solve(&gradient);
+        let now = log_posterior(&at, &r);
+        let mut share = 1.0;
+        loop {
+            let trial: Vec<f64> = at.iter().zip(&step).map(|(x, s)| x + share * s).collect();
+            let left = residual(&trial);
+            if log_posterior(&trial, &left) >= now {
+                (at, r) = (trial, left);
+                break;
+            }
+            share *= 0.5;
+            if share < 1e-6 {
+                break;
+            }
+        }
+        if share < 1e-6 || step.iter().all(|s| (share * s).abs() < 1e-9) {
+            break;
+        }
+    }
+    let (log_determinant, covariance) = precision
+        .cholesky()
+        .map_or((0.0, Matrix::zero(count)), |f| (f.log_determinant(), f.inverse()));
+    Weighed {
+        values: at.iter().zip(sizes).map(|(x, s)| x * s).collect(),
+        deviations: (0..count)
+            .map(|i| covariance.at(i, i).max(0.0).sqrt() * sizes[i])
+            .collect(),
+        log_evidence: log_posterior(&at, &r) - 0.5 * log_determinant,
+    }
+}

@@ -1,0 +1,76 @@
+//! Gust covariance: whether gusts explain what is left, and which effects only stood in for them.
+
+use crate::diagnose::strategies::covariance::{self, ID};
+use crate::estimation::normal::Posterior;
+use crate::estimation::posterior::posterior_of;
+use crate::estimation::problem::Problem;
+use crate::estimation::scores::{Scored, score, weakest};
+use crate::estimation::settle::move_to;
+use crate::estimation::whiteness::{self, UNEXPLAINED_SCORE};
+use crate::predict::PredictError;
+use crate::predict::channels::{F, KV};
+
+/// Whether gusts through a drag that was found explain more than any further effect would, and leave none. An onset that only the gusts
+/// called for is dropped.
+pub(crate) fn gusts_lead(
+    problem: &mut Problem,
+    posterior: &Posterior,
+    scored: &[Scored],
+    threshold: f64,
+) -> Result<bool, PredictError> {
+    let fits = whiteness::fits(problem, &posterior.mean);
+    let mut forces = fits.iter().flat_map(|own| (F..KV).filter_map(|c| own[c]));
+    if problem.active.is_empty() || !forces.any(|fit| fit.score() > UNEXPLAINED_SCORE) {
+        return Ok(false);
+    }
+    let evidence = |scored: &[Scored]| scored.first().map_or(0.0, |s| s.opened.log_bayes_factor);
+    let leads = |problem: &Problem, posterior: &Posterior| -> Result<bool, PredictError> {
+        Ok(covariance::find(problem, posterior)?.is_some_and(|found| {
+            found.gain > evidence(scored) && evidence(&score(problem, &found.posterior)) < threshold
+        }))
+    };
+    if leads(problem, posterior)? {
+        return Ok(true);
+    }
+    if problem.active.iter().all(|a| a.onset_s.is_none()) {
+        return Ok(false);
+    }
+    let mut plain = problem.clone();
+    for one in &mut plain.active {
+        one.onset_s = None;
+    }
+    let fitted = plain.fit(&plain.active)?;
+    move_to(&mut plain, &fitted)?;
+    let about = posterior_of(&plain)?.0;
+    let without_onset = leads(&plain, &about)?;
+    if without_onset {
+        *problem = plain;
+    }
+    Ok(without_onset)
+}
+
+/// The problem without the effect that stood in for gusts, if there is one: with the gusts in the noise its evidence falls below
+/// `threshold`. Gusts have a mean over a flight that reads as wind, and a slow part that reads as a tilt.
+///
+/// * `posterior`: with the gusts in the noise
+pub(crate) fn without_stand_in(
+    problem: &Problem,
+    posterior: &Posterior,
+    threshold: f64,
+) -> Result<Option<Problem>, PredictError> {
+    let acts_through = problem
+        .logs
+        .first()
+        .and_then(|log| log.predictor.catalogue().find(ID))
+        .map_or(&[][..], |gusts| gusts.needs);
+    let prior = problem.deviations(&problem.active);
+    let weakest = weakest(problem, posterior, &prior, acts_through);
+    let Some((candidate, _)) = weakest.filter(|(_, evidence)| *evidence < threshold) else {
+        return Ok(None);
+    };
+    let mut without = problem.clone();
+    without.active.retain(|a| a.candidate != candidate);
+    let fitted = without.fit(&without.active)?;
+    move_to(&mut without, &fitted)?;
+    Ok(Some(without))
+}

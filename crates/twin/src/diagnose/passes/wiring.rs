@@ -1,0 +1,28 @@
+//! Wiring test: a gross error of the build is taken where it removes nearly all of a large error of forces and torques.
+
+use crate::diagnose::strategies::discrete::{excess, fitted, likeliest, without_nuisances};
+use crate::estimation::columns::Active;
+use crate::estimation::problem::Problem;
+
+/// Mean chi² of the torque channels about their means from which a gross error is looked for.
+const LARGE_CHI2: f64 = 1.5;
+
+/// Share of the excess chi² that the right wiring leaves at most.
+const LEFT_SHARE: f64 = 0.25;
+
+/// Mean chi² of the torque channels that the right wiring leaves at most. A centre of mass off the middle looks like swapped rotors on a
+/// flight that hardly turns, but only to a quarter of its error.
+const LEFT_CHI2: f64 = 3.0;
+
+/// The gross error that explains the flights, and half of the chi² that it removes.
+pub(crate) fn find(problem: &Problem) -> Option<(Active, f64)> {
+    if excess(&without_nuisances(problem), &[], None)?.torque < LARGE_CHI2 {
+        return None;
+    }
+    let before = fitted(problem, &[])?;
+    let (active, after) = likeliest(problem)?;
+    let scatter = before.scatter();
+    let right =
+        after.torque < LEFT_CHI2 && after.cost < (LEFT_SHARE * before.cost).max(scatter) && before.cost > 4.0 * scatter;
+    right.then_some((active, 0.5 * (before.cost - after.cost)))
+}

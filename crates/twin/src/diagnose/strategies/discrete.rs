@@ -1,0 +1,177 @@
+//! Gross errors of the build: two motors swapped, a rotor that turns the other way.
+//!
+//! They are no small deviations: a linear ranking patches them with tilts and scales. There are few of them, so that each is simply
+//! tried; one is taken where it removes nearly all of a large error of forces and torques.
+
+use rayon::prelude::*;
+use rotortwin_plant::effects::EffectDeclaration;
+
+use super::start::Trial;
+use crate::estimation::candidates::Candidate;
+use crate::estimation::columns::{Active, instances};
+use crate::estimation::problem::Problem;
+use crate::predict::channels::{F, KA, KV, M};
+use crate::predict::{Nuisances, Prediction, Source, Stages};
+
+/// Gross errors of which the nuisances are fitted, after a first look without.
+const FITTED: usize = 4;
+
+/// How well a wiring explains the flights.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Explained {
+    /// Excess of chi² in forces and torques about their means, and what the rotors' biases cost by their prior: these would explain away at rest what a
+    /// wrong wiring does.
+    pub(crate) cost: f64,
+    /// Samples of forces and torques.
+    samples: f64,
+    /// chi² per sample of the torques.
+    pub(crate) torque: f64,
+}
+
+impl Explained {
+    /// What noise alone may do to the cost: it scatters by √(2 n).
+    pub(crate) fn scatter(&self) -> f64 {
+        6.0 * (2.0 * self.samples).sqrt()
+    }
+}
+
+/// The gross error that costs least.
+pub(crate) fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
+    let plain = without_nuisances(problem);
+    let bases = plain
+        .logs
+        .iter()
+        .map(|log| {
+            let set = log.predictor.effect_set(&log.nuisances, &[]).ok()?;
+            Some(log.predictor.predict(&set, Source::Raw, None))
+        })
+        .collect::<Option<Vec<Prediction>>>()?;
+    let candidates = &problem.library.candidates;
+    let wirings: Vec<Active> = (0..candidates.len())
+        .filter(|&c| candidates[c].columns.iter().all(Option::is_none))
+        .flat_map(|c| variants(problem, c))
+        .collect();
+    let mut all: Vec<(Active, Explained)> = wirings
+        .into_par_iter()
+        .filter_map(|active| {
+            let explained = excess(&plain, std::slice::from_ref(&active), Some(&bases))?;
+            Some((active, explained))
+        })
+        .collect();
+    all.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+    all.truncate(FITTED);
+    let all: Vec<(Active, Explained)> = all
+        .into_par_iter()
+        .filter_map(|(active, _)| {
+            let explained = fitted(problem, std::slice::from_ref(&active))?;
+            Some((active, explained))
+        })
+        .collect();
+    all.into_iter().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
+}
+
+/// The likeliest gross error as a start of a fit, where the leading candidates are such that it is taken for: on a flight that
+/// hardly turns two swapped motors make a small error, and only the evidence tells.
+pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -> Option<Trial> {
+    let taken_for = |entry: &Candidate| {
+        let of = |d: &&EffectDeclaration| d.per_rotor || entry.declaration.confused_with.contains(&d.id);
+        entry.columns.iter().all(Option::is_none) && leading.iter().any(of)
+    };
+    if !problem.active.is_empty() || !problem.library.candidates.iter().any(taken_for) {
+        return None;
+    }
+    let before = fitted(problem, &[])?;
+    let (active, after) = likeliest(problem)?;
+    (after.cost < before.cost - before.scatter()).then(|| Trial {
+        open: vec![active],
+        log_bayes_factor: 0.5 * (before.cost - after.cost),
+        charge: None,
+        moved: Vec::new(),
+    })
+}
+
+/// The nuisances as the model has them: fitted to one wiring, they hide another one.
+pub(crate) fn without_nuisances(problem: &Problem) -> Problem {
+    let mut plain = problem.clone();
+    for log in &mut plain.logs {
+        log.nuisances = Nuisances::default();
+    }
+    plain
+}
+
+/// A wiring with the nuisances fitted to it.
+pub(crate) fn fitted(problem: &Problem, active: &[Active]) -> Option<Explained> {
+    let mut wired = problem.clone();
+    wired.active = active.to_vec();
+    wired.fit_nuisances().ok()?;
+    let mut explained = excess(&wired, active, None)?;
+    for log in &wired.logs {
+        let rotors = 0..log.predictor.series().rotors;
+        explained.cost += rotors
+            .map(|i| (log.nuisance(i) / log.nuisance_size(i)).powi(2))
+            .sum::<f64>();
+    }
+    Some(explained)
+}
+
+/// Every way to have this error.
+fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
+    let entry = &problem.library.candidates[candidate];
+    let rotors = problem.logs[0].predictor.series().rotors;
+    let one = |values: Vec<f64>| Active {
+        candidate,
+        values,
+        onset_s: None,
+    };
+    match entry.declaration.parameter_index("partner") {
+        None => vec![one(vec![1.0; entry.parameters.len()])],
+        Some(place) => (entry.rotor.unwrap_or(rotors) + 1..=rotors)
+            .map(|partner| {
+                let mut values = vec![1.0; entry.parameters.len()];
+                values[place] = partner as f64;
+                one(values)
+            })
+            .collect(),
+    }
+}
+
+/// A wiring with the nuisances as they are, without what these cost.
+pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) -> Option<Explained> {
+    let (mut sum, mut samples, mut torque, mut torque_samples) = (0.0, 0.0, 0.0, 0.0);
+    for (l, log) in problem.logs.iter().enumerate() {
+        let predictor = &log.predictor;
+        let set = predictor
+            .effect_set(&log.nuisances, &instances(&problem.library, active))
+            .ok()?;
+        // Wiring acts on thrusts and their wrench alone.
+        let stages = Stages {
+            actuators: true,
+            motion: false,
+            body: true,
+            gravity: false,
+            battery: false,
+        };
+        let prediction = predictor.predict(&set, Source::Raw, bases.map(|bases| (&bases[l], stages)));
+        for channel in (F..KV).chain(M..KA) {
+            let Some(whitener) = predictor.whitener(channel) else {
+                continue;
+            };
+            let count = (0..whitener.len()).filter(|&k| whitener.counts(k)).count() as f64;
+            // What is constant may be the rotors' biases.
+            let whitened = predictor.whitened_channel(channel, &prediction);
+            let total: f64 = whitened.iter().sum();
+            let squares = whitened.iter().map(|x| x * x).sum::<f64>() - total * total / count.max(1.0);
+            sum += squares - count;
+            samples += count;
+            if channel >= M {
+                torque += squares;
+                torque_samples += count;
+            }
+        }
+    }
+    (torque_samples > 0.0).then(|| Explained {
+        cost: sum,
+        samples,
+        torque: torque / torque_samples,
+    })
+}

@@ -1,0 +1,12 @@
+//! How starts of fits are found: one file for each way to search.
+
+pub(crate) mod battery;
+pub(crate) mod covariance;
+pub(crate) mod discrete;
+mod gust_filter;
+pub(crate) mod onset;
+mod shapes;
+mod slow_voltage;
+pub(crate) mod start;
+pub(crate) mod trials;
+mod variants;

@@ -1,0 +1,288 @@
+//! Columns of a flight's Jacobian by finite differences: what a nuisance, a parameter, a wind changes in the whitened prediction.
+//!
+//! A column is the change of the whitened prediction per plausible size, on smoothed kinematics; channels that an effect leaves alone
+//! have none, and stages of the pass that it leaves alone are not run. Columns are f32: they are whitened and of order 1 to 10³.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use rotortwin_plant::effects::{EffectInstance, EffectSet, Hooks};
+
+use super::candidates::Library;
+use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Prediction, Predictor, Source, Stages};
+
+/// Deviation of a rotor's constant lift error over its hover thrust (U(±10.756 mN) on 2.534 N).
+const BIAS_SHARE: f64 = 0.002_45;
+
+/// Deviation of the charge at the start.
+const CHARGE_DEVIATION: f64 = 0.25;
+
+/// Step of the differences in plausible sizes.
+const STEP: f64 = 0.02;
+
+/// Step of the wind, m/s.
+const WIND_STEP_M_S: f64 = 0.2;
+
+/// One column: nothing where a channel is not touched.
+pub(crate) type Column = Arc<[Option<Vec<f32>>; CHANNELS]>;
+
+/// An effect at work in the fit, beyond those of the model.
+#[derive(Debug, Clone)]
+pub(crate) struct Active {
+    pub(crate) candidate: usize,
+    pub(crate) values: Vec<f64>,
+    pub(crate) onset_s: Option<f64>,
+}
+
+/// One log under diagnosis.
+#[derive(Debug, Clone)]
+pub(crate) struct LogState {
+    pub(crate) predictor: Predictor,
+    pub(crate) nuisances: Nuisances,
+}
+
+impl LogState {
+    /// Rotor biases and the charge; no charge without a voltage.
+    pub(crate) fn nuisance_count(&self) -> usize {
+        self.predictor.series().rotors + 1
+    }
+
+    /// Prior deviation of a nuisance in its own unit.
+    pub(crate) fn nuisance_size(&self, which: usize) -> f64 {
+        if which < self.predictor.series().rotors {
+            BIAS_SHARE * self.predictor.nominal.hover_thrust_n
+        } else {
+            CHARGE_DEVIATION
+        }
+    }
+
+    pub(crate) fn nuisance(&self, which: usize) -> f64 {
+        if which < self.predictor.series().rotors {
+            self.nuisances.rotor_bias_n[which]
+        } else {
+            self.nuisances.charge
+        }
+    }
+
+    /// The nuisances as far as they are plausible: rotor biases within two deviations. Beyond, they stand in for an effect.
+    pub(crate) fn plain_nuisances(&self) -> Nuisances {
+        let mut plain = self.nuisances;
+        for (i, bias) in plain
+            .rotor_bias_n
+            .iter_mut()
+            .enumerate()
+            .take(self.predictor.series().rotors)
+        {
+            let most = 2.0 * self.nuisance_size(i);
+            *bias = bias.clamp(-most, most);
+        }
+        plain
+    }
+
+    pub(crate) fn set_nuisance(&mut self, which: usize, value: f64) {
+        if which < self.predictor.series().rotors {
+            self.nuisances.rotor_bias_n[which] = value;
+        } else {
+            self.nuisances.charge = value;
+        }
+    }
+}
+
+/// All results, or the first refusal in their order: which thread is first must not choose the sentence.
+pub(crate) fn in_order<T: Send>(
+    results: impl ParallelIterator<Item = Result<T, PredictError>>,
+) -> Result<Vec<T>, PredictError> {
+    results.collect::<Vec<_>>().into_iter().collect()
+}
+
+/// Instances of the active effects.
+pub(crate) fn instances(library: &Library, active: &[Active]) -> Vec<EffectInstance> {
+    active
+        .iter()
+        .filter_map(|a| library.candidates[a.candidate].instance(&a.values, a.onset_s))
+        .collect()
+}
+
+/// Hooks of an effect alone; all if it sets in late, because then its constants are not there at the start.
+fn hooks_of(predictor: &Predictor, instance: &EffectInstance) -> Result<Hooks, PredictError> {
+    if instance.onset_s.is_some() {
+        return Ok(Hooks::VARYING_CONSTANTS);
+    }
+    predictor.hooks_of(instance)
+}
+
+/// Base of a linearisation on smoothed kinematics.
+pub(crate) struct Base {
+    pub(crate) set: EffectSet,
+    pub(crate) prediction: Prediction,
+}
+
+impl LogState {
+    pub(crate) fn base(&self, library: &Library, active: &[Active]) -> Result<Base, PredictError> {
+        let set = self
+            .predictor
+            .effect_set(&self.nuisances, &instances(library, active))?;
+        let prediction = self.predictor.predict(&set, Source::Smooth, None);
+        Ok(Base { set, prediction })
+    }
+
+    /// Whitened residual at a point.
+    pub(crate) fn residual(&self, library: &Library, active: &[Active]) -> Result<PerChannel, PredictError> {
+        let set = self
+            .predictor
+            .effect_set(&self.nuisances, &instances(library, active))?;
+        Ok(self
+            .predictor
+            .whitened(&self.predictor.predict(&set, Source::Raw, None)))
+    }
+
+    fn column(&self, base: &Base, set: &EffectSet, hooks: Hooks, per: f64) -> Column {
+        let stages = Stages::between(base.set.constants(), set.constants(), hooks);
+        let moved = self
+            .predictor
+            .predict(set, Source::Smooth, Some((&base.prediction, stages)));
+        Arc::new(std::array::from_fn(|channel| {
+            let (a, b) = (&moved.channels[channel], &base.prediction.channels[channel]);
+            if Arc::ptr_eq(a, b) || a == b {
+                return None;
+            }
+            self.predictor
+                .whitener(channel)
+                .map(|whitener| whitener.difference(a, b, per))
+        }))
+    }
+
+    /// Column of a nuisance, per prior deviation.
+    pub(crate) fn nuisance_column(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        which: usize,
+    ) -> Result<Column, PredictError> {
+        let mut moved = self.nuisances;
+        let size = self.nuisance_size(which);
+        let step = if which < self.predictor.series().rotors {
+            0.5 * size
+        } else {
+            0.01 * size
+        };
+        if which < self.predictor.series().rotors {
+            moved.rotor_bias_n[which] += step;
+        } else {
+            moved.charge += step;
+        }
+        let set = self.predictor.effect_set(&moved, &instances(library, active))?;
+        Ok(self.column(base, &set, Hooks::CONSTANTS, size / step))
+    }
+
+    /// Columns of all nuisances.
+    pub(crate) fn nuisance_columns(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+    ) -> Result<Vec<Column>, PredictError> {
+        let column = |which| self.nuisance_column(library, active, base, which);
+        in_order((0..self.nuisance_count()).into_par_iter().map(column))
+    }
+
+    /// Column of a parameter of a candidate, per plausible size, about the active effects.
+    pub(crate) fn parameter_column(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        candidate: usize,
+        parameter: usize,
+    ) -> Result<Column, PredictError> {
+        let entry = &library.candidates[candidate];
+        let declared = &entry.parameters[parameter];
+        let mut moved = active.to_vec();
+        let place = match moved.iter().position(|a| a.candidate == candidate) {
+            Some(place) => place,
+            None => {
+                moved.push(Active {
+                    candidate,
+                    values: entry.neutral(),
+                    onset_s: None,
+                });
+                moved.len() - 1
+            }
+        };
+        let now = moved[place].values[parameter];
+        let (low, high) = declared.accepted();
+        let mut step = STEP * declared.size;
+        if now + step > high || (now == 0.0 && declared.plausible_high <= 0.0) {
+            step = -step;
+        }
+        if now + step < low {
+            step = 0.5 * (low - now);
+        }
+        if step == 0.0 {
+            return Ok(Arc::new(std::array::from_fn(|_| None)));
+        }
+        let mut made = self.stepped(library, &mut moved, place, parameter, (now, step));
+        if made.is_err() {
+            // At the border of what makes a vehicle only the other side is left.
+            step = -step;
+            made = self.stepped(library, &mut moved, place, parameter, (now, step));
+        }
+        let Some((set, hooks)) = made? else {
+            return Ok(Arc::new(std::array::from_fn(|_| None)));
+        };
+        Ok(self.column(base, &set, hooks, declared.size / step))
+    }
+
+    /// The vehicle with one parameter of an effect at `now + step`; `None` if the effect then does nothing.
+    fn stepped(
+        &self,
+        library: &Library,
+        moved: &mut [Active],
+        place: usize,
+        parameter: usize,
+        (now, step): (f64, f64),
+    ) -> Result<Option<(EffectSet, Hooks)>, PredictError> {
+        moved[place].values[parameter] = now + step;
+        let entry = &library.candidates[moved[place].candidate];
+        let Some(instance) = entry.instance(&moved[place].values, moved[place].onset_s) else {
+            return Ok(None);
+        };
+        let hooks = hooks_of(&self.predictor, &instance)?;
+        let set = self.predictor.effect_set(&self.nuisances, &instances(library, moved))?;
+        Ok(Some((set, hooks)))
+    }
+
+    /// Column of a steady wind along an axis of NED, per 1 m/s: what a gust of that moment does.
+    pub(crate) fn wind_column(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        axis: usize,
+    ) -> Result<Column, PredictError> {
+        let mut wind = [0.0; 3];
+        wind[axis] = WIND_STEP_M_S;
+        let set = self
+            .predictor
+            .effect_set_in_wind(&self.nuisances, &instances(library, active), wind)?;
+        Ok(self.column(base, &set, Hooks::NONE, 1.0 / WIND_STEP_M_S))
+    }
+
+    /// Column by a secant: from `base` to the point with `active`, whose last effect differs, times `per`.
+    pub(crate) fn secant(
+        &self,
+        library: &Library,
+        active: &[Active],
+        base: &Base,
+        per: f64,
+    ) -> Result<Column, PredictError> {
+        let instances = instances(library, active);
+        let hooks = match instances.last() {
+            Some(last) => hooks_of(&self.predictor, last)?,
+            None => Hooks::NONE,
+        };
+        let set = self.predictor.effect_set(&self.nuisances, &instances)?;
+        Ok(self.column(base, &set, hooks, per))
+    }
+}

@@ -1,0 +1,667 @@
+//! Which outputs are rotors and where they are; and the list of values.
+
+use serde::Serialize;
+
+use super::class::{self, Class};
+use super::estimate::{Estimate, Source};
+use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
+use super::frames::{self, Frame, Place};
+use super::grid::{GRAVITY, Grid, moving_outputs};
+use super::wiring::{self, Wiring};
+use super::yaw::Yaw;
+use super::{Numbers, Request, slow};
+use crate::log::flight_parts::RotorPlace;
+use crate::log::{FlightLog, SourceKind};
+
+/// Where the rotors are.
+#[derive(Debug, Clone, Serialize)]
+pub struct Airframe {
+    /// In words.
+    pub name: String,
+    /// In the order of the outputs; in units of the arm.
+    #[serde(skip)]
+    pub places: Vec<Place>,
+    /// How it is known.
+    pub source: Source,
+    /// In words.
+    pub how: String,
+    /// What the motion says, where it was asked.
+    pub motion: Option<Wiring>,
+}
+
+/// Columns that are rotors, in the order of their motor numbers: all that the import took for rotors, else those that move.
+pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
+    let moving = moving_outputs(log);
+    if moving.len() < 4 {
+        let found = log.rotor_count();
+        return Err(if found == 0 {
+            format!(
+                "{}: expected motor outputs (duty_1 …), the log has none: a vehicle cannot be made from it",
+                log.name
+            )
+        } else {
+            format!(
+                "{}: expected at least 4 outputs that move, {} of {found} do: no flight in this log",
+                log.name,
+                moving.len()
+            )
+        });
+    }
+    if log.report.rotor_outputs.is_empty() {
+        return Ok(moving);
+    }
+    Ok((1..=log.report.rotor_outputs.len()).collect())
+}
+
+/// Where the rotors are, as far as the log's parameters or its format say it; motion is not asked.
+pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
+    let nothing_entered = Request {
+        mass_kg: 0.0,
+        arm_m: 0.0,
+        frame: None,
+        capacity_ah: None,
+        cells: None,
+    };
+    let (_, places, ..) = told(log, &nothing_entered).ok().flatten()?;
+    let outputs = rotor_outputs(log).ok()?;
+    (outputs.len() == places.len()).then(|| {
+        outputs
+            .into_iter()
+            .zip(places)
+            .map(|(output, place)| RotorPlace {
+                output,
+                position: place.position,
+            })
+            .collect()
+    })
+}
+
+/// The frame: named, from parameters, of a known platform, or from the motion.
+pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &Class) -> Result<Airframe, String> {
+    let rotors = grids[0].duty.len();
+    let motion = wiring::search(grids, class);
+    let told = told(log, request)?;
+    if let Some((name, places, source, how)) = told {
+        if places.len() != rotors {
+            return Err(format!(
+                "{}: the frame {name} ({how}) has {} rotors, {rotors} outputs move (outputs {})",
+                log.name,
+                places.len(),
+                grids[0]
+                    .outputs
+                    .iter()
+                    .map(usize::to_string)
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ));
+        }
+        // Parameters can be wrong, too; a clear answer of the motion outweighs nothing, but it is said.
+        let mut how = how;
+        if let Some(motion) = motion.as_ref().filter(|motion| motion.doubt().is_none()) {
+            let agrees = places.iter().zip(&motion.places).all(|(a, b)| {
+                a.spin == b.spin && (0..2).all(|i| (a.position[i].signum() - b.position[i].signum()).abs() < 2.0)
+            });
+            how += if agrees {
+                "; the motion agrees"
+            } else {
+                "; BUT THE MOTION SAYS ANOTHER ORDER: check it"
+            };
+        }
+        return Ok(Airframe {
+            name,
+            places,
+            source,
+            how,
+            motion,
+        });
+    }
+    let Some(motion) = motion else {
+        return Err(format!(
+            "{}: the motor order is unknown: no parameter says it, and without body rates (or with {rotors} rotors) the motion cannot; \
+             name the frame with --frame ({})",
+            log.name,
+            frame_names()
+        ));
+    };
+    if let Some(doubt) = motion.doubt() {
+        return Err(format!(
+            "{}: the motor order is unknown: no parameter says it, and the motion does not either ({doubt}); name the frame with --frame ({}), \
+             or fly 20 s with roll, pitch and yaw steps",
+            log.name,
+            frame_names()
+        ));
+    }
+    let how = format!(
+        "of {} orders this explains the motion best: score {:.2}, next {:.2}; correlation of roll {:.2}, pitch {:.2}, yaw {:.2} over {:.0} s",
+        motion.tried,
+        motion.score,
+        motion.score - motion.margin,
+        motion.correlation[0],
+        motion.correlation[1],
+        motion.correlation[2],
+        motion.seconds
+    );
+    Ok(Airframe {
+        name: format!("{rotors} rotors, {}", motion.layout),
+        places: motion.places.clone(),
+        source: Source::Log,
+        how,
+        motion: Some(motion),
+    })
+}
+
+fn frame_names() -> String {
+    frames::FRAMES
+        .iter()
+        .map(|frame| frame.name)
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+type Told = (String, Vec<Place>, Source, String);
+
+fn told(log: &FlightLog, request: &Request) -> Result<Option<Told>, String> {
+    let of = |frame: &Frame, source, how: String| Some((frame.name.to_owned(), frame.places(), source, how));
+    if let Some(name) = &request.frame {
+        let frame = Frame::named(name).ok_or_else(|| format!("--frame {name}: expected one of {}", frame_names()))?;
+        return Ok(of(frame, Source::Entered, "entered".to_owned()));
+    }
+    if let Some((places, arm)) = frames::of_px4_allocation(&log.parameters) {
+        let how = format!("CA_ROTORn_PX, _PY, _KM (their longest arm: {arm:.3} m)");
+        return Ok(Some(("control allocation".to_owned(), places, Source::Parameter, how)));
+    }
+    if log.source.kind != SourceKind::Px4Ulog
+        && let Some(frame) = Frame::of_ardupilot(&log.parameters).map_err(|reason| format!("{}: {reason}", log.name))?
+    {
+        return Ok(of(frame, Source::Parameter, "FRAME_CLASS, FRAME_TYPE".to_owned()));
+    }
+    if log.source.kind != SourceKind::Px4Ulog
+        && let Some(rotors) = rotor_outputs(log).ok().map(|outputs| outputs.len())
+        && let Some(frame) = Frame::of_old_ardupilot(&log.parameters, rotors)
+    {
+        return Ok(of(frame, Source::Parameter, "FRAME".to_owned()));
+    }
+    if let Some(frame) = Frame::of_px4_airframe(&log.parameters) {
+        return Ok(of(frame, Source::Parameter, "SYS_AUTOSTART".to_owned()));
+    }
+    if log.source.kind == SourceKind::CrazyflieUsdlog {
+        let frame = Frame::named("quad-cw-x").expect("in the table");
+        return Ok(of(
+            frame,
+            Source::Parameter,
+            "Crazyflie, by the format of the log: M1 front right, then clockwise".to_owned(),
+        ));
+    }
+    Ok(None)
+}
+
+/// Everything that the values are made of.
+pub(crate) struct Findings<'a> {
+    pub(crate) request: &'a Request,
+    pub(crate) class: Class,
+    pub(crate) grids: &'a [Grid],
+    pub(crate) logs: &'a [FlightLog],
+    pub(crate) fitted: &'a Fitted,
+    pub(crate) yaw: Option<Yaw>,
+    pub(crate) voltage_slope: (f64, f64, bool),
+    pub(crate) has_voltage: bool,
+    pub(crate) rotors: usize,
+}
+
+/// Whose the value is, by how much the log narrows the prior's deviation.
+fn whose(data: f64, prior: f64) -> Source {
+    if data < 0.5 * prior {
+        Source::Log
+    } else if data < 2.0 * prior {
+        Source::LogAndClass
+    } else {
+        Source::Class
+    }
+}
+
+impl Findings<'_> {
+    /// The numbers of the document and the list of values, in the order of the document.
+    pub(crate) fn values(&self, notes: &mut Vec<String>) -> (Numbers, Vec<Estimate>) {
+        let mut values = vec![
+            Estimate::normal("body.mass_kg", "mass", "kg", self.request.mass_kg, 0.0, Source::Entered)
+                .how("every force scales with it"),
+            Estimate::normal("arm", "arm", "m", self.request.arm_m, 0.0, Source::Entered)
+                .how("every inertia scales with it"),
+        ];
+        let inertia = self.inertia(&mut values);
+        let (moment_ratio, yaw_inertia) = self.yaw(inertia, &mut values);
+        let drag = self.drag(&mut values, notes);
+        self.thrust(&mut values, notes);
+        let battery = self.battery(&mut values);
+        let scale = self.grids.iter().find_map(|grid| grid.accel_scale);
+        if let Some(scale) = scale {
+            values.push(
+                Estimate::normal(
+                    "accelerometer.scale",
+                    "accelerometer at rest over gravity",
+                    "",
+                    scale,
+                    0.002,
+                    Source::Log,
+                )
+                .how("mean specific force before take-off; readings were divided by it"),
+            );
+        } else if !self.grids[0].accel_from_estimator {
+            notes.push(
+                "no rest before take-off: the accelerometer's scale is not checked (5 s of standing still would do)"
+                    .to_owned(),
+            );
+        }
+        let fitted = self.fitted;
+        let numbers = Numbers {
+            curve: fitted.curve,
+            lag_s: (fitted.lag_s + fitted.delay_s).clamp(0.005, 1.0),
+            inertia: [inertia[0], inertia[1], yaw_inertia],
+            moment_ratio,
+            drag: drag * self.request.mass_kg,
+            voltage: battery.1,
+            voltage_slope: self.voltage_slope.0,
+            cells: battery.0,
+            capacity: battery.2,
+            resistance: battery.3,
+            power_coefficient: battery.4,
+        };
+        (numbers, values)
+    }
+
+    fn inertia(&self, values: &mut Vec<Estimate>) -> [f64; 2] {
+        let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
+        let fitted = self.fitted;
+        let mut inertia = [0.0; 2];
+        for (axis, (key, name)) in [
+            ("body.inertia_body_kg_m2[0]", "inertia, roll"),
+            ("body.inertia_body_kg_m2[1]", "inertia, pitch"),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            // α = gain · (lever in arms) · T/m, hence J = m l/gain.
+            inertia[axis] = mass * arm / fitted.gain[axis];
+            let i = GAIN[axis];
+            let deviation = fitted.covariance[(i, i)].sqrt();
+            let source = whose(fitted.data_deviation[i], class::INERTIA_LOG_DEVIATION);
+            let uneven = if fitted.uneven[i] {
+                "; parts of the flight differ, and the interval covers them"
+            } else {
+                ""
+            };
+            values.push(
+                Estimate::log_normal(key, name, "kg·m²", inertia[axis], deviation, source)
+                    .how(if source == Source::Class {
+                        format!("{:.2} m l²: the flight does not tell", self.class.inertia_ratio[axis])
+                    } else {
+                        format!(
+                            "prediction error over {} parts, {:.3} m l²{uneven}",
+                            fitted.parts,
+                            inertia[axis] / (mass * arm * arm)
+                        )
+                    })
+                    .better("20 s of roll and pitch doublets, logged at 200 Hz or more"),
+            );
+        }
+        inertia
+    }
+
+    /// c and Jz.
+    fn yaw(&self, inertia: [f64; 2], values: &mut Vec<Estimate>) -> (f64, f64) {
+        let mass = self.request.mass_kg;
+        let share = class::YAW_INERTIA_SHARE;
+        let sum = inertia[0] + inertia[1];
+        let inertia_variance = (0..2)
+            .map(|axis| {
+                let i = GAIN[axis];
+                self.fitted.covariance[(i, i)] * (inertia[axis] / sum).powi(2)
+            })
+            .sum::<f64>()
+            + class::YAW_INERTIA_LOG_DEVIATION.powi(2);
+        let (mut log_inertia, mut log_ratio) = ((share * sum).ln(), self.class.moment_ratio_m.ln());
+        let (mut inertia_deviation, mut ratio_deviation) = (inertia_variance.sqrt(), class::MOMENT_LOG_DEVIATION);
+        let mut ratio_source = Source::Class;
+        if let Some(yaw) = self.yaw {
+            // ln c − ln Jz is measured; both have priors.
+            let measured = (yaw.gain / mass).ln();
+            let noise = yaw.deviation.powi(2);
+            let (vc, vj) = (class::MOMENT_LOG_DEVIATION.powi(2), inertia_variance);
+            let innovation = measured - (log_ratio - log_inertia);
+            let total = vc + vj + noise;
+            log_ratio += vc / total * innovation;
+            log_inertia -= vj / total * innovation;
+            ratio_deviation = (vc - vc * vc / total).sqrt();
+            inertia_deviation = (vj - vj * vj / total).sqrt();
+            ratio_source = whose((vj + noise).sqrt(), class::MOMENT_LOG_DEVIATION);
+            values.push(
+                Estimate::log_normal(
+                    "yaw.moment_ratio_over_inertia",
+                    "c/Jz",
+                    "1/(kg·m)",
+                    yaw.gain / mass,
+                    yaw.deviation,
+                    Source::Log,
+                )
+                .how("the only thing that yaw tells; c and Jz never separate"),
+            );
+            if yaw.reaction_s > 0.0 {
+                values.push(
+                    Estimate::normal(
+                        "yaw.reaction_s",
+                        "torque of rotor acceleration over drag torque, λ",
+                        "s",
+                        yaw.reaction_s,
+                        yaw.reaction_deviation_s,
+                        Source::Log,
+                    )
+                    .how("Jz ṙ = c (X + λ Ẋ); not in the vehicle document"),
+                );
+            }
+        }
+        // Physics: no moment of inertia exceeds the sum of the others.
+        let yaw_inertia = log_inertia
+            .exp()
+            .min(0.999 * sum)
+            .max(1.001 * (inertia[0] - inertia[1]).abs());
+        values.push(
+            Estimate::log_normal(
+                "body.inertia_body_kg_m2[2]",
+                "inertia, yaw",
+                "kg·m²",
+                yaw_inertia,
+                inertia_deviation,
+                Source::LogAndClass,
+            )
+            .how(format!("{share} (Jx + Jy), as flat bodies have"))
+            .better("a bifilar pendulum"),
+        );
+        let ratio = log_ratio.exp();
+        values.push(
+            Estimate::log_normal(
+                "rotors.moment_ratio_m",
+                "torque over thrust, c",
+                "m",
+                ratio,
+                ratio_deviation,
+                ratio_source,
+            )
+            .how(if ratio_source == Source::Class {
+                "the flight does not tell"
+            } else {
+                "c/Jz of the flight times Jz"
+            })
+            .better("10 s of yaw steps; a thrust stand with torque"),
+        );
+        (ratio, yaw_inertia)
+    }
+
+    fn drag(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> f64 {
+        let mass = self.request.mass_kg;
+        match slow::drag(self.grids) {
+            Ok((k, deviation)) => {
+                values.push(
+                    Estimate::normal(
+                        "body.linear_drag_kg_s",
+                        "drag, k",
+                        "kg/s",
+                        k * mass,
+                        deviation * mass,
+                        Source::Log,
+                    )
+                    .how(format!("force along the body over speed, below 1 Hz; k/m = {k:.3} 1/s")),
+                );
+                k
+            }
+            Err(reason) => {
+                notes.push(format!("drag is not told: {reason}; the class default is written"));
+                let k = self.class.drag_per_s;
+                values.push(
+                    Estimate::log_normal(
+                        "body.linear_drag_kg_s",
+                        "drag, k",
+                        "kg/s",
+                        k * mass,
+                        class::DRAG_LOG_DEVIATION,
+                        Source::Class,
+                    )
+                    .how(reason)
+                    .better("a straight run at 4 m/s or more, there and back, with velocity in the log"),
+                );
+                k
+            }
+        }
+    }
+
+    fn thrust(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) {
+        let fitted = self.fitted;
+        let curve = &fitted.curve;
+        let covariance = &fitted.covariance;
+        let measured = self.grids.iter().all(|grid| grid.accel[2].is_some());
+        values.push(
+            Estimate::normal(
+                "rotors.hover_duty",
+                "mean duty in the air",
+                "",
+                curve.hover_duty,
+                0.0,
+                Source::Log,
+            )
+            .how(format!(
+                "carries {:.3} N of each rotor",
+                curve.hover * self.request.mass_kg
+            )),
+        );
+        let level = slow::level_over_gravity(curve, self.rotors);
+        if measured && (level - 1.0).abs() > 0.05 {
+            notes.push(format!(
+                "the mean specific force in the air is {level:.3} g: the accelerometer's scale is off by that, or the flight climbs and turns"
+            ));
+        }
+        let slope_variance = covariance[(ALPHA, ALPHA)] + 0.25 * covariance[(BETA, BETA)] - covariance[(ALPHA, BETA)];
+        let slope_source = whose(
+            fitted.data_deviation[ALPHA]
+                .hypot(0.5 * fitted.data_deviation[BETA])
+                .min(slope_variance.sqrt() * 2.0),
+            class::SLOPE_DEVIATION,
+        );
+        values.push(
+            Estimate::normal(
+                "rotors.thrust_slope",
+                "n = d ln thrust/d ln duty at hover",
+                "",
+                curve.slope(),
+                slope_variance.sqrt(),
+                slope_source,
+            )
+            .how("thrust curve: hover level, this slope, and its bend")
+            .better("10 s of throttle pulses; a thrust stand"),
+        );
+        let (s, deviation, told) = self.voltage_slope;
+        values.push(
+            Estimate::normal(
+                "rotors.voltage_slope",
+                "d ln thrust/d ln voltage",
+                "",
+                s,
+                deviation,
+                if told { Source::Log } else { Source::Class },
+            )
+            .how(if !self.has_voltage {
+                "no voltage in the log"
+            } else if told {
+                "slow drift of thrust over voltage; anything else that drifts with time is in it"
+            } else {
+                "the voltage hardly varies"
+            })
+            .better("a flight over most of the charge, with voltage"),
+        );
+        let lag_deviation = covariance[(LAG, LAG)].sqrt();
+        values.push(
+            Estimate::log_normal(
+                "motor.lag_s",
+                "motor lag, τ",
+                "s",
+                fitted.lag_s,
+                lag_deviation,
+                whose(fitted.data_deviation[LAG], class::LAG_LOG_DEVIATION),
+            )
+            .how("first order, on the thrust")
+            .better("doublets at 200 Hz or more"),
+        );
+        values.push(
+            Estimate::normal(
+                "motor.delay_s",
+                "delay of the command, d",
+                "s",
+                fitted.delay_s,
+                covariance[(DELAY, DELAY)].sqrt(),
+                whose(fitted.data_deviation[DELAY], class::DELAY_DEVIATION_S),
+            )
+            .how("apart from the lag only above about 200 Hz"),
+        );
+        let sum = fitted.lag_s + fitted.delay_s;
+        let variance = (fitted.lag_s * lag_deviation).powi(2)
+            + covariance[(DELAY, DELAY)]
+            + 2.0 * fitted.lag_s * covariance[(LAG, DELAY)];
+        values.push(
+            Estimate::normal(
+                "rotors.thrust_lag_s",
+                "lag and delay together",
+                "s",
+                sum,
+                variance.max(0.0).sqrt(),
+                whose(fitted.data_deviation[LAG], class::LAG_LOG_DEVIATION),
+            )
+            .how("the vehicle document has no delay: τ + d"),
+        );
+    }
+
+    /// Cells, mean voltage in the air, capacity, resistance, k_P.
+    fn battery(&self, values: &mut Vec<Estimate>) -> (u32, f64, f64, f64, f64) {
+        let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
+        let found = slow::battery(self.grids, &self.fitted.curve);
+        let parameter = |names: &[&str]| -> Option<f64> {
+            names
+                .iter()
+                .find_map(|name| self.logs.iter().find_map(|log| log.parameters.get(*name)).copied())
+                .filter(|value| *value > 0.0)
+        };
+        let class_cells = if mass < 0.1 {
+            1
+        } else if mass < 2.0 {
+            4
+        } else {
+            6
+        };
+        let (cells, source) = match (
+            self.request.cells,
+            parameter(&["BAT1_N_CELLS", "BAT_N_CELLS"]),
+            found.cells,
+        ) {
+            (Some(cells), ..) => (cells, Source::Entered),
+            (_, Some(cells), _) if (1.0..=24.0).contains(&cells) => (cells as u32, Source::Parameter),
+            (_, _, Some(cells)) => (cells, Source::Log),
+            _ => (class_cells, Source::Class),
+        };
+        let mut counted = Estimate::normal("battery.cells", "cells in series", "", f64::from(cells), 0.0, source)
+            .how(found.start_v.map_or_else(
+                || "no voltage in the log".to_owned(),
+                |volts| format!("{volts:.2} V at the start: {:.2} V a cell", volts / f64::from(cells)),
+            ))
+            .better(if source == Source::Class { "--cells" } else { "" });
+        if source == Source::Class {
+            // One more or one less; a battery has one at least.
+            (counted.low, counted.high) = ((counted.value - 1.0).max(1.0), counted.value + 1.0);
+        }
+        values.push(counted);
+        let nominal = 3.7 * f64::from(cells);
+        let (capacity, source) = match (
+            self.request.capacity_ah,
+            parameter(&["BATT_CAPACITY", "BAT1_CAPACITY", "BAT_CAPACITY"]),
+        ) {
+            (Some(capacity), _) => (capacity, Source::Entered),
+            (_, Some(milliamp_hours)) if milliamp_hours >= 50.0 => (milliamp_hours / 1000.0, Source::Parameter),
+            _ => ((self.class.energy_wh_per_kg * mass / nominal).max(0.05), Source::Class),
+        };
+        let deviation = if source == Source::Entered {
+            0.0
+        } else if source == Source::Parameter {
+            0.05
+        } else {
+            0.4
+        };
+        values.push(
+            Estimate::log_normal("battery.capacity_ah", "capacity", "Ah", capacity, deviation, source)
+                .how(if source == Source::Class {
+                    "energy of batteries of such vehicles"
+                } else {
+                    ""
+                })
+                .better(if source == Source::Class {
+                    "--capacity, as printed on the pack"
+                } else {
+                    ""
+                }),
+        );
+        // Of the class: 12 mΩ of a cell of 5 Ah, in proportion to cells over capacity.
+        let class_resistance =
+            (0.012 * f64::from(cells) * 5.0 / capacity / if mass < 0.1 { 2.0 } else { 4.0 }).clamp(0.002, 1.0);
+        let (resistance, resistance_deviation, source) = match found.resistance {
+            Some((value, deviation)) => (value, deviation, Source::Log),
+            None => (class_resistance, 0.5 * class_resistance, Source::Class),
+        };
+        let mut estimate = Estimate::normal(
+            "battery.internal_resistance_ohm",
+            "resistance",
+            "Ω",
+            resistance,
+            resistance_deviation,
+            source,
+        )
+        .how(if source == Source::Log {
+            "voltage over current and charge"
+        } else {
+            "no current in the log, or it hardly varies"
+        })
+        .better("5 s of rest before take-off, with current and voltage");
+        estimate.low = estimate.low.max(0.0);
+        values.push(estimate);
+        let class_power = self.class.power_coefficient(self.rotors, arm);
+        let (power, deviation, source) = match found.power {
+            Some((value, deviation)) => (value / mass.powf(1.5), deviation, Source::Log),
+            None => (class_power, 0.35, Source::Class),
+        };
+        values.push(
+            Estimate::log_normal(
+                "battery.power_coefficient_w_per_n15",
+                "electrical power of a rotor over thrust^1.5",
+                "W/N^1.5",
+                power,
+                deviation,
+                source,
+            )
+            .how(if source == Source::Log {
+                "voltage times current in the air"
+            } else {
+                "momentum theory and the class's efficiency"
+            })
+            .better(if source == Source::Log {
+                ""
+            } else {
+                "current in the log"
+            }),
+        );
+        let hover_n = mass * GRAVITY / self.rotors as f64;
+        let hover_w = self.rotors as f64 * power * hover_n.powf(1.5);
+        let (_, mean) = fit::hover_point(self.grids);
+        let voltage = if mean.is_finite() && mean > 2.0 {
+            mean
+        } else {
+            // What the twin takes where the log has no voltage: three quarters charged, under load.
+            let open = f64::from(cells) * 3.98;
+            0.5 * (open + (open * open - 4.0 * resistance * hover_w).max(0.0).sqrt())
+        };
+        (cells, voltage, capacity, resistance, power.min(1000.0))
+    }
+}

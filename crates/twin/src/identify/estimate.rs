@@ -1,0 +1,109 @@
+//! One identified quantity: value, interval, where it came from.
+
+use serde::Serialize;
+
+/// Where a value came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// The user said it.
+    Entered,
+    /// Estimated from the measurements of the log.
+    Log,
+    /// The log narrows the class default; neither alone decides.
+    LogAndClass,
+    /// A parameter of the autopilot, stored in the log.
+    Parameter,
+    /// Typical of vehicles of this size: a guess with a wide interval.
+    Class,
+}
+
+impl Source {
+    /// In words, for people.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Entered => "entered",
+            Self::Log => "log",
+            Self::LogAndClass => "log + class default",
+            Self::Parameter => "parameter in the log",
+            Self::Class => "CLASS DEFAULT",
+        }
+    }
+}
+
+/// A value with its 95 % interval.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Key of the vehicle document (`body.mass_kg`), or a name of its own for what the document has no key for.
+    pub key: String,
+    /// In words.
+    pub name: String,
+    /// SI unit; empty for a ratio.
+    pub unit: &'static str,
+    /// Best estimate.
+    pub value: f64,
+    /// Lower end of the 95 % interval.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// Where it came from.
+    pub source: Source,
+    /// How it was found, in a few words.
+    pub how: String,
+    /// What would make it better; empty where nothing is needed.
+    pub better: String,
+}
+
+/// 95 % of a normal distribution lie within this many deviations.
+pub(crate) const Z95: f64 = 1.96;
+
+impl Estimate {
+    /// A value with a deviation.
+    pub(crate) fn normal(
+        key: &str,
+        name: &str,
+        unit: &'static str,
+        value: f64,
+        deviation: f64,
+        source: Source,
+    ) -> Self {
+        Self {
+            key: key.to_owned(),
+            name: name.to_owned(),
+            unit,
+            value,
+            low: value - Z95 * deviation,
+            high: value + Z95 * deviation,
+            source,
+            how: String::new(),
+            better: String::new(),
+        }
+    }
+
+    /// A positive value with a deviation of its logarithm.
+    pub(crate) fn log_normal(
+        key: &str,
+        name: &str,
+        unit: &'static str,
+        value: f64,
+        log_deviation: f64,
+        source: Source,
+    ) -> Self {
+        let factor = (Z95 * log_deviation).exp();
+        Self {
+            low: value / factor,
+            high: value * factor,
+            ..Self::normal(key, name, unit, value, 0.0, source)
+        }
+    }
+
+    pub(crate) fn how(mut self, text: impl Into<String>) -> Self {
+        self.how = text.into();
+        self
+    }
+
+    pub(crate) fn better(mut self, text: impl Into<String>) -> Self {
+        self.better = text.into();
+        self
+    }
+}

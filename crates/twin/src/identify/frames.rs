@@ -1,0 +1,366 @@
+//! Frames: where the rotor of each motor number is, and how it turns.
+//!
+//! Angles in degrees from the nose, clockwise seen from above. Numbers are those of the autopilot: ArduPilot's frame classes and types
+//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Coaxial frames (X8, Y6) are not here: a vehicle document cannot hold two rotors
+//! on one axis.
+
+use rotortwin_plant::vehicle::model::SpinDirection::{self, Ccw, Cw};
+use std::collections::BTreeMap;
+
+/// One rotor of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Forward, right: unit of the arm.
+    pub position: [f64; 2],
+    /// Seen from above.
+    pub spin: SpinDirection,
+}
+
+impl Place {
+    fn at(degrees: f64, spin: SpinDirection) -> Self {
+        let (sin, cos) = libm::sincos(degrees.to_radians());
+        Self {
+            position: [cos, sin],
+            spin,
+        }
+    }
+
+    /// +1 for a rotor that pushes the nose to the right.
+    pub fn yaw_sign(&self) -> f64 {
+        if self.spin == Ccw { 1.0 } else { -1.0 }
+    }
+}
+
+/// A frame of a table.
+#[derive(Debug)]
+pub struct Frame {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// FRAME_CLASS of ArduPilot.
+    class: u32,
+    /// FRAME_TYPE of ArduPilot.
+    kind: u32,
+    /// SYS_AUTOSTART of PX4's generic airframe, 0 where it has none.
+    airframe: u32,
+    /// Angle and spin by motor number.
+    motors: &'static [(f64, SpinDirection)],
+}
+
+/// Every frame that can be named.
+pub const FRAMES: &[Frame] = &[
+    frame(
+        "quad-x",
+        1,
+        1,
+        4001,
+        &[(45.0, Ccw), (-135.0, Ccw), (-45.0, Cw), (135.0, Cw)],
+    ),
+    frame(
+        "quad-plus",
+        1,
+        0,
+        5001,
+        &[(90.0, Ccw), (-90.0, Ccw), (0.0, Cw), (180.0, Cw)],
+    ),
+    frame(
+        "quad-v",
+        1,
+        2,
+        0,
+        &[(45.0, Ccw), (-135.0, Ccw), (-45.0, Cw), (135.0, Cw)],
+    ),
+    frame(
+        "quad-h",
+        1,
+        3,
+        0,
+        &[(45.0, Cw), (-135.0, Cw), (-45.0, Ccw), (135.0, Ccw)],
+    ),
+    frame(
+        "quad-betaflight-x",
+        1,
+        12,
+        0,
+        &[(135.0, Cw), (45.0, Ccw), (-135.0, Ccw), (-45.0, Cw)],
+    ),
+    frame(
+        "quad-dji-x",
+        1,
+        13,
+        0,
+        &[(45.0, Ccw), (-45.0, Cw), (-135.0, Ccw), (135.0, Cw)],
+    ),
+    frame(
+        "quad-cw-x",
+        1,
+        14,
+        0,
+        &[(45.0, Ccw), (135.0, Cw), (-135.0, Ccw), (-45.0, Cw)],
+    ),
+    frame(
+        "quad-betaflight-x-reversed",
+        1,
+        18,
+        0,
+        &[(135.0, Ccw), (45.0, Cw), (-135.0, Cw), (-45.0, Ccw)],
+    ),
+    frame(
+        "hexa-x",
+        2,
+        1,
+        6001,
+        &[
+            (90.0, Cw),
+            (-90.0, Ccw),
+            (-30.0, Cw),
+            (150.0, Ccw),
+            (30.0, Ccw),
+            (-150.0, Cw),
+        ],
+    ),
+    frame(
+        "hexa-plus",
+        2,
+        0,
+        7001,
+        &[
+            (0.0, Cw),
+            (180.0, Ccw),
+            (-120.0, Cw),
+            (60.0, Ccw),
+            (-60.0, Ccw),
+            (120.0, Cw),
+        ],
+    ),
+    frame(
+        "hexa-dji-x",
+        2,
+        13,
+        0,
+        &[
+            (30.0, Ccw),
+            (-30.0, Cw),
+            (-90.0, Ccw),
+            (-150.0, Cw),
+            (150.0, Ccw),
+            (90.0, Cw),
+        ],
+    ),
+    frame(
+        "hexa-cw-x",
+        2,
+        14,
+        0,
+        &[
+            (30.0, Ccw),
+            (90.0, Cw),
+            (150.0, Ccw),
+            (-150.0, Cw),
+            (-90.0, Ccw),
+            (-30.0, Cw),
+        ],
+    ),
+    frame(
+        "octo-x",
+        3,
+        1,
+        8001,
+        &[
+            (22.5, Cw),
+            (-157.5, Cw),
+            (67.5, Ccw),
+            (157.5, Ccw),
+            (-22.5, Ccw),
+            (-112.5, Ccw),
+            (-67.5, Cw),
+            (112.5, Cw),
+        ],
+    ),
+    frame(
+        "octo-plus",
+        3,
+        0,
+        9001,
+        &[
+            (0.0, Cw),
+            (180.0, Cw),
+            (45.0, Ccw),
+            (135.0, Ccw),
+            (-45.0, Ccw),
+            (-135.0, Ccw),
+            (-90.0, Cw),
+            (90.0, Cw),
+        ],
+    ),
+    frame(
+        "octo-dji-x",
+        3,
+        13,
+        0,
+        &[
+            (22.5, Ccw),
+            (-22.5, Cw),
+            (-67.5, Ccw),
+            (-112.5, Cw),
+            (-157.5, Ccw),
+            (157.5, Cw),
+            (112.5, Ccw),
+            (67.5, Cw),
+        ],
+    ),
+    frame(
+        "octo-cw-x",
+        3,
+        14,
+        0,
+        &[
+            (22.5, Ccw),
+            (67.5, Cw),
+            (112.5, Ccw),
+            (157.5, Cw),
+            (-157.5, Ccw),
+            (-112.5, Cw),
+            (-67.5, Ccw),
+            (-22.5, Cw),
+        ],
+    ),
+];
+
+const fn frame(
+    name: &'static str,
+    class: u32,
+    kind: u32,
+    airframe: u32,
+    motors: &'static [(f64, SpinDirection)],
+) -> Frame {
+    Frame {
+        name,
+        class,
+        kind,
+        airframe,
+        motors,
+    }
+}
+
+impl Frame {
+    /// By its name on the command line.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        FRAMES.iter().find(|frame| frame.name == name)
+    }
+
+    /// The places in the order of motor numbers.
+    pub fn places(&self) -> Vec<Place> {
+        self.motors
+            .iter()
+            .map(|&(angle, spin)| Place::at(angle, spin))
+            .collect()
+    }
+
+    /// The frame of ArduPilot's parameters; an error where they name one that no vehicle document can hold.
+    pub(crate) fn of_ardupilot(parameters: &BTreeMap<String, f64>) -> Result<Option<&'static Self>, String> {
+        let (Some(&class), Some(&kind)) = (parameters.get("FRAME_CLASS"), parameters.get("FRAME_TYPE")) else {
+            return Ok(None);
+        };
+        let known = FRAMES
+            .iter()
+            .find(|frame| f64::from(frame.class) == class && f64::from(frame.kind) == kind);
+        match known {
+            Some(frame) => Ok(Some(frame)),
+            None if class == 0.0 => Ok(None),
+            None => Err(format!(
+                "FRAME_CLASS {class}, FRAME_TYPE {kind}: {}",
+                match class as i64 {
+                    4 | 5 => "a coaxial frame; a vehicle cannot have two rotors on one axis",
+                    _ => "this frame is in no table; name another with --frame if its rotors are where that one's are",
+                }
+            )),
+        }
+    }
+
+    /// The frame of ArduPilot before 3.5, whose `FRAME` says the kind and whose firmware the number of rotors.
+    pub(crate) fn of_old_ardupilot(parameters: &BTreeMap<String, f64>, rotors: usize) -> Option<&'static Self> {
+        let kind = *parameters.get("FRAME")?;
+        let class = match rotors {
+            4 => 1,
+            6 => 2,
+            8 => 3,
+            _ => return None,
+        };
+        // Plus, X, V, H; what came later was not known then.
+        (0.0..=3.0).contains(&kind).then_some(())?;
+        FRAMES
+            .iter()
+            .find(|frame| frame.class == class && f64::from(frame.kind) == kind)
+    }
+
+    /// The frame of PX4's fixed airframes.
+    pub(crate) fn of_px4_airframe(parameters: &BTreeMap<String, f64>) -> Option<&'static Self> {
+        let airframe = *parameters.get("SYS_AUTOSTART")?;
+        FRAMES
+            .iter()
+            .find(|frame| frame.airframe != 0 && f64::from(frame.airframe) == airframe)
+    }
+}
+
+/// Rotors of PX4's control allocation (`CA_ROTORn_PX`, `_PY`, `_KM`), in units of the longest arm, with that arm, m.
+pub(crate) fn of_px4_allocation(parameters: &BTreeMap<String, f64>) -> Option<(Vec<Place>, f64)> {
+    if parameters.get("CA_AIRFRAME").is_some_and(|kind| *kind != 0.0) {
+        return None;
+    }
+    let count = *parameters.get("CA_ROTOR_COUNT")?;
+    if !(4.0..=16.0).contains(&count) {
+        return None;
+    }
+    let rotors: Vec<[f64; 3]> = (0..count as usize)
+        .map(|rotor| {
+            let value = |name: &str| parameters.get(&format!("CA_ROTOR{rotor}_{name}")).copied();
+            Some([value("PX")?, value("PY")?, value("KM")?])
+        })
+        .collect::<Option<_>>()?;
+    let arm = rotors.iter().map(|[x, y, _]| x.hypot(*y)).fold(0.0, f64::max);
+    // Factory values that nobody entered are all zero.
+    (arm > 0.0 && rotors.iter().all(|[x, y, km]| x.hypot(*y) > 0.0 && *km != 0.0)).then(|| {
+        let places = rotors
+            .iter()
+            .map(|[x, y, km]| Place {
+                position: [x / arm, y / arm],
+                spin: if *km > 0.0 { Ccw } else { Cw },
+            })
+            .collect();
+        (places, arm)
+    })
+}
+
+/// The even polygons that wirings are searched over: rotor angles of the X and the plus layout.
+pub(crate) fn polygons(rotors: usize) -> [(&'static str, Vec<Place>); 2] {
+    let ring = |offset: f64| {
+        (0..rotors)
+            .map(|i| {
+                let spin = if i % 2 == 0 { Ccw } else { Cw };
+                Place::at(360.0 / rotors as f64 * (i as f64 + offset), spin)
+            })
+            .collect()
+    };
+    [("X", ring(0.5)), ("plus", ring(0.0))]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_every_frame_is_an_even_polygon_that_no_thrust_turns() {
+        for frame in FRAMES {
+            let places = frame.places();
+            for sum in [
+                places.iter().map(|p| p.position[0]).sum::<f64>(),
+                places.iter().map(|p| p.position[1]).sum::<f64>(),
+                places.iter().map(Place::yaw_sign).sum::<f64>(),
+                places.iter().map(|p| p.yaw_sign() * p.position[0]).sum::<f64>(),
+                places.iter().map(|p| p.yaw_sign() * p.position[1]).sum::<f64>(),
+            ] {
+                assert!(sum.abs() < 1e-9, "{}: {sum}", frame.name);
+            }
+        }
+    }
+}

@@ -1,0 +1,372 @@
+//! The log on a uniform grid, its rotors picked out, and the parts of it that are in the air.
+
+use std::ops::Range;
+
+use crate::log::{FlightLog, names};
+
+/// m/s².
+pub(crate) const GRAVITY: f64 = 9.81;
+/// Tilt above which a flight has ended, rad: 70°.
+const TILT_END_RAD: f64 = 1.22;
+/// Specific force above which it has, m/s².
+const FORCE_END: f64 = 35.0;
+/// Specific force of flight, means over a second, m/s².
+const FORCE_FLIGHT: Range<f64> = 4.0..25.0;
+/// Left out at a take-off and before a landing, s; and at an end that is only the log's, s.
+const CUT_GROUND_S: f64 = 3.0;
+const CUT_LOG_S: f64 = 0.5;
+/// Shortest part that is used, s.
+const SHORTEST_S: f64 = 3.0;
+/// Most seconds in the air that are fitted; a longer flight gives evenly spread pieces of it.
+const MOST_SECONDS: f64 = 400.0;
+
+/// One log, ready to be fitted.
+#[derive(Debug, Clone)]
+pub(crate) struct Grid {
+    pub(crate) name: String,
+    pub(crate) step_s: f64,
+    /// Of the first row, on the log's clock.
+    pub(crate) start_s: f64,
+    pub(crate) rows: usize,
+    /// Columns of the log (from 1) that are rotors.
+    pub(crate) outputs: Vec<usize>,
+    /// By rotor, then row.
+    pub(crate) duty: Vec<Vec<f64>>,
+    /// Body, rad/s.
+    pub(crate) rates: Option<[Vec<f64>; 3]>,
+    /// Specific force, body, m/s²; x and y may be missing.
+    pub(crate) accel: [Option<Vec<f64>>; 3],
+    /// True where the force along z is made from the estimator's acceleration, for want of an accelerometer.
+    pub(crate) accel_from_estimator: bool,
+    pub(crate) voltage: Option<Vec<f64>>,
+    pub(crate) current: Option<Vec<f64>>,
+    /// Roll, pitch, yaw.
+    pub(crate) attitude: Option<[Vec<f64>; 3]>,
+    /// NED, m/s.
+    pub(crate) velocity: Option<[Vec<f64>; 3]>,
+    /// In the air, in the order of time.
+    pub(crate) airborne: Vec<Range<usize>>,
+    /// On the ground before the first take-off, at rest.
+    pub(crate) rest: Option<Range<usize>>,
+    /// Measured |a| at rest over 9.81 m/s²; readings are divided by it.
+    pub(crate) accel_scale: Option<f64>,
+    /// Logged above 600 Hz, and thinned out.
+    pub(crate) fast: bool,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Outputs of a log that drive rotors: not those that stay constant.
+pub(crate) fn moving_outputs(log: &FlightLog) -> Vec<usize> {
+    (1..=rotortwin_flight_core::MAX_ROTORS)
+        .filter(|output| {
+            log.column(&names::duty(*output)).is_some_and(|values| {
+                let finite = || values.iter().copied().filter(|value| value.is_finite());
+                let low = finite().fold(f64::INFINITY, f64::min);
+                let high = finite().fold(f64::NEG_INFINITY, f64::max);
+                high - low > 0.01 && high > 0.02
+            })
+        })
+        .collect()
+}
+
+impl Grid {
+    /// A log with these of its outputs as rotors, in this order.
+    pub(crate) fn new(log: &FlightLog, outputs: &[usize]) -> Result<Self, String> {
+        let rate_hz = log.sample_rate_hz();
+        let even = {
+            let step = 1.0 / rate_hz;
+            log.time_s
+                .windows(2)
+                .all(|pair| ((pair[1] - pair[0]) / step - 1.0).abs() < 1e-3)
+        };
+        let resampled;
+        let log = if even {
+            log
+        } else {
+            resampled = log.resampled(rate_hz)?;
+            &resampled
+        };
+        let owned = |name: &str| log.column(name).map(<[f64]>::to_vec);
+        let three = |names: [&str; 3]| -> Option<[Vec<f64>; 3]> {
+            Some([owned(names[0])?, owned(names[1])?, owned(names[2])?])
+        };
+        let mut accel = names::ACCEL.map(owned);
+        let mut accel_from_estimator = false;
+        if accel[2].is_none()
+            && let Some(up) = log.column("stateEstimate.az")
+        {
+            // World axes, gravity removed, g; level within a few degrees where it is used.
+            accel[2] = Some(up.iter().map(|up| -GRAVITY * (1.0 + up)).collect());
+            accel_from_estimator = true;
+        }
+        let mut grid = Self {
+            name: log.name.clone(),
+            step_s: log.duration_s() / (log.time_s.len() - 1) as f64,
+            start_s: log.time_s[0],
+            rows: log.time_s.len(),
+            outputs: outputs.to_vec(),
+            duty: outputs
+                .iter()
+                .map(|output| owned(&names::duty(*output)).ok_or_else(|| format!("duty_{output} is missing")))
+                .collect::<Result<_, _>>()?,
+            rates: three(names::RATES),
+            accel,
+            accel_from_estimator,
+            voltage: owned(names::BATTERY_VOLTAGE),
+            current: owned(names::BATTERY_CURRENT),
+            attitude: three(names::ATTITUDE),
+            velocity: three(names::VELOCITY),
+            airborne: Vec::new(),
+            rest: None,
+            accel_scale: None,
+            fast: false,
+            notes: Vec::new(),
+        };
+        grid.find_rest();
+        grid.decimate();
+        grid.find_airborne()?;
+        Ok(grid)
+    }
+
+    /// Above 600 Hz means of some rows are taken: vibration and the gyro's own filter are no part of the model, and the error between
+    /// neighbouring rows is all theirs.
+    fn decimate(&mut self) {
+        const FASTEST_HZ: f64 = 600.0;
+        const AIM_HZ: f64 = 250.0;
+        let rate = 1.0 / self.step_s;
+        if rate <= FASTEST_HZ {
+            return;
+        }
+        let factor = (rate / AIM_HZ).round() as usize;
+        let rows = self.rows / factor;
+        let centred = |values: &mut Vec<f64>| {
+            let means = running_mean(values, factor / 2);
+            *values = (0..rows).map(|row| means[row * factor]).collect();
+        };
+        // A duty holds from its row on: the mean of what the new row stands for.
+        for duty in &mut self.duty {
+            *duty = (0..rows)
+                .map(|row| duty[row * factor..(row + 1) * factor].iter().sum::<f64>() / factor as f64)
+                .collect();
+        }
+        let triples = [&mut self.rates, &mut self.velocity].into_iter().flatten().flatten();
+        triples
+            .chain(self.accel.iter_mut().flatten())
+            .chain(self.voltage.iter_mut())
+            .chain(self.current.iter_mut())
+            .for_each(centred);
+        // An angle has no mean at its seam.
+        for angle in self.attitude.iter_mut().flatten() {
+            *angle = (0..rows).map(|row| angle[row * factor]).collect();
+        }
+        self.rest = self.rest.take().map(|rest| rest.start / factor..rest.end / factor);
+        self.fast = true;
+        self.rows = rows;
+        self.step_s *= factor as f64;
+        self.notes
+            .push(format!("{}: {rate:.0} Hz, taken as means of {factor} rows", self.name));
+    }
+
+    /// Rows of so many seconds, at least one.
+    pub(crate) fn rows_of(&self, seconds: f64) -> usize {
+        ((seconds / self.step_s).round() as usize).max(1)
+    }
+
+    /// Seconds in the air.
+    pub(crate) fn airborne_s(&self) -> f64 {
+        self.airborne.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 * self.step_s
+    }
+
+    /// All rotors' mean duty at a row.
+    pub(crate) fn mean_duty(&self, row: usize) -> f64 {
+        self.duty.iter().map(|duty| duty[row]).sum::<f64>() / self.duty.len() as f64
+    }
+
+    /// Thrust over mass, m/s², upwards.
+    pub(crate) fn lift(&self) -> Option<Vec<f64>> {
+        self.accel[2].as_ref().map(|z| z.iter().map(|z| -z).collect())
+    }
+
+    /// Rows in the air, split into pieces of about `seconds`, none shorter than half of it.
+    pub(crate) fn pieces(&self, seconds: f64) -> Vec<Range<usize>> {
+        let length = self.rows_of(seconds);
+        self.airborne
+            .iter()
+            .flat_map(|part| {
+                let count = ((part.len() as f64 / length as f64).round() as usize).max(1);
+                let size = part.len() / count;
+                (0..count).map(move |i| part.start + i * size..part.start + (i + 1) * size)
+            })
+            .filter(|piece| 2 * piece.len() >= length)
+            .collect()
+    }
+
+    /// The longest quiet second or more before the rotors turn: mean |a|, held against gravity.
+    fn find_rest(&mut self) {
+        let [Some(x), Some(y), Some(z)] = &self.accel else {
+            return;
+        };
+        let idle = self.ground_level();
+        let block = self.rows_of(1.0);
+        let mut quiet: Vec<(usize, f64)> = Vec::new();
+        let mut start = 0;
+        while start + block <= self.rows {
+            let rows = start..start + block;
+            let still = rows.clone().all(|k| self.mean_duty(k) <= idle);
+            let size = |k: usize| (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt();
+            let (mean, deviation) = mean_deviation(rows.clone().map(size));
+            let turns = self.rates.as_ref().is_some_and(|rates| {
+                rates
+                    .iter()
+                    .any(|rate| mean_deviation(rows.clone().map(|k| rate[k])).1 > 0.03)
+            });
+            if still && deviation < 0.25 && !turns && (7.5..12.5).contains(&mean) {
+                quiet.push((start, mean));
+            }
+            start += block;
+        }
+        if quiet.len() < 2 {
+            return;
+        }
+        let mut means: Vec<f64> = quiet.iter().map(|(_, mean)| *mean).collect();
+        means.sort_by(f64::total_cmp);
+        self.rest = Some(quiet[0].0..quiet[quiet.len() - 1].0 + block);
+        let scale = means[means.len() / 2] / GRAVITY;
+        // A tenth of a per cent is what a good calibration leaves.
+        if (scale - 1.0).abs() > 0.002 {
+            for axis in self.accel.iter_mut().flatten() {
+                axis.iter_mut().for_each(|value| *value /= scale);
+            }
+            self.notes.push(format!(
+                "{}: at rest the accelerometer reads {:.3} m/s²; its readings are divided by {scale:.4}",
+                self.name,
+                scale * GRAVITY
+            ));
+        }
+        self.accel_scale = Some(scale);
+    }
+
+    /// Duty below which the vehicle stands; 0 where the log has no time on the ground.
+    fn ground_level(&self) -> f64 {
+        let mut means: Vec<f64> = (0..self.rows).map(|k| self.mean_duty(k)).collect();
+        means.retain(|mean| mean.is_finite());
+        if means.is_empty() {
+            return 0.0;
+        }
+        means.sort_by(f64::total_cmp);
+        let level = |share: f64| means[((means.len() - 1) as f64 * share) as usize];
+        let (low, high) = (level(0.02), level(0.9));
+        if low > 0.55 * high { 0.0 } else { 0.5 * (low + high) }
+    }
+
+    fn find_airborne(&mut self) -> Result<(), String> {
+        let ground = self.ground_level();
+        let half = self.rows_of(0.5);
+        let smooth = |values: &[f64]| running_mean(values, half);
+        let duty: Vec<f64> = smooth(&(0..self.rows).map(|k| self.mean_duty(k)).collect::<Vec<_>>());
+        let lift = self.lift();
+        let lift_mean = lift.as_deref().map(smooth);
+        // 20 Hz: vibration is no crash.
+        let fast = self.rows_of(0.025);
+        let shock = lift.as_deref().map(|lift| running_mean(lift, fast));
+        let tilted = |k: usize| {
+            self.attitude
+                .as_ref()
+                .is_some_and(|[roll, pitch, _]| (roll[k].cos() * pitch[k].cos()) < TILT_END_RAD.cos())
+        };
+        let flies = |k: usize| {
+            duty[k] > ground
+                && duty[k] > 0.03
+                && lift_mean.as_ref().is_none_or(|lift| FORCE_FLIGHT.contains(&lift[k]))
+                && shock.as_ref().is_none_or(|shock| shock[k].abs() < FORCE_END)
+                && !tilted(k)
+                && self.duty.iter().all(|duty| duty[k].is_finite())
+                && self
+                    .rates
+                    .as_ref()
+                    .is_none_or(|rates| rates.iter().all(|rate| rate[k].is_finite()))
+                && self.accel[2].as_ref().is_none_or(|z| z[k].is_finite())
+        };
+        let (cut_ground, cut_log) = (self.rows_of(CUT_GROUND_S), self.rows_of(CUT_LOG_S));
+        let shortest = self.rows_of(SHORTEST_S);
+        let mut parts = Vec::new();
+        let mut start = None;
+        for k in 0..=self.rows {
+            let up = k < self.rows && flies(k);
+            match (up, start) {
+                (true, None) => start = Some(k),
+                (false, Some(from)) => {
+                    let begin = from + if from == 0 { cut_log } else { cut_ground };
+                    let end = k.saturating_sub(if k == self.rows { cut_log } else { cut_ground });
+                    if end >= begin + shortest {
+                        parts.push(begin..end);
+                    }
+                    start = None;
+                }
+                _ => {}
+            }
+        }
+        if parts.is_empty() {
+            return Err(format!(
+                "{}: expected at least {SHORTEST_S} s of flight (after {CUT_GROUND_S} s from take-off and before landing), found none: \
+                 the motors idle, or the specific force or the tilt is not that of flight",
+                self.name
+            ));
+        }
+        self.airborne = parts;
+        self.thin_out();
+        Ok(())
+    }
+
+    /// Of a long flight evenly spread pieces.
+    fn thin_out(&mut self) {
+        let total = self.airborne_s();
+        if total <= MOST_SECONDS {
+            return;
+        }
+        let keep = MOST_SECONDS / total;
+        let pieces = self.pieces(20.0 / keep);
+        self.airborne = pieces
+            .into_iter()
+            .map(|piece| piece.start..piece.start + (piece.len() as f64 * keep) as usize)
+            .collect();
+        self.notes.push(format!(
+            "{}: {total:.0} s in the air, of which {:.0} s in {} evenly spread pieces are fitted",
+            self.name,
+            self.airborne_s(),
+            self.airborne.len()
+        ));
+    }
+}
+
+/// Mean and deviation.
+pub(crate) fn mean_deviation(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    for value in values {
+        count += 1.0;
+        sum += value;
+        squares += value * value;
+    }
+    let mean = sum / count;
+    (mean, (squares / count - mean * mean).max(0.0).sqrt())
+}
+
+/// Mean over `half` rows to either side, fewer at the ends; rows without a value do not count.
+pub(crate) fn running_mean(values: &[f64], half: usize) -> Vec<f64> {
+    let mut sums = Vec::with_capacity(values.len() + 1);
+    let (mut sum, mut count) = (0.0, 0_usize);
+    sums.push((0.0, 0));
+    for value in values {
+        if value.is_finite() {
+            sum += value;
+            count += 1;
+        }
+        sums.push((sum, count));
+    }
+    (0..values.len())
+        .map(|k| {
+            let (from, to) = (sums[k.saturating_sub(half)], sums[(k + half + 1).min(values.len())]);
+            (to.0 - from.0) / (to.1 - from.1) as f64
+        })
+        .collect()
+}

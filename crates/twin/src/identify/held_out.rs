@@ -1,0 +1,255 @@
+//! R² on data that no fit has seen: each half of the flight predicted by what the other half gave, beside the class default.
+
+use serde::Serialize;
+
+use super::actuator::lagged;
+use super::class::{self, Class};
+use super::curve::Curve;
+use super::filters::Band;
+use super::fit::{self, Fitted, Series};
+use super::frames::Place;
+use super::grid::Grid;
+use super::yaw::{self, Yaw, derivative};
+use super::{IdentifyError, Request, prepare, slow};
+use crate::log::FlightLog;
+
+/// One channel.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Score {
+    /// In words.
+    pub channel: &'static str,
+    /// Where measured and predicted are compared.
+    pub band: Band,
+    /// R² of the class default, with the hover level of the log.
+    pub class_default: f64,
+    /// R² of what the other half gave.
+    pub calibrated: f64,
+}
+
+/// Scores of one log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HeldOut {
+    /// Log.
+    pub log: String,
+    /// Seconds in the air, both halves.
+    pub seconds: f64,
+    /// By channel.
+    pub scores: Vec<Score>,
+    /// Gain of the second half over that of the first: roll, pitch. Near 1 if the halves tell the same vehicle.
+    pub gain_ratio: [f64; 2],
+}
+
+/// A model in the units of the fit.
+struct Model {
+    curve: Curve,
+    lag_s: f64,
+    delay_s: f64,
+    gain: [f64; 2],
+    yaw_gain: f64,
+    reaction_s: f64,
+}
+
+/// Residual power and power of a channel.
+#[derive(Default, Clone, Copy)]
+struct Sum {
+    residual: f64,
+    measured: f64,
+    mean: f64,
+    count: f64,
+}
+
+impl Sum {
+    fn add(&mut self, measured: &[f64], predicted: &[f64], settle: usize) {
+        for k in settle..measured.len().saturating_sub(settle) {
+            self.residual += (measured[k] - predicted[k]).powi(2);
+            self.measured += measured[k] * measured[k];
+            self.mean += measured[k];
+            self.count += 1.0;
+        }
+    }
+
+    fn explained(&self) -> f64 {
+        1.0 - self.residual / (self.measured - self.mean * self.mean / self.count)
+    }
+}
+
+/// Fits each half of a log's flight and scores it on the other.
+///
+/// # Errors
+/// As [`super::identify`]; or the flight is too short for two halves.
+pub fn held_out(log: &FlightLog, request: &Request) -> Result<HeldOut, IdentifyError> {
+    let class = Class::of(request.mass_kg, request.arm_m);
+    let (mut grids, airframe) = prepare(std::slice::from_ref(log), request, &class)?;
+    let whole = grids.remove(0);
+    let halves = split(&whole).ok_or_else(|| {
+        IdentifyError(format!(
+            "{}: {:.1} s in the air; two halves of at least 3 s are needed",
+            log.name,
+            whole.airborne_s()
+        ))
+    })?;
+    let channels: [(&'static str, Band); 5] = [
+        ("vertical specific force", Band::of_lift(whole.step_s, whole.fast)),
+        (
+            "the same without drift",
+            Band {
+                low_hz: 0.1,
+                ..Band::of_lift(whole.step_s, whole.fast)
+            },
+        ),
+        ("roll acceleration", Band::of_torque(whole.step_s, whole.fast)),
+        ("pitch acceleration", Band::of_torque(whole.step_s, whole.fast)),
+        ("yaw acceleration", Band::of_yaw(whole.step_s, whole.fast)),
+    ];
+    let mut sums = [[Sum::default(); 5]; 2];
+    let mut gains = Vec::new();
+    for fitted_half in 0..2 {
+        let learn = std::slice::from_ref(&halves[fitted_half]);
+        let proof = &halves[1 - fitted_half];
+        let default = default_model(learn, &airframe.places, &class, request.arm_m);
+        let (calibrated, fitted) = calibrate(learn, &airframe.places, &class, request.arm_m);
+        gains.push(fitted.gain);
+        for (sums, model) in sums.iter_mut().zip([&default, &calibrated]) {
+            score(proof, &airframe.places, model, &channels, sums);
+        }
+    }
+    let scores = channels
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| sums[0][*i].count > 0.0)
+        .map(|(i, (channel, band))| Score {
+            channel,
+            band: *band,
+            class_default: sums[0][i].explained(),
+            calibrated: sums[1][i].explained(),
+        })
+        .collect();
+    Ok(HeldOut {
+        log: log.name.clone(),
+        seconds: whole.airborne_s(),
+        scores,
+        gain_ratio: [0, 1].map(|axis| gains[1][axis] / gains[0][axis]),
+    })
+}
+
+/// The time in the air, cut in the middle.
+fn split(grid: &Grid) -> Option<[Grid; 2]> {
+    let total: usize = grid.airborne.iter().map(ExactSizeIterator::len).sum();
+    let mut seen = 0;
+    let mut halves = [grid.clone(), grid.clone()];
+    halves[0].airborne.clear();
+    halves[1].airborne.clear();
+    for part in &grid.airborne {
+        let left = (total / 2).saturating_sub(seen).min(part.len());
+        if left > 0 {
+            halves[0].airborne.push(part.start..part.start + left);
+        }
+        if left < part.len() {
+            halves[1].airborne.push(part.start + left..part.end);
+        }
+        seen += part.len();
+    }
+    for half in &mut halves {
+        half.airborne.retain(|part| part.len() as f64 * grid.step_s > 1.0);
+    }
+    halves.iter().all(|half| half.airborne_s() >= 3.0).then_some(halves)
+}
+
+fn calibrate(grids: &[Grid], places: &[Place], class: &Class, arm_m: f64) -> (Model, Fitted) {
+    let problem = |voltage_slope| fit::Problem {
+        grids,
+        places: Some(places),
+        class: *class,
+        voltage_slope,
+    };
+    let mut fitted = fit::fit(&problem(class::VOLTAGE_SLOPE), arm_m);
+    if grids[0].voltage.is_some() {
+        let (slope, ..) = slow::voltage_slope(grids, &fitted.curve);
+        fitted = fit::fit(&problem(slope), arm_m);
+    }
+    let Yaw { gain, reaction_s, .. } = yaw::fit(grids, places, &fitted).unwrap_or(Yaw {
+        gain: default_yaw(class, arm_m),
+        deviation: 0.0,
+        reaction_s: 0.0,
+        reaction_deviation_s: 0.0,
+    });
+    let model = Model {
+        curve: fitted.curve,
+        lag_s: fitted.lag_s,
+        delay_s: fitted.delay_s,
+        gain: fitted.gain,
+        yaw_gain: gain,
+        reaction_s,
+    };
+    (model, fitted)
+}
+
+/// c m/Jz by class.
+fn default_yaw(class: &Class, arm_m: f64) -> f64 {
+    let inertia: f64 = class.inertia_ratio.iter().sum::<f64>() * class::YAW_INERTIA_SHARE * arm_m * arm_m;
+    class.moment_ratio_m / inertia
+}
+
+fn default_model(grids: &[Grid], _places: &[Place], class: &Class, arm_m: f64) -> Model {
+    let (hover_duty, voltage) = fit::hover_point(grids);
+    let mut curve = Curve::with_slope(hover_duty, 1.0, class.slope);
+    if voltage.is_finite() {
+        curve.voltage = voltage;
+        curve.voltage_slope = class::VOLTAGE_SLOPE;
+    }
+    curve.hover = fit::hover_level(grids, curve);
+    Model {
+        curve,
+        lag_s: class.lag_s,
+        delay_s: class.delay_s,
+        gain: fit::class_gain(class, arm_m),
+        yaw_gain: default_yaw(class, arm_m),
+        reaction_s: 0.0,
+    }
+}
+
+fn score(grid: &Grid, places: &[Place], model: &Model, channels: &[(&'static str, Band); 5], sums: &mut [Sum; 5]) {
+    let step = grid.step_s;
+    for part in &grid.airborne {
+        let series = Series::new(grid, part, Some(places), &model.curve, model.lag_s, model.delay_s);
+        if let Some(lift) = grid.lift() {
+            for channel in 0..2 {
+                let band = channels[channel].1;
+                sums[channel].add(
+                    &band.pass(&lift[part.clone()], step),
+                    &band.pass(&series.lift, step),
+                    band.settling(step).min(part.len() / 4),
+                );
+            }
+        }
+        let Some(rates) = &grid.rates else { continue };
+        // Yaw torque at the rows, for the rotors' acceleration.
+        let mut fast = vec![0.0; part.len()];
+        if model.reaction_s != 0.0 {
+            for (rotor, place) in places.iter().enumerate() {
+                let thrust = lagged(grid, part, rotor, &model.curve, model.lag_s, model.delay_s);
+                let slope = derivative(&thrust.mean, step);
+                for (sum, slope) in fast.iter_mut().zip(slope) {
+                    *sum += place.yaw_sign() * slope;
+                }
+            }
+        }
+        for axis in 0..3 {
+            let band = channels[2 + axis].1;
+            let rate = &rates[axis][part.clone()];
+            let mut acceleration: Vec<f64> = rate.windows(2).map(|pair| (pair[1] - pair[0]) / step).collect();
+            acceleration.push(acceleration.last().copied().unwrap_or(0.0));
+            let predicted: Vec<f64> = (0..part.len())
+                .map(|k| match axis {
+                    2 => model.yaw_gain * (series.torque[2][k] + model.reaction_s * fast[k]),
+                    _ => model.gain[axis] * series.torque[axis][k],
+                })
+                .collect();
+            sums[2 + axis].add(
+                &band.pass(&acceleration, step),
+                &band.pass(&predicted, step),
+                band.settling(step).min(part.len() / 4),
+            );
+        }
+    }
+}

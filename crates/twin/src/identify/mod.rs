@@ -1,0 +1,276 @@
+//! A vehicle from flight logs: drop a log, say mass and arm.
+//!
+//! ```text
+//! FlightLog ─▶ outputs, airborne parts (grid) ─▶ frame (parameters, or every wiring tried) ─▶ thrust curve, lag, gains (fit)
+//!                                                                      yaw ─ drag ─ voltage ─ battery ─ sensors ─▶ Identified
+//! Identified ─▶ vehicle, blades, intervals (write) · R² on data that no fit has seen (held_out)
+//! ```
+//! Each value has a 95 % interval, says where it came from and what would make it better. What the flight cannot tell stays a class
+//! default with a wide interval and is marked so. Mass and arm are never estimated: an IMU knows thrust over mass and torque over
+//! inertia, so every scale follows from what was entered.
+//!
+//! Limits: equal rotors on one plane; no coaxial frames; one thrust curve; rotors' differences and the centre of mass are left to
+//! [`crate::compare`], which fits them to each log.
+
+mod actuator;
+mod airframe;
+mod class;
+mod curve;
+mod estimate;
+mod filters;
+mod fit;
+pub mod frames;
+mod grid;
+mod held_out;
+mod observer;
+mod slow;
+mod wiring;
+mod write;
+mod yaw;
+
+use serde::Serialize;
+
+pub use airframe::{Airframe, known_rotor_places};
+pub use class::Class;
+pub use estimate::{Estimate, Source};
+pub use filters::Band;
+pub use held_out::{HeldOut, Score, held_out};
+pub use wiring::Wiring;
+pub use write::{Files, files};
+
+use crate::log::{FlightLog, SensorRate};
+use curve::Curve;
+use frames::Place;
+use grid::Grid;
+
+/// Why no vehicle comes out of a log: one sentence.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct IdentifyError(pub String);
+
+/// What no log holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// With battery, kg.
+    pub mass_kg: f64,
+    /// From the centre to the furthest rotor, m.
+    pub arm_m: f64,
+    /// Frame by name ([`frames::FRAMES`]) instead of what the log says.
+    pub frame: Option<String>,
+    /// Capacity of the battery, Ah, where it is known.
+    pub capacity_ah: Option<f64>,
+    /// Cells in series, where they are known.
+    pub cells: Option<u32>,
+}
+
+impl Request {
+    fn check(&self) -> Result<(), IdentifyError> {
+        let range = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(IdentifyError(format!(
+                    "{name}: expected {low} to {high} {unit}, got {value}"
+                )))
+            }
+        };
+        range("mass", self.mass_kg, 0.02, 200.0, "kg")?;
+        range("arm", self.arm_m, 0.02, 5.0, "m")?;
+        if let Some(capacity) = self.capacity_ah {
+            range("capacity", capacity, 0.05, 1000.0, "Ah")?;
+        }
+        if let Some(cells) = self.cells {
+            range("cells", f64::from(cells), 1.0, 24.0, "")?;
+        }
+        Ok(())
+    }
+}
+
+/// Numbers that the vehicle document is written from; intervals are in [`Identified::values`].
+#[derive(Debug, Clone)]
+pub(crate) struct Numbers {
+    pub(crate) curve: Curve,
+    pub(crate) lag_s: f64,
+    pub(crate) inertia: [f64; 3],
+    pub(crate) moment_ratio: f64,
+    pub(crate) drag: f64,
+    pub(crate) voltage: f64,
+    pub(crate) voltage_slope: f64,
+    pub(crate) cells: u32,
+    pub(crate) capacity: f64,
+    pub(crate) resistance: f64,
+    pub(crate) power_coefficient: f64,
+}
+
+/// A part of a log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Part {
+    /// Log that it is of.
+    pub log: String,
+    /// s, on the log's time.
+    pub start_s: f64,
+    /// s.
+    pub end_s: f64,
+}
+
+/// A vehicle as far as the logs tell it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Identified {
+    /// Names of the logs.
+    pub logs: Vec<String>,
+    /// Size class that the defaults are of.
+    pub class: Class,
+    /// Outputs of the log that drive rotors, from 1.
+    pub outputs: Vec<usize>,
+    /// Where the rotors are, and how that is known.
+    pub airframe: Airframe,
+    /// Used parts.
+    pub airborne: Vec<Part>,
+    /// Every value with its interval.
+    pub values: Vec<Estimate>,
+    /// Rates and noise of the streams.
+    pub sensors: Vec<SensorRate>,
+    /// What was found on the way.
+    pub notes: Vec<String>,
+    #[serde(skip)]
+    pub(crate) numbers: Numbers,
+    #[serde(skip)]
+    pub(crate) request: Request,
+}
+
+impl Identified {
+    /// By its key.
+    pub fn value(&self, key: &str) -> Option<&Estimate> {
+        self.values.iter().find(|value| value.key == key)
+    }
+
+    /// Thrust of one rotor over the duty, N, at the mean voltage of the flight.
+    pub fn thrust_n(&self, duty: f64) -> f64 {
+        self.request.mass_kg * self.numbers.curve.hover * self.numbers.curve.shape(duty)
+    }
+
+    /// Voltage that [`Self::thrust_n`] holds at, V.
+    pub fn voltage_v(&self) -> f64 {
+        self.numbers.voltage
+    }
+}
+
+/// Identifies a vehicle from its logs.
+///
+/// # Errors
+/// Nothing in them is a flight, motor outputs are missing, the motor order is not known, or the request is out of range.
+pub fn identify(logs: &[FlightLog], request: &Request) -> Result<Identified, IdentifyError> {
+    request.check()?;
+    let class = Class::of(request.mass_kg, request.arm_m);
+    let (grids, airframe) = prepare(logs, request, &class)?;
+    estimate_all(logs, &grids, airframe, request, class)
+}
+
+/// Grids of all logs with their rotors picked out, and the frame.
+pub(crate) fn prepare(
+    logs: &[FlightLog],
+    request: &Request,
+    class: &Class,
+) -> Result<(Vec<Grid>, Airframe), IdentifyError> {
+    let first = logs
+        .first()
+        .ok_or_else(|| IdentifyError("expected at least one log".to_owned()))?;
+    let outputs = airframe::rotor_outputs(first).map_err(IdentifyError)?;
+    let grids = logs
+        .iter()
+        .map(|log| {
+            let these = airframe::rotor_outputs(log)?;
+            if these.len() != outputs.len() {
+                return Err(format!(
+                    "{}: expected {} rotors as in {}, found {}",
+                    log.name,
+                    outputs.len(),
+                    first.name,
+                    these.len()
+                ));
+            }
+            Grid::new(log, &these)
+        })
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(IdentifyError)?;
+    let airframe = airframe::find(first, &grids, request, class).map_err(IdentifyError)?;
+    Ok((grids, airframe))
+}
+
+fn estimate_all(
+    logs: &[FlightLog],
+    grids: &[Grid],
+    airframe: Airframe,
+    request: &Request,
+    class: Class,
+) -> Result<Identified, IdentifyError> {
+    let places = &airframe.places;
+    let problem = |voltage_slope| fit::Problem {
+        grids,
+        places: Some(places),
+        class,
+        voltage_slope,
+    };
+    let mut fitted = fit::fit(&problem(class::VOLTAGE_SLOPE), request.arm_m);
+    let has_voltage = grids.iter().all(|grid| grid.voltage.is_some());
+    let mut voltage_slope = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, false);
+    if has_voltage {
+        voltage_slope = slow::voltage_slope(grids, &fitted.curve);
+        if (voltage_slope.0 - class::VOLTAGE_SLOPE).abs() > 0.1 {
+            fitted = fit::fit(&problem(voltage_slope.0), request.arm_m);
+        }
+    }
+    let yaw = yaw::fit(grids, places, &fitted);
+    let mut notes: Vec<String> = grids.iter().flat_map(|grid| grid.notes.clone()).collect();
+    if grids.iter().any(|grid| grid.accel_from_estimator) {
+        notes.push(
+            "the vertical force is made from the estimator's acceleration: there is no accelerometer in the log"
+                .to_owned(),
+        );
+    }
+    let rotors = places.len();
+    let (numbers, values) = airframe::Findings {
+        request,
+        class,
+        grids,
+        logs,
+        fitted: &fitted,
+        yaw,
+        voltage_slope,
+        has_voltage,
+        rotors,
+    }
+    .values(&mut notes);
+    Ok(Identified {
+        logs: logs.iter().map(|log| log.name.clone()).collect(),
+        class,
+        outputs: match logs.first() {
+            Some(log) if !log.report.rotor_outputs.is_empty() => log.report.rotor_outputs.clone(),
+            _ => grids[0].outputs.clone(),
+        },
+        airborne: grids
+            .iter()
+            .flat_map(|grid| {
+                grid.airborne.iter().map(|part| Part {
+                    log: grid.name.clone(),
+                    start_s: grid.start_s + part.start as f64 * grid.step_s,
+                    end_s: grid.start_s + part.end as f64 * grid.step_s,
+                })
+            })
+            .collect(),
+        airframe,
+        values,
+        sensors: logs.iter().take(1).flat_map(FlightLog::source_rates).collect(),
+        notes,
+        numbers,
+        request: request.clone(),
+    })
+}
+
+/// Levers in units of the arm, and their mean square: what a gain and a mass turn into an inertia with.
+pub(crate) fn lever_unit(places: &[Place]) -> f64 {
+    places
+        .iter()
+        .map(|place| place.position[0].hypot(place.position[1]))
+        .fold(0.0, f64::max)
+}

@@ -1,0 +1,269 @@
+//! What shows slowly: drag, the law of the voltage, the battery.
+
+use super::class;
+use super::curve::Curve;
+use super::filters::Band;
+use super::grid::{GRAVITY, Grid, mean_deviation};
+
+/// k/m, 1/s, with deviation; or why it is refused.
+pub(crate) fn drag(grids: &[Grid]) -> Result<(f64, f64), String> {
+    const FASTEST_HZ: f64 = 1.0;
+    let mut fits = Vec::new();
+    let mut reason = "no velocity and attitude in the log".to_owned();
+    for grid in grids {
+        let ([Some(ax), Some(ay), _], Some(velocity), Some(attitude)) = (&grid.accel, &grid.velocity, &grid.attitude)
+        else {
+            continue;
+        };
+        let body = |k: usize| -> [f64; 2] {
+            let [roll, pitch, yaw] = [attitude[0][k], attitude[1][k], attitude[2][k]];
+            let v = [velocity[0][k], velocity[1][k], velocity[2][k]];
+            let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
+            [
+                cp * cy * v[0] + cp * sy * v[1] - sp * v[2],
+                (sr * sp * cy - cr * sy) * v[0] + (sr * sp * sy + cr * cy) * v[1] + sr * cp * v[2],
+            ]
+        };
+        let low = Band {
+            low_hz: 0.0,
+            high_hz: FASTEST_HZ,
+        };
+        for axis in 0..2 {
+            let accel = if axis == 0 { ax } else { ay };
+            let mut parts: Vec<[f64; 5]> = Vec::new();
+            for part in grid.pieces(6.0) {
+                let v: Vec<f64> = part.clone().map(|k| body(k)[axis]).collect();
+                let a = &accel[part.clone()];
+                if v.iter().chain(a).any(|x| !x.is_finite()) {
+                    continue;
+                }
+                let (v, a) = (low.pass(&v, grid.step_s), low.pass(a, grid.step_s));
+                let n = v.len() as f64;
+                parts.push([
+                    n,
+                    v.iter().sum(),
+                    a.iter().sum(),
+                    v.iter().map(|x| x * x).sum(),
+                    v.iter().zip(&a).map(|(x, y)| x * y).sum(),
+                ]);
+                parts.last_mut().expect("just pushed")[0] = n;
+                fits.push((axis, grid.name.clone(), v, a));
+            }
+        }
+    }
+    if fits.is_empty() {
+        return Err(reason);
+    }
+    // Both axes share k; each has its own offset.
+    let mut kept = Vec::new();
+    for axis in 0..2 {
+        let of = || fits.iter().filter(move |(a, ..)| *a == axis);
+        let (mean_v, speed) = mean_deviation(of().flat_map(|(_, _, v, _)| v.iter().copied()));
+        let (mean_a, force) = mean_deviation(of().flat_map(|(_, _, _, a)| a.iter().copied()));
+        if speed.is_nan() || speed < 1.0 {
+            reason = format!("the speed along the body varies by {speed:.2} m/s; 1 m/s is needed");
+            continue;
+        }
+        let sums: Vec<(f64, f64)> = of()
+            .map(|(_, _, v, a)| {
+                v.iter().zip(a).fold((0.0, 0.0), |(xx, xy), (v, a)| {
+                    (xx + (v - mean_v).powi(2), xy + (v - mean_v) * (a - mean_a))
+                })
+            })
+            .collect();
+        let (xx, xy) = sums.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+        let k = -xy / xx;
+        let count: usize = of().map(|(_, _, v, _)| v.len()).sum();
+        let explained = k * k * xx / (count as f64 * force * force);
+        if k <= 0.0 || explained < 0.6 {
+            reason = format!(
+                "drag explains {:.0} % of the force along the body; 60 % are needed",
+                100.0 * explained
+            );
+            continue;
+        }
+        let n = sums.len() as f64;
+        let meat: f64 = sums.iter().map(|(pxx, pxy)| (pxy + k * pxx).powi(2)).sum();
+        let deviation = (meat * n / (n - 1.0).max(1.0)).sqrt() / xx;
+        kept.push((k, deviation));
+    }
+    if kept.is_empty() {
+        return Err(reason);
+    }
+    let weight: f64 = kept.iter().map(|(_, d)| 1.0 / (d * d)).sum();
+    let k = kept.iter().map(|(k, d)| k / (d * d)).sum::<f64>() / weight;
+    let apart = kept.iter().map(|(other, _)| (other - k).abs()).fold(0.0, f64::max);
+    Ok((k, (1.0 / weight).sqrt().max(apart)))
+}
+
+/// s = d ln T/d ln V, with deviation, the class default in it; `true` where the log decides.
+pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, bool) {
+    const BLOCK_S: f64 = 2.0;
+    let default = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, false);
+    let mut points: Vec<(f64, f64)> = Vec::new();
+    for grid in grids {
+        let (Some(lift), Some(voltage)) = (grid.lift(), &grid.voltage) else {
+            continue;
+        };
+        for block in grid.pieces(BLOCK_S) {
+            let flat = Curve {
+                voltage_slope: 0.0,
+                ..*curve
+            };
+            let mean = |value: &dyn Fn(usize) -> f64| mean_deviation(block.clone().map(value)).0;
+            let model = mean(&|k| flat.hover * grid.duty.iter().map(|d| flat.shape(d[k])).sum::<f64>());
+            let point = (mean(&|k| voltage[k]).ln(), (mean(&|k| lift[k]) / model).ln());
+            if point.0.is_finite() && point.1.is_finite() {
+                points.push(point);
+            }
+        }
+    }
+    if points.len() < 6 {
+        return default;
+    }
+    let (mean_x, deviation_x) = mean_deviation(points.iter().map(|p| p.0));
+    if deviation_x < 0.005 {
+        return default;
+    }
+    let mean_y = mean_deviation(points.iter().map(|p| p.1)).0;
+    let xx: f64 = points.iter().map(|p| (p.0 - mean_x).powi(2)).sum();
+    let s = points.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum::<f64>() / xx;
+    let errors: Vec<f64> = points.iter().map(|p| p.1 - mean_y - s * (p.0 - mean_x)).collect();
+    let rho = super::observer::neighbour_correlation(&errors).clamp(0.0, 0.9);
+    let variance = errors.iter().map(|e| e * e).sum::<f64>() / (points.len() as f64 - 2.0);
+    // Neighbours agree: fewer independent points. And voltage runs with time, as drift of anything else does.
+    let deviation = (variance / xx * (1.0 + rho) / (1.0 - rho)).sqrt().hypot(0.1);
+    let prior = class::VOLTAGE_SLOPE_DEVIATION;
+    let (a, b) = (1.0 / (deviation * deviation), 1.0 / (prior * prior));
+    let combined = (a * s + b * class::VOLTAGE_SLOPE) / (a + b);
+    (combined, (1.0 / (a + b)).sqrt(), a > 3.0 * b)
+}
+
+/// What the log says of the battery.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Battery {
+    pub(crate) cells: Option<u32>,
+    /// Ω, with deviation.
+    pub(crate) resistance: Option<(f64, f64)>,
+    /// Electrical power in the air over Σ T^1.5, with relative deviation; W/(m/s²)^1.5 of thrust over mass.
+    pub(crate) power: Option<(f64, f64)>,
+    /// Highest voltage at rest or at the start, V.
+    pub(crate) start_v: Option<f64>,
+}
+
+pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
+    let mut found = Battery::default();
+    for grid in grids {
+        let Some(voltage) = &grid.voltage else { continue };
+        let first = grid
+            .airborne
+            .first()
+            .map_or(grid.rows, |part| part.start)
+            .max(grid.rows_of(1.0))
+            .min(grid.rows);
+        let start = voltage[..first]
+            .iter()
+            .copied()
+            .filter(|v| v.is_finite())
+            .fold(0.0, f64::max);
+        if start > 2.0 {
+            found.start_v = Some(found.start_v.map_or(start, |v: f64| v.max(start)));
+        }
+        let Some(current) = &grid.current else { continue };
+        // Medians over a second hide what the sensor's delay smears.
+        let block = grid.rows_of(1.0);
+        let mut rows: Vec<[f64; 3]> = Vec::new();
+        let mut charge = 0.0;
+        for start in (0..grid.rows.saturating_sub(block)).step_by(block) {
+            let (v, _) = mean_deviation(voltage[start..start + block].iter().copied());
+            let (i, spread) = mean_deviation(current[start..start + block].iter().copied());
+            if v.is_finite() && i.is_finite() {
+                charge += i * block as f64 * grid.step_s / 3600.0;
+                if spread < 0.3 * i.abs() + 0.5 {
+                    rows.push([v, i, charge]);
+                }
+            }
+        }
+        if let Some(fit) = resistance(&rows) {
+            found.resistance = Some(fit);
+        }
+        let (mut power, mut ideal, mut parts) = (0.0, 0.0, Vec::new());
+        for part in grid.pieces(4.0) {
+            let p: f64 = part.clone().map(|k| voltage[k] * current[k]).sum();
+            let q: f64 = part
+                .clone()
+                .map(|k| {
+                    let factor = curve.voltage_factor(voltage[k]);
+                    grid.duty
+                        .iter()
+                        .map(|d| (curve.hover * curve.shape(d[k]) * factor).powf(1.5))
+                        .sum::<f64>()
+                })
+                .sum();
+            if p.is_finite() && p > 0.0 {
+                power += p;
+                ideal += q;
+                parts.push(p / q);
+            }
+        }
+        if parts.len() >= 3 {
+            let (mean, deviation) = mean_deviation(parts.iter().copied());
+            found.power = Some((power / ideal, (deviation / mean).hypot(0.03)));
+        }
+    }
+    found.cells = found.start_v.and_then(cells);
+    found
+}
+
+/// Cells in series: the only number whose cell voltage at the start is that of a charged or storage LiPo.
+fn cells(start_v: f64) -> Option<u32> {
+    let fits: Vec<u32> = (1..=14)
+        .filter(|cells| (3.75..=4.25).contains(&(start_v / f64::from(*cells))))
+        .collect();
+    match fits.as_slice() {
+        [one] => Some(*one),
+        // A full pack of fewer cells is commoner than a half-empty one of more.
+        [first, ..] => Some(*first),
+        [] => (1..=14).find(|cells| (3.3..=4.4).contains(&(start_v / f64::from(*cells)))),
+    }
+}
+
+/// R of V = V0 − R I − k Q, where the current varies.
+fn resistance(rows: &[[f64; 3]]) -> Option<(f64, f64)> {
+    use nalgebra::{Matrix3, Vector3};
+    if rows.len() < 20 {
+        return None;
+    }
+    let (_, spread) = mean_deviation(rows.iter().map(|r| r[1]));
+    let (mean, _) = mean_deviation(rows.iter().map(|r| r[1]));
+    if spread < 0.05 * mean {
+        return None;
+    }
+    let (mut h, mut g) = (Matrix3::zeros(), Vector3::zeros());
+    for [v, i, q] in rows {
+        let x = Vector3::new(1.0, -i, -q);
+        h += x * x.transpose();
+        g += x * *v;
+    }
+    let inverse = h.try_inverse()?;
+    let theta = inverse * g;
+    let errors: Vec<f64> = rows
+        .iter()
+        .map(|[v, i, q]| v - theta[0] + theta[1] * i + theta[2] * q)
+        .collect();
+    let rho = super::observer::neighbour_correlation(&errors).clamp(0.0, 0.9);
+    let variance = errors.iter().map(|e| e * e).sum::<f64>() / (rows.len() as f64 - 3.0);
+    let deviation = (inverse[(1, 1)] * variance * (1.0 + rho) / (1.0 - rho)).sqrt();
+    (theta[1] > 2.0 * deviation && theta[1] < 1.0).then_some((theta[1], deviation))
+}
+
+/// Open-circuit voltage of a LiPo cell at 0 %, 5 % … 100 % charge, V: a common chart.
+pub(crate) const CELL_CHART: [f64; 21] = [
+    3.27, 3.61, 3.69, 3.71, 3.73, 3.75, 3.77, 3.79, 3.80, 3.82, 3.84, 3.85, 3.87, 3.91, 3.95, 3.98, 4.02, 4.08, 4.11,
+    4.15, 4.20,
+];
+
+/// Lift over the vehicle's mass in level flight differs from g by this where the accelerometer is not what it says.
+pub(crate) fn level_over_gravity(curve: &Curve, rotors: usize) -> f64 {
+    curve.hover * rotors as f64 / GRAVITY
+}

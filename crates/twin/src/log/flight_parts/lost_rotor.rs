@@ -1,0 +1,188 @@
+//! A lost rotor: a motor at its limit while the attitude runs away.
+//!
+//! The controller asks ever more of the rotor whose arm sinks; what it lost it cannot give. Where the rotors' places are known:
+//! `S_i = max(0, s_i) · max(0, h_i)`, the sink rate of the arm `s_i = p y_i − q x_i` (unit positions) times the excess
+//! `h_i = u_i/ū` over its mean of the past 10 s, both averaged over 0.4 s; an alarm above 1.0 rad/s. Healthy flights stay below 0.7
+//! (1500 s of 12 logs of multirotors). The first alarm counts, and only below 70° of tilt: the tumble that follows accuses the others. What
+//! comes after a blow of 25 m/s² is the blow's. Elsewhere: the first output that
+//! reaches its upper limit, alone, within 2 s before the tilt passes 60°.
+
+use super::events::upper_limit;
+use super::signals::Signals;
+use super::{EventKind, FlightEvent, FlightPart, PartKind, RotorPlace};
+
+/// Alarm of `S`, rad/s.
+const ALARM_RAD_S: f64 = 1.0;
+/// Tilt up to which an alarm counts, rad: 70°.
+const UPRIGHT_RAD: f64 = 1.22;
+/// Specific force that turns a vehicle over by itself, m/s².
+const BLOW: f64 = 25.0;
+/// Averages of sink rate and excess, s.
+const MEAN_S: f64 = 0.4;
+/// What an excess is counted from, s.
+const PAST_S: f64 = 10.0;
+/// The attitude has run away, rad: 60°.
+const AWAY_RAD: f64 = 1.05;
+/// How long before that the motor reaches its limit, s.
+const BEFORE_S: f64 = 2.0;
+/// … for so long at least, s.
+const LEAST_S: f64 = 0.12;
+/// … by so much more than the mean of the others.
+const ALONE: f64 = 0.15;
+
+pub(super) fn find(signals: &Signals, parts: &[FlightPart], places: Option<&[RotorPlace]>) -> Vec<FlightEvent> {
+    // In the order of the outputs; not used unless it is known of all.
+    let places: Option<Vec<[f64; 2]>> = places.and_then(|places| {
+        let of = |output: &usize| {
+            places
+                .iter()
+                .find(|place| place.output == *output)
+                .map(|place| place.position)
+        };
+        signals.outputs.iter().map(of).collect()
+    });
+    parts
+        .iter()
+        .enumerate()
+        .filter(|(_, part)| matches!(part.kind, PartKind::Crash | PartKind::Upset))
+        .filter_map(|(index, part)| {
+            let begin_s = flight_begin(parts, index);
+            match &places {
+                Some(places) if signals.rates.is_some() => by_sinking_arm(signals, part, begin_s, places),
+                _ => by_limit(signals, part, begin_s),
+            }
+        })
+        .collect()
+}
+
+/// Begin of the flight that a part belongs to, s.
+fn flight_begin(parts: &[FlightPart], index: usize) -> f64 {
+    parts[..index]
+        .iter()
+        .rev()
+        .take_while(|part| part.kind != PartKind::Ground)
+        .last()
+        .map_or(parts[index].start_s, |part| part.start_s)
+}
+
+/// Bin in which the tilt passes 60°, for good or at least once.
+fn runs_away(signals: &Signals, part: &FlightPart) -> Option<usize> {
+    let tilt = signals.tilt.as_ref()?;
+    signals
+        .between(part.start_s - 1.0, part.end_s)
+        .find(|bin| tilt[*bin] > AWAY_RAD)
+}
+
+/// A blow in the second before a bin.
+fn struck(signals: &Signals, bin: usize) -> bool {
+    let before = signals.between(signals.start_s[bin] - 1.0, signals.end_s[bin]);
+    signals
+        .shock
+        .as_ref()
+        .is_some_and(|shock| before.into_iter().any(|bin| shock[bin] > BLOW))
+}
+
+fn by_limit(signals: &Signals, part: &FlightPart, begin_s: f64) -> Option<FlightEvent> {
+    let away = runs_away(signals, part)?;
+    let away_s = signals.start_s[away];
+    let limit = upper_limit(signals) - 0.01;
+    let window = signals.between((away_s - BEFORE_S).max(begin_s), away_s + MEAN_S);
+    let rotors = signals.duty.len() as f64;
+    // First bin of each output's stretch at the limit that reaches up to the tumble or lasts.
+    let (rotor, from) = (0..signals.duty.len())
+        .filter_map(|rotor| {
+            let at_limit = |bin: &usize| signals.duty[rotor][*bin] > limit;
+            let from = window.clone().find(at_limit)?;
+            let to = (from..window.end).find(|bin| !at_limit(bin)).unwrap_or(window.end);
+            let lasts = signals.end_s[to - 1] - signals.start_s[from] >= LEAST_S;
+            let all: f64 = signals.duty.iter().map(|duty| duty[from]).sum();
+            let others = (all - signals.duty[rotor][from]) / (rotors - 1.0);
+            (lasts && signals.duty[rotor][from] - others > ALONE).then_some((rotor, from))
+        })
+        .min_by_key(|(_, from)| *from)?;
+    let output = signals.outputs[rotor];
+    let tilt = signals.tilt.as_ref()?;
+    let before = signals.between(signals.start_s[from] - 1.0, signals.start_s[from]);
+    let upright = !before.clone().any(|bin| tilt[bin] > AWAY_RAD);
+    (upright && !struck(signals, from)).then(|| event(
+        signals,
+        part,
+        from,
+        output,
+        format!(
+            "motor output {output} at its limit while the tilt passes {:.0}° {:.2} s later: rotor {output} lost its thrust, or most of it",
+            AWAY_RAD.to_degrees(),
+            away_s - signals.start_s[from]
+        ),
+    ))
+}
+
+fn by_sinking_arm(signals: &Signals, part: &FlightPart, begin_s: f64, places: &[[f64; 2]]) -> Option<FlightEvent> {
+    let [roll_rate, pitch_rate, _] = signals.rates.as_ref()?;
+    let arm = places.iter().map(|[x, y]| x.hypot(*y)).fold(0.0, f64::max);
+    let effort = signals.effort.as_ref()?;
+    let from_s = (part.start_s - BEFORE_S).max(begin_s);
+    let window = signals.between(from_s, part.start_s + 1.0);
+    // Averages over the past only need the bins from 11 s before on; the smoothing is centred and shifted by half its length.
+    let share: Vec<Vec<f64>> = signals
+        .duty
+        .iter()
+        .map(|duty| {
+            duty.iter()
+                .zip(effort)
+                .map(|(duty, mean)| duty / mean.max(0.02))
+                .collect()
+        })
+        .collect();
+    let mut first: Option<(usize, usize, f64)> = None;
+    for (rotor, [x, y]) in places.iter().enumerate() {
+        let sink: Vec<f64> = roll_rate
+            .iter()
+            .zip(pitch_rate)
+            .map(|(p, q)| (p * y - q * x) / arm)
+            .collect();
+        for bin in window.clone() {
+            let now_s = signals.end_s[bin];
+            let mean = |values: &[f64], from_s: f64, to_s: f64| {
+                let bins = signals.between(from_s.max(begin_s), to_s);
+                let count = bins.len() as f64;
+                bins.map(|bin| values[bin]).sum::<f64>() / count
+            };
+            let sinks = mean(&sink, now_s - MEAN_S, now_s);
+            let excess = mean(&share[rotor], now_s - MEAN_S, now_s)
+                - mean(&share[rotor], now_s - PAST_S - MEAN_S, now_s - MEAN_S);
+            let size = sinks.max(0.0) * excess.max(0.0);
+            if size > ALARM_RAD_S {
+                if first.is_none_or(|(_, earliest, largest)| bin < earliest || (bin == earliest && size > largest)) {
+                    first = Some((rotor, bin, size));
+                }
+                break;
+            }
+        }
+    }
+    let (rotor, bin, size) = first?;
+    let tilted = signals.tilt.as_ref().is_some_and(|tilt| tilt[bin] > UPRIGHT_RAD);
+    if tilted || struck(signals, bin) {
+        return None;
+    }
+    let output = signals.outputs[rotor];
+    Some(event(
+        signals,
+        part,
+        bin,
+        output,
+        format!(
+            "rotor {output} lost its thrust, or most of it: its arm sinks while its motor is asked for more (sink rate times excess {size:.1} rad/s; healthy flights stay below 0.7)"
+        ),
+    ))
+}
+
+fn event(signals: &Signals, part: &FlightPart, bin: usize, output: usize, detail: String) -> FlightEvent {
+    FlightEvent {
+        kind: EventKind::LostRotor,
+        start_s: signals.start_s[bin],
+        end_s: part.end_s.max(signals.end_s[bin]),
+        output: Some(output),
+        detail,
+    }
+}

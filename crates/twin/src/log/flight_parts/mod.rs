@@ -1,0 +1,235 @@
+//! Parts of a flight: on the ground, taking off, in the air, landing, crash; and what happened in it.
+//!
+//! ```text
+//! FlightLog ─▶ bins of 0.04 s (signals) ─▶ runs of flight, their ends, upsets and crashes (stages) ─▶ FlightParts
+//!                                      └─▶ motors at their limit, lost rotor, estimator resets, gaps (events) ─┘
+//! ```
+//! Found from any log: from motor outputs alone, better with attitude, accelerometer, rates, height. A model is judged in the air
+//! only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground effect, and past
+//! 70° of tilt a multirotor's loads are no longer those of the model.
+//!
+//! Limits: a flight that begins and ends outside of the log has neither take-off nor landing; a vehicle that is carried by hand with
+//! turning motors looks as if it flew; without attitude a tumble shows by its blow only.
+
+mod events;
+mod lost_rotor;
+mod signals;
+mod stages;
+
+use serde::Serialize;
+
+use super::FlightLog;
+use signals::Signals;
+
+/// Most events that are listed; a motor that rattles against its limit makes thousands.
+const MOST_EVENTS: usize = 200;
+
+/// What a part of a flight is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PartKind {
+    /// Motors off or idle, the vehicle at rest or carried.
+    Ground,
+    /// From the first lift to clear of the ground.
+    TakeOff,
+    /// In the air, upright: what a model is calibrated and judged on.
+    Air,
+    /// Beyond 70° of tilt or 35 m/s², flight goes on afterwards.
+    Upset,
+    /// From near the ground to motors off.
+    Landing,
+    /// From the loss of attitude to the end of the flight.
+    Crash,
+    /// Nothing in the log tells.
+    Unknown,
+}
+
+impl PartKind {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Ground => "on the ground",
+            Self::TakeOff => "taking off",
+            Self::Air => "in the air",
+            Self::Upset => "upset",
+            Self::Landing => "landing",
+            Self::Crash => "crash",
+            Self::Unknown => "not known",
+        }
+    }
+}
+
+/// A part of a flight.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlightPart {
+    /// What it is.
+    pub kind: PartKind,
+    /// s, on the log's time.
+    pub start_s: f64,
+    /// s, on the log's time.
+    pub end_s: f64,
+    /// How that is known, one clause; empty where the kind says it all.
+    pub why: String,
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EventKind {
+    /// A motor output at its upper limit.
+    Saturated,
+    /// A motor at its limit while the attitude runs away.
+    LostRotor,
+    /// Position, velocity or heading jump while the vehicle does not.
+    EstimatorReset,
+    /// No rows.
+    Gap,
+    /// A blow at the end of a landing.
+    HardLanding,
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlightEvent {
+    /// What.
+    pub kind: EventKind,
+    /// s, on the log's time.
+    pub start_s: f64,
+    /// s, on the log's time.
+    pub end_s: f64,
+    /// Motor output that it is about, from 1, as in `duty_1`.
+    pub output: Option<usize>,
+    /// One clause with figures.
+    pub detail: String,
+}
+
+/// Parts of a flight and what happened in it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlightParts {
+    /// In the order of time, without overlap.
+    pub parts: Vec<FlightPart>,
+    /// In the order of time.
+    pub events: Vec<FlightEvent>,
+    /// Events beyond those that are listed.
+    pub more_events: usize,
+    /// What this was found from, in words.
+    pub found_from: Vec<&'static str>,
+}
+
+/// Where the rotor of an output is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotorPlace {
+    /// Motor output, from 1, as in `duty_1`.
+    pub output: usize,
+    /// Forward and right of the centre, any unit of length.
+    pub position: [f64; 2],
+}
+
+impl FlightLog {
+    /// Parts of the flight and what happened in it.
+    ///
+    /// * `rotors`: where the rotor of each output is, if it is known: a lost rotor is then told by the arm that sinks, else by the motor
+    ///   that reaches its limit first
+    pub fn flight_parts(&self, rotors: Option<&[RotorPlace]>) -> FlightParts {
+        let signals = Signals::of(self);
+        let parts = stages::parts(&signals);
+        let mut events = events::gaps(self);
+        events.extend(events::resets(self, &parts));
+        let saturated = events::saturated(&signals, &parts);
+        events.extend(lost_rotor::find(&signals, &parts, rotors));
+        events.extend(saturated);
+        events.extend(stages::hard_landings(&signals, &parts));
+        events.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+        let more_events = events.len().saturating_sub(MOST_EVENTS);
+        // What decides about a flight is kept, whatever else there is.
+        if more_events > 0 {
+            let mut kept = 0;
+            events.retain(|event| {
+                let decides = event.kind == EventKind::LostRotor;
+                kept += usize::from(!decides);
+                decides || kept <= MOST_EVENTS
+            });
+        }
+        FlightParts {
+            parts,
+            events,
+            more_events,
+            found_from: signals.sources.clone(),
+        }
+    }
+}
+
+impl FlightParts {
+    /// Seconds in which a model may be calibrated and judged: from, to.
+    pub fn in_the_air(&self) -> Vec<(f64, f64)> {
+        self.of(&[PartKind::Air, PartKind::Unknown])
+    }
+
+    /// Seconds of some kinds of parts, neighbours joined.
+    pub fn of(&self, kinds: &[PartKind]) -> Vec<(f64, f64)> {
+        let mut found: Vec<(f64, f64)> = Vec::new();
+        for part in self.parts.iter().filter(|part| kinds.contains(&part.kind)) {
+            match found.last_mut() {
+                Some(last) if (last.1 - part.start_s).abs() < 1e-9 => last.1 = part.end_s,
+                _ => found.push((part.start_s, part.end_s)),
+            }
+        }
+        found
+    }
+
+    /// Seconds in the air.
+    pub fn air_s(&self) -> f64 {
+        self.in_the_air().iter().map(|(from, to)| to - from).sum()
+    }
+
+    /// Lines of the parts and of the events: times, those of the log's own clock, words.
+    ///
+    /// * `clock_start_s`: the log's own clock at our 0 s, where it has one
+    pub fn lines(&self, clock_start_s: Option<f64>) -> (Vec<String>, Vec<String>) {
+        /// More parts or events than this are counted, not listed.
+        const LISTED: usize = 24;
+        let time = |from: f64, to: f64| {
+            let own = clock_start_s.map_or_else(String::new, |start| {
+                format!(" (log's clock {:.2} to {:.2} s)", start + from, start + to)
+            });
+            format!("{from:.2} to {to:.2} s{own}")
+        };
+        let joined = |words: &str, detail: &str| {
+            if detail.is_empty() {
+                words.to_owned()
+            } else {
+                format!("{words}: {detail}")
+            }
+        };
+        let cut = |mut lines: Vec<String>, more: usize| {
+            let hidden = lines.len().saturating_sub(LISTED) + more;
+            lines.truncate(LISTED);
+            if hidden > 0 {
+                lines.push(format!("and {hidden} more"));
+            }
+            lines
+        };
+        let parts = self
+            .parts
+            .iter()
+            .map(|part| {
+                format!(
+                    "{}  {}",
+                    time(part.start_s, part.end_s),
+                    joined(part.kind.words(), &part.why)
+                )
+            })
+            .collect();
+        // What decides first, then by time.
+        let mut order: Vec<&FlightEvent> = self.events.iter().collect();
+        order.sort_by_key(|event| event.kind != EventKind::LostRotor);
+        let events = order
+            .into_iter()
+            .map(|event| format!("{}  {}", time(event.start_s, event.end_s), event.detail))
+            .collect();
+        (cut(parts, 0), cut(events, self.more_events))
+    }
+}
+
+#[cfg(test)]
+mod tests;

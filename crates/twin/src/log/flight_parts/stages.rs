@@ -1,0 +1,363 @@
+//! Ground, take-off, air, upset, landing, crash.
+//!
+//! A bin is on the ground where the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at rest, or
+//! has been so low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of flight.
+
+use std::ops::Range;
+
+use super::signals::Signals;
+use super::{EventKind, FlightEvent, FlightPart, PartKind};
+
+/// Tilt beyond which the model's loads no longer hold, rad: 70°.
+const TILT_END_RAD: f64 = 1.22;
+/// Tilt of a flight that goes on, rad: 60°.
+const TILT_GOOD_RAD: f64 = 1.05;
+/// Specific force of a blow, m/s².
+const BLOW: f64 = 35.0;
+/// Motors this low for so long: no flight, s.
+const FALLEN_S: f64 = 3.0;
+/// Motors low and the vehicle at rest for so long: the ground, s.
+const REST_S: f64 = 0.6;
+/// Shorter runs are a motor test or a jerk of the throttle, s.
+const SHORTEST_FLIGHT_S: f64 = 1.5;
+/// Take-off and landing where no height tells, s.
+const NEAR_GROUND_S: f64 = 3.0;
+/// They last so long at least, and at most, s.
+const NEAR_GROUND_RANGE_S: Range<f64> = 1.0..15.0;
+/// Height that is clear of the ground, m; half of what is reached where that is less.
+const CLEAR_M: f64 = 1.0;
+/// Flight for so long after an upset: it was none of a crash, s.
+const RECOVERED_S: f64 = 3.0;
+/// Left out before and after an upset, s.
+const UPSET_BEFORE_S: f64 = 0.3;
+const UPSET_AFTER_S: f64 = 0.7;
+/// At rest: deviations over 1 s of specific force, rates, roll and pitch.
+const REST_FORCE: f64 = 0.6;
+const REST_RATE_RAD_S: f64 = 0.1;
+const REST_LEAN_RAD: f64 = 0.01;
+
+/// All parts, without a hole but where the log has one.
+pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
+    let bins = signals.bins();
+    if bins == 0 {
+        return Vec::new();
+    }
+    let Some(effort) = &signals.effort else {
+        return vec![part(
+            signals,
+            0..bins,
+            PartKind::Unknown,
+            "no motor output, throttle or rotor speed in the log",
+        )];
+    };
+    let level = ground_level(effort);
+    let on_ground = ground(signals, effort, level);
+    let mut found = Vec::new();
+    let mut from = 0;
+    for bin in 1..=bins {
+        if bin == bins || on_ground[bin] != on_ground[from] || signals.breaks_after(bin - 1) {
+            if on_ground[from] {
+                found.push(part(signals, from..bin, PartKind::Ground, ""));
+            } else {
+                flight(signals, from..bin, &on_ground, &mut found);
+            }
+            from = bin;
+        }
+    }
+    join(found)
+}
+
+/// Blows of 35 m/s² and more in a landing.
+pub(super) fn hard_landings(signals: &Signals, parts: &[FlightPart]) -> Vec<FlightEvent> {
+    let Some(shock) = &signals.shock else {
+        return Vec::new();
+    };
+    parts
+        .iter()
+        .filter(|part| part.kind == PartKind::Landing)
+        .filter_map(|part| {
+            let bins = signals.between(part.start_s, part.end_s);
+            let worst = bins.max_by(|a, b| shock[*a].total_cmp(&shock[*b]))?;
+            (shock[worst] > BLOW).then(|| FlightEvent {
+                kind: EventKind::HardLanding,
+                start_s: signals.start_s[worst],
+                end_s: signals.end_s[worst],
+                output: None,
+                detail: format!("hard landing: {:.0} m/s²", shock[worst]),
+            })
+        })
+        .collect()
+}
+
+fn part(signals: &Signals, bins: Range<usize>, kind: PartKind, why: &str) -> FlightPart {
+    FlightPart {
+        kind,
+        start_s: signals.start_s[bins.start],
+        end_s: signals.end_s[bins.end - 1],
+        why: why.to_owned(),
+    }
+}
+
+/// Mean output below which a vehicle stands: between idling and flying; idle itself where the log has no time on the ground.
+fn ground_level(effort: &[f64]) -> f64 {
+    /// Nothing flies at so little.
+    const IDLE: f64 = 0.03;
+    /// An idling motor is asked for less than this share of what it flies with.
+    const IDLE_SHARE: f64 = 0.45;
+    /// At this share of the way the thrust (u^1.3 to u²) is a quarter of the weight or less.
+    const LEVEL: f64 = 0.35;
+    let mut sorted: Vec<f64> = effort.iter().copied().filter(|value| value.is_finite()).collect();
+    if sorted.is_empty() {
+        return f64::INFINITY;
+    }
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
+    let (low, high) = (at(0.02), at(0.9));
+    if low > IDLE_SHARE * high {
+        IDLE
+    } else {
+        (low + LEVEL * (high - low)).max(IDLE)
+    }
+}
+
+fn ground(signals: &Signals, effort: &[f64], level: f64) -> Vec<bool> {
+    let smooth = signals.smooth(effort, 0.5);
+    let still = at_rest(signals);
+    let low: Vec<bool> = smooth.iter().map(|value| !beyond(*value, level)).collect();
+    let mut on_ground = low.clone();
+    let mut from = 0;
+    for bin in 1..=low.len() {
+        if bin < low.len() && low[bin] == low[from] {
+            continue;
+        }
+        if low[from] {
+            let length_s = signals.end_s[bin - 1] - signals.start_s[from];
+            let resting = (from..bin).filter(|bin| still[*bin]).count();
+            let at_end = from == 0 || bin == low.len();
+            let lies = 2 * resting > bin - from && (length_s >= REST_S || at_end);
+            if !(lies || length_s >= FALLEN_S) {
+                on_ground[from..bin].fill(false);
+            }
+        }
+        from = bin;
+    }
+    // A jerk of the throttle is no flight.
+    let mut from = 0;
+    for bin in 1..=on_ground.len() {
+        if bin < on_ground.len() && on_ground[bin] == on_ground[from] {
+            continue;
+        }
+        let short = signals.end_s[bin - 1] - signals.start_s[from] < SHORTEST_FLIGHT_S;
+        if !on_ground[from] && short && from > 0 && bin < on_ground.len() {
+            on_ground[from..bin].fill(true);
+        }
+        from = bin;
+    }
+    on_ground
+}
+
+/// Above a limit; what has no value is not.
+fn beyond(value: f64, most: f64) -> bool {
+    value > most
+}
+
+/// Where force, rates, roll and pitch stand still for a second; true where the log has none of them.
+fn at_rest(signals: &Signals) -> Vec<bool> {
+    let mut still = vec![true; signals.bins()];
+    let mut check = |values: &[f64], most: f64| {
+        for (still, scatter) in still.iter_mut().zip(signals.scatter(values, 1.0)) {
+            *still &= !beyond(scatter, most);
+        }
+    };
+    if let Some(shock) = &signals.shock {
+        check(shock, REST_FORCE);
+    }
+    for rate in signals.rates.iter().flatten() {
+        check(rate, REST_RATE_RAD_S);
+    }
+    for angle in signals.lean.iter().flatten() {
+        check(angle, REST_LEAN_RAD);
+    }
+    still
+}
+
+/// A run of flight in its parts.
+fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut Vec<FlightPart>) {
+    let from_ground = run.start > 0 && on_ground[run.start - 1] && !signals.breaks_after(run.start - 1);
+    let to_ground = run.end < on_ground.len() && on_ground[run.end] && !signals.breaks_after(run.end - 1);
+    let upsets = upsets(signals, run.clone());
+    let end_s = signals.end_s[run.end - 1];
+    let crash = upsets.last().filter(|upset| {
+        let after = end_s - upset.end_s;
+        upset.tumbles && after < RECOVERED_S && (to_ground || run.end == signals.bins() || after < 0.5)
+    });
+    let last = crash.map_or(run.end, |crash| {
+        signals
+            .between(0.0_f64.min(signals.start_s[0]), crash.start_s - UPSET_BEFORE_S)
+            .end
+    });
+    let upright = run.start..last.clamp(run.start, run.end);
+    let off = if from_ground {
+        clear(signals, upright.clone(), run.start - 1, false)
+    } else {
+        upright.start
+    };
+    let down = if to_ground && crash.is_none() {
+        clear(signals, upright.clone(), run.end, true)
+    } else {
+        upright.end
+    };
+    // A hop is a take-off and a landing.
+    let (off, down) = if off <= down {
+        (off, down)
+    } else {
+        ((off + down) / 2, (off + down) / 2)
+    };
+    let mut add = |bins: Range<usize>, kind, why: &str| {
+        if !bins.is_empty() {
+            found.push(part(signals, bins, kind, why));
+        }
+    };
+    add(upright.start..off, PartKind::TakeOff, "");
+    let mut at = off;
+    for upset in &upsets {
+        let bins = signals.between(upset.start_s - UPSET_BEFORE_S, upset.end_s + UPSET_AFTER_S);
+        let (from, to) = (bins.start.clamp(at, down), bins.end.clamp(at, down));
+        if from < to {
+            add(at..from, PartKind::Air, "");
+            add(from..to, PartKind::Upset, &upset.why());
+            at = to;
+        }
+    }
+    add(at..down, PartKind::Air, "");
+    add(down..upright.end, PartKind::Landing, "");
+    if let Some(crash) = crash {
+        add(upright.end..run.end, PartKind::Crash, &crash.why());
+    }
+}
+
+/// Where a run is clear of the ground: the first bin after it from the left, or the first bin near it again from the right.
+///
+/// * `ground`: the nearest bin on the ground
+fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -> usize {
+    let (start_s, end_s) = (
+        signals.start_s[run.start.min(signals.bins() - 1)],
+        signals.end_s[run.end.max(1) - 1],
+    );
+    let by_time = |seconds: f64| {
+        if backwards {
+            signals
+                .between(signals.start_s[0], end_s - seconds)
+                .end
+                .clamp(run.start, run.end)
+        } else {
+            signals
+                .between(signals.start_s[0], start_s + seconds)
+                .end
+                .clamp(run.start, run.end)
+        }
+    };
+    let (least, most) = (by_time(NEAR_GROUND_RANGE_S.start), by_time(NEAR_GROUND_RANGE_S.end));
+    let Some(height) = &signals.height else {
+        return by_time(NEAR_GROUND_S);
+    };
+    let mut reached: Vec<f64> = run
+        .clone()
+        .map(|bin| height[bin] - height[ground])
+        .filter(|h| h.is_finite())
+        .collect();
+    if reached.is_empty() {
+        return by_time(NEAR_GROUND_S);
+    }
+    reached.sort_by(f64::total_cmp);
+    let top = reached[(reached.len() - 1) * 4 / 5];
+    if top < 0.1 {
+        // The height does not follow the flight.
+        return by_time(NEAR_GROUND_S);
+    }
+    let clear_m = CLEAR_M.min(0.5 * top);
+    let is_clear = |bin: &usize| height[*bin] - height[ground] > clear_m;
+    if backwards {
+        let last = run.clone().rev().find(is_clear).map_or(run.start, |bin| bin + 1);
+        last.clamp(most, least)
+    } else {
+        let first = run.clone().find(is_clear).unwrap_or(run.end);
+        first.clamp(least, most)
+    }
+}
+
+/// A stretch beyond the limits of the model.
+#[derive(Debug, Clone)]
+struct Upset {
+    start_s: f64,
+    end_s: f64,
+    tilt_rad: f64,
+    shock: f64,
+    /// Beyond 70°, not only a blow.
+    tumbles: bool,
+}
+
+impl Upset {
+    fn why(&self) -> String {
+        let tilt = (self.tilt_rad > 0.0).then(|| format!("tilt up to {:.0}°", self.tilt_rad.to_degrees()));
+        let shock = (self.shock > BLOW).then(|| format!("{:.0} m/s²", self.shock));
+        [tilt, shock].into_iter().flatten().collect::<Vec<_>>().join(", ")
+    }
+}
+
+fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
+    let tilt = |bin: usize| signals.tilt.as_ref().map_or(0.0, |tilt| tilt[bin]);
+    let shock = |bin: usize| signals.shock.as_ref().map_or(0.0, |shock| shock[bin]);
+    let mut found: Vec<Upset> = Vec::new();
+    for bin in run.clone() {
+        let (tilt_rad, shock) = (tilt(bin), shock(bin));
+        if !beyond(tilt_rad, TILT_END_RAD) && !beyond(shock, BLOW) {
+            continue;
+        }
+        let (start_s, end_s) = (signals.start_s[bin], signals.end_s[bin]);
+        let tumbles = tilt_rad > TILT_END_RAD || signals.tilt.is_none();
+        match found.last_mut() {
+            Some(last) if !recovers(signals, last.end_s, start_s) => {
+                last.end_s = end_s;
+                last.tilt_rad = last.tilt_rad.max(tilt_rad);
+                last.shock = last.shock.max(shock);
+                last.tumbles |= tumbles;
+            }
+            _ => found.push(Upset {
+                start_s,
+                end_s,
+                tilt_rad,
+                shock,
+                tumbles,
+            }),
+        }
+    }
+    found
+}
+
+/// Whether between two upsets the vehicle flies again: a second below 60°.
+fn recovers(signals: &Signals, from_s: f64, to_s: f64) -> bool {
+    let upright = |bin: usize| {
+        !signals
+            .tilt
+            .as_ref()
+            .is_some_and(|tilt| beyond(tilt[bin], TILT_GOOD_RAD))
+    };
+    to_s - from_s > 1.0 && signals.between(from_s, to_s).all(upright)
+}
+
+/// Neighbours of one kind and reason as one part.
+fn join(parts: Vec<FlightPart>) -> Vec<FlightPart> {
+    let mut joined: Vec<FlightPart> = Vec::new();
+    for part in parts {
+        match joined.last_mut() {
+            Some(last)
+                if last.kind == part.kind && last.why == part.why && (last.end_s - part.start_s).abs() < 1e-9 =>
+            {
+                last.end_s = part.end_s;
+            }
+            _ => joined.push(part),
+        }
+    }
+    joined
+}

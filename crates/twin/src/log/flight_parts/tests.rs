@@ -1,0 +1,229 @@
+use super::*;
+use std::f64::consts::FRAC_PI_2;
+
+/// 50 Hz: 5 s at rest, 20 s of flight at a height of 5 m, 5 s at rest; a shaken airframe while it flies.
+fn flown(columns: &[&str]) -> FlightLog {
+    flown_with(columns, |_, values| values)
+}
+
+/// What a row holds.
+#[derive(Clone, Copy)]
+struct Row {
+    duty: [f64; 4],
+    roll: f64,
+    rate: f64,
+    accel_z: f64,
+    down: f64,
+}
+
+fn flown_with(columns: &[&str], change: impl Fn(f64, Row) -> Row) -> FlightLog {
+    let time: Vec<f64> = (0..1500).map(|k| 0.02 * f64::from(k)).collect();
+    let rows: Vec<Row> = time
+        .iter()
+        .map(|&t| {
+            let flies = (5.0..25.0).contains(&t);
+            let height = if flies { (t - 5.0).min(25.0 - t).min(5.0) } else { 0.0 };
+            let sway = if flies { (7.0 * t).sin() } else { 0.0 };
+            change(
+                t,
+                Row {
+                    duty: [if flies { 0.5 + 0.02 * sway } else { 0.05 }; 4],
+                    roll: 0.05 * sway,
+                    rate: 0.35 * if flies { (7.0 * t).cos() } else { 0.0 },
+                    accel_z: -9.81 + sway,
+                    down: -height,
+                },
+            )
+        })
+        .collect();
+    let column = |name: &str| -> Vec<f64> {
+        let of = |row: &Row| match name {
+            "roll_rad" => row.roll,
+            "roll_rate_rad_s" => row.rate,
+            "accel_z_m_s2" => row.accel_z,
+            "position_down_m" => row.down,
+            "pitch_rad" | "yaw_rad" | "pitch_rate_rad_s" | "yaw_rate_rad_s" => 0.0,
+            duty => row.duty[duty.bytes().last().map_or(0, |digit| usize::from(digit - b'1'))],
+        };
+        rows.iter().map(of).collect()
+    };
+    let columns: Vec<(String, Vec<f64>)> = columns.iter().map(|name| ((*name).to_owned(), column(name))).collect();
+    FlightLog::from_columns("flown", time, columns).expect("a log")
+}
+
+const DUTIES: [&str; 4] = ["duty_1", "duty_2", "duty_3", "duty_4"];
+const ATTITUDE: [&str; 2] = ["roll_rad", "pitch_rad"];
+const RATES: [&str; 3] = ["roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"];
+
+fn kinds(parts: &FlightParts) -> Vec<PartKind> {
+    parts.parts.iter().map(|part| part.kind).collect()
+}
+
+const WHOLE: [PartKind; 5] = [
+    PartKind::Ground,
+    PartKind::TakeOff,
+    PartKind::Air,
+    PartKind::Landing,
+    PartKind::Ground,
+];
+
+#[test]
+fn val_motor_outputs_alone_tell_ground_from_flight() {
+    let parts = flown(&DUTIES).flight_parts(None);
+    assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
+    let air = parts.in_the_air();
+    // 3 s off at either end, and half a second of the running mean.
+    assert!((air[0].0 - 8.0).abs() < 0.6 && (air[0].1 - 22.0).abs() < 0.6, "{air:?}");
+}
+
+#[test]
+fn val_a_height_tells_when_the_ground_is_left() {
+    let columns = [&DUTIES[..], &ATTITUDE, &["position_down_m", "accel_z_m_s2"]].concat();
+    let parts = flown(&columns).flight_parts(None);
+    assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
+    let air = parts.in_the_air();
+    // At 1 m/s the height of 1 m is passed a second after take-off.
+    assert!((air[0].0 - 6.0).abs() < 0.5 && (air[0].1 - 24.0).abs() < 0.5, "{air:?}");
+}
+
+#[test]
+fn val_a_log_that_begins_and_ends_in_the_air_is_all_air() {
+    let columns = [&DUTIES[..], &ATTITUDE].concat();
+    let inside = flown(&columns).part(8.0, 20.0).expect("inside");
+    let parts = inside.flight_parts(None);
+    assert_eq!(kinds(&parts), [PartKind::Air], "{parts:?}");
+    assert!((parts.air_s() - 12.0).abs() < 0.1);
+}
+
+#[test]
+fn val_a_pilots_flip_is_no_crash() {
+    let columns = [&DUTIES[..], &ATTITUDE].concat();
+    let log = flown_with(&columns, |t, row| Row {
+        roll: if (15.0..15.6).contains(&t) { 2.0 } else { row.roll },
+        ..row
+    });
+    let parts = log.flight_parts(None);
+    let middle = [
+        PartKind::Ground,
+        PartKind::TakeOff,
+        PartKind::Air,
+        PartKind::Upset,
+        PartKind::Air,
+    ];
+    assert_eq!(kinds(&parts)[..5], middle, "{parts:?}");
+    assert!(parts.events.is_empty(), "{parts:?}");
+}
+
+/// Motor 3 goes to its limit at 15 s, the vehicle rolls over and lies there from 16.5 s on.
+fn crashed(columns: &[&str]) -> FlightLog {
+    flown_with(columns, |t, mut row| {
+        if t >= 15.0 {
+            row.duty[2] = 1.0;
+            row.duty[1] = 0.2;
+            row.roll = -(FRAC_PI_2 * (t - 15.0).powi(2)).min(2.5);
+            row.rate = -2.0 * FRAC_PI_2 * (t - 15.0);
+            row.down = (-5.0 + 4.9 * (t - 15.0).powi(2)).min(0.0);
+        }
+        if t >= 16.5 {
+            row = Row {
+                duty: [0.0; 4],
+                roll: -2.5,
+                rate: 0.0,
+                accel_z: 7.9,
+                down: 0.0,
+            };
+        }
+        row
+    })
+}
+
+#[test]
+fn val_a_motor_at_its_limit_while_the_attitude_runs_away_is_a_lost_rotor() {
+    // Attitude and motor outputs alone; and with rates and the places of the rotors: rotor 3 is at the left.
+    let positions = [[0.7, 0.7], [-0.7, 0.7], [0.7, -0.7], [-0.7, -0.7]];
+    let places = [0, 1, 2, 3].map(|rotor| RotorPlace {
+        output: rotor + 1,
+        position: positions[rotor],
+    });
+    for (columns, places) in [
+        ([&DUTIES[..], &ATTITUDE].concat(), None),
+        ([&DUTIES[..], &ATTITUDE, &RATES].concat(), Some(places.as_slice())),
+    ] {
+        let parts = crashed(&columns).flight_parts(places);
+        let crash = parts
+            .parts
+            .iter()
+            .find(|part| part.kind == PartKind::Crash)
+            .expect("a crash");
+        assert!((15.2..16.2).contains(&crash.start_s), "{parts:?}");
+        assert!(
+            parts.parts.iter().all(|part| part.kind != PartKind::Landing),
+            "{parts:?}"
+        );
+        let lost: Vec<&FlightEvent> = parts.events.iter().filter(|e| e.kind == EventKind::LostRotor).collect();
+        assert_eq!(lost.len(), 1, "{parts:?}");
+        assert_eq!(lost[0].output, Some(3), "{lost:?}");
+        assert!((14.9..15.9).contains(&lost[0].start_s), "{lost:?}");
+        let air = parts.in_the_air();
+        assert!(air[0].1 < 16.0, "{air:?}");
+    }
+}
+
+#[test]
+fn val_a_tumble_with_all_motors_alike_names_no_rotor() {
+    let columns = [&DUTIES[..], &ATTITUDE].concat();
+    let log = crashed(&columns);
+    let mut even = log.clone();
+    for name in DUTIES {
+        even.columns.insert(name.to_owned(), log.columns["duty_4"].clone());
+    }
+    let parts = even.flight_parts(None);
+    assert!(parts.parts.iter().any(|part| part.kind == PartKind::Crash), "{parts:?}");
+    assert!(parts.events.iter().all(|e| e.kind != EventKind::LostRotor), "{parts:?}");
+}
+
+#[test]
+fn val_saturation_and_a_reset_of_the_position_are_events() {
+    let columns = [&DUTIES[..], &ATTITUDE, &["position_down_m"]].concat();
+    let log = flown_with(&columns, |t, mut row| {
+        if (12.0..12.4).contains(&t) {
+            row.duty[1] = 1.0;
+        }
+        if (18.0..24.0).contains(&t) {
+            row.down -= 3.0;
+        }
+        row
+    });
+    let parts = log.flight_parts(None);
+    let found: Vec<(EventKind, Option<usize>)> = parts.events.iter().map(|e| (e.kind, e.output)).collect();
+    assert_eq!(
+        found[..2],
+        [(EventKind::Saturated, Some(2)), (EventKind::EstimatorReset, None)],
+        "{parts:?}"
+    );
+    assert!((parts.events[0].start_s - 12.0).abs() < 0.1 && (parts.events[1].start_s - 18.0).abs() < 0.4);
+}
+
+#[test]
+fn val_a_log_without_motors_is_not_known() {
+    let parts = flown(&ATTITUDE).flight_parts(None);
+    assert_eq!(kinds(&parts), [PartKind::Unknown]);
+    assert!((parts.air_s() - 30.0).abs() < 0.1);
+}
+
+#[test]
+fn val_a_gap_parts_two_flights() {
+    let log = flown(&[&DUTIES[..], &ATTITUDE].concat());
+    let keep: Vec<usize> = (0..log.time_s.len()).filter(|k| !(600..800).contains(k)).collect();
+    let pick = |values: &Vec<f64>| keep.iter().map(|k| values[*k]).collect::<Vec<f64>>();
+    let columns: Vec<(String, Vec<f64>)> = log
+        .columns
+        .iter()
+        .map(|(name, values)| (name.clone(), pick(values)))
+        .collect();
+    let parts = FlightLog::from_columns("gap", pick(&log.time_s), columns)
+        .expect("a log")
+        .flight_parts(None);
+    assert_eq!(parts.in_the_air().len(), 2, "{parts:?}");
+    assert_eq!(parts.events[0].kind, EventKind::Gap);
+}

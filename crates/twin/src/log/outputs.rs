@@ -1,0 +1,156 @@
+//! Which outputs of an autopilot drive rotors.
+//!
+//! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and those that nothing is connected to. Where `SERVOn_FUNCTION`
+//! says what each does, that decides, and the rotors come in the order of their motor numbers. Else rotors are the outputs that move and
+//! that follow the collective: low on the ground, up in the air.
+
+use std::collections::BTreeMap;
+
+use super::resample::median;
+
+/// An output that moves less than this is no motor.
+const MOVES: f64 = 0.01;
+/// Fewest rotors of a multirotor.
+const FEWEST: usize = 3;
+/// Mean on the ground over the mean in the air of a rotor, at most.
+const GROUND_SHARE: f64 = 0.6;
+/// Mean in the air over that of the middle output: a rotor is not far off.
+const LIKE_OTHERS: std::ops::Range<f64> = 0.35..2.0;
+
+/// Outputs that drive rotors, from 0, in the order of the rotors, and why the others do not.
+pub(super) struct Rotors {
+    pub(super) outputs: Vec<usize>,
+    pub(super) why: &'static str,
+}
+
+/// `duties`: by output, then sample.
+pub(super) fn rotors(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) -> Rotors {
+    let functions = by_function(duties.len(), parameters);
+    if functions.len() >= FEWEST {
+        return Rotors {
+            outputs: functions,
+            why: "SERVOn_FUNCTION is not that of a motor",
+        };
+    }
+    let moving: Vec<usize> = (0..duties.len()).filter(|output| moves(&duties[*output])).collect();
+    if moving.len() < FEWEST {
+        return Rotors {
+            outputs: (0..duties.len()).collect(),
+            why: "",
+        };
+    }
+    let following = following(duties, &moving);
+    Rotors {
+        outputs: if following.len() < FEWEST { moving } else { following },
+        why: "it does not move, or not with the collective: no rotor",
+    }
+}
+
+/// `SERVOn_FUNCTION` 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12.
+fn by_function(count: usize, parameters: &BTreeMap<String, f64>) -> Vec<usize> {
+    let mut motors: Vec<(usize, usize)> = (0..count)
+        .filter_map(|output| {
+            let function = *parameters.get(&format!("SERVO{}_FUNCTION", output + 1))? as usize;
+            match function {
+                33..=40 => Some((function - 32, output)),
+                82..=85 => Some((function - 73, output)),
+                _ => None,
+            }
+        })
+        .collect();
+    motors.sort_unstable();
+    motors.into_iter().map(|(_, output)| output).collect()
+}
+
+fn moves(duty: &[f64]) -> bool {
+    let finite = duty.iter().copied().filter(|value| value.is_finite());
+    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    });
+    high - low > MOVES && high > 2.0 * MOVES
+}
+
+/// Of the outputs that move, those that follow the middle one from the ground into the air.
+fn following(duties: &[Vec<f64>], moving: &[usize]) -> Vec<usize> {
+    let samples = moving.iter().map(|output| duties[*output].len()).min().unwrap_or(0);
+    let middle: Vec<f64> = (0..samples)
+        .map(|sample| {
+            let mut values: Vec<f64> = moving.iter().map(|output| duties[*output][sample]).collect();
+            values.retain(|value| value.is_finite());
+            median(&mut values).unwrap_or(f64::NAN)
+        })
+        .collect();
+    let mut sorted: Vec<f64> = middle.iter().copied().filter(|value| value.is_finite()).collect();
+    if sorted.is_empty() {
+        return Vec::new();
+    }
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
+    let (low, high) = (at(0.02), at(0.9));
+    let level = 0.5 * (low + high);
+    let has_ground = low < 0.45 * high;
+    let mean = |output: usize, in_the_air: bool| {
+        let values = (0..samples)
+            .filter(|sample| !has_ground || (middle[*sample] > level) == in_the_air)
+            .map(|sample| duties[output][sample])
+            .filter(|value| value.is_finite());
+        let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+        sum / count
+    };
+    let mut air: Vec<f64> = moving.iter().map(|output| mean(*output, true)).collect();
+    let air_of = air.clone();
+    let usual = median(&mut air).unwrap_or(f64::NAN);
+    moving
+        .iter()
+        .zip(air_of)
+        .filter(|(output, air)| {
+            let follows = !has_ground || mean(**output, false) < GROUND_SHARE * air;
+            follows && LIKE_OTHERS.contains(&(air / usual))
+        })
+        .map(|(output, _)| *output)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 10 s on the ground, 20 s in the air, at 10 Hz.
+    fn flown(low: f64, high: f64) -> Vec<f64> {
+        (0..300)
+            .map(|k| if k < 100 { low } else { high + 0.02 * f64::from(k % 7) })
+            .collect()
+    }
+
+    #[test]
+    fn val_outputs_that_follow_the_collective_are_rotors() {
+        let camera: Vec<f64> = (0..300).map(|k| 0.5 + 0.1 * f64::from(k % 11) / 11.0).collect();
+        let still = vec![0.5; 300];
+        let duties = [
+            flown(0.0, 0.5),
+            flown(0.0, 0.55),
+            still.clone(),
+            flown(0.05, 0.45),
+            camera,
+            flown(0.0, 0.5),
+            still,
+        ];
+        let found = rotors(&duties, &BTreeMap::new());
+        assert_eq!(found.outputs, [0, 1, 3, 5]);
+    }
+
+    #[test]
+    fn val_parameters_give_the_order_of_the_motors() {
+        let parameters: BTreeMap<String, f64> = [(1, 36.0), (2, 35.0), (3, 34.0), (4, 33.0), (5, 7.0)]
+            .into_iter()
+            .map(|(output, function)| (format!("SERVO{output}_FUNCTION"), function))
+            .collect();
+        let found = rotors(&vec![flown(0.0, 0.5); 6], &parameters);
+        assert_eq!(found.outputs, [3, 2, 1, 0]);
+    }
+
+    #[test]
+    fn val_a_log_without_flight_keeps_all_outputs() {
+        assert_eq!(rotors(&vec![vec![0.0; 50]; 4], &BTreeMap::new()).outputs, [0, 1, 2, 3]);
+    }
+}

@@ -1,0 +1,253 @@
+//! Rates of the columns as they were measured: a column that is held or interpolated from a slower stream has the rate of its source,
+//! and the noise of its source.
+//!
+//! Between two samples of its source such a column knows nothing: a straight line is off by what the signal bends, a held value by what it
+//! moves. Both count as noise here, beside what neighbouring samples of the source scatter.
+
+use serde::Serialize;
+
+use super::resample::median;
+use super::{FlightLog, names};
+
+/// Below this share of the rows' rate a column is of a slower stream.
+const SLOWER: f64 = 0.7;
+/// Fewest new values that tell a rate.
+const FEWEST: usize = 8;
+/// Median of absolute values over the deviation, of normal ones.
+const MEDIAN_OF_NORMAL: f64 = 0.6745;
+/// Root mean square over an interval of (1 − x) x/2: a straight line's error per second difference.
+const LINE_ERROR: f64 = 0.0913;
+/// Root mean square over an interval of x: a held value's error per difference.
+const HELD_ERROR: f64 = 0.5774;
+
+/// Rate and noise of one column.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SensorRate {
+    /// Column.
+    pub column: String,
+    /// Rows per second of the log, Hz.
+    pub rows_hz: f64,
+    /// New values per second, Hz.
+    pub source_hz: f64,
+    /// Deviation of the noise between neighbouring new values, in the unit of the column.
+    pub noise: f64,
+    /// Root mean square error of what stands between the new values, in the unit of the column; 0 if every row is new.
+    pub between: f64,
+    /// Values are held between the new ones, not joined by lines.
+    pub held: bool,
+}
+
+impl SensorRate {
+    /// True for a column that is held or interpolated from a slower stream.
+    pub fn is_slower(&self) -> bool {
+        self.source_hz < SLOWER * self.rows_hz
+    }
+
+    /// Deviation of a row from what a sensor without noise would have said there.
+    pub fn deviation(&self) -> f64 {
+        self.noise.hypot(self.between)
+    }
+}
+
+impl FlightLog {
+    /// Rates of the state, inertial and battery columns.
+    pub fn source_rates(&self) -> Vec<SensorRate> {
+        names::POSITION
+            .iter()
+            .chain(&names::VELOCITY)
+            .chain(&names::ATTITUDE)
+            .chain(&names::RATES)
+            .chain(&names::ACCEL)
+            .chain(&[names::BATTERY_VOLTAGE, names::BATTERY_CURRENT])
+            .filter_map(|column| self.source_rate(column))
+            .collect()
+    }
+
+    /// Of the motor outputs, the one that comes least often; `None` where they do not move.
+    pub fn duty_rate(&self) -> Option<SensorRate> {
+        (1..=self.rotor_count())
+            .filter_map(|rotor| self.source_rate(&names::duty(rotor)))
+            .min_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
+    }
+
+    /// Deviation of the corrections that an estimator makes to its position between two of its samples, m: change of the position less
+    /// that of the integrated velocity, from one sample to the next (constant errors of either cancel). Worst axis; 0 where unknown.
+    ///
+    /// `e_k = p_k − p_{k−1} − ∫v`, white; `σ² = ⟨(e_k − e_{k−1})²⟩/2`, the largest hundredth left out (resets).
+    pub fn position_corrections_m(&self) -> f64 {
+        let time = &self.time_s;
+        let axis = |axis: usize| -> Option<f64> {
+            let (position, velocity) = (self.column(names::POSITION[axis])?, self.column(names::VELOCITY[axis])?);
+            let knots = knots(time, position);
+            let missed: Vec<f64> = knots
+                .windows(2)
+                .map(|pair| {
+                    let moved: f64 = (pair[0]..pair[1])
+                        .map(|row| 0.5 * (velocity[row] + velocity[row + 1]) * (time[row + 1] - time[row]))
+                        .sum();
+                    position[pair[1]] - position[pair[0]] - moved
+                })
+                .collect();
+            let mut squares: Vec<f64> = missed
+                .windows(2)
+                .map(|pair| (pair[1] - pair[0]).powi(2))
+                .filter(|square| square.is_finite())
+                .collect();
+            if squares.len() < FEWEST {
+                return None;
+            }
+            squares.sort_by(f64::total_cmp);
+            squares.truncate(squares.len() - squares.len() / 100);
+            Some((0.5 * squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+        };
+        (0..3).filter_map(axis).fold(0.0, f64::max)
+    }
+
+    /// Rate of one column; `None` where too few values are new.
+    pub fn source_rate(&self, column: &str) -> Option<SensorRate> {
+        let rows_hz = self.sample_rate_hz();
+        let values = self.column(column)?;
+        let knots = knots(&self.time_s, values);
+        if knots.len() < FEWEST {
+            return None;
+        }
+        let span = self.time_s[knots[knots.len() - 1]] - self.time_s[knots[0]];
+        let source_hz = ((knots.len() - 1) as f64 / span).min(rows_hz);
+        let angle = names::ATTITUDE.contains(&column);
+        let change = |k: usize| {
+            let change = values[knots[k]] - values[knots[k - 1]];
+            if angle {
+                super::resample::wrapped(change)
+            } else {
+                change
+            }
+        };
+        let first: Vec<f64> = (1..knots.len()).map(change).collect();
+        let second: Vec<f64> = first.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        // Third differences leave noise of smooth signals: variance 20 σ². The median resists jumps.
+        let third = second.windows(2).map(|pair| pair[1] - pair[0]);
+        let usual = |values: &mut dyn Iterator<Item = f64>| {
+            let mut sizes: Vec<f64> = values.map(f64::abs).filter(|size| size.is_finite()).collect();
+            median(&mut sizes).unwrap_or(0.0) / MEDIAN_OF_NORMAL
+        };
+        let noise = usual(&mut third.into_iter()) / 20.0_f64.sqrt();
+        let still = (1..values.len()).filter(|&row| values[row] == values[row - 1]).count();
+        let held = 4 * still > values.len();
+        let mut rate = SensorRate {
+            column: column.to_owned(),
+            rows_hz,
+            source_hz,
+            noise,
+            between: 0.0,
+            held,
+        };
+        if rate.is_slower() {
+            rate.between = if held {
+                HELD_ERROR * usual(&mut first.iter().copied())
+            } else {
+                LINE_ERROR * usual(&mut second.iter().copied())
+            };
+        }
+        Some(rate)
+    }
+}
+
+/// Rows with a new value: where a straight line through its neighbours breaks. A sample of the source between two rows breaks the line at
+/// both of them; such pairs count once.
+fn knots(time_s: &[f64], values: &[f64]) -> Vec<usize> {
+    let breaks: Vec<usize> = (1..values.len().saturating_sub(1))
+        .filter(|&k| {
+            let (before, after) = (values[k] - values[k - 1], values[k + 1] - values[k]);
+            let (dt0, dt1) = (time_s[k] - time_s[k - 1], time_s[k + 1] - time_s[k]);
+            let bend = (after / dt1 - before / dt0).abs() * dt0.min(dt1);
+            let size = before.abs().max(after.abs()).max(1e-12);
+            bend.is_finite() && bend > 1e-5 * size && (before != 0.0 || after != 0.0)
+                // A held value: the step's first row counts, not the row before it.
+                && !(before == 0.0 && after != 0.0)
+        })
+        .collect();
+    let neighbours = |at: usize| at > 0 && breaks[at] == breaks[at - 1] + 1;
+    (0..breaks.len())
+        .filter(|&at| {
+            let second_of_two = neighbours(at) && !(at > 1 && neighbours(at - 1));
+            let ends_there = at + 1 == breaks.len() || !neighbours(at + 1);
+            !(second_of_two && ends_there)
+        })
+        .map(|at| breaks[at])
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_held_and_interpolated_columns_have_the_rate_of_their_source() {
+        let rows = 2000;
+        let time: Vec<f64> = (0..rows).map(|k| f64::from(k) * 0.02).collect();
+        // No three in a line: the second difference modulo 101 is never 0.
+        let noise = |k: i64| ((k * k * 31 + k * 7) % 101) as f64 / 101.0;
+        let fresh: Vec<f64> = (0..rows).map(|k| noise(i64::from(k))).collect();
+        let held: Vec<f64> = (0..rows).map(|k| noise(i64::from(k / 5))).collect();
+        let lines: Vec<f64> = (0..rows)
+            .map(|k| {
+                let (k, part) = (i64::from(k / 5), f64::from(k % 5) / 5.0);
+                noise(k) * (1.0 - part) + noise(k + 1) * part
+            })
+            .collect();
+        // The same between the rows: 10 Hz, 7 ms late.
+        let late: Vec<f64> = time
+            .iter()
+            .map(|t| {
+                let place = (t - 0.007).max(0.0) / 0.1;
+                let (k, part) = (place.floor() as i64, place.fract());
+                noise(k) * (1.0 - part) + noise(k + 1) * part
+            })
+            .collect();
+        let columns = [
+            names::RATES[0],
+            names::VELOCITY[0],
+            names::VELOCITY[1],
+            names::VELOCITY[2],
+        ]
+        .map(str::to_owned);
+        let log =
+            FlightLog::from_columns("rates", time, columns.into_iter().zip([fresh, held, lines, late])).expect("a log");
+        let found = log.source_rates();
+        let hz = |name: &str| found.iter().find(|rate| rate.column == name).expect(name).source_hz;
+        assert!((hz(names::RATES[0]) - 50.0).abs() < 2.0, "{found:?}");
+        assert!((hz(names::VELOCITY[0]) - 10.0).abs() < 0.5, "{found:?}");
+        assert!((hz(names::VELOCITY[1]) - 10.0).abs() < 0.5, "{found:?}");
+        assert!((hz(names::VELOCITY[2]) - 10.0).abs() < 0.5, "{found:?}");
+        let of = |name: &str| found.iter().find(|rate| rate.column == name).expect(name);
+        assert!(!of(names::RATES[0]).is_slower() && of(names::RATES[0]).between == 0.0);
+        assert!(of(names::VELOCITY[0]).held && !of(names::VELOCITY[1]).held);
+    }
+
+    #[test]
+    fn val_a_line_between_slow_samples_is_off_by_what_the_signal_bends() {
+        // 1.37 Hz of amplitude 1 at 10 Hz; the true error of the lines for comparison.
+        let omega = 1.37 * std::f64::consts::TAU;
+        let time: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.02).collect();
+        let source = |k: i32| (omega * 0.1 * f64::from(k)).sin();
+        let lines: Vec<f64> = (0..4000)
+            .map(|k| {
+                let (k, part) = (k / 5, f64::from(k % 5) / 5.0);
+                source(k) * (1.0 - part) + source(k + 1) * part
+            })
+            .collect();
+        let errors = time
+            .iter()
+            .zip(&lines)
+            .map(|(t, line)| ((omega * t).sin() - line).powi(2));
+        let true_error = (errors.sum::<f64>() / 4000.0).sqrt();
+        let columns = [(names::VELOCITY[0].to_owned(), lines)];
+        let log = FlightLog::from_columns("lines", time, columns).expect("a log");
+        let rate = log.source_rate(names::VELOCITY[0]).expect("it has values");
+        // The median of a sine's absolute values is 1.48 times that of a normal variable of its deviation: 0.707/0.6745.
+        assert!(
+            (0.9..1.6).contains(&(rate.between / true_error)),
+            "{rate:?}, {true_error}"
+        );
+    }
+}

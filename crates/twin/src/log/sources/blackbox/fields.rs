@@ -1,0 +1,115 @@
+//! Blackbox fields in units: which number is what depends on header lines and firmware.
+//!
+//! Body axes of the family are forward, left, up. Added to the stream: `gyro[i]` (deg/s), `acc[i]` (g), `voltage_v`, `current_a`, and of
+//! INAV `position[i]` (m, NED), `velocity[i]` (m/s, NED), `euler[i]` (deg, FRD in NED). Parameters `motor_low` and `motor_high` are the
+//! motor values of duty 0 and 1.
+
+use super::super::{RawStream, SourceLog};
+use super::Header;
+
+/// DShot: 48 is the least throttle, 2047 the most.
+const DSHOT: (f64, f64) = (48.0, 2047.0);
+
+pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut SourceLog) {
+    let firmware = header.text("Firmware revision").to_owned();
+    let is_inav = firmware.starts_with("INAV");
+    let (low, high) = motor_range(header);
+    log.parameters.insert("motor_low".to_owned(), low);
+    log.parameters.insert("motor_high".to_owned(), high);
+    if !firmware.is_empty() {
+        log.notes.push(format!("firmware: {firmware}"));
+    }
+    // High resolution: ten times the usual numbers.
+    let fine = if header.number("blackbox_high_resolution") == Some(1.0) {
+        0.1
+    } else {
+        1.0
+    };
+    let gyro_scale = header.number("gyro_scale").unwrap_or(1.0) * fine;
+    add(stream, "gyroADC", "gyro", &[gyro_scale; 3]);
+    let one_g = header
+        .number("acc_1G")
+        .filter(|one_g| *one_g > 0.0)
+        .unwrap_or_else(|| rest_level(stream));
+    add(stream, "accSmooth", "acc", &[1.0 / one_g; 3]);
+    battery(&firmware, stream, log);
+    if is_inav {
+        // Tenths of degrees; nose down is positive there. Centimetres, up.
+        add(stream, "attitude", "euler", &[0.1, -0.1, 0.1]);
+        add(stream, "navPos", "position", &[0.01, 0.01, -0.01]);
+        add(stream, "navVel", "velocity", &[0.01, 0.01, -0.01]);
+    }
+}
+
+/// A group of columns times factors under another name, if all of them are there.
+fn add(stream: &mut RawStream, from: &str, to: &str, factors: &[f64]) {
+    let columns: Option<Vec<Vec<f64>>> = (0..factors.len())
+        .map(|index| column(stream, &format!("{from}[{index}]")).map(<[f64]>::to_vec))
+        .collect();
+    for (index, (column, factor)) in columns.into_iter().flatten().zip(factors).enumerate() {
+        let scaled = column.into_iter().map(|value| value * factor).collect();
+        stream.fields.push((format!("{to}[{index}]"), scaled));
+    }
+}
+
+fn column<'a>(stream: &'a RawStream, name: &str) -> Option<&'a [f64]> {
+    stream
+        .fields
+        .iter()
+        .find(|(field, _)| field == name)
+        .map(|(_, values)| values.as_slice())
+}
+
+/// Motor values of duty 0 and 1: DShot's, else PWM from 1000 µs.
+fn motor_range(header: &Header) -> (f64, f64) {
+    match header.pair("motorOutput") {
+        Some((low, high)) if low < 1000.0 && high <= DSHOT.1 => DSHOT,
+        Some((low, high)) if high > low => (low.min(1000.0), high),
+        _ => (1000.0, header.number("maxthrottle").unwrap_or(2000.0).max(1100.0)),
+    }
+}
+
+/// Counts of 1 g where the header does not say: the power of two next to the median.
+pub(super) fn rest_level(stream: &RawStream) -> f64 {
+    let axes: Vec<&[f64]> = (0..3)
+        .filter_map(|axis| column(stream, &format!("accSmooth[{axis}]")))
+        .collect();
+    let [x, y, z] = axes.as_slice() else { return 1.0 };
+    let mut sizes: Vec<f64> = (0..x.len())
+        .map(|row| (x[row].powi(2) + y[row].powi(2) + z[row].powi(2)).sqrt())
+        .collect();
+    let median = crate::log::resample::median(&mut sizes).unwrap_or(1.0).max(1.0);
+    median.log2().round().exp2()
+}
+
+/// Hundredths of volts and amperes since Betaflight 4.0 and in INAV; before, tenths of volts, or a converter's counts.
+fn battery(firmware: &str, stream: &mut RawStream, log: &mut SourceLog) {
+    let (name, current) = match column(stream, "vbatLatest") {
+        Some(_) => ("vbatLatest", "amperageLatest"),
+        None => ("vbat", "amperage"),
+    };
+    let major: Option<f64> = firmware
+        .strip_prefix("Betaflight ")
+        .and_then(|version| version.split('.').next()?.trim().parse().ok());
+    let volt = if firmware.starts_with("INAV")
+        || firmware.starts_with("Betaflight 20")
+        || major.is_some_and(|major| major >= 4.0)
+    {
+        0.01
+    } else if major == Some(3.0) {
+        0.1
+    } else {
+        if column(stream, name).is_some() {
+            log.notes.push(format!(
+                "{name}: the unit of the voltage in logs of this firmware depends on the board; left out"
+            ));
+        }
+        return;
+    };
+    for (from, to, factor) in [(name, "voltage_v", volt), (current, "current_a", 0.01)] {
+        if let Some(values) = column(stream, from) {
+            let scaled = values.iter().map(|value| value * factor).collect();
+            stream.fields.push((to.to_owned(), scaled));
+        }
+    }
+}

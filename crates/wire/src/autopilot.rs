@@ -1,0 +1,125 @@
+//! An autopilot with instruments and a clock of its own in the place of the controller.
+//!
+//! ```text
+//!  plant ── Readings at t ──▶ Autopilot ──▶ duties for t … t + interval ──▶ plant
+//! ```
+//! It sees what a flight board sees, and is asked at its own rate, in parts of 0.5 ms of the plant's clock, which is the master: an
+//! autopilot that thinks for three seconds costs no simulated time.
+
+use rotortwin_flight_core::MAX_ROTORS;
+use std::time::Duration;
+
+/// What the instruments of a vehicle say at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Readings {
+    /// Time of the plant, ns, since its start.
+    pub time_ns: u64,
+    /// Specific force, m/s², body: (0, 0, −g) at rest.
+    pub specific_force_m_s2: [f64; 3],
+    /// rad/s, body.
+    pub body_rates_rad_s: [f64; 3],
+    /// Gauss, body.
+    pub magnetic_field_gauss: [f64; 3],
+    /// Static pressure, hPa.
+    pub pressure_hpa: f64,
+    /// Altitude of that pressure in the standard atmosphere, m.
+    pub pressure_altitude_m: f64,
+    /// °C.
+    pub temperature_c: f64,
+    /// The fix that came since the last readings.
+    pub gps: Option<Fix>,
+    /// Distance to the ground along the body's down axis, m; `None`: out of reach.
+    pub range_m: Option<f64>,
+    /// True position, m, NED from home: for simulator links that make their own sensors.
+    pub position_ned_m: [f64; 3],
+    /// True velocity, m/s, NED.
+    pub velocity_ned_m_s: [f64; 3],
+    /// True roll, pitch, yaw, rad.
+    pub attitude_rad: [f64; 3],
+}
+
+/// One fix of a satellite receiver.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fix {
+    /// Degrees.
+    pub latitude_deg: f64,
+    /// Degrees.
+    pub longitude_deg: f64,
+    /// Above mean sea level, m.
+    pub altitude_m: f64,
+    /// m/s, NED.
+    pub velocity_ned_m_s: [f64; 3],
+}
+
+/// What an autopilot is, for the record of a run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// For example "ArduPilot at 127.0.0.1:40112".
+    pub peer: String,
+    /// It waits for us in each of its steps.
+    pub lockstep: bool,
+}
+
+/// Why an autopilot is not waited for any longer.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{sentence}")]
+pub struct AutopilotError {
+    /// Peer and last frame, and what was wrong.
+    pub sentence: String,
+    /// How long it had been silent; 0 if it was not silence.
+    pub silence: Duration,
+    /// True if it never came, fell silent or went away; false if it said something wrong.
+    pub lost: bool,
+    /// We were asked to stop meanwhile; nobody is to blame.
+    pub stopped: bool,
+}
+
+impl AutopilotError {
+    /// It said something that no correct peer says.
+    pub fn wrong(sentence: impl Into<String>) -> Self {
+        Self {
+            sentence: sentence.into(),
+            silence: Duration::ZERO,
+            lost: false,
+            stopped: false,
+        }
+    }
+
+    /// It is not there.
+    pub fn lost(sentence: impl Into<String>, silence: Duration) -> Self {
+        Self {
+            silence,
+            lost: true,
+            ..Self::wrong(sentence)
+        }
+    }
+
+    /// Asked to stop while waiting.
+    pub fn stopped() -> Self {
+        Self {
+            stopped: true,
+            ..Self::wrong("stopped while waiting")
+        }
+    }
+}
+
+/// An autopilot behind its own protocol.
+pub trait Autopilot {
+    /// Parts of 0.5 ms from one exchange to the next.
+    fn interval_parts(&self) -> u32;
+
+    /// Gives it the readings of now and takes the duties, by our rotors, that are held until the next exchange.
+    ///
+    /// # Errors
+    /// It never came, fell silent, or said something wrong: one sentence with peer and frame. Never waits longer than its time-outs.
+    fn exchange(&mut self, readings: &Readings) -> Result<[f64; MAX_ROTORS], AutopilotError>;
+
+    /// Who it is, as far as known.
+    fn identity(&self) -> Identity;
+
+    /// The hand-over: a restart of it would no longer be the same flight.
+    fn flight_begins(&mut self) {}
+
+    /// The run is over.
+    fn finish(&mut self) {}
+}

@@ -1,0 +1,121 @@
+//! What a run says of itself while it goes on: one JSON object a line on the plant's standard output.
+
+use serde::{Deserialize, Serialize};
+
+/// One event of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum RunEvent {
+    /// The link is being opened: the peers are waited for.
+    Waiting,
+    /// Step 0 is about to be flown, or the flight goes on.
+    Progress(Progress),
+    /// Something worth a line happened.
+    Change(Change),
+    /// A row of the telemetry, for people who look on (`--live`).
+    Sample(LiveSample),
+    /// The flight is over and its folder is being written.
+    Recording {
+        /// Complete steps.
+        steps: u64,
+    },
+    /// The folder is written. The summary in it says how the run ended.
+    Finished,
+}
+
+/// A row of the telemetry.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LiveSample {
+    /// Step number, from 0.
+    pub step: u64,
+    /// Simulated time at the start of the step, s.
+    pub sim_time_s: f64,
+    /// A value for each of `rotortwin_store::telemetry_columns`, in their order; none where there is no finite one.
+    pub values: Vec<Option<f64>>,
+}
+
+/// How far the flight is, and what it shows.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Complete steps.
+    pub step: u64,
+    /// Steps of the whole flight.
+    pub step_count: u64,
+    /// Simulated time of the last complete step, s.
+    pub sim_time_s: f64,
+    /// Measured voltage, V.
+    pub battery_voltage_v: f32,
+    /// True state of charge, fraction.
+    pub state_of_charge: f64,
+    /// Truth: 0 no fault, i rotor i, −1 several.
+    pub fault_label: i32,
+    /// Verdict codes: −3 ambiguous, −2 not ready, −1 unknown, 0 healthy, i rotor i, 100 i + j rotors i and j.
+    pub t_test: i32,
+    /// As `t_test`.
+    pub network: i32,
+    /// As `t_test`.
+    pub sequential: i32,
+}
+
+/// Something worth a line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "what", rename_all = "kebab-case")]
+pub enum Change {
+    /// The truth changed: a fault began or ended.
+    Truth {
+        /// s.
+        sim_time_s: f64,
+        /// 0 no fault, i rotor i, −1 several.
+        fault_label: i32,
+    },
+    /// The sequential detector changed its verdict.
+    Verdict {
+        /// s.
+        sim_time_s: f64,
+        /// Verdict code.
+        sequential: i32,
+        /// Probability that it gives to it, fraction.
+        probability: f32,
+        /// Estimated loss of thrust, of a pair the first rotor's, N.
+        thrust_loss_n: f32,
+        /// Lower end of its 95 % interval, N.
+        thrust_loss_low_n: f32,
+        /// Upper end, N.
+        thrust_loss_high_n: f32,
+        /// Bit i set: rotor i (from 0) is or may be concerned.
+        suspect_rotors: u32,
+    },
+    /// An autopilot of its own clock has armed, climbed and come to rest at the first point: the flight begins.
+    HandOver {
+        /// Simulated time that it took, s.
+        prelude_s: f64,
+    },
+    /// Something happened on the ground.
+    Ground {
+        /// End of the step in which it happened, s.
+        sim_time_s: f64,
+        /// What.
+        mishap: Mishap,
+    },
+}
+
+/// What goes wrong on the ground.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Mishap {
+    /// Touched down too fast.
+    HardLanding {
+        /// Along the normal of the ground, m/s.
+        speed_m_s: f64,
+    },
+    /// Lies on its side or back.
+    TipOver {
+        /// Against the ground, rad.
+        tilt_rad: f64,
+    },
+    /// A rotor's disc reached the ground.
+    RotorStrike {
+        /// From 1.
+        rotor: usize,
+    },
+}

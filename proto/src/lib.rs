@@ -1,0 +1,9 @@
+//! Messages generated from `proto/rotortwin/v1` (`cargo xtask codegen`); documented in the `.proto` files.
+//!
+//! Nothing is written by hand here: conversions and checks are in `rotortwin-wire`.
+#![expect(missing_docs, reason = "generated; the .proto files carry the documentation")]
+
+include!("rotortwin.v1.rs");
+
+/// Serialized `FileDescriptorSet` of the package, for files that describe themselves (MCAP).
+pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("descriptor.bin");

@@ -1,0 +1,91 @@
+//! Connections: taken, served within limits of time, and let go when the process ends.
+//!
+//! | Who | Is let go |
+//! |---|---|
+//! | sends no whole head | after [`HEAD`], the idle time between two requests included |
+//! | sends a body and stops | after [`BODY_PAUSE`] without a byte (a layer of the router) |
+//! | does not read its answer | after [`UNREAD`] in which it has taken nothing |
+//! | has not finished when the process ends | after [`LAST_ANSWERS`] |
+//!
+//! Streams (events, WebSockets) end with the process, or when nobody reads them; being silent is no offence there.
+
+use axum::Router;
+use axum::serve::Listener;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::pin::pin;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio_io_timeout::TimeoutStream;
+
+/// The head of a request arrives within this.
+const HEAD: Duration = Duration::from_secs(15);
+/// Between two pieces of a body.
+pub(crate) const BODY_PAUSE: Duration = Duration::from_secs(30);
+/// An answer of which nothing can be sent for so long is given up.
+const UNREAD: Duration = Duration::from_secs(60);
+/// Requests that were begun may take this long to be answered when the process ends.
+const LAST_ANSWERS: Duration = Duration::from_secs(5);
+
+/// Serves until `ending` becomes true, and then what was begun, for a while.
+pub(crate) async fn serve<L: Listener>(mut listener: L, router: Router, mut ending: watch::Receiver<bool>) {
+    let mut connections = JoinSet::new();
+    loop {
+        tokio::select! {
+            (stream, _) = listener.accept() => {
+                connections.spawn(one(stream, router.clone(), ending.clone()));
+            }
+            // So that those that have ended do not pile up.
+            Some(_) = connections.join_next() => {}
+            () = ends(&mut ending) => break,
+        }
+    }
+    drop(listener);
+    let all = async { while connections.join_next().await.is_some() {} };
+    if tokio::time::timeout(LAST_ANSWERS, all).await.is_err() {
+        tracing::warn!(
+            connections = connections.len(),
+            "some clients took too long; their connections are closed"
+        );
+        connections.shutdown().await;
+    }
+}
+
+/// Ready once the process ends.
+async fn ends(ending: &mut watch::Receiver<bool>) {
+    // An error means that whoever could say so is gone.
+    drop(ending.wait_for(|ends| *ends).await);
+}
+
+async fn one<S>(stream: S, router: Router, mut ending: watch::Receiver<bool>)
+where
+    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+{
+    let mut stream = TimeoutStream::new(stream);
+    stream.set_write_timeout(Some(UNREAD));
+    let mut connection = pin!(
+        http1::Builder::new()
+            .timer(TokioTimer::new())
+            .header_read_timeout(HEAD)
+            .serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(router))
+            .with_upgrades()
+    );
+    let mut told = false;
+    loop {
+        tokio::select! {
+            ended = connection.as_mut() => {
+                if let Err(error) = ended {
+                    tracing::debug!(%error, "a connection broke off");
+                }
+                return;
+            }
+            () = ends(&mut ending), if !told => {
+                told = true;
+                connection.as_mut().graceful_shutdown();
+            }
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! A vehicle from flight logs, mass and arm: submitted as a job, and kept in the library once it was looked at.
+
+use super::documents::{self, checked_name};
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{Draft, Flights, OUT, done};
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::library::DocumentKind;
+use crate::problem::Problem;
+use axum::Json;
+use axum::extract::Path;
+use axum::extract::rejection::{JsonRejection, PathRejection};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use rotortwin_jobs::{Identification, StoredJob};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use utoipa::ToSchema;
+
+super::collection!(
+    identifications,
+    crate::jobs::JobKind::Identification,
+    AnyResult,
+    "identification",
+    "/api/v1/identifications",
+    "/api/v1/identifications/{id}",
+    "/api/v1/identifications/{id}/cancel",
+    "/api/v1/identifications/{id}/events",
+    "/api/v1/identifications/{id}/artifacts",
+    "/api/v1/identifications/{id}/artifacts/{*path}"
+);
+
+/// A vehicle to be identified.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct IdentificationSubmission {
+    /// What to call the vehicle: the name that it gets in the library, if it is kept.
+    name: String,
+    /// Flights of it, all with the same rotors.
+    flights: Flights,
+    /// With battery, kg.
+    #[schema(exclusive_minimum = 0)]
+    mass_kg: f64,
+    /// From the centre of the vehicle to the furthest rotor, m.
+    #[schema(exclusive_minimum = 0)]
+    arm_m: f64,
+    /// Frame, where the log does not say it, such as `quad-x` (numbers as in ArduPilot).
+    #[schema(max_length = 40)]
+    frame: Option<String>,
+    /// Capacity of the battery, A h.
+    #[schema(exclusive_minimum = 0)]
+    capacity_ah: Option<f64>,
+    /// Cells of the battery in series.
+    #[schema(minimum = 1, maximum = 24)]
+    cells: Option<u32>,
+    /// Fit each half of each flight and score it on the other, too.
+    #[serde(default)]
+    held_out: bool,
+}
+
+impl IdentificationSubmission {
+    fn check(&self) -> Result<(), Problem> {
+        checked_name(&self.name)?;
+        let numbers = [
+            ("mass_kg", Some(self.mass_kg)),
+            ("arm_m", Some(self.arm_m)),
+            ("capacity_ah", self.capacity_ah),
+        ];
+        for (key, value) in numbers {
+            if let Some(value) = value.filter(|value| !(*value > 0.0 && value.is_finite())) {
+                return Err(Problem::unprocessable(format!(
+                    "`{key}` is {value}; expected a number above 0"
+                )));
+            }
+        }
+        if let Some(cells) = self.cells.filter(|cells| !(1..=24).contains(cells)) {
+            return Err(Problem::unprocessable(format!("`cells` is {cells}; expected 1 to 24")));
+        }
+        let plain = |frame: &String| frame.len() <= 40 && frame.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');
+        if let Some(frame) = self.frame.as_ref().filter(|frame| !plain(frame)) {
+            return Err(Problem::unprocessable(format!(
+                "`frame` is '{frame}'; expected one such as quad-x"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Identifies a vehicle from flight logs; what no log holds is its mass and its arm.
+///
+/// The result is each value with its 95 % interval and where it comes from, and the documents of the vehicle and its blades.
+#[utoipa::path(post, path = "/api/v1/identifications", tag = "identifications", operation_id = "submit_identification", request_body = IdentificationSubmission,
+    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "its address"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable, or no name", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such log or run", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key, or a flight is not done", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be done so", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn submit(
+    app: Shared,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Result<Json<IdentificationSubmission>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    let hash = jobs::request_hash(&body);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Identification, &headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
+    body.check()?;
+    let (logs, inputs) = body.flights.lay_out(&app, &caller).await?;
+    let job = Identification {
+        logs,
+        mass_kg: body.mass_kg,
+        arm_m: body.arm_m,
+        frame: body.frame.clone(),
+        capacity_ah: body.capacity_ah,
+        cells: body.cells,
+        held_out: body.held_out,
+        out: format!("{OUT}/{}.toml", body.name).into(),
+    };
+    let draft = Draft {
+        kind: JobKind::Identification,
+        name: body.name.clone(),
+        facts: json!({ "vehicle": body.name, "flights": body.flights, "mass_kg": body.mass_kg, "arm_m": body.arm_m }),
+        stored: StoredJob {
+            job: rotortwin_jobs::Job::Identification(job),
+            inputs,
+        },
+        terms: Terms::default(),
+    };
+    draft.submit(&app, &caller, &headers, &body, Vec::new()).await
+}
+
+/// A vehicle that was left in the library.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct KeptVehicle {
+    /// Its name under `/api/v1/vehicles`, and that of its blades under `/api/v1/blades`.
+    vehicle: String,
+}
+
+/// What is needed of the result.
+#[derive(Deserialize)]
+struct Texts {
+    vehicle: String,
+    blades: String,
+}
+
+/// Leaves the identified vehicle and its blades in the library, on one's own account; an earlier one of the same name is replaced.
+#[utoipa::path(post, path = "/api/v1/identifications/{id}/keep", tag = "identifications", operation_id = "keep_identification",
+    params(("id" = String, Path)), responses(
+    (status = 201, description = "left there", body = KeptVehicle, headers(("Location" = String, description = "address of the vehicle"))),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such identification", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the documents are refused", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "the disk is full, or there are too many documents", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn keep(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Response, Problem> {
+    let Path(id) = id?;
+    let job = done(&app, &caller, JobKind::Identification, &id).await?;
+    let texts: Texts =
+        serde_json::from_str(&job.result.unwrap_or_default()).map_err(|error| Problem::internal(&error))?;
+    let name = job.new.name;
+    // Beside each other where the job wrote them, in two folders in the library.
+    let vehicle = texts.vehicle.replace(
+        &format!("\"{name}.blades.toml\""),
+        &format!("\"../blades/{name}.toml\""),
+    );
+    let mut headers = HeaderMap::new();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/toml"));
+    for (kind, text) in [(DocumentKind::Blades, &texts.blades), (DocumentKind::Vehicle, &vehicle)] {
+        documents::put(&app, &caller, kind, &name, &headers, text).await?;
+    }
+    let location = format!("/api/v1/vehicles/{name}");
+    let kept = KeptVehicle { vehicle: name };
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(kept)).into_response())
+}

@@ -1,0 +1,188 @@
+//! Example logs for a first visit: flown by the independent simulator in a process of its own, with the truth kept apart.
+
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{Draft, LIBRARY, OUT, done, laid_out};
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::problem::Problem;
+use axum::Json;
+use axum::extract::Path;
+use axum::extract::rejection::{JsonRejection, PathRejection};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use rotortwin_blind::error::BlindError;
+use rotortwin_blind::example::{self, Example};
+use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_jobs::{LogExample, StoredJob};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+/// What is hidden, among the files of the log.
+const TRUTH: &str = "truth.json";
+/// Taken where no vehicle is named.
+const USUAL_VEHICLE: &str = "f550";
+/// s; long enough for a diagnosis, soon flown.
+const USUAL_DURATION_S: f64 = 60.0;
+/// s.
+const DURATION_S: [f64; 2] = [10.0, 600.0];
+
+/// What an example shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ExamplePreset {
+    /// One effect that the vehicle's model lacks.
+    HiddenEffect,
+    /// One rotor that has lost some of its thrust.
+    DamagedBlade,
+    /// A vehicle as its model says.
+    Healthy,
+}
+
+impl From<ExamplePreset> for Example {
+    fn from(preset: ExamplePreset) -> Self {
+        match preset {
+            ExamplePreset::HiddenEffect => Self::HiddenEffect,
+            ExamplePreset::DamagedBlade => Self::DamagedBlade,
+            ExamplePreset::Healthy => Self::Healthy,
+        }
+    }
+}
+
+/// An example to be flown: a preset, or an effect.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ExampleSubmission {
+    /// What it is to show.
+    preset: Option<ExamplePreset>,
+    /// What is hidden instead: an id, of a size and on a rotor that the seed draws, or `id:parameter=value,…`.
+    #[schema(max_length = 200)]
+    effect: Option<String>,
+    /// Of every random stream, and of what is drawn; without it another flight each time.
+    seed: Option<u64>,
+    /// Name of one of the library's vehicles; `f550` without it.
+    vehicle: Option<String>,
+    /// s; 60 without it.
+    #[schema(minimum = 10, maximum = 600)]
+    duration_s: Option<f64>,
+}
+
+/// Has an example log flown by the independent simulator, with something hidden in it or nothing: a log like any other.
+///
+/// Nothing of the job says what is hidden; `GET /api/v1/logs/{id}/truth` reveals it.
+#[utoipa::path(post, path = "/api/v1/logs/generate", tag = "logs", operation_id = "generate_log", request_body = ExampleSubmission,
+    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the log that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "address of the log"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such vehicle", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be flown so", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn generate(
+    app: Shared,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Result<Json<ExampleSubmission>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    let hash = jobs::request_hash(&body);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::Log, &headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
+    if body.preset.is_some() == body.effect.is_some() {
+        return Err(Problem::unprocessable("expected either `preset` or `effect`"));
+    }
+    let duration_s = body.duration_s.unwrap_or(USUAL_DURATION_S);
+    if !(DURATION_S[0]..=DURATION_S[1]).contains(&duration_s) {
+        return Err(Problem::unprocessable(format!(
+            "`duration_s` is {duration_s}; expected {} to {}",
+            DURATION_S[0], DURATION_S[1]
+        )));
+    }
+    let library = app.library(&caller).await?;
+    let name = body.vehicle.as_deref().unwrap_or(USUAL_VEHICLE);
+    library.text("vehicles", name)?;
+    let seed = body.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
+    if let Some(effect) = &body.effect {
+        // What the simulator would refuse is refused now.
+        let refused = |error: BlindError| library.refusal(&error);
+        let vehicle = Vehicle::load(&library.root().join("vehicles").join(format!("{name}.toml"))).map_err(refused)?;
+        example::effect(effect, vehicle.rotors.len(), seed).map_err(refused)?;
+    }
+    let example = LogExample {
+        vehicle: format!("{LIBRARY}/vehicles/{name}.toml").into(),
+        preset: body.preset.map(Example::from),
+        effect: body.effect.clone(),
+        seed,
+        duration_s,
+        out: OUT.into(),
+    };
+    let draft = Draft {
+        kind: JobKind::Log,
+        name: format!("example-{:04x}.parquet", rand::random::<u16>()),
+        facts: json!({ "example": true, "vehicle": name, "duration_s": duration_s }),
+        stored: StoredJob {
+            job: rotortwin_jobs::Job::LogExample(example),
+            inputs: vec![laid_out(&app, &library).await?],
+        },
+        terms: Terms::default(),
+    };
+    draft.submit(&app, &caller, &headers, &body, Vec::new()).await
+}
+
+/// What was hidden in an example.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct HiddenTruth {
+    /// Hidden effects (`id`, `rotor`, `onset_s`, `parameters`); empty: none.
+    #[schema(value_type = Vec<Object>)]
+    effects: Value,
+    /// Name of the vehicle.
+    vehicle: String,
+    /// Of every random stream.
+    seed: u64,
+    /// s.
+    duration_s: f64,
+    /// Charge at the start, fraction.
+    state_of_charge: f64,
+    /// Lift bias of each rotor, N: what the comparison takes as nuisance.
+    lift_biases_n: Vec<f64>,
+}
+
+/// Reveals what was hidden in an example log.
+#[utoipa::path(get, path = "/api/v1/logs/{id}/truth", tag = "logs", operation_id = "log_truth", params(("id" = String, Path)), responses(
+    (status = 200, description = "the truth", body = HiddenTruth),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such log, or nobody knows its truth", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn truth(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Json<HiddenTruth>, Problem> {
+    let Path(id) = id?;
+    let job = done(&app, &caller, JobKind::Log, &id).await?;
+    let folder = job.folder.unwrap_or_default();
+    let file = app.artifacts.file(&folder, TRUTH).await;
+    let file = file.map_err(|error| Problem::internal(&error))?.ok_or_else(|| {
+        Problem::not_found(format!(
+            "the log {id} is no example: what is hidden in it is for the diagnosis to say"
+        ))
+    })?;
+    let truth = rotortwin_blind::truth::Truth::load(&file).map_err(|error| Problem::internal(&error))?;
+    Ok(Json(HiddenTruth {
+        effects: serde_json::to_value(truth.effects).map_err(|error| Problem::internal(&error))?,
+        vehicle: truth.vehicle,
+        seed: truth.seed,
+        duration_s: truth.duration_s,
+        state_of_charge: truth.state_of_charge,
+        lift_biases_n: truth.lift_biases_n,
+    }))
+}

@@ -1,0 +1,75 @@
+//! What an imported log holds: channels, and samples decimated so that a picture shows the same, as runs have them.
+
+use super::jobs::Shared;
+use super::tasks::{STEM, done};
+use super::telemetry::{AnswerFormat, ChannelInfo, Channels, Selection, Telemetry, blocking};
+use crate::App;
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::problem::Problem;
+use axum::Json;
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::{Path, Query};
+use axum::http::{HeaderMap, header};
+use axum::response::{IntoResponse as _, Response};
+use rotortwin_store::query::{self, TelemetryFile, render::RunTable};
+use std::path::PathBuf;
+
+/// What an imported log holds.
+#[utoipa::path(get, path = "/api/v1/logs/{id}/channels", tag = "logs", operation_id = "log_channels", params(("id" = String, Path)), responses(
+    (status = 200, description = "its channels", body = Channels),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such log", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it is not imported", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn channels(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Json<Channels>, Problem> {
+    let Path(id) = id?;
+    let path = file_of(&app, &caller, &id).await?;
+    let answer = blocking(move || {
+        let file = TelemetryFile::open(&path)?;
+        let items = file.channels().iter().cloned().map(ChannelInfo::from);
+        Ok(Channels::new(file.rows(), items.collect()))
+    });
+    Ok(Json(answer.await?))
+}
+
+/// Samples of an imported log, decimated so that a picture shows the same.
+#[utoipa::path(get, path = "/api/v1/logs/{id}/telemetry", tag = "logs", operation_id = "log_telemetry", params(("id" = String, Path), Selection), responses(
+    (status = 200, description = "the samples; `run` is the log's id", content(
+        (Telemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
+    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such log", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it is not imported", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "no such channel; no interval; too many values", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn telemetry(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+    selection: Result<Query<Selection>, QueryRejection>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (Path(id), Query(selection)) = (id?, selection?);
+    let path = file_of(&app, &caller, &id).await?;
+    let format = AnswerFormat::of(selection.format(), &headers);
+    let body = blocking(move || {
+        let table = TelemetryFile::open(&path)?.query(&selection.query())?;
+        query::render::one(&RunTable { run: id, table }, format)
+    });
+    Ok(([(header::CONTENT_TYPE, format.content_type())], body.await?).into_response())
+}
+
+/// The canonical form of a log that is imported.
+async fn file_of(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem> {
+    let job = done(app, caller, JobKind::Log, id).await?;
+    let file = app
+        .artifacts
+        .file(job.folder.as_deref().unwrap_or_default(), &format!("{STEM}.parquet"))
+        .await
+        .map_err(|error| Problem::internal(&error))?;
+    file.ok_or_else(|| Problem::not_found(format!("the file of log {id} is gone")))
+}

@@ -1,0 +1,100 @@
+//! What to fly next: the manoeuvre that would tell two effects apart.
+
+use super::jobs::{self, JobView, Shared, Terms};
+use super::tasks::{Draft, ModelChoice, OUT};
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::problem::Problem;
+use axum::Json;
+use axum::extract::rejection::JsonRejection;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use rotortwin_jobs::{NextFlight, StoredJob};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use utoipa::ToSchema;
+
+super::collection!(
+    next_flights,
+    crate::jobs::JobKind::NextFlight,
+    AnyResult,
+    "proposal of a next flight",
+    "/api/v1/next-flights",
+    "/api/v1/next-flights/{id}",
+    "/api/v1/next-flights/{id}/cancel",
+    "/api/v1/next-flights/{id}/events",
+    "/api/v1/next-flights/{id}/artifacts",
+    "/api/v1/next-flights/{id}/artifacts/{*path}"
+);
+
+/// The best manoeuvre, among the files: a scenario, and the vehicle that it flies beside it.
+const SCENARIO: &str = "next-flight.toml";
+/// Where no models of a folder are named.
+const MODELS: &str = "models";
+
+/// Two effects that a flight could not tell apart.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct NextFlightSubmission {
+    /// The model as it stands.
+    model: ModelChoice,
+    /// Ids in the catalogue; with the rotor where an effect has one: `rotor-thrust-scale#3`.
+    between: [String; 2],
+}
+
+/// Asks for the manoeuvre that would tell two effects apart.
+///
+/// The result lists manoeuvres, the best one first; `artifacts/next-flight.toml` is the best one as a scenario.
+#[utoipa::path(post, path = "/api/v1/next-flights", tag = "next_flights", operation_id = "submit_next_flight", request_body = NextFlightSubmission,
+    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    responses(
+        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "its address"))),
+        (status = 200, description = "accepted before under this key", body = JobView),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such model", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "another body was submitted under this key, or the improvement is not done", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "it cannot be done so", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn submit(
+    app: Shared,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Result<Json<NextFlightSubmission>, JsonRejection>,
+) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    let hash = jobs::request_hash(&body);
+    if let Some(answer) = jobs::before(&app, &caller, JobKind::NextFlight, &headers, &hash, JobView::from).await? {
+        return Ok(answer);
+    }
+    let plain = |text: &String| {
+        (1..=64).contains(&text.len()) && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '#')
+    };
+    if let Some(bad) = body.between.iter().find(|text| !plain(text)) {
+        return Err(Problem::unprocessable(format!(
+            "`between` names '{bad}'; expected the id of an effect, such as mass or rotor-thrust-scale#3"
+        )));
+    }
+    let (model, inputs, name) = body.model.lay_out(&app, &caller, 0).await?;
+    let job = NextFlight {
+        model,
+        models: MODELS.into(),
+        between: body.between.clone(),
+        out: format!("{OUT}/{SCENARIO}").into(),
+    };
+    let draft = Draft {
+        kind: JobKind::NextFlight,
+        name,
+        facts: json!({ "model": body.model, "between": body.between }),
+        stored: StoredJob {
+            job: rotortwin_jobs::Job::NextFlight(job),
+            inputs,
+        },
+        terms: Terms::default(),
+    };
+    draft.submit(&app, &caller, &headers, &body, Vec::new()).await
+}

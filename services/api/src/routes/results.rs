@@ -1,0 +1,142 @@
+//! What came out of a job, for the document: the types that the command line writes as JSON.
+
+use super::jobs::JobView;
+use crate::problem::Problem;
+use serde::Serialize;
+use serde_json::Value;
+use utoipa::ToSchema;
+
+pub(crate) use rotortwin_twin::compare::Comparison as ComparisonResult;
+pub(crate) use rotortwin_twin::diagnose::Diagnosis as DiagnosisResult;
+pub(crate) use rotortwin_twin::improve::Improvement as ImprovementResult;
+
+/// A result that the document does not describe: what the command prints with `--json`.
+pub(crate) type AnyResult = Value;
+
+/// A job with what came out of it.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct JobWithResult<R: ToSchema> {
+    #[serde(flatten)]
+    job: JobView,
+    /// What came out; none before it is done.
+    result: Option<R>,
+}
+
+/// An effect of the catalogue.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct DeclaredEffect {
+    /// Key in documents: `rotor-drag`.
+    id: String,
+    /// Name shown to people.
+    name: String,
+    /// Row of the catalogue, from 1; absent for effects of users.
+    catalogue_number: Option<u8>,
+    /// `physics`, `sensor-fault`, `timing-fault`, `nuisance`, `noise`.
+    class: String,
+    /// In the symbols of the parameters.
+    equation: String,
+    /// Where it acts.
+    places: Vec<String>,
+    /// Groups of channels in which it shows.
+    channels: Vec<String>,
+    /// Sizes and shapes.
+    parameters: Vec<DeclaredParameter>,
+    /// One instance belongs to one rotor.
+    per_rotor: bool,
+    /// Effects of which one must be there for this one to act.
+    needs: Vec<String>,
+    /// What a flight must contain for it to show.
+    excited_by: String,
+    /// Ids of effects with a similar signature.
+    confused_with: Vec<String>,
+    /// Where equation and sizes come from.
+    source: String,
+}
+
+/// A parameter of an effect of the catalogue.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct DeclaredParameter {
+    /// Key in documents, with the unit: `drag_n_s_m`.
+    name: String,
+    /// Letter in the equation.
+    symbol: String,
+    /// Empty for fractions.
+    unit: String,
+    /// What it is.
+    meaning: String,
+    /// `size`, or `shape`.
+    kind: String,
+    /// Lowest value met on real vehicles.
+    plausible_low: f64,
+    /// Highest value met on real vehicles.
+    plausible_high: f64,
+    /// Standard deviation of the slab of the prior.
+    size: f64,
+    /// Standard deviation of the spike of the prior: what every real vehicle has unnoticed.
+    clutter: f64,
+    /// Value of an ordinary case.
+    typical: f64,
+}
+
+impl DeclaredEffect {
+    /// # Errors
+    /// 500: a word of the plant's that is no text.
+    pub(crate) fn of(entry: &rotortwin_plant::effects::EffectDeclaration) -> Result<Self, Problem> {
+        let texts = |list: &[&str]| list.iter().map(|text| (*text).to_owned()).collect();
+        Ok(Self {
+            id: entry.id.to_owned(),
+            name: entry.name.to_owned(),
+            catalogue_number: entry.catalogue_number,
+            class: word(&entry.class)?,
+            equation: entry.equation.to_owned(),
+            places: entry.places.iter().map(word).collect::<Result<_, Problem>>()?,
+            channels: entry.channels.iter().map(word).collect::<Result<_, Problem>>()?,
+            parameters: entry
+                .parameters
+                .iter()
+                .map(|parameter| {
+                    Ok(DeclaredParameter {
+                        name: parameter.name.to_owned(),
+                        symbol: parameter.symbol.to_owned(),
+                        unit: parameter.unit.to_owned(),
+                        meaning: parameter.meaning.to_owned(),
+                        kind: word(&parameter.kind)?,
+                        plausible_low: parameter.plausible_low,
+                        plausible_high: parameter.plausible_high,
+                        size: parameter.size,
+                        clutter: parameter.clutter,
+                        typical: parameter.typical,
+                    })
+                })
+                .collect::<Result<_, Problem>>()?,
+            per_rotor: entry.per_rotor,
+            needs: texts(entry.needs),
+            excited_by: entry.excited_by.to_owned(),
+            confused_with: texts(entry.confused_with),
+            source: entry.source.to_owned(),
+        })
+    }
+}
+
+/// As the command line writes it.
+fn word(value: &impl Serialize) -> Result<String, Problem> {
+    match serde_json::to_value(value) {
+        Ok(Value::String(text)) => Ok(text),
+        other => Err(Problem::internal(&format!("{other:?} is no word"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rotortwin_plant::effects::Catalogue;
+
+    #[test]
+    fn val_the_catalogue_is_told_as_the_plant_writes_it() {
+        let catalogue = Catalogue::built_in();
+        for entry in catalogue.entries() {
+            let told = serde_json::to_value(DeclaredEffect::of(entry).expect("words")).expect("JSON");
+            assert_eq!(told, serde_json::to_value(entry).expect("JSON"), "{}", entry.id);
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Signing in and out with a browser.
+
+use super::jobs::Shared;
+use crate::App;
+use crate::access::Caller;
+use crate::problem::Problem;
+use crate::sessions::{cookie, secret};
+use crate::tokens::{Scope, Token};
+use axum::Json;
+use axum::extract::rejection::JsonRejection;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A token to sign in with.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SignIn {
+    /// As `rotortwin token create` printed it.
+    #[schema(max_length = 200)]
+    token: String,
+}
+
+/// Who asks, and whether he has to say so.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct SignedIn {
+    /// Everybody needs a token.
+    needs_token: bool,
+    /// It is known who asks.
+    signed_in: bool,
+    /// On whose account.
+    tenant: Option<String>,
+    /// `read`, `write`, `admin`.
+    scopes: Vec<&'static str>,
+}
+
+impl SignedIn {
+    fn of(token: &Token) -> Self {
+        Self {
+            needs_token: true,
+            signed_in: true,
+            tenant: Some(token.tenant.clone()),
+            scopes: token.scopes.iter().map(|scope| scope.as_str()).collect(),
+        }
+    }
+
+    fn nobody() -> Self {
+        Self {
+            needs_token: true,
+            signed_in: false,
+            tenant: None,
+            scopes: Vec::new(),
+        }
+    }
+
+    /// Where nobody needs a token.
+    fn local() -> Self {
+        Self {
+            needs_token: false,
+            signed_in: true,
+            tenant: Some(Caller::local().tenant),
+            scopes: [Scope::Read, Scope::Write, Scope::Admin].map(Scope::as_str).to_vec(),
+        }
+    }
+}
+
+/// Who asks, and whether a token is needed: the one address that tells it to everybody.
+#[utoipa::path(get, path = "/api/v1/session", tag = "server", operation_id = "get_session", responses(
+    (status = 200, description = "who asks", body = SignedIn)
+))]
+pub(crate) async fn get(app: Shared, headers: HeaderMap) -> Result<Json<SignedIn>, Problem> {
+    if !app.database.has_tokens().await? {
+        return Ok(Json(SignedIn::local()));
+    }
+    let token = crate::access::token(&app, &headers).await;
+    Ok(Json(
+        token.map_or_else(|_| SignedIn::nobody(), |token| SignedIn::of(&token)),
+    ))
+}
+
+/// Signs in: turns a token into a cookie that browsers send by themselves, also with event streams and WebSockets.
+#[utoipa::path(post, path = "/api/v1/session", tag = "server", operation_id = "sign_in", request_body = SignIn, responses(
+    (status = 200, description = "signed in", body = SignedIn, headers(("Set-Cookie" = Option<String>, description = "the session"))),
+    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the body makes no sense", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn sign_in(app: Shared, body: Result<Json<SignIn>, JsonRejection>) -> Result<Response, Problem> {
+    let Json(body) = body?;
+    if !app.database.has_tokens().await? {
+        return Ok(Json(SignedIn::local()).into_response());
+    }
+    let token = app
+        .database
+        .token(body.token.trim())
+        .await?
+        .ok_or_else(crate::access::worthless)?;
+    let secret = app.database.begin_session(&token).await?;
+    let set = (header::SET_COOKIE, cookie(Some(&secret), has_tls(&app)));
+    Ok(([set], Json(SignedIn::of(&token))).into_response())
+}
+
+/// Signs out: the session is over, here and in the browser.
+#[utoipa::path(delete, path = "/api/v1/session", tag = "server", operation_id = "sign_out", responses(
+    (status = 204, description = "nobody is signed in")
+))]
+pub(crate) async fn sign_out(app: Shared, headers: HeaderMap) -> Result<Response, Problem> {
+    if let Some(secret) = secret(&headers) {
+        app.database.end_session(secret).await?;
+    }
+    let set = (header::SET_COOKIE, cookie(None, has_tls(&app)));
+    Ok((StatusCode::NO_CONTENT, [set]).into_response())
+}
+
+fn has_tls(app: &App) -> bool {
+    app.config.tls.is_some()
+}

@@ -1,0 +1,190 @@
+//! The page: `web/dist`, embedded when the server was built.
+//!
+//! | Address | What comes | Kept by browsers |
+//! |---|---|---|
+//! | `/`, and every other address that is not the API's | `index.html`, whose script reads the rest of the address | asked again by ETag |
+//! | `/assets/NAME` | that file: its name holds a hash of its content | for good |
+//! | any other file of the bundle | that file | asked again by ETag |
+//!
+//! Nothing of it tells anything of anybody's work, so that it needs no token: a page that cannot be loaded cannot ask for one.
+
+use crate::problem::Problem;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
+use axum::response::{IntoResponse as _, Response};
+use std::collections::HashMap;
+use std::sync::LazyLock;
+
+/// Path from the root of the bundle, and bytes.
+static FILES: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/page.rs"));
+
+static BY_PATH: LazyLock<HashMap<&'static str, Embedded>> = LazyLock::new(|| {
+    let embedded = FILES.iter().map(|(path, bytes)| (*path, Embedded::new(path, bytes)));
+    embedded.collect()
+});
+
+/// The document of the page.
+const INDEX: &str = "/index.html";
+/// Files whose names hold a hash of their content.
+const ASSETS: &str = "/assets/";
+/// What browsers ask for by themselves, and no address of the page.
+const NO_PAGES: &[&str] = &["/favicon.ico", "/robots.txt"];
+
+struct Embedded {
+    bytes: &'static [u8],
+    kind: &'static str,
+    tag: String,
+}
+
+impl Embedded {
+    fn new(path: &str, bytes: &'static [u8]) -> Self {
+        Self {
+            bytes,
+            kind: content_type(path),
+            tag: format!("\"{:032x}\"", xxhash_rust::xxh3::xxh3_128(bytes)),
+        }
+    }
+}
+
+fn content_type(path: &str) -> &'static str {
+    match path.rsplit('.').next().unwrap_or_default() {
+        "html" => "text/html; charset=utf-8",
+        "js" | "mjs" => "text/javascript; charset=utf-8",
+        "css" => "text/css; charset=utf-8",
+        "json" | "map" => "application/json",
+        "svg" => "image/svg+xml",
+        "png" => "image/png",
+        "ico" => "image/x-icon",
+        "woff2" => "font/woff2",
+        "wasm" => "application/wasm",
+        "glb" => "model/gltf-binary",
+        "txt" => "text/plain; charset=utf-8",
+        _ => "application/octet-stream",
+    }
+}
+
+/// Whether an address belongs to the page, which needs no token.
+pub(crate) fn is_page(path: &str) -> bool {
+    !(path == "/metrics" || path == "/api" || path.starts_with("/api/"))
+}
+
+/// What is served where the API serves nothing.
+pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Result<Response, Problem> {
+    let path = uri.path();
+    let reads = matches!(method, Method::GET | Method::HEAD);
+    if !reads || !is_page(path) {
+        return Err(nothing_at(path));
+    }
+    let file = match BY_PATH.get(path) {
+        Some(file) => file,
+        None if path.starts_with(ASSETS) || NO_PAGES.contains(&path) => return Err(nothing_at(path)),
+        None => BY_PATH
+            .get(INDEX)
+            .ok_or_else(|| Problem::internal(&"the server was built without a page"))?,
+    };
+    let kept = if path.starts_with(ASSETS) {
+        "public, max-age=31536000, immutable"
+    } else {
+        "no-cache"
+    };
+    let tag = HeaderValue::from_str(&file.tag).map_err(|error| Problem::internal(&error))?;
+    let about = [
+        (header::CACHE_CONTROL, HeaderValue::from_static(kept)),
+        (header::ETAG, tag),
+    ];
+    let known = headers
+        .get(header::IF_NONE_MATCH)
+        .and_then(|value| value.to_str().ok())
+        .is_some_and(|tags| has_tag(tags, &file.tag));
+    if known {
+        return Ok((StatusCode::NOT_MODIFIED, about).into_response());
+    }
+    Ok((about, [(header::CONTENT_TYPE, file.kind)], file.bytes).into_response())
+}
+
+/// Compression changes a strong tag into a weak one.
+fn has_tag(tags: &str, own: &str) -> bool {
+    tags.split(',')
+        .map(str::trim)
+        .any(|tag| tag == "*" || tag.trim_start_matches("W/") == own)
+}
+
+fn nothing_at(path: &str) -> Problem {
+    Problem::not_found(format!(
+        "nothing is served at {path}; /api/v1/openapi.json lists what is"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    async fn ask(method: Method, path: &str, headers: &[(header::HeaderName, &str)]) -> Response {
+        let mut map = HeaderMap::new();
+        for (name, value) in headers {
+            map.insert(name, HeaderValue::from_str(value).expect("a value"));
+        }
+        let uri = path.parse().expect("an address");
+        page(method, uri, map).await.into_response()
+    }
+
+    #[tokio::test]
+    async fn val_every_address_of_the_page_is_its_document() {
+        for path in ["/", "/twin", "/runs/0190/live", "/models/f550.v2", "/index.html"] {
+            let answer = ask(Method::GET, path, &[]).await;
+            assert_eq!(answer.status(), 200, "{path}");
+            assert_eq!(answer.headers()[header::CONTENT_TYPE], "text/html; charset=utf-8");
+            assert_eq!(answer.headers()[header::CACHE_CONTROL], "no-cache");
+            let tag = answer.headers()[header::ETAG].to_str().expect("text").to_owned();
+            for known in [tag.clone(), format!("W/{tag}"), format!("\"x\", {tag}")] {
+                let again = ask(Method::GET, path, &[(header::IF_NONE_MATCH, &known)]).await;
+                assert_eq!(again.status(), 304, "{known}");
+            }
+            let other = ask(Method::GET, path, &[(header::IF_NONE_MATCH, "\"x\"")]).await;
+            assert_eq!(other.status(), 200);
+        }
+    }
+
+    #[tokio::test]
+    async fn val_what_is_not_there_is_a_problem_and_no_page() {
+        for path in [
+            "/api",
+            "/api/v1/nothing",
+            "/metrics",
+            "/assets/none.js",
+            "/favicon.ico",
+            "/robots.txt",
+        ] {
+            if BY_PATH.contains_key(path) {
+                continue;
+            }
+            let answer = ask(Method::GET, path, &[]).await;
+            assert_eq!(answer.status(), 404, "{path}");
+            assert_eq!(answer.headers()[header::CONTENT_TYPE], "application/problem+json");
+        }
+        assert_eq!(ask(Method::POST, "/", &[]).await.status(), 404);
+    }
+
+    #[tokio::test]
+    async fn val_assets_are_kept_for_good() {
+        for (path, bytes) in FILES.iter().filter(|(path, _)| path.starts_with(ASSETS)) {
+            let answer = ask(Method::GET, path, &[]).await;
+            assert_eq!(answer.status(), 200, "{path}");
+            let kept = answer.headers()[header::CACHE_CONTROL].to_str().expect("text");
+            assert!(kept.contains("immutable"), "{path}");
+            assert!(!bytes.is_empty(), "{path}");
+            assert_ne!(content_type(path), "application/octet-stream", "{path}");
+        }
+    }
+
+    #[test]
+    fn val_content_types() {
+        for (path, expected) in [
+            ("/assets/a-1.js", "text/javascript; charset=utf-8"),
+            ("/a.css", "text/css; charset=utf-8"),
+            ("/i.svg", "image/svg+xml"),
+            ("/none", "application/octet-stream"),
+        ] {
+            assert_eq!(content_type(path), expected, "{path}");
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The program far from its source: documents are found by name, and a person's own go before the program's.
+
+use rotortwin_tests::program::program;
+use rotortwin_tests::scratch::Scratch;
+use serde_json::Value;
+use std::process::{Command, Output};
+
+/// In the folder of the test, with a home there, so that nothing of this machine is seen.
+fn call(scratch: &Scratch, words: &[&str]) -> Output {
+    Command::new(program())
+        .args(words)
+        .current_dir(scratch.folder())
+        .env("HOME", scratch.folder())
+        .env_remove("XDG_CACHE_HOME")
+        .env_remove("XDG_CONFIG_HOME")
+        .env("ROTORTWIN_CONFIG", scratch.path("own"))
+        .output()
+        .expect("the program starts")
+}
+
+fn done(scratch: &Scratch, words: &[&str]) -> String {
+    let ended = call(scratch, words);
+    let said = String::from_utf8_lossy(&ended.stdout).into_owned();
+    assert!(
+        ended.status.success(),
+        "{words:?}: {said}{}",
+        String::from_utf8_lossy(&ended.stderr)
+    );
+    said
+}
+
+fn refused(scratch: &Scratch, words: &[&str]) -> String {
+    let ended = call(scratch, words);
+    assert_eq!(ended.status.code(), Some(2), "{words:?}");
+    String::from_utf8_lossy(&ended.stderr).into_owned()
+}
+
+#[test]
+fn scenario_a_flight_by_name_in_an_empty_folder() {
+    let scratch = Scratch::new();
+    done(
+        &scratch,
+        &["fly", "short-hover", "--link", "in-process", "--out", "flown"],
+    );
+    done(&scratch, &["replay", "flown"]);
+    done(&scratch, &["check", "reference-flight"]);
+    done(&scratch, &["compare", "flown", "--model", "f550"]);
+    done(&scratch, &["campaign", "octo-lag", "--check"]);
+    done(
+        &scratch,
+        &["blind", "generate", "--duration-s", "2", "--out", "log.parquet"],
+    );
+    done(
+        &scratch,
+        &["fdi-log", "flown", "--model", "f550", "--classifier", "f550-paper"],
+    );
+}
+
+#[test]
+fn scenario_a_copy_of_ones_own_goes_first() {
+    let scratch = Scratch::new();
+    let said = done(&scratch, &["new", "scenario", "mine", "--from", "short-hover"]);
+    assert!(said.contains("rotortwin fly mine.toml"), "{said}");
+    done(
+        &scratch,
+        &["fly", "mine.toml", "--link", "in-process", "--out", "flown"],
+    );
+    let text = std::fs::read_to_string(scratch.path("mine.toml")).unwrap();
+    assert!(text.contains("vehicle = \"f550\""), "{text}");
+    // Nothing is written over.
+    assert!(
+        refused(&scratch, &["new", "scenario", "mine", "--from", "hover"]).contains("mine.toml: cannot be written")
+    );
+    assert_eq!(std::fs::read_to_string(scratch.path("mine.toml")).unwrap(), text);
+
+    std::fs::create_dir_all(scratch.path("own/scenarios")).unwrap();
+    std::fs::write(scratch.path("own/scenarios/hover.toml"), &text).unwrap();
+    let list: Value = serde_json::from_str(&done(&scratch, &["list", "scenarios", "--json"])).unwrap();
+    let of = |name: &str| {
+        list.as_array()
+            .unwrap()
+            .iter()
+            .find(|entry| entry["name"] == name)
+            .unwrap()
+            .clone()
+    };
+    assert_eq!(of("hover")["shipped"], false);
+    assert_eq!(of("reference-flight")["shipped"], true);
+    assert!(done(&scratch, &["check", "hover"]).contains("name = \"mine\""));
+    assert!(done(&scratch, &["config"]).contains(&scratch.path("own").display().to_string()));
+}
+
+#[test]
+fn scenario_a_misspelt_name_is_answered_with_the_nearest() {
+    let scratch = Scratch::new();
+    for (words, nearest) in [
+        (&["fly", "referense-flight"][..], "did you mean 'reference-flight'?"),
+        (&["campaign", "detector-idael"], "did you mean 'detector-ideal'?"),
+        (
+            &["compare", "no.log", "--model", "f505"],
+            "did you mean the vehicle 'f550'?",
+        ),
+        (&["new", "vehicle", "mine", "--from", "quad"], "did you mean 'quad-x'?"),
+    ] {
+        let said = refused(&scratch, words);
+        assert!(said.contains(nearest), "{words:?}: {said}");
+    }
+}

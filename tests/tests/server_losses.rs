@@ -1,0 +1,241 @@
+//! Hosts, networks and processes that are lost without a word: what they had is done by others, soon, and nobody else waits for it.
+
+use rotortwin_tests::cable::Cable;
+use rotortwin_tests::postgres::Postgres;
+use rotortwin_tests::process::{Process, wait_until};
+use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::server::{Server, Worker};
+use rustix::process::Signal;
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
+
+/// From the loss of a host to the next attempt at what it had.
+const RECOVERY: Duration = Duration::from_secs(30);
+
+fn words<'a>(url: &'a str, artifacts: &'a str, rest: &[&'a str]) -> Vec<&'a str> {
+    [["--database-url", url, "--artifacts", artifacts].as_slice(), rest].concat()
+}
+
+/// A flight that takes about a minute.
+fn long_flight() -> Value {
+    json!({ "scenario": "reference-flight", "pace": "real-time", "link": "in-process" })
+}
+
+fn wait_for(server: &Server, id: &str, limit: Duration, what: &str, is_true: impl Fn(&Value) -> bool) -> Duration {
+    let mut run = Value::Null;
+    let path = format!("/api/v1/runs/{id}");
+    wait_until(limit, || {
+        std::thread::sleep(Duration::from_millis(50));
+        run = server.get(&path);
+        is_true(&run)
+    })
+    .unwrap_or_else(|| panic!("{what}: {run}"))
+}
+
+#[test]
+fn scenario_a_host_lost_within_a_transaction_keeps_no_other_job_waiting() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("server"),
+        &words(&url, &artifacts, &["--workers", "0"]),
+    );
+    let mut lost = Worker::start(&scratch.path("lost"), &words(&url, &artifacts, &["--workers", "2"]));
+    let [held, free] = [(); 2].map(|()| server.submit(&long_flight()));
+    for id in [&held, &free] {
+        wait_for(&server, id, RECOVERY, "begun", |run| run["status"] == "running");
+    }
+    // The host had just written about one of its jobs, and was gone before it could commit: the row is held, and nobody answers for it.
+    lost.kill();
+    let session = postgres.hold(&format!("UPDATE job SET claim = claim WHERE id = '{held}'"));
+    let _other = Worker::start(&scratch.path("other"), &words(&url, &artifacts, &["--workers", "2"]));
+    let again = |run: &Value| run["attempts"].as_i64() >= Some(2);
+    wait_for(&server, &free, RECOVERY, "another host has the other job", again);
+    let answer = server.ask("POST", &format!("/api/v1/runs/{held}/cancel"), &[], "");
+    assert_eq!(answer.status, 503, "not now: {}", String::from_utf8_lossy(&answer.body));
+    assert!(
+        answer.headers.to_ascii_lowercase().contains("retry-after"),
+        "{}",
+        answer.headers
+    );
+    drop(session);
+    wait_for(&server, &held, RECOVERY, "its row is free again", again);
+    for id in [&held, &free] {
+        assert_eq!(
+            server.ask("POST", &format!("/api/v1/runs/{id}/cancel"), &[], "").status,
+            202
+        );
+    }
+}
+
+#[test]
+fn scenario_our_own_transactions_are_undone_when_their_host_is_silent() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("server"),
+        &words(&url, &artifacts, &["--workers", "0"]),
+    );
+    let worker = Worker::start(&scratch.path("worker"), &words(&url, &artifacts, &["--workers", "8"]));
+    let runs = [(); 8].map(|()| server.submit(&long_flight()));
+    for id in &runs {
+        wait_for(&server, id, RECOVERY, "begun", |run| run["status"] == "running");
+    }
+    // Stopped again and again until it is caught within a transaction that holds a row.
+    let open = "SELECT count(*) FROM pg_stat_activity WHERE state LIKE 'idle in transaction%'";
+    wait_until(RECOVERY * 2, || {
+        worker.process().signal(Signal::CONT);
+        std::thread::sleep(Duration::from_millis(7));
+        worker.process().signal(Signal::STOP);
+        std::thread::sleep(Duration::from_millis(20));
+        postgres.ask(open) != "0"
+    })
+    .expect("it is within a transaction now and then");
+    let begun = Instant::now();
+    wait_until(Duration::from_secs(10), || postgres.ask(open) == "0").expect("the database undoes it");
+    println!("undone after {:?}", begun.elapsed());
+    worker.process().signal(Signal::CONT);
+    for id in &runs {
+        assert_eq!(
+            server.ask("POST", &format!("/api/v1/runs/{id}/cancel"), &[], "").status,
+            202
+        );
+    }
+}
+
+#[test]
+fn scenario_a_network_cut_without_a_word() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("server"),
+        &words(&url, &artifacts, &["--workers", "0"]),
+    );
+    let cable = Cable::to(postgres.port());
+    let far = url.replace(&format!(":{}/", postgres.port()), &format!(":{}/", cable.port()));
+    let mut worker = Worker::start(&scratch.path("far"), &words(&far, &artifacts, &["--workers", "1"]));
+    let id = server.submit(&long_flight());
+    wait_for(&server, &id, RECOVERY, "begun", |run| run["status"] == "running");
+    cable.cut();
+    let other = Worker::start(&scratch.path("near"), &words(&url, &artifacts, &["--workers", "1"]));
+    wait_for(&server, &id, RECOVERY, "somebody else has it", |run| {
+        run["attempts"] == 2
+    });
+
+    // Mended, it works again: nothing waits on the connections that were cut.
+    drop(other);
+    cable.mend();
+    let took = wait_for(&server, &id, Duration::from_secs(60), "it works again", |run| {
+        run["attempts"] == 3
+    });
+    println!("works again {took:?} after the other worker was lost");
+
+    // And cut, it can be ended.
+    cable.cut();
+    std::thread::sleep(Duration::from_secs(1));
+    let begun = Instant::now();
+    let process = worker.process();
+    process.signal(Signal::TERM);
+    wait_until(Duration::from_secs(20), || !process.is_alive()).expect("it ends");
+    println!("ended {:?} after SIGTERM", begun.elapsed());
+    worker.kill();
+}
+
+#[test]
+fn scenario_workers_take_a_few_connections_whatever_they_do() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("server"),
+        &words(&url, &artifacts, &["--workers", "0"]),
+    );
+    let count = || -> usize {
+        let text = postgres.ask(
+            "SELECT count(*) FROM pg_stat_activity WHERE backend_type = 'client backend' AND pid <> pg_backend_pid()",
+        );
+        text.parse().expect("a number")
+    };
+    let before = count();
+    assert!(before <= 11, "{before} connections of an idle server");
+    let workers: Vec<Worker> = (0..6)
+        .map(|number| {
+            let folder = scratch.path(&format!("worker-{number}"));
+            Worker::start(&folder, &words(&url, &artifacts, &["--workers", "16"]))
+        })
+        .collect();
+    let most = |begun: Instant| {
+        let mut most = 0;
+        while begun.elapsed() < Duration::from_secs(4) {
+            most = most.max(count());
+        }
+        most
+    };
+    let idle = most(Instant::now());
+    assert!(idle <= 11 + 6 * 4, "{idle} connections of 6 idle workers");
+    for _ in 0..24 {
+        server.submit(&json!({ "scenario": "short-hover", "link": "in-process", "pace": "real-time" }));
+    }
+    let busy = most(Instant::now());
+    assert!(busy <= 11 + 6 * 4, "{busy} connections of 6 workers with 24 jobs");
+    println!("{before} connections of a server, {idle} with 6 idle workers, {busy} with 24 jobs");
+    drop(workers);
+}
+
+/// The processes of a job's flight: `fly`, and what it starts.
+fn processes_of(data: &str, name: &str) -> Vec<Process> {
+    let flights = Process::with_word(data);
+    let fly = flights.iter().flat_map(|process| Process::children(process.pid));
+    let all = fly.flat_map(|(fly, words)| {
+        let mut below = Process::children(fly.pid);
+        below.push((fly, words));
+        below
+    });
+    all.filter(|(_, words)| words.get(1).is_some_and(|word| word == name))
+        .map(|(process, _)| process)
+        .collect()
+}
+
+#[test]
+fn scenario_a_process_killed_before_it_has_joined_costs_one_try() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start_at("127.0.0.1:0", &data, &["--workers", "1"]);
+    for name in ["controller", "fdi", "fly"] {
+        let id = server.submit(&json!({ "scenario": "short-hover" }));
+        let data = data.display().to_string();
+        wait_until(Duration::from_secs(20), || {
+            let found = processes_of(&data, name);
+            found.iter().for_each(|process| process.signal(Signal::KILL));
+            !found.is_empty()
+        })
+        .unwrap_or_else(|| panic!("no {name}"));
+        let run = server.ended(&id);
+        assert_eq!(
+            (&run["status"], &run["attempts"]),
+            (&json!("done"), &json!(2)),
+            "{name}: {run}"
+        );
+        let events = server.ask("GET", &format!("/api/v1/runs/{id}/events"), &[], "");
+        let events = String::from_utf8_lossy(&events.body).into_owned();
+        assert!(
+            events.contains("requeued") && !events.contains("silent for 0 ms"),
+            "{name}: {events}"
+        );
+    }
+}

@@ -1,0 +1,408 @@
+//! What strangers can do to a server that asks nobody for a token: web pages in the browser of its user, files, slow connections, other users.
+
+use rotortwin_tests::process::{Process, wait_until};
+use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::server::Server;
+use rotortwin_tests::websocket::WebSocket;
+use rustix::process::Signal;
+use std::io::{Read as _, Write as _};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const HOVER: &str = r#"{"scenario":"short-hover","link":"in-process"}"#;
+
+/// Sends a request as a browser does; status, and head and body as they came.
+fn browse(server: &Server, line: &str, headers: &[(&str, &str)], body: &str) -> (u16, String) {
+    let mut stream = server.connect();
+    let mut text = format!("{line} HTTP/1.1\r\nconnection: close\r\n");
+    for (name, value) in headers {
+        text += &format!("{name}: {value}\r\n");
+    }
+    if !body.is_empty() {
+        text += &format!("content-length: {}\r\n", body.len());
+    }
+    stream
+        .write_all(format!("{text}\r\n{body}").as_bytes())
+        .expect("it is taken");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer");
+    let status = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
+    (status.expect("a status"), answer)
+}
+
+#[test]
+fn scenario_a_page_of_another_name_is_told_nothing() {
+    let scratch = Scratch::new();
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("data"),
+        &["--workers", "0", "--allow-host", "bench.example"],
+    );
+    let port = server.address().rsplit(':').next().expect("a port").to_owned();
+    // The name of an attacker's page, pointed at this host (DNS rebinding): for its browser the two are one site.
+    for host in [
+        "evil.example",
+        "evil.example:8400",
+        "127.0.0.1.evil.example",
+        "10.1.2.3",
+    ] {
+        let origin = format!("http://{host}");
+        let headers = [("host", host), ("origin", &origin), ("sec-fetch-site", "same-origin")];
+        let (status, answer) = browse(&server, "GET /api/v1/runs", &headers, "");
+        assert_eq!(status, 421, "{host}: {answer}");
+        assert!(
+            answer.contains("--allow-host") && answer.contains("application/problem+json"),
+            "{answer}"
+        );
+        let mut headers = headers.to_vec();
+        headers.push(("content-type", "application/json"));
+        assert_eq!(browse(&server, "POST /api/v1/runs", &headers, HOVER).0, 421, "{host}");
+    }
+    let (status, _) = browse(
+        &server,
+        "GET http://evil.example/api/v1/runs",
+        &[("host", "localhost")],
+        "",
+    );
+    assert_eq!(status, 421, "the address in the request line counts");
+    for host in [
+        server.address(),
+        &format!("localhost:{port}"),
+        "LocalHost",
+        "bench.example",
+        "[::1]:1",
+    ] {
+        assert_eq!(
+            browse(&server, "GET /api/v1/runs", &[("host", host)], "").0,
+            200,
+            "{host}"
+        );
+    }
+    assert_eq!(
+        browse(&server, "GET /healthz", &[("host", "10.1.2.3")], "").0,
+        200,
+        "a probe"
+    );
+    assert_eq!(
+        server.get("/api/v1/runs")["items"].as_array().map(Vec::len),
+        Some(0),
+        "nothing was submitted"
+    );
+}
+
+#[test]
+fn scenario_pages_of_other_origins_change_nothing() {
+    let scratch = Scratch::new();
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("data"),
+        &["--workers", "0", "--cors-origin", "https://lab.example"],
+    );
+    let host = server.address();
+    let own = format!("http://{host}");
+    let run = server.submit(&serde_json::json!({ "scenario": "short-hover" }));
+    let session = server
+        .ask("POST", "/api/v1/fdi/sessions", &[], r#"{"vehicle":"f550"}"#)
+        .json();
+    let session = session["session"]["id"].as_str().expect("an id").to_owned();
+
+    let posts = [
+        ("POST /api/v1/runs".to_owned(), HOVER),
+        (format!("POST /api/v1/runs/{run}/cancel"), ""),
+        (format!("DELETE /api/v1/fdi/sessions/{session}"), ""),
+    ];
+    let strangers: [&[(&str, &str)]; 5] = [
+        &[("origin", "http://evil.example")],
+        &[("origin", "null")],
+        &[("origin", "http://localhost:3000"), ("sec-fetch-site", "same-site")],
+        &[("sec-fetch-site", "cross-site")],
+        &[("origin", "http://evil.example"), ("sec-fetch-site", "cross-site")],
+    ];
+    for (line, body) in &posts {
+        for stranger in strangers {
+            let mut headers = vec![("host", host), ("content-type", "application/json")];
+            headers.extend_from_slice(stranger);
+            let (status, answer) = browse(&server, line, &headers, body);
+            assert_eq!(status, 403, "{line} {stranger:?}: {answer}");
+            assert!(answer.contains("/problems/foreign-page"), "{answer}");
+        }
+    }
+    // What a form can send needs no preflight: no page needs to ask for it.
+    for kind in [Some("text/plain"), Some("application/x-www-form-urlencoded"), None] {
+        for path in [
+            "/api/v1/runs",
+            "/api/v1/logs?name=a.csv",
+            "/api/v1/fdi/reports?vehicle=f550",
+        ] {
+            let mut headers = vec![("host", host)];
+            headers.extend(kind.map(|kind| ("content-type", kind)));
+            let (status, answer) = browse(&server, &format!("POST {path}"), &headers, HOVER);
+            assert_eq!(status, 415, "{path} {kind:?}: {answer}");
+        }
+    }
+    let json = [("content-type", "application/json")];
+    let toml = server.ask("PUT", "/api/v1/vehicles/mine", &json, "name = \"x\"");
+    assert_eq!(toml.status, 415, "a document says that it is TOML");
+
+    for path in [
+        format!("/api/v1/runs/{run}/live"),
+        format!("/api/v1/fdi/sessions/{session}/stream"),
+    ] {
+        let foreign = WebSocket::open_from(&server, &path, &[("origin", "http://evil.example")]);
+        assert_eq!(foreign.map_err(|(status, _)| status).err(), Some(403), "{path}");
+        assert!(
+            WebSocket::open_from(&server, &path, &[("origin", &own)]).is_ok(),
+            "{path}: its own pages"
+        );
+        assert!(
+            WebSocket::open_from(&server, &path, &[("origin", "https://lab.example")]).is_ok(),
+            "{path}: a named one"
+        );
+        assert!(WebSocket::open(&server, &path).is_ok(), "{path}: a program");
+    }
+    for origin in [own.as_str(), "https://lab.example"] {
+        let headers = [("host", host), ("origin", origin), ("content-type", "application/json")];
+        assert_eq!(browse(&server, "POST /api/v1/runs", &headers, HOVER).0, 202, "{origin}");
+    }
+    assert_eq!(server.get("/api/v1/runs")["items"].as_array().map(Vec::len), Some(3));
+    assert_eq!(
+        server.get(&format!("/api/v1/runs/{run}"))["status"],
+        "queued",
+        "nobody canceled it"
+    );
+}
+
+#[test]
+fn scenario_every_answer_says_what_a_page_may_do() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let id = server.submit(&serde_json::from_str(HOVER).expect("JSON"));
+    assert_eq!(server.ended(&id)["status"], "done");
+    let header = |path: &str, name: &str| {
+        let answer = server.ask("GET", path, &[], "");
+        let line = answer
+            .headers
+            .lines()
+            .find_map(|line| line.split_once(": ").filter(|(key, _)| key.eq_ignore_ascii_case(name)));
+        line.map_or(String::new(), |(_, value)| value.to_owned())
+    };
+    let report = format!("/api/v1/runs/{id}/artifacts/report.html");
+    for path in ["/", "/api/v1/runs", "/api/v1/docs/", "/nowhere", "/healthz", &report] {
+        assert_eq!(header(path, "x-content-type-options"), "nosniff", "{path}");
+        assert_eq!(header(path, "referrer-policy"), "same-origin", "{path}");
+        assert_eq!(header(path, "cross-origin-resource-policy"), "same-origin", "{path}");
+        let policy = header(path, "content-security-policy");
+        let script = policy
+            .split("; ")
+            .find(|part| part.starts_with("script-src"))
+            .unwrap_or_default()
+            .to_owned();
+        if path == report {
+            assert!(
+                policy.starts_with("sandbox allow-scripts") && !policy.contains("allow-same-origin"),
+                "{policy}"
+            );
+            assert!(
+                policy.contains("default-src 'none'") && policy.contains("frame-ancestors 'self'"),
+                "{policy}"
+            );
+        } else {
+            assert_eq!(script, "script-src 'self'", "{path}: {policy}");
+            assert!(
+                policy.contains("frame-ancestors 'none'") && policy.contains("base-uri 'none'"),
+                "{path}: {policy}"
+            );
+        }
+    }
+    // What these pages need is allowed: no script stands inside them, and what they load is of this server.
+    for path in ["/", "/api/v1/docs/"] {
+        let page = server.ask("GET", path, &[], "");
+        let text = String::from_utf8_lossy(&page.body).to_lowercase();
+        assert_eq!(page.status, 200, "{path}");
+        for tag in text.split("<script").skip(1) {
+            let head = tag.split('>').next().unwrap_or_default();
+            assert!(
+                head.contains("src=\"./") || head.contains("src=\"/"),
+                "{path}: a script inside: {head}"
+            );
+        }
+        for handler in [" onclick=", " onload=", "javascript:"] {
+            assert!(!text.contains(handler), "{path}: {handler}");
+        }
+    }
+    for file in ["swagger-ui-bundle.js", "swagger-initializer.js", "swagger-ui.css"] {
+        assert_eq!(
+            server.ask("GET", &format!("/api/v1/docs/{file}"), &[], "").status,
+            200,
+            "{file}"
+        );
+    }
+}
+
+/// Most memory that a process has ever had, bytes.
+fn peak_memory(pid: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it lives");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kilobytes: u64 = line
+        .and_then(|line| line.trim().trim_end_matches(" kB").parse().ok())
+        .expect("the kernel counts it");
+    kilobytes << 10
+}
+
+const BINARY: &[(&str, &str)] = &[("content-type", "application/octet-stream")];
+
+#[test]
+fn scenario_a_small_file_does_not_take_all_memory() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let columns = format!("time_s{}\n0\n", ",x".repeat(15_000_000));
+    let mut subscriptions = b"ULog\x01\x12\x35\x01\0\0\0\0\0\0\0\0".to_vec();
+    let mut message = |kind: u8, payload: &[u8]| {
+        subscriptions.extend(u16::try_from(payload.len()).expect("short").to_le_bytes());
+        subscriptions.push(kind);
+        subscriptions.extend(payload);
+    };
+    let fields: String = (0..200).map(|field| format!("float value_{field};")).collect();
+    message(b'F', format!("many:uint64_t timestamp;{fields}").as_bytes());
+    for number in 0..1_400_000_u32 {
+        let [low, high, ..] = number.to_le_bytes();
+        message(b'A', &[&[0, low, high], b"many".as_slice()].concat());
+    }
+    for file in [columns.as_bytes(), &subscriptions] {
+        let answer = server.ask_bytes("POST", "/api/v1/fdi/reports?vehicle=f550", BINARY, file);
+        let text = String::from_utf8_lossy(&answer.body).into_owned();
+        assert_ne!(answer.status, 200, "{text}");
+        assert!(
+            answer.status < 500 && text.contains("more than"),
+            "{} {text}",
+            answer.status
+        );
+    }
+    let peak = peak_memory(server.process().pid) >> 20;
+    assert!(peak < 600, "the server took {peak} MB");
+}
+
+#[test]
+fn scenario_a_job_has_only_so_much_memory() {
+    let scratch = Scratch::new();
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("data"),
+        &["--workers", "1", "--job-memory", "128"],
+    );
+    // 160 MB of numbers in 40 MB of text.
+    let names: Vec<String> = (0..1000).map(|column| format!("c{column}")).collect();
+    let row = format!("0{}\n", ",0".repeat(1000));
+    let file = format!("time_s,{}\n{}", names.join(","), row.repeat(20_000));
+    let answer = server.ask_bytes("POST", "/api/v1/logs?name=large.csv", BINARY, file.as_bytes());
+    assert_eq!(answer.status, 202, "{}", answer.json());
+    let job = server.ended_in("logs", answer.json()["id"].as_str().expect("an id"));
+    assert_eq!(
+        (&job["status"], &job["attempts"]),
+        (&"failed".into(), &1.into()),
+        "{job}"
+    );
+    let error = job["error"].as_str().unwrap_or_default();
+    assert!(error.contains("--job-memory"), "{error}");
+    let id = server.submit(&serde_json::from_str(HOVER).expect("JSON"));
+    assert_eq!(server.ended(&id)["status"], "done", "a flight needs less");
+}
+
+#[test]
+fn scenario_half_a_request_does_not_wait_for_ever() {
+    let scratch = Scratch::new();
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &["--workers", "0"]);
+    let mut halves: Vec<_> = (0..50)
+        .map(|_| {
+            let mut stream = server.connect();
+            stream.write_all(b"GET / HTTP/1.1\r\nhost: loc").expect("it is taken");
+            stream
+        })
+        .collect();
+    let mut idle = server.connect();
+    idle.write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
+        .expect("it is taken");
+    let begun = Instant::now();
+    for half in &mut halves {
+        let mut said = Vec::new();
+        half.read_to_end(&mut said).expect("it is closed in time");
+    }
+    let mut said = Vec::new();
+    idle.read_to_end(&mut said).expect("it is closed in time");
+    assert!(begun.elapsed() < Duration::from_secs(25), "{:?}", begun.elapsed());
+    assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200);
+}
+
+#[test]
+fn scenario_slow_clients_do_not_hold_up_the_end() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+    let slow = |server: &Server| {
+        let half_head = b"GET / HTTP/1.1\r\nhost: loc".to_vec();
+        let half_upload = b"POST /api/v1/logs?name=a.csv HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\n\
+             content-length: 1000\r\n\r\ntime_s"
+            .to_vec();
+        // 40 MB of answers that nobody reads.
+        let unread = b"GET /api/v1/docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(30);
+        [half_head, half_upload, unread].map(|words| {
+            let mut stream = server.connect();
+            stream.write_all(&words).expect("it is taken");
+            stream
+        })
+    };
+    let open = slow(&server);
+    std::thread::sleep(Duration::from_millis(500));
+    let begun = Instant::now();
+    assert_eq!(server.stop(), Some(0));
+    assert!(begun.elapsed() < Duration::from_secs(15), "{:?}", begun.elapsed());
+    drop(open);
+
+    // The folder is free, and a second signal does not wait for anybody.
+    let mut server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+    let open = slow(&server);
+    std::thread::sleep(Duration::from_millis(500));
+    let begun = Instant::now();
+    server.process().signal(Signal::TERM);
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(server.process().is_alive(), "clients have a while to go on");
+    assert_eq!(server.stop(), Some(1), "the second signal");
+    assert!(begun.elapsed() < Duration::from_secs(3), "{:?}", begun.elapsed());
+    drop(open);
+    let server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+    assert_eq!(server.ask("GET", "/readyz", &[], "").status, 200);
+}
+
+#[test]
+fn scenario_what_the_server_keeps_is_for_its_user_alone() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let secrets = [
+        ("AWS_SECRET_ACCESS_KEY", "secret-of-a-bucket"),
+        ("ROTORTWIN_TOKEN", "secret-of-a-user"),
+    ];
+    let server = Server::start_in(&secrets, "127.0.0.1:0", &data, &["--workers", "1"]);
+    let mode = |path: &Path| std::fs::metadata(path).expect("it is there").permissions().mode() & 0o777;
+    assert_eq!(mode(&data), 0o700);
+    assert_eq!(mode(&data.join("rotortwin.sqlite")), 0o600);
+
+    let id = server.submit(&serde_json::json!({ "scenario": "short-hover", "pace": "real-time" }));
+    let mut seen = 0;
+    wait_until(Duration::from_secs(20), || {
+        let children = Process::children(server.process().pid);
+        let flights = children
+            .iter()
+            .filter(|(_, words)| words.get(1).is_some_and(|word| word == "fly"));
+        for (process, _) in flights {
+            // One that has just ended has none.
+            let environment = std::fs::read(format!("/proc/{}/environ", process.pid)).unwrap_or_default();
+            let text = String::from_utf8_lossy(&environment).into_owned();
+            assert!(!text.contains("secret-of-a-"), "{text}");
+            seen += usize::from(text.contains("PATH="));
+        }
+        seen > 0
+    })
+    .expect("a flight is seen");
+    assert_eq!(server.ended(&id)["status"], "done");
+}

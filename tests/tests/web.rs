@@ -1,0 +1,100 @@
+//! The web page in a real browser against the real server: the twin from a log to a model that agrees, a live flight, every page by axe.
+//!
+//! Needs Chromium (Debian's `chromium`) and Playwright for Python, which comes into a virtual environment under `target/`; skipped by name
+//! without them.
+
+use rotortwin_tests::program::program;
+use rotortwin_tests::python::environment;
+use rotortwin_tests::scratch::{Scratch, repository};
+use rotortwin_tests::server::Server;
+use rotortwin_tests::skip;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// Versions that were tried together.
+const PACKAGES: [&str; 2] = ["playwright==1.65.2", "axe-playwright-python==0.1.8"];
+
+fn chromium() -> Option<PathBuf> {
+    let found = [
+        "/usr/bin/chromium",
+        "/usr/bin/chromium-browser",
+        "/usr/bin/google-chrome",
+    ]
+    .map(PathBuf::from)
+    .into_iter()
+    .find(|path| path.exists());
+    if found.is_none() {
+        skip("the web page in a browser: expected /usr/bin/chromium (Debian: apt-get install chromium)");
+    }
+    found
+}
+
+/// Two logs of the independent simulator, and a file that is none.
+fn logs(scratch: &Scratch) {
+    let vehicle = repository().join("config/vehicles/f550.toml");
+    for (name, effect) in [("drag", Some("rotor-drag")), ("healthy", None)] {
+        let out = scratch.path(&format!("{name}.parquet"));
+        let mut words: Vec<String> = [
+            "blind",
+            "generate",
+            "--flight",
+            "excitation",
+            "--seed",
+            "2",
+            "--duration-s",
+            "60",
+        ]
+        .map(str::to_owned)
+        .to_vec();
+        words.extend(["--model".to_owned(), vehicle.display().to_string()]);
+        words.extend(["--out".to_owned(), out.display().to_string()]);
+        if let Some(effect) = effect {
+            words.extend(["--effect".to_owned(), effect.to_owned()]);
+        }
+        let output = Command::new(program()).args(&words).output().expect("it starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    std::fs::write(scratch.path("picture.csv"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01").expect("it can be written");
+}
+
+fn passes(scenario: &str) {
+    let Some(chromium) = chromium() else { return };
+    let Some(programs) = environment("web-page", &PACKAGES) else {
+        return;
+    };
+    let scratch = Scratch::new();
+    logs(&scratch);
+    let server = Server::start(&scratch.path("data"));
+    let output = Command::new(programs.join("python"))
+        .arg(repository().join("tests/src/web_page.py"))
+        .arg(server.url())
+        .arg(chromium)
+        .arg(scratch.path(""))
+        .arg(scenario)
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .output()
+        .expect("it starts");
+    let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
+    assert!(output.status.success(), "{scenario}: {}", words.concat());
+    print!("{}", words.concat());
+}
+
+#[test]
+fn scenario_a_hidden_effect_is_named_added_and_undone_by_mouse() {
+    passes("loop");
+}
+
+#[test]
+fn scenario_a_healthy_flight_agrees_and_a_file_that_is_no_log_is_refused() {
+    passes("healthy");
+}
+
+#[test]
+fn scenario_a_flight_is_shown_while_it_flies() {
+    passes("live");
+}
+
+#[test]
+fn scenario_every_page_is_accessible_and_fits_a_telephone() {
+    passes("pages");
+}

@@ -1,0 +1,147 @@
+/**
+ * Requests to the server, typed by its OpenAPI document.
+ *
+ * A read that gets no answer waits for the server and asks again. A write carries an `Idempotency-Key`, so that asking again after an
+ * answer that was lost cannot do the work twice. Every refusal is thrown as an [`ApiError`].
+ */
+import { back, lost } from "./connection";
+import { ApiError, problemOf } from "./problem";
+import { signedIn } from "./session";
+import type { components, paths } from "./schema";
+
+export type Schemas = components["schemas"];
+
+type Method = "get" | "post" | "put" | "delete";
+type Operation<P extends keyof paths, M extends Method> = paths[P] extends Record<M, infer O> ? O : never;
+type Json<T> = T extends { content: { "application/json": infer B } } ? B : undefined;
+type Answer<O> = O extends { responses: infer R }
+  ? R extends { 200: infer A } ? Json<A> : R extends { 202: infer A } ? Json<A> : R extends { 201: infer A } ? Json<A> : undefined
+  : never;
+type Body<O> = O extends { requestBody: { content: { "application/json": infer B } } } ? B : undefined;
+type Query<O> = O extends { parameters: { query?: infer Q } } ? Q : never;
+
+/** What a request may carry. */
+interface Options {
+  /** Values for `{name}` in the address. */
+  path?: Record<string, string>;
+  query?: object;
+  signal?: AbortSignal;
+}
+
+/** Fills `{name}`s and appends the query. */
+export function address(template: string, options: Options = {}): string {
+  let url = template.replace(/\{(\w+)\}/g, (_, name: string) => {
+    const value = options.path?.[name];
+    if (value === undefined) throw new Error(`the address ${template} lacks ${name}`);
+    return value.split("/").map(encodeURIComponent).join("/");
+  });
+  const query = new URLSearchParams();
+  for (const [key, value] of Object.entries(options.query ?? {})) {
+    if (value !== undefined && value !== null && value !== "") query.set(key, String(value));
+  }
+  const text = query.toString();
+  if (text) url += `?${text}`;
+  return url;
+}
+
+/** A key of its own for each thing that is asked for. */
+export function freshKey(): string {
+  const bytes = crypto.getRandomValues(new Uint8Array(16));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** Sends until there is an answer of the server itself. */
+async function send(url: string, init: RequestInit, what: string): Promise<Response> {
+  for (;;) {
+    let response: Response;
+    try {
+      response = await fetch(url, { credentials: "same-origin", ...init });
+    } catch (error) {
+      if (init.signal?.aborted) throw error;
+      lost();
+      await back();
+      continue;
+    }
+    // What stands between us and a server that is away: a proxy's 502 to 504, or an error without words.
+    if (response.status >= 500 && !(response.headers.get("content-type") ?? "").startsWith("application/problem+json")) {
+      lost();
+      await back();
+      continue;
+    }
+    if (response.status === 401) {
+      await signedIn();
+      continue;
+    }
+    if (!response.ok) throw await problemOf(response, what);
+    return response;
+  }
+}
+
+/** Any request with a JSON answer. `T` is the caller's word for what comes. */
+export async function ask<T>(method: string, url: string, body?: unknown, more: RequestInit = {}): Promise<T> {
+  const headers: Record<string, string> = { accept: "application/json" };
+  if (body !== undefined) headers["content-type"] = "application/json";
+  if (method === "POST") headers["idempotency-key"] = freshKey();
+  const init: RequestInit = { ...more, method, headers: { ...headers, ...(more.headers as Record<string, string> | undefined) } };
+  if (body !== undefined) init.body = JSON.stringify(body);
+  const response = await send(url, init, `${method} ${url}`);
+  if (response.status === 204) return undefined as T;
+  return (await response.json()) as T;
+}
+
+export function get<P extends keyof paths>(
+  path: P,
+  options: Omit<Options, "query"> & { query?: Query<Operation<P, "get">> & object } = {},
+): Promise<Answer<Operation<P, "get">>> {
+  return ask("GET", address(path, options), undefined, { signal: options.signal ?? null });
+}
+
+export function post<P extends keyof paths>(
+  path: P,
+  body: Body<Operation<P, "post">>,
+  options: Options = {},
+): Promise<Answer<Operation<P, "post">>> {
+  return ask("POST", address(path, options), body, { signal: options.signal ?? null });
+}
+
+/** Puts a document where it belongs. */
+export async function putDocument(url: string, document: string): Promise<void> {
+  await send(url, { method: "PUT", headers: { "content-type": "application/toml" }, body: document }, `PUT ${url}`);
+}
+
+/** Deletes what is at an address. */
+export async function remove(url: string): Promise<void> {
+  await send(url, { method: "DELETE" }, `DELETE ${url}`);
+}
+
+/** A text, such as a TOML document. */
+export async function text(url: string): Promise<string> {
+  return (await send(url, {}, `GET ${url}`)).text();
+}
+
+/** A file to the server with progress, fraction 0 to 1. `fetch` cannot tell how far a body has come. */
+export function upload<T>(url: string, file: Blob, onProgress: (share: number) => void, signal?: AbortSignal): Promise<T> {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open("POST", url);
+    request.responseType = "text";
+    request.setRequestHeader("content-type", "application/octet-stream");
+    request.setRequestHeader("accept", "application/json");
+    request.upload.onprogress = (event) => event.lengthComputable && onProgress(event.loaded / event.total);
+    request.onload = () => {
+      if (request.status >= 200 && request.status < 300) {
+        resolve(JSON.parse(request.responseText) as T);
+        return;
+      }
+      const headers = { "content-type": request.getResponseHeader("content-type") ?? "" };
+      void problemOf(new Response(request.responseText, { status: request.status, headers }), "The upload").then(reject);
+    };
+    request.onerror = () => {
+      lost();
+      reject(new ApiError(0, "The connection broke during the upload. The file is still chosen: try again when the server is back."));
+    };
+    request.onabort = () => reject(new ApiError(0, "The upload was canceled."));
+    signal?.addEventListener("abort", () => request.abort());
+    request.send(file);
+  });
+}

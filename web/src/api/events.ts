@@ -1,0 +1,111 @@
+/**
+ * Events of jobs: server-sent events, read with `fetch`, which passes every kind on and lets us say where to go on.
+ *
+ * A stream that breaks is taken up again after its last event: none is missed, none comes twice.
+ */
+import { back, lost, onBack } from "./connection";
+import { problemOf, sentenceOf } from "./problem";
+import { signedIn } from "./session";
+
+export interface ServerEvent {
+  id: string;
+  event: string;
+  data: string;
+}
+
+/** The server says something at least every 15 s. */
+const SILENCE_MS = 40_000;
+
+/** Takes a stream of text apart into events (WHATWG HTML, 9.2.6). */
+export class EventParser {
+  private rest = "";
+  private fields: ServerEvent = { id: "", event: "", data: "" };
+  private lines: string[] = [];
+
+  /** The events that this piece completes. */
+  push(piece: string): ServerEvent[] {
+    const found: ServerEvent[] = [];
+    this.rest += piece;
+    const lines = this.rest.split(/\r\n|\n|\r/);
+    this.rest = lines.pop() ?? "";
+    for (const line of lines) {
+      if (line === "") {
+        if (this.lines.length > 0) found.push({ ...this.fields, event: this.fields.event || "message", data: this.lines.join("\n") });
+        this.fields = { id: this.fields.id, event: "", data: "" };
+        this.lines = [];
+        continue;
+      }
+      const colon = line.indexOf(":");
+      if (colon === 0) continue;
+      const name = colon < 0 ? line : line.slice(0, colon);
+      const value = colon < 0 ? "" : line.slice(colon + 1).replace(/^ /, "");
+      if (name === "data") this.lines.push(value);
+      else if (name === "id") this.fields.id = value;
+      else if (name === "event") this.fields.event = value;
+    }
+    return found;
+  }
+}
+
+/**
+ * Follows a stream until `onEvent` returns true, or `signal` ends it.
+ *
+ * Throws only what the server refuses; a broken connection is awaited.
+ */
+export async function follow(url: string, onEvent: (event: ServerEvent) => boolean | void, signal: AbortSignal, lastId = ""): Promise<void> {
+  let last = lastId;
+  let ignore = (): void => undefined;
+  while (!signal.aborted) {
+    ignore();
+    try {
+      const headers: Record<string, string> = { accept: "text/event-stream" };
+      if (last) headers["last-event-id"] = last;
+      const response = await fetch(url, { headers, signal, credentials: "same-origin" });
+      if (!response.ok) {
+        if (response.status === 401) {
+          await signedIn();
+          continue;
+        }
+        const problem = await problemOf(response, `GET ${url}`);
+        if (problem.status < 500) throw new Refused(problem);
+        throw problem;
+      }
+      const reader = response.body?.pipeThrough(new TextDecoderStream()).getReader();
+      if (!reader) return;
+      const parser = new EventParser();
+      // A proxy may hold a stream open whose server is gone: after an absence, and after a silence, it is taken up anew.
+      const renew = () => void reader.cancel();
+      const listening = onBack(renew);
+      ignore = () => void listening();
+      let silence = setTimeout(renew, SILENCE_MS);
+      for (;;) {
+        const { value, done } = await reader.read().finally(() => clearTimeout(silence));
+        if (done) break;
+        silence = setTimeout(renew, SILENCE_MS);
+        for (const event of parser.push(value)) {
+          if (event.id) last = event.id;
+          if (onEvent(event)) {
+            ignore();
+            clearTimeout(silence);
+            await reader.cancel();
+            return;
+          }
+        }
+      }
+      // The server ends a stream when there is nothing more to come, or when it ends itself.
+      await new Promise((resolve) => setTimeout(resolve, 500));
+    } catch (error) {
+      if (signal.aborted) return;
+      if (error instanceof Refused) throw error.problem;
+      console.info(`The event stream broke: ${sentenceOf(error)}`);
+      lost();
+      await back();
+    }
+  }
+}
+
+class Refused extends Error {
+  constructor(readonly problem: Error) {
+    super(problem.message);
+  }
+}

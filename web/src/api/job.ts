@@ -1,0 +1,65 @@
+/** A job of any collection, followed from its id. */
+import { type Accessor, createEffect, createSignal, on, onCleanup } from "solid-js";
+import type { Schemas } from "./client";
+import { ask } from "./client";
+import { watchJob } from "./news";
+import { sentenceOf } from "./problem";
+
+export type JobView = Schemas["JobView"];
+
+export interface Followed<R> {
+  job: Accessor<JobView | undefined>;
+  /** What it came to, once it is done. */
+  result: Accessor<R | undefined>;
+  /** Fraction done and what is being done, where the job says so. */
+  progress: Accessor<{ share: number | undefined; text: string }>;
+  running: Accessor<boolean>;
+  /** Why it failed, or why it cannot be followed: one sentence. */
+  error: Accessor<string | undefined>;
+  cancel: () => Promise<void>;
+}
+
+export function createJob<R>(collection: string, id: Accessor<string | undefined>): Followed<R> {
+  const [job, setJob] = createSignal<JobView>();
+  const [progress, setProgress] = createSignal<{ share: number | undefined; text: string }>({ share: undefined, text: "" });
+  const [problem, setProblem] = createSignal<string>();
+  createEffect(
+    on(id, (wanted) => {
+      setJob(undefined);
+      setProblem(undefined);
+      setProgress({ share: undefined, text: "" });
+      if (wanted === undefined) return;
+      onCleanup(
+        watchJob<JobView & { result?: unknown }>(
+          collection,
+          wanted,
+          (next) => setJob(next),
+          (event, data) => {
+            if (event !== "progress") return;
+            const share = data["share"];
+            setProgress({ share: typeof share === "number" ? share : undefined, text: typeof data["text"] === "string" ? data["text"] : "" });
+          },
+          (error) => setProblem(sentenceOf(error)),
+        ),
+      );
+    }),
+  );
+  return {
+    job,
+    result: () => (job()?.status === "done" ? ((job()?.result ?? undefined) as R | undefined) : undefined),
+    progress,
+    running: () => id() !== undefined && problem() === undefined && !["done", "failed", "canceled"].includes(job()?.status ?? ""),
+    error: () => {
+      if (problem() !== undefined) return problem();
+      if (job()?.status === "failed") return job()?.error ?? "It failed, and the server does not say why.";
+      return job()?.status === "canceled" ? "It was canceled." : undefined;
+    },
+    cancel: async () => {
+      try {
+        setJob(await ask<JobView>("POST", `/api/v1/${collection}/${id()}/cancel`));
+      } catch (error) {
+        setProblem(sentenceOf(error));
+      }
+    },
+  };
+}

@@ -1,0 +1,75 @@
+/** Live samples of a run over a WebSocket; a connection that breaks goes on after the last sample. */
+import { answers, back, lost } from "./connection";
+
+export interface LiveStart {
+  type: "start";
+  status: string;
+  channels: { name: string; unit: string }[];
+  rate_hz: number;
+}
+export interface LiveSample {
+  type: "sample";
+  time_s: number;
+  step: number;
+  values: Record<string, number | null>;
+}
+export interface LiveEnd {
+  type: "end";
+  status: string;
+  samples: number;
+  lost: number;
+}
+export interface LiveHistory {
+  type: "history";
+  time_s: number[];
+  values: Record<string, (number | null)[]>;
+  /** Old rows are fewer than there were. */
+  thinned: boolean;
+}
+export type LiveMessage = LiveHistory | LiveStart | LiveSample | LiveEnd | { type: "lost"; count: number } | { type: "error"; detail: string };
+
+/** Watches a run from its first sample until it ends; returns what stops it. */
+export function watchLive(run: string, channels: string, rateHz: number, onMessage: (message: LiveMessage) => void): () => void {
+  let stopped = false;
+  let socket: WebSocket | undefined;
+  // Rows later than this are wanted: 0 is the first.
+  let last = 0;
+  // A server without a history refuses `from_s` before the connection stands.
+  let history = true;
+  const connect = () => {
+    const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+    const query = new URLSearchParams({ channels, rate_hz: String(rateHz) });
+    if (history) query.set("from_s", String(last));
+    socket = new WebSocket(`${scheme}//${location.host}/api/v1/runs/${run}/live?${query}`);
+    let [opened, ended] = [false, false];
+    socket.onopen = () => {
+      opened = true;
+    };
+    socket.onmessage = (event) => {
+      const message = JSON.parse(String(event.data)) as LiveMessage;
+      if (message.type === "sample") last = message.time_s;
+      if (message.type === "history") last = message.time_s.at(-1) ?? last;
+      if (message.type === "end") ended = true;
+      onMessage(message);
+    };
+    socket.onclose = () => {
+      if (stopped || ended) return;
+      void answers().then((there) => {
+        if (stopped) return;
+        if (there && !opened && history) {
+          history = false;
+          onMessage({ type: "error", detail: "This server keeps no history of live samples: what flew before this page was opened is missing until the run has ended." });
+          connect();
+          return;
+        }
+        if (!there) lost();
+        void back().then(() => setTimeout(() => stopped || connect(), 500));
+      });
+    };
+  };
+  connect();
+  return () => {
+    stopped = true;
+    socket?.close();
+  };
+}

@@ -1,0 +1,62 @@
+/** The same run by other means: for curl, Python and the command line. */
+
+export interface Wish {
+  scenario: string;
+  seed: number | undefined;
+  set: readonly string[];
+  pace: "fast" | "real-time";
+  link: "in-process" | "iceoryx2" | "zenoh";
+  /** Name of a model, instead of the scenario's vehicle. */
+  model?: string | undefined;
+  /** Name of the model that the detectors assume. */
+  fdiModel?: string | undefined;
+}
+
+/** What `POST /runs` takes. */
+export function submissionOf(wish: Wish) {
+  return {
+    scenario: wish.scenario,
+    ...(wish.seed === undefined ? {} : { seed: wish.seed }),
+    ...(wish.set.length > 0 ? { set: [...wish.set] } : {}),
+    ...(wish.model ? { model: { model: wish.model } } : {}),
+    ...(wish.fdiModel ? { fdi_model: { model: wish.fdiModel } } : {}),
+    pace: wish.pace,
+    link: wish.link,
+  };
+}
+
+/** A word for a POSIX shell. */
+export function quoted(word: string): string {
+  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", `'\\''`)}'`;
+}
+
+export function asCurl(wish: Wish, origin: string): string {
+  return `curl -s ${origin}/api/v1/runs -H 'content-type: application/json' -d ${quoted(JSON.stringify(submissionOf(wish)))}`;
+}
+
+export function asPython(wish: Wish, origin: string): string {
+  const words: string[] = [JSON.stringify(wish.scenario)];
+  if (wish.seed !== undefined) words.push(`seed=${wish.seed}`);
+  if (wish.set.length > 0) words.push(`set=${JSON.stringify(wish.set)}`);
+  if (wish.model) words.push(`model=${JSON.stringify({ model: wish.model })}`);
+  if (wish.fdiModel) words.push(`fdi_model=${JSON.stringify({ model: wish.fdiModel })}`);
+  words.push(`pace=${JSON.stringify(wish.pace)}`, `link=${JSON.stringify(wish.link)}`);
+  return [
+    "from rotortwin import Client",
+    "",
+    `client = Client(${JSON.stringify(origin)})`,
+    `run = client.runs.submit(${words.join(", ")})`,
+    "run = client.runs.wait(run.id, progress=True, check=True)",
+    "print(run.run_hash)",
+  ].join("\n");
+}
+
+export function asCommand(wish: Wish): string {
+  const words = ["rotortwin", "fly", `config/scenarios/${wish.scenario}.toml`];
+  if (wish.seed !== undefined) words.push("--seed", String(wish.seed));
+  for (const one of wish.set) words.push("--set", quoted(one));
+  if (wish.model) words.push("--model", quoted(wish.model));
+  if (wish.fdiModel) words.push("--fdi-model", quoted(wish.fdiModel));
+  words.push("--pace", wish.pace, "--link", wish.link);
+  return words.join(" ");
+}

@@ -1,0 +1,136 @@
+/** What the page knows of a run: its summary's shape, its samples, live and afterwards. */
+import { type Accessor, createEffect, createSignal, on, onCleanup } from "solid-js";
+import { ask } from "../api/client";
+import { type LiveMessage, watchLive } from "../api/live";
+import type { Values } from "../plots/series";
+import type { Track } from "../replay/motion";
+
+export interface Score {
+  right: number;
+  share_right: number | null;
+  isolated_after_s: number | null;
+  false_alarm_events: number;
+  verdict_at_end: number;
+}
+export interface Interval {
+  start_s: number;
+  end_s: number;
+  description: string;
+  sensor_faults?: string[];
+  severity: { losses: { rotor: number; loss_n: number; interval_n: [number, number]; share: number; interval_share: [number, number] }[] };
+  scores: { t_test: Score; sequential: Score; network: Score };
+  position_rms_m: number | null;
+}
+/** `summary.json`, as far as the page shows it. */
+export interface Summary {
+  status: string;
+  failure?: { sentence: string };
+  run_hash: string;
+  program_version: string;
+  scenario: { name: string; vehicle: string; text: string };
+  wall_s: number;
+  real_time?: { jitter_us_p50: number; jitter_us_p99: number; jitter_us_max: number; deadline_misses: number };
+  steps: number;
+  simulated_s: number;
+  steps_per_s: number;
+  rotor_count: number;
+  tracking?: { position_rms_m: number | null; position_max_m: number | null };
+  battery?: { state_of_charge_start: number | null; state_of_charge_end: number | null; voltage_min_v: number | null; charge_ah: number };
+  intervals: Interval[];
+}
+
+export interface Samples extends Track {
+  units: Readonly<Record<string, string>>;
+}
+
+/** Samples of an ended run, at most `points` rows of an interval. */
+export async function samplesOf(run: string, channels: string, points: number, range: readonly [number, number] | undefined, signal: AbortSignal): Promise<Samples> {
+  const query = new URLSearchParams({ channels, points: String(points) });
+  if (range) {
+    query.set("from_s", String(Math.max(0, range[0])));
+    query.set("to_s", String(range[1]));
+  }
+  const answer = await ask<{ data: Record<string, Values>; units: Record<string, string> }>("GET", `/api/v1/runs/${run}/telemetry?${query}`, undefined, { signal });
+  return { time: (answer.data["time_s"] ?? []) as number[], data: answer.data, units: answer.units };
+}
+
+/** Collects the samples of a live run; drops what is flown again. */
+export class Collector {
+  readonly time: number[] = [];
+  readonly data: Record<string, (number | null)[]> = {};
+  readonly units: Record<string, string> = {};
+
+  /** True if there is something new. */
+  take(message: LiveMessage): boolean {
+    if (message.type === "start") {
+      for (const channel of message.channels) {
+        this.units[channel.name] = channel.unit;
+        this.data[channel.name] ??= this.time.map(() => null);
+      }
+      return false;
+    }
+    if (message.type === "history") {
+      message.time_s.forEach((time, k) => this.add(time, (name) => message.values[name]?.[k] ?? null));
+      return true;
+    }
+    if (message.type === "sample") {
+      this.add(message.time_s, (name) => message.values[name] ?? null);
+      return true;
+    }
+    return false;
+  }
+
+  private add(time: number, value: (name: string) => number | null): void {
+    // A run that is begun again starts at 0: what was collected belongs to the attempt before.
+    if (time + 1 < (this.time.at(-1) ?? -Infinity)) {
+      this.time.length = 0;
+      for (const values of Object.values(this.data)) values.length = 0;
+    }
+    if (time <= (this.time.at(-1) ?? -Infinity)) return;
+    this.time.push(time);
+    for (const [name, values] of Object.entries(this.data)) values.push(value(name));
+  }
+}
+
+/** Pictures of plots are drawn so often, ms. */
+const PLOT_MS = 250;
+const LIVE_RATE_HZ = 40;
+
+/** Live samples: `frame` changes with every picture of the screen, `plots` a few times a second. */
+export function createLive(run: string, active: Accessor<boolean>) {
+  const empty: Samples = { time: [], data: {}, units: {} };
+  const [frame, setFrame] = createSignal<Samples>(empty);
+  const [plots, setPlots] = createSignal<Samples>(empty);
+  const [lost, setLost] = createSignal(0);
+  const [note, setNote] = createSignal<string>();
+  createEffect(
+    on(active, (wanted) => {
+      if (!wanted) return;
+      const collector = new Collector();
+      let [fresh, drawn] = [false, 0];
+      let pending = 0;
+      const draw = (now: number) => {
+        pending = requestAnimationFrame(draw);
+        if (!fresh) return;
+        fresh = false;
+        setFrame({ ...collector });
+        if (now - drawn > PLOT_MS) {
+          drawn = now;
+          setPlots({ ...collector });
+        }
+      };
+      pending = requestAnimationFrame(draw);
+      const stop = watchLive(run, "*", LIVE_RATE_HZ, (message) => {
+        fresh = collector.take(message) || fresh;
+        if (message.type === "lost") setLost((before) => before + message.count);
+        if (message.type === "error") setNote(message.detail);
+        if (message.type === "history" && message.thinned) setNote("The oldest samples are thinned until the run has ended.");
+      });
+      onCleanup(() => {
+        stop();
+        cancelAnimationFrame(pending);
+      });
+    }),
+  );
+  return { frame, plots, lost, note };
+}

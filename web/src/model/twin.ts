@@ -1,0 +1,230 @@
+/** Shapes of what comparisons, diagnoses, models and imports answer, as far as the page shows them, and words for them. */
+import type { Values } from "../plots/series";
+
+export interface ImportResult {
+  headline: string;
+  account: string;
+  report: {
+    rows: number;
+    sample_rate_hz: number;
+    gaps: { start_s: number; end_s: number }[];
+    streams: { name: string; samples: number; sample_rate_hz: number; resampling: string }[];
+    unused_columns: { column: string; reason: string }[];
+    unknown_columns: string[];
+    missing_cells: { column: string; cells: number }[];
+    missing: { columns: string[]; rules_out: string }[];
+    delays: { signal: string; against: string; delay_s: number; uncertainty_s: number; correlation: number; applied: boolean }[];
+    findings: { kind: string; detail: string }[];
+    conversions: string[];
+    notes: string[];
+  };
+}
+
+export interface Bin {
+  at: number;
+  mean: number;
+  band_95: number;
+  chi2: number;
+  blocks: number;
+}
+export interface ChannelResult {
+  channel: string;
+  unit: string;
+  verdict: "agrees" | "fails" | "not-testable";
+  smoothed_rms: number | null;
+  smoothed_noise: number | null;
+  chi2: number | null;
+  low_frequency: number | null;
+  conditions: { condition: string; title: string; unit: string; explained: number; bins: Bin[] }[];
+  strip: (number | null)[];
+}
+export interface QuantityError {
+  quantity: string;
+  unit: string;
+  error: number | null;
+  noise: number | null;
+}
+export interface ModelOnLog {
+  model: string;
+  agrees: boolean;
+  chi2: number | null;
+  channels: ChannelResult[];
+  errors: QuantityError[];
+  open_loop: { horizon_s: number; starts: number; position_m: number | null; velocity_m_s: number | null; attitude_rad: number | null }[];
+  worst: { start_s: number; end_s: number; channel: string; error: number; unit: string; deviations: number; conditions: [string, number, string][] }[];
+  nuisances: { rotor_bias_n: number[]; charge_at_start: number };
+}
+export interface LogComparison {
+  log: { name: string; hash: string };
+  duration_s: number;
+  rate_hz: number;
+  notes: string[];
+  excluded: { start_s: number; end_s: number }[];
+  models: ModelOnLog[];
+}
+export interface Comparison {
+  verdict: string;
+  models: { label: string; hash: string; effects: string[] }[];
+  logs: LogComparison[];
+}
+
+/** Means and extremes of buckets. */
+export interface Buckets {
+  mean: Values;
+  low: Values;
+  high: Values;
+}
+/** One channel of a comparison over time. */
+export interface Series {
+  channel: string;
+  unit: string;
+  start_s: number;
+  end_s: number;
+  bucket_s: number;
+  time_s: number[];
+  measured: Buckets;
+  models: { label: string; predicted: Buckets; residual: Buckets }[];
+  noise: { sample: number; mean: number };
+}
+
+export interface Parameter {
+  name: string;
+  symbol: string;
+  unit: string;
+  value: number;
+  interval_95: number;
+  plausible: boolean;
+}
+export interface Rival {
+  label: string;
+  evidence_gap: number;
+  reason: string;
+}
+export interface Finding {
+  instance: { effect: string; rotor?: number | null };
+  label: string;
+  class: string;
+  equation: string;
+  parameters: Parameter[];
+  ln_bayes_factor: number;
+  posterior: number;
+  channels: string[];
+  also_compatible: Rival[];
+  lost: Rival[];
+  onset_s: number | null;
+  reason: string;
+  picture?: { channel: string; unit: string; regressor: string; regressor_unit: string; bins: { at: number; before: number; after: number; band_95: number; blocks: number }[] } | null;
+}
+export interface Proposal {
+  document: unknown;
+  terms: { acts: string[]; parameter: string; factor: number; deviation: number; unit: string; correlation: number; held_out_share: number }[];
+  correlates: { channel: string; regressor: string; correlation: number }[];
+}
+export interface Unseen {
+  label: string;
+  parameter: string;
+  unit: string;
+  plausible_size: number;
+  minimum_size: number | null;
+  excited_by: string;
+}
+export interface Diagnosis {
+  model: { name: string; hash: string };
+  verdict: { kind: "agrees" | "missing" | "cannot-tell" | "outside-catalogue" | "log-fault" | "nothing-testable"; effects?: string[]; group?: string[] };
+  sentence: string;
+  effects: Finding[];
+  sensor_or_timing: Finding[];
+  ranking: { label: string; ln_bayes_factor: number; held_out_chi2_change: number }[];
+  not_testable: Unseen[];
+  detectable: Unseen[];
+  goodness: { explained_share: number | null; unexplained: string[] };
+  held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number }[];
+  proposal: Proposal | null;
+  logs: string[];
+  notes: string[];
+  threshold: number;
+}
+
+export interface Version {
+  version: number;
+  label: string;
+  hash: string;
+  parent: number | null;
+  note: string;
+  changed: string[];
+  effects: {
+    effect: string;
+    label: string;
+    source: string;
+    parameters: { name: string; value: number; deviation: number | null }[];
+    ln_bayes_factor: number | null;
+  }[];
+  made_ms: number;
+}
+export interface History {
+  name: string;
+  begun: boolean;
+  vehicle: string;
+  branches: { name: string; version: number; hash: string }[];
+  versions: Version[];
+}
+
+const CHANNEL_WORDS: Record<string, string> = {
+  fx: "forward specific force", fy: "sideways specific force", fz: "vertical specific force",
+  mx: "roll moment", my: "pitch moment", mz: "yaw moment",
+  kv_north: "velocity innovation north", kv_east: "velocity innovation east", kv_down: "velocity innovation down",
+  ka_roll: "attitude-rate innovation roll", ka_pitch: "attitude-rate innovation pitch", ka_yaw: "attitude-rate innovation yaw",
+  kp_north: "position innovation north", kp_east: "position innovation east", kp_down: "position innovation down",
+  v: "battery voltage",
+};
+
+/** `forward specific force (fx)`. */
+export const channelTitle = (channel: string) => (CHANNEL_WORDS[channel] ? `${CHANNEL_WORDS[channel]} (${channel})` : channel);
+
+/** The versions from the first one to `head`, in order. */
+export function lineTo(history: History, head: number): Version[] {
+  const line: Version[] = [];
+  let at: number | null = head;
+  while (at !== null && line.length <= history.versions.length) {
+    const version = history.versions.find((one) => one.version === at);
+    if (!version) break;
+    line.unshift(version);
+    at = version.parent;
+  }
+  return line;
+}
+
+/** A key for work that is the same whenever these are the same: asking again gives the job that is there. */
+export function keyOf(value: unknown): string {
+  // FNV-1a, twice with other starts: 64 bits tell the few jobs of one user apart.
+  const text = JSON.stringify(value);
+  return [0x811c9dc5, 0x1234567].map((start) => {
+    let hash = start;
+    for (let k = 0; k < text.length; k += 1) hash = Math.imul(hash ^ text.charCodeAt(k), 0x01000193) >>> 0;
+    return hash.toString(16).padStart(8, "0");
+  }).join("");
+}
+
+/** Words for a ln Bayes factor. */
+export function evidenceWords(ln: number): string {
+  if (ln > 10) return "decisive";
+  if (ln > 5) return "strong";
+  return ln > 2 ? "moderate" : "weak";
+}
+
+/** The channel that is farthest off. */
+export function worstChannel(model: ModelOnLog): string {
+  let worst = model.channels[0];
+  for (const one of model.channels) if ((one.low_frequency ?? 0) > (worst?.low_frequency ?? 0)) worst = one;
+  return worst?.channel ?? "fx";
+}
+
+const FINDING_WORDS: Record<string, string> = {
+  upside_down_axes: "Axes upside down", accel_in_g: "Accelerometer in g", angles_in_degrees: "Angles in degrees", rates_in_degrees: "Rates in degrees per second",
+  body_axes_flu: "Body axes forward-left-up", world_axes_enu: "World axes east-north-up", time_scale: "Time stamps off by a factor", stuck: "Stuck column",
+  saturated: "Saturated column", one_column: "Too few columns", all_missing: "Empty column", no_flight: "No flight", swapped_motors: "Swapped motors",
+  swapped_axes: "Swapped axes", rotor_count: "Rotor count", scale_mismatch: "Scales that do not fit", inconsistent: "Columns that do not fit",
+};
+export const findingTitle = (kind: string) => FINDING_WORDS[kind] ?? kind.replaceAll("_", " ");
+/** A finding that no model is compared with. */
+export const findingBlocks = (kind: string) => !["stuck", "saturated", "all_missing"].includes(kind);

@@ -1,0 +1,143 @@
+/** The detectors as a service: a log that is judged, and one's sessions as they stand. */
+import { For, Show, createSignal, onCleanup } from "solid-js";
+import { type Schemas, address, ask, get, upload } from "../api/client";
+import { createLoad } from "../api/load";
+import { sentenceOf } from "../api/problem";
+import { percent, plusMinus, short } from "../format";
+import { Figures, Panel, Problem, Progress } from "../parts/bits";
+import { Lanes } from "../plots/lanes";
+import type { Stretch } from "../plots/series";
+import { route } from "../router";
+
+type Report = Schemas["LogReport"];
+type Session = Schemas["SessionView"];
+type Sequential = Schemas["SequentialView"];
+/** Sessions are looked at so often. */
+const LOOK_MS = 1000;
+
+export default function Fdi() {
+  return (
+    <>
+      <h1>FDI monitor</h1>
+      <Judge />
+      <Sessions />
+    </>
+  );
+}
+
+function Judge() {
+  const names = createLoad(() => true, async (_, signal) => (await get("/api/v1/vehicles", { signal })).items);
+  const logs = createLoad(() => true, (_, signal) => get("/api/v1/logs", { query: { status: "done", limit: 30 }, signal }));
+  const [vehicle, setVehicle] = createSignal("f550");
+  const [log, setLog] = createSignal(route().query.get("log") ?? "");
+  const [share, setShare] = createSignal<number>();
+  const [busy, setBusy] = createSignal(false);
+  const [report, setReport] = createSignal<Report>();
+  const [problem, setProblem] = createSignal<string>();
+  const [over, setOver] = createSignal(false);
+  const judge = async (what: () => Promise<Report>) => {
+    setProblem(undefined);
+    setReport(undefined);
+    setBusy(true);
+    try {
+      setReport(await what());
+    } catch (error) {
+      setProblem(sentenceOf(error));
+    } finally {
+      setBusy(false);
+      setShare(undefined);
+    }
+  };
+  const send = (file: File | undefined) => {
+    if (file) void judge(() => upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle() } }), file, setShare));
+  };
+  return (
+    <Panel title="Judge a log" note="verdicts over time, the last word, what the log lacks">
+      <div class="stack">
+        <Problem sentence={names.error() ?? logs.error()} />
+        <div class="fields">
+          <label class="field">Vehicle
+            <select value={vehicle()} onChange={(event) => setVehicle(event.currentTarget.value)}>
+              <For each={names.data() ?? ["f550"]}>{(name) => <option value={name} selected={name === vehicle()}>{name}</option>}</For>
+            </select>
+          </label>
+          <label class="field">Log of this server
+            <select value={log()} onChange={(event) => setLog(event.currentTarget.value)}>
+              <option value="">choose</option>
+              <For each={logs.data()?.items ?? []}>{(one) => <option value={one.id} selected={one.id === log()}>{one.name} {one.id.slice(0, 8)}</option>}</For>
+            </select>
+          </label>
+          <button type="button" class="main" disabled={!log() || busy()} onClick={() => void judge(() => ask<Report>("POST", address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), log: log() } })))}>Judge</button>
+        </div>
+        <div
+          class="drop" classList={{ over: over() }}
+          onDragOver={(event) => { event.preventDefault(); setOver(true); }} onDragLeave={() => setOver(false)}
+          onDrop={(event) => { event.preventDefault(); setOver(false); send(event.dataTransfer?.files[0]); }}
+        >
+          Drop a log here (128 MB at most; it is not kept), or{" "}
+          <label class="button">choose a file<input class="sr" type="file" onChange={(event) => { send(event.currentTarget.files?.[0]); event.currentTarget.value = ""; }} /></label>
+        </div>
+        <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`}</div></Show>
+        <Problem sentence={problem()} />
+        <Show when={report()}>{(found) => <Judged report={found()} />}</Show>
+      </div>
+    </Panel>
+  );
+}
+
+function Judged(props: { report: Report }) {
+  const it = () => props.report;
+  const last = () => it().final_window?.sequential;
+  const stretches = (): Stretch[] => changesToStretches(it().timeline, it().log.duration_s);
+  return (
+    <div class="stack">
+      <Show when={last()}>{(word) => <div class={`say sentence ${word().verdict === "healthy" ? "good" : "bad"}`} role="status"><strong>At the end:</strong> {verdictWords(word())}</div>}</Show>
+      <Figures items={[
+        ["rows", it().log.rows.toLocaleString("en")], ["rate", `${short(it().log.rate_hz)} Hz${it().resampled ? ", resampled" : ""}`], ["length", `${short(it().log.duration_s)} s`],
+        ["gaps", String(it().log.gaps)], ["rejected steps", String(it().rejected_steps)], ["calibrated", `${short(it().detectors.calibration_start_s)} – ${short(it().detectors.calibration_end_s)} s`],
+      ]} />
+      <Lanes title="Verdicts of the sequential detector" start={0} end={it().log.duration_s} lanes={[{ name: "sequential", stretches: stretches() }]} />
+      <div class="scroll" tabindex="0" role="region" aria-label="Detectors">
+        <table class="small">
+          <thead><tr><th scope="col">Detector</th><th class="r" scope="col">windows decided</th><th class="r" scope="col">healthy</th><th class="r" scope="col">alarms</th><th class="r" scope="col">first alarm, s</th></tr></thead>
+          <tbody><For each={it().counts}>{(one) => <tr><td>{one.detector.replaceAll("_", " ")}</td><td class="r">{one.decided}</td><td class="r">{one.healthy}</td><td class="r">{one.alarms}</td><td class="r">{short(one.first_alarm_s)}</td></tr>}</For></tbody>
+        </table>
+      </div>
+      <For each={it().suspicions}>{(one) => <div class={`say ${one.blocks ? "bad" : "warn"}`}>{one.finding}</div>}</For>
+      <For each={it().lacks}>{(one) => <div class={`say ${one.prevents_verdicts ? "bad" : "warn"}`}>Missing <code>{one.columns.join(", ")}</code>: {one.rules_out}</div>}</For>
+      <ul class="small"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul>
+    </div>
+  );
+}
+
+function changesToStretches(changes: readonly Schemas["ChangeView"][], end: number): Stretch[] {
+  return changes.map((change, k) => ({ from: change.time_s, to: changes[k + 1]?.time_s ?? end, code: change.sequential.code }));
+}
+
+/** Verdict with probability and losses. */
+function verdictWords(word: Sequential): string {
+  const losses = word.thrust_loss.map((one) => `rotor ${one.rotor} lost ${plusMinus(100 * one.share, 50 * (one.share_high - one.share_low), "%")} of its thrust`);
+  const suspects = word.thrust_loss.length === 0 && word.suspect_rotors.length > 0 ? `; rotors in question: ${word.suspect_rotors.join(", ")}` : "";
+  return `${word.verdict.replaceAll("_", " ")} (probability ${percent(word.probability)})${losses.length > 0 ? `: ${losses.join(", ")}` : suspects}.`;
+}
+
+function Sessions() {
+  const sessions = createLoad(() => true, (_, signal) => ask<{ items: Session[] }>("GET", "/api/v1/fdi/sessions", undefined, { signal }));
+  const timer = setInterval(() => !sessions.loading() && !sessions.error() && sessions.reload(), LOOK_MS);
+  onCleanup(() => clearInterval(timer));
+  return (
+    <Panel title="Sessions" note="your programs feed them; looked at every second">
+      <Problem sentence={sessions.error() && `Sessions cannot be listed: ${sessions.error()}`} retry={sessions.reload} />
+      <For each={sessions.data()?.items ?? []} fallback={<Show when={sessions.data()}><p class="muted">No session is open. A program opens one with POST /api/v1/fdi/sessions.</p></Show>}>
+        {(one) => (
+          <div class="card">
+            <div class="row"><h3>{one.detectors.vehicle}</h3><span class="mono small muted">{one.id}</span><span class="tag">calibration: {one.calibration}</span></div>
+            <Show when={one.last?.sequential} fallback={<p class="muted">no verdict yet</p>}>{(word) => <p>{verdictWords(word())}</p>}</Show>
+            <Figures items={[["samples", one.samples.toLocaleString("en")], ["rate", `${short(one.rate_hz)} Hz`], ["bridged gaps", `${one.bridged_steps} steps`], ["rejected samples", String(one.rejected_samples)], ["restarts", String(one.restarts)]]} />
+            <Lanes title={`Verdicts of session ${one.id}`} start={0} end={Math.max(1, one.next_step / one.rate_hz)} lanes={[{ name: "sequential", stretches: changesToStretches(one.changes, one.next_step / one.rate_hz) }]} />
+          </div>
+        )}
+      </For>
+    </Panel>
+  );
+}

@@ -1,0 +1,189 @@
+/** The library: effects with equations, vehicles with pictures, scenarios, blades and models as documents that can be edited. */
+import { For, Show, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
+import { type Schemas, ask, putDocument, text as fetchText } from "../api/client";
+import { createLoad } from "../api/load";
+import { ApiError, sentenceOf } from "../api/problem";
+import { percent, short } from "../format";
+import { Figures, Loaded, Panel, Problem } from "../parts/bits";
+import { VehiclePicture } from "../parts/vehicle-picture";
+import { route, setQuery } from "../router";
+import type { FullGeometry } from "./twin/vehicle";
+
+const KINDS = [
+  ["effects", "Effects"], ["vehicles", "Vehicles"], ["scenarios", "Scenarios"], ["blades", "Blades"], ["models", "Models"],
+] as const;
+type Kind = (typeof KINDS)[number][0];
+const TYPING_MS = 400;
+
+interface Declaration {
+  id: string;
+  name: string;
+  class: string;
+  equation: string;
+  source: string;
+  channels: string[];
+  confused_with: string[];
+  excited_by: string;
+  per_rotor: boolean;
+  parameters: { name: string; symbol: string; unit: string; meaning: string; typical: number; plausible_low: number; plausible_high: number }[];
+}
+
+export default function Library() {
+  const kind = () => (KINDS.find(([one]) => one === route().query.get("kind"))?.[0] ?? "effects") as Kind;
+  return (
+    <>
+      <div class="row">
+        <h1>Library</h1>
+        <div class="row" role="group" aria-label="kind of document">
+          <For each={KINDS}>{([one, title]) => <button type="button" aria-pressed={kind() === one} onClick={() => setQuery({ kind: one, name: undefined, q: undefined })}>{title}</button>}</For>
+        </div>
+      </div>
+      <Show when={kind()} keyed>{(one) => <Documents kind={one} />}</Show>
+      <Show when={kind() === "effects"}><Catalogue /></Show>
+    </>
+  );
+}
+
+function Catalogue() {
+  const catalogue = createLoad(() => true, async (_, signal) => (await ask<{ items: Declaration[] }>("GET", "/api/v1/catalogue", undefined, { signal })).items);
+  const wanted = () => (route().query.get("q") ?? "").toLowerCase();
+  const shown = createMemo(() => (catalogue.data() ?? []).filter((one) => `${one.id} ${one.name} ${one.class} ${one.channels.join(" ")}`.toLowerCase().includes(wanted())));
+  return (
+    <Panel title="Effects that a model can have" note={`${shown().length} shown`} actions={<input type="search" placeholder="search" aria-label="search the effects" value={wanted()} onInput={(event) => setQuery({ q: event.currentTarget.value || undefined }, true)} />}>
+      <Loaded load={catalogue} what="the catalogue">
+        {() => (
+          <div class="effects">
+            <For each={shown()}>
+              {(one) => (
+                <article class="card" id={one.id}>
+                  <div class="row"><h3>{one.name}</h3><span class="tag">{one.class}</span><Show when={one.per_rotor}><span class="tag">per rotor</span></Show></div>
+                  <code class="small muted">{one.id}</code>
+                  <pre class="equation" tabindex="0" aria-label="equation">{one.equation}</pre>
+                  <div class="scroll" tabindex="0" role="region" aria-label={`Parameters of ${one.name}`}>
+                    <table class="small">
+                      <thead><tr><th scope="col">parameter</th><th scope="col">meaning</th><th class="r" scope="col">typical</th><th class="r" scope="col">plausible</th></tr></thead>
+                      <tbody>
+                        <For each={one.parameters}>
+                          {(value) => <tr><td>{value.symbol} <code>{value.name}</code></td><td>{value.meaning}</td><td class="r">{short(value.typical)} {value.unit === "1" ? "" : value.unit}</td><td class="r">{short(value.plausible_low)} … {short(value.plausible_high)}</td></tr>}
+                        </For>
+                      </tbody>
+                    </table>
+                  </div>
+                  <p class="small muted">Acts on {one.channels.join(", ")}. Excited by {one.excited_by}. <Show when={one.confused_with.length > 0}>Confused with {one.confused_with.join(", ")}. </Show>Source: {one.source}.</p>
+                </article>
+              )}
+            </For>
+          </div>
+        )}
+      </Loaded>
+    </Panel>
+  );
+}
+
+function Documents(props: { kind: Kind }) {
+  const names = createLoad(() => true, (_, signal) => ask<Schemas["Names"]>("GET", `/api/v1/${props.kind}`, undefined, { signal }));
+  const name = () => route().query.get("name") ?? undefined;
+  return (
+    <div class="side rev">
+      <Panel title={`Documents: ${props.kind}`} note="one's own hide those of the server">
+        <Loaded load={names} what="the names">
+          {(found) => (
+            <ul class="plain">
+              <For each={found().items} fallback={<li class="muted">none</li>}>
+                {(one) => (
+                  <li><button type="button" class="plain" aria-pressed={one === name()} onClick={() => setQuery({ name: one })}>{one}</button> <Show when={found().own.includes(one)}><span class="tag">own</span></Show></li>
+                )}
+              </For>
+            </ul>
+          )}
+        </Loaded>
+      </Panel>
+      <div class="stack">
+        <Show when={name() !== undefined ? { kind: props.kind, name: name() as string } : undefined} keyed fallback={<p class="muted">Choose a document to read it or to edit a copy.</p>}>
+          {(one) => (
+            <>
+              <Show when={props.kind === "vehicles"}><Picture name={one.name} /></Show>
+              <Editor kind={one.kind} name={one.name} own={names.data()?.own.includes(one.name) ?? false} onSaved={names.reload} />
+            </>
+          )}
+        </Show>
+      </div>
+    </div>
+  );
+}
+
+function Picture(props: { name: string }) {
+  const geometry = createLoad(() => props.name, (name, signal) => ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
+  return (
+    <Panel title={props.name} note={geometry.data()?.name}>
+      <Loaded load={geometry} what="the geometry">
+        {(found) => (
+          <div class="side">
+            <Figures items={[["mass", `${short(found().mass_kg)} kg`], ["arm", `${short(found().arm_m)} m`], ["rotors", String(found().rotors.length)], ["hover thrust", `${short(found().hover.thrust_n)} N`], ["hover duty", percent(found().hover.duty[0] ?? null, 0)]]} />
+            <VehiclePicture geometry={found()} />
+          </div>
+        )}
+      </Loaded>
+    </Panel>
+  );
+}
+
+function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => void }) {
+  const document = createLoad(() => props.name, () => fetchText(`/api/v1/${props.kind}/${encodeURIComponent(props.name)}`));
+  const [draft, setDraft] = createSignal<string>();
+  const [target, setTarget] = createSignal(props.own ? props.name : `my-${props.name}`);
+  const [check, setCheck] = createSignal<Schemas["Validation"]>();
+  const [refusal, setRefusal] = createSignal<ApiError>();
+  const [said, setSaid] = createSignal("");
+  createEffect(
+    on(draft, (text) => {
+      setSaid("");
+      if (text === undefined) return;
+      const timer = setTimeout(() => {
+        ask<Schemas["Validation"]>("POST", `/api/v1/${props.kind}/validate`, { text }).then(setCheck, (error: unknown) =>
+          setCheck({ valid: false, refusal: sentenceOf(error), complaints: [], warnings: [] }),
+        );
+      }, TYPING_MS);
+      onCleanup(() => clearTimeout(timer));
+    }, { defer: true }),
+  );
+  const save = async () => {
+    setRefusal(undefined);
+    try {
+      await putDocument(`/api/v1/${props.kind}/${encodeURIComponent(target())}`, draft() ?? document.data() ?? "");
+      setSaid(`Saved as ${target()}.`);
+      props.onSaved();
+    } catch (error) {
+      setRefusal(error instanceof ApiError ? error : new ApiError(0, sentenceOf(error)));
+    }
+  };
+  return (
+    <Panel title={`${props.name}.toml`} note={props.own ? "your own" : "the server's: saved under a name of your own"}>
+      <Loaded load={document} what="the document">
+        {(found) => (
+          <div class="stack">
+            <textarea rows="24" spellcheck={false} aria-label={`text of ${props.name}`} aria-invalid={check()?.valid === false} value={draft() ?? found()} onInput={(event) => setDraft(event.currentTarget.value)} />
+            <div aria-live="polite">
+              <Show when={check()?.valid === false}>
+                <div class="say bad">
+                  <Show when={(check()?.complaints.length ?? 0) > 0} fallback={check()?.refusal}>
+                    <ul class="plain"><For each={check()?.complaints}>{(one) => <li><Show when={one.line}>line {one.line}: </Show><Show when={one.key}><code>{one.key}</code>: </Show>{one.sentence}</li>}</For></ul>
+                  </Show>
+                </div>
+              </Show>
+              <For each={check()?.warnings ?? []}>{(one) => <div class="say warn">{one}</div>}</For>
+            </div>
+            <Problem sentence={refusal()?.sentence} complaints={refusal()?.complaints} />
+            <div class="fields">
+              <label class="field">Save as<input type="text" value={target()} onInput={(event) => setTarget(event.currentTarget.value.trim())} /></label>
+              <button type="button" class="main" disabled={check()?.valid === false || !target()} onClick={() => void save()}>Save</button>
+              <Show when={draft() !== undefined}><button type="button" onClick={() => { setDraft(undefined); setCheck(undefined); }}>Back to what is saved</button></Show>
+              <Show when={props.kind === "scenarios"}><a class="button" href="/runs?new=1">Fly a scenario</a></Show>
+              <span role="status" class="small muted">{said() || (check()?.valid && draft() !== undefined ? "The document is valid." : "")}</span>
+            </div>
+          </div>
+        )}
+      </Loaded>
+    </Panel>
+  );
+}

@@ -1,0 +1,121 @@
+/** Step 6: versions of the model, and how the error falls from one to the next; undo, differences, export, what to do with it. */
+import { For, Show, createSignal } from "solid-js";
+import { ask } from "../../api/client";
+import { createLoad } from "../../api/load";
+import { moment, plusMinus, short } from "../../format";
+import type { LogComparison } from "../../model/twin";
+import { Problem } from "../../parts/bits";
+import { Falls } from "../../plots/falls";
+import { Step } from "./step";
+import type { Twin } from "./state";
+
+interface Difference {
+  parameters: { effect: string; parameter: string; before: { value: number; deviation: number | null } | null; after: { value: number; deviation: number | null } | null }[];
+  keys: { key: string; before: string | null; after: string | null }[];
+}
+const MAIN_QUANTITIES = ["force", "torque", "voltage"];
+
+export function Add(props: { twin: Twin }) {
+  const line = () => props.twin.line();
+  const [more, setMore] = createSignal(false);
+  const [diff, setDiff] = createSignal(false);
+  const isHead = () => props.twin.mainHead()?.version === line().at(-1)?.version;
+  const difference = createLoad(
+    () => (diff() && line().length > 1 ? { model: props.twin.model() ?? "", from: line()[0]?.version ?? 0, to: line().at(-1)?.version ?? 0 } : undefined),
+    ({ model, from, to }, signal) => ask<Difference>("GET", `/api/v1/models/${encodeURIComponent(model)}/diff?from=v${from}&to=v${to}`, undefined, { signal }),
+  );
+  const logs = () => props.twin.comparison.result()?.logs ?? [];
+  const falls = (log: LogComparison) =>
+    (log.models[0]?.errors ?? [])
+      .filter((one) => more() || MAIN_QUANTITIES.includes(one.quantity))
+      .map((one) => ({
+        title: one.quantity,
+        unit: one.unit,
+        noise: one.noise,
+        rows: log.models.map((model) => ({ name: model.model.replace(/^.*@/, ""), error: model.errors.find((other) => other.quantity === one.quantity)?.error ?? null })),
+      }));
+  const label = (place: number) => {
+    const name = logs()[place]?.log.name ?? "";
+    return logs().length === 1 ? `on ${name}` : place < Math.max(1, props.twin.logs().length) ? `${name}, fitted` : `${name}, held out`;
+  };
+  return (
+    <Step
+      number={6}
+      title="Add it, and watch the error fall"
+      state={line().length === 0 ? "waiting" : props.twin.problem() ? "problem" : logs().length > 0 ? "done" : "working"}
+      note={line().length > 1 ? `${line().length - 1} added` : "nothing added yet: use “Add to the model” above"}
+      actions={
+        <Show when={line().length > 1 && isHead()}>
+          <button type="button" onClick={() => void props.twin.undo()}>Undo {line().at(-1)?.label.replace(/^.*@/, "")}</button>
+        </Show>
+      }
+    >
+      <Problem sentence={props.twin.problem()} retry={props.twin.again} />
+      <For each={logs()}>
+        {(log, place) => (
+          <div class="stack">
+            <h3>Error of each version {label(place())} <span class="small muted">root mean square of means over 0.1 s; the mark is what noise alone gives</span></h3>
+            <div class="three"><For each={falls(log)}>{(one) => <Falls fall={one} />}</For></div>
+          </div>
+        )}
+      </For>
+      <div class="scroll" tabindex="0" role="region" aria-label="Versions of the model">
+        <table class="small">
+          <thead><tr><th scope="col">Version</th><th scope="col">Added</th><th scope="col">Parameters</th><th class="r" scope="col">ln Bayes factor</th><th scope="col">Made</th><th scope="col">Hash</th></tr></thead>
+          <tbody>
+            <For each={line()}>
+              {(version) => {
+                const added = () => version.effects.filter((one) => version.changed.includes(one.effect));
+                return (
+                  <tr>
+                    <td><button type="button" class="plain" onClick={() => props.twin.chooseVersion(version.version)}>{version.label}</button></td>
+                    <td>{version.changed.join(", ") || (version.version === 0 ? "the vehicle as it is documented" : "")}</td>
+                    <td class="num">{added().flatMap((one) => one.parameters.map((value) => `${value.name} = ${plusMinus(value.value, 1.96 * (value.deviation ?? 0), "")}`)).join("; ")}</td>
+                    <td class="r">{added().map((one) => short(one.ln_bayes_factor)).join(", ")}</td>
+                    <td class="num">{moment(version.made_ms)}</td>
+                    <td class="mono">{version.hash.slice(0, 8)}</td>
+                  </tr>
+                );
+              }}
+            </For>
+          </tbody>
+        </table>
+      </div>
+      <Show when={!isHead() && line().length > 0 && props.twin.mainHead()}>
+        <div class="say">
+          You look at {line().at(-1)?.label}; the model stands at v{props.twin.mainHead()?.version}.{" "}
+          <button type="button" onClick={() => props.twin.chooseVersion(props.twin.mainHead()?.version ?? 0)}>Go there</button>
+        </div>
+      </Show>
+      <Show when={props.twin.model()}>
+        <div class="row">
+          <label class="check"><input type="checkbox" checked={more()} onChange={(event) => setMore(event.currentTarget.checked)} /> all quantities</label>
+          <Show when={line().length > 1}><button type="button" aria-expanded={diff()} onClick={() => setDiff(!diff())}>Differences to {line()[0]?.label}</button></Show>
+          <a class="button" href={`/api/v1/models/${encodeURIComponent(props.twin.model() ?? "")}/versions/v${line().at(-1)?.version ?? 0}`} download={`${props.twin.model()}.toml`}>Export the version</a>
+          <a class="button" href={`/runs?new=1&model=${encodeURIComponent(props.twin.model() ?? "")}`}>Fly this model</a>
+          <a class="button" href={`/runs?new=1&fdi_model=${encodeURIComponent(props.twin.model() ?? "")}`}>Give it to the detectors</a>
+        </div>
+      </Show>
+      <Problem sentence={difference.error()} retry={difference.reload} />
+      <Show when={diff() && difference.data()}>
+        {(found) => (
+          <table class="small">
+            <thead><tr><th scope="col">What</th><th class="r" scope="col">before</th><th class="r" scope="col">after</th></tr></thead>
+            <tbody>
+              <For each={found().parameters}>
+                {(one) => (
+                  <tr>
+                    <td>{one.effect}: {one.parameter}</td>
+                    <td class="r">{one.before ? plusMinus(one.before.value, 1.96 * (one.before.deviation ?? 0), "") : "–"}</td>
+                    <td class="r">{one.after ? plusMinus(one.after.value, 1.96 * (one.after.deviation ?? 0), "") : "–"}</td>
+                  </tr>
+                )}
+              </For>
+              <For each={found().keys}>{(one) => <tr><td><code>{one.key}</code></td><td class="r">{one.before ?? "–"}</td><td class="r">{one.after ?? "–"}</td></tr>}</For>
+            </tbody>
+          </table>
+        )}
+      </Show>
+    </Step>
+  );
+}

@@ -1,0 +1,139 @@
+/**
+ * State of the twin page. All of it is in the address: flights, vehicle, model, version, the jobs that were made of them, and what is
+ * looked at. Work that is not there yet is asked for; asking twice for the same gives the job that is there.
+ */
+import { createEffect, createMemo, createSignal, on } from "solid-js";
+import { ask, freshKey } from "../../api/client";
+import { type JobView, createJob } from "../../api/job";
+import { createLoad } from "../../api/load";
+import { ApiError, sentenceOf } from "../../api/problem";
+import { type Comparison, type Diagnosis, type History, type ImportResult, keyOf, lineTo } from "../../model/twin";
+import { route, setQuery } from "../../router";
+
+/** Vehicle of a first visit: that of the examples. */
+const FIRST_VEHICLE = "f550";
+
+export function createTwin() {
+  const query = () => route().query;
+  const all = (name: string) => createMemo(() => query().getAll(name), undefined, { equals: (a, b) => a.join() === b.join() });
+  const one = (name: string) => createMemo(() => query().get(name) ?? undefined);
+  const [logs, runs, held] = [all("log"), all("run"), all("held")];
+  const [vehicle, model, version, cmp, diag] = [one("vehicle"), one("model"), one("v"), one("cmp"), one("diag")];
+  const [problem, setProblem] = createSignal<string>();
+  const attempt = async (what: () => Promise<void>) => {
+    setProblem(undefined);
+    try {
+      await what();
+    } catch (error) {
+      setProblem(sentenceOf(error));
+    }
+  };
+
+  const log = createJob<ImportResult>("logs", () => logs()[0]);
+  const comparison = createJob<Comparison>("comparisons", cmp);
+  const diagnosis = createJob<Diagnosis>("diagnoses", diag);
+  const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
+  const flightsReady = createMemo(() => (logs().length > 0 ? log.result() !== undefined : runs().length > 0));
+  const vehicleName = () => vehicle() ?? FIRST_VEHICLE;
+  const mainHead = () => history.data()?.branches.find((branch) => branch.name === "main");
+  const shownVersion = () => (version() === undefined ? mainHead()?.version : Number(version()));
+  const line = createMemo(() => {
+    const known = history.data();
+    const head = shownVersion();
+    return known && known.name === model() && head !== undefined ? lineTo(known, head) : [];
+  });
+
+  // A model of its own for each flight: what is added to it changes nothing for others. Asking for the name that is there is no error.
+  createEffect(
+    on([flightsReady, vehicle, model, () => logs()[0] ?? runs()[0]], ([ready, , named, flight]) => {
+      if (!ready || named !== undefined || flight === undefined) return;
+      const base = vehicleName();
+      const name = `${base}-${flight.slice(0, 32).slice(-8)}`;
+      void attempt(async () => {
+        const there = await ask<{ items: string[] }>("GET", "/api/v1/models");
+        try {
+          if (!there.items.includes(name)) await ask("POST", "/api/v1/models", { name, model: { vehicle: base } });
+        } catch (error) {
+          // Another tab was faster.
+          if (!(error instanceof ApiError) || error.status !== 409) throw error;
+        }
+        setQuery({ model: name, vehicle: base }, true);
+      });
+    }),
+  );
+
+  const submit = async (collection: string, body: unknown, parameter: string) => {
+    // The hash of the version: another version of the same number is other work. `again` counts wishes to try once more.
+    const key = keyOf([collection, body, line().at(-1)?.hash, query().get("again")]);
+    const job = await ask<JobView>("POST", `/api/v1/${collection}`, body, { headers: { "idempotency-key": key } });
+    setQuery({ [parameter]: job.id }, true);
+  };
+  const ready = createMemo(() => flightsReady() && line().length > 0);
+  createEffect(
+    on([ready, cmp, line, query], ([go, there, versions]) => {
+      if (!go || there !== undefined || problem() !== undefined) return;
+      const models = versions.map((one) => ({ model: `${model()}@v${one.version}`, label: one.label }));
+      const [first, ...more] = models;
+      void attempt(() => submit("comparisons", {
+        model: first,
+        ...(more.length > 0 ? { more_models: more } : {}),
+        flights: flightsOf([...logs(), ...held()], runs()),
+      }, "cmp"));
+    }),
+  );
+  createEffect(
+    on([ready, diag, cmp, line, query], ([go, there, compared, versions]) => {
+      // After the comparison was asked for: two workers then do both at the same time, one does the quick one first.
+      if (!go || there !== undefined || compared === undefined || problem() !== undefined) return;
+      void attempt(() => submit("diagnoses", { model: { model: `${model()}@v${versions.at(-1)?.version}` }, flights: flightsOf(logs(), runs()) }, "diag"));
+    }),
+  );
+
+  /** Adds to the head what the diagnosis found. */
+  const add = (what: { pick?: number; proposal?: true }) =>
+    attempt(async () => {
+      const head = mainHead();
+      const answer = await ask<{ version: { version: number } }>(
+        "POST", `/api/v1/models/${model()}/versions`, { diagnosis: diag(), ...what },
+        { headers: head ? { "if-match": `"${line().at(-1)?.hash ?? head.hash}"`, "idempotency-key": freshKey() } : {} },
+      );
+      history.reload();
+      setQuery({ v: String(answer.version.version), cmp: undefined, diag: undefined, again: undefined });
+    });
+  const undo = () =>
+    attempt(async () => {
+      const head = mainHead();
+      const answer = await ask<{ version: { version: number } }>(
+        "POST", `/api/v1/models/${model()}/undo`, { branch: "main" },
+        { headers: head ? { "if-match": `"${head.hash}"`, "idempotency-key": freshKey() } : {} },
+      );
+      history.reload();
+      setQuery({ v: String(answer.version.version), cmp: undefined, diag: undefined, again: undefined });
+    });
+  const again = () => {
+    setProblem(undefined);
+    setQuery({ again: freshKey().slice(0, 6), cmp: undefined, diag: undefined }, true);
+  };
+
+  return {
+    logs, runs, held, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, mainHead, problem, add, undo, again,
+    flightsReady,
+    /** Begins with other flights. */
+    choose: (flights: { logs?: string[]; runs?: string[] }) =>
+      setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, model: undefined, v: undefined, cmp: undefined, diag: undefined, ch: undefined, again: undefined }),
+    chooseVehicle: (name: string) => setQuery({ vehicle: name, model: undefined, v: undefined, cmp: undefined, diag: undefined }),
+    chooseModel: (name: string) => setQuery({ model: name, v: undefined, cmp: undefined, diag: undefined }),
+    chooseVersion: (number: number) => setQuery({ v: String(number), cmp: undefined, diag: undefined }),
+    hold: (ids: string[]) => setQuery({ held: ids, cmp: undefined }),
+    channel: one("ch"),
+    chooseChannel: (name: string) => setQuery({ ch: name }, true),
+    logAt: () => Number(query().get("on") ?? 0),
+    chooseLog: (place: number) => setQuery({ on: String(place) }, true),
+  };
+}
+
+export type Twin = ReturnType<typeof createTwin>;
+
+function flightsOf(logs: readonly string[], runs: readonly string[]) {
+  return { ...(logs.length > 0 ? { logs: [...logs] } : {}), ...(runs.length > 0 ? { runs: [...runs] } : {}) };
+}

@@ -1,0 +1,81 @@
+/** Step 3: the vehicle of the flight, drawn, and its model with versions. */
+import { For, Show } from "solid-js";
+import { ask, get } from "../../api/client";
+import { createLoad } from "../../api/load";
+import { percent, short } from "../../format";
+import { Figures, Problem } from "../../parts/bits";
+import { VehiclePicture } from "../../parts/vehicle-picture";
+import type { Geometry } from "../../replay/motion";
+import { Step } from "./step";
+import type { Twin } from "./state";
+
+/** What `/geometry` answers. */
+export type FullGeometry = Geometry & {
+  mass_kg: number;
+  hover: { duty: number[]; voltage_v: number };
+};
+
+export function Vehicle(props: { twin: Twin }) {
+  const names = createLoad(() => true, async (_, signal) => {
+    const [vehicles, models] = await Promise.all([get("/api/v1/vehicles", { signal }), get("/api/v1/models", { signal })]);
+    return { vehicles: vehicles.items, models: models.items };
+  });
+  const geometry = createLoad(() => props.twin.vehicle(), (name, signal) => ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
+  const models = () => (names.data()?.models ?? []).filter((name) => !names.data()?.vehicles.includes(name));
+  const pick = (value: string) => {
+    if (value.startsWith("model:")) props.twin.chooseModel(value.slice(6));
+    else props.twin.chooseVehicle(value);
+  };
+  return (
+    <Step
+      number={3}
+      title="Which vehicle"
+      state={!props.twin.flightsReady() ? "waiting" : props.twin.history.error() ? "problem" : "done"}
+      note={props.twin.model() ? `model ${props.twin.model()}, ${props.twin.line().at(-1)?.label ?? "…"}` : undefined}
+    >
+      <Problem sentence={props.twin.history.error()} retry={props.twin.history.reload} />
+      <Problem sentence={names.error()} retry={names.reload} />
+      <div class="side">
+        <div class="stack">
+          <label class="field">
+            Vehicle, for a model of its own; or a model that is there
+            <select onChange={(event) => pick(event.currentTarget.value)}>
+              <optgroup label="Vehicles: a new model begins at version 0">
+                <For each={names.data()?.vehicles ?? [props.twin.vehicle()]}>
+                  {(name) => <option value={name} selected={name === props.twin.vehicle()}>{name}</option>}
+                </For>
+              </optgroup>
+              <Show when={models().length > 0}>
+                <optgroup label="Models">
+                  <For each={models()}>{(name) => <option value={`model:${name}`} selected={name === props.twin.model() && !name.startsWith(`${props.twin.vehicle()}-`)}>{name}</option>}</For>
+                </optgroup>
+              </Show>
+            </select>
+          </label>
+          <Show when={geometry.data()}>
+            {(found) => (
+              <Figures
+                items={[
+                  ["vehicle", found().name],
+                  ["mass", `${short(found().mass_kg)} kg`],
+                  ["arm", `${short(found().arm_m)} m`],
+                  ["rotors", String(found().rotors.length)],
+                  ["hover thrust", `${short(found().hover.thrust_n)} N`],
+                  ["hover duty", percent(found().hover.duty[0] ?? null, 0)],
+                ]}
+              />
+            )}
+          </Show>
+          <p class="small muted">
+            The values are those of the vehicle's document (<a href={`/library?kind=vehicles&name=${encodeURIComponent(props.twin.vehicle())}`}>read it</a>).
+            The log decides what they miss. No fitting vehicle? Identify one from the log: <code>rotortwin vehicle from-log LOG --mass-kg M --arm-m L</code>, then leave it in the library.
+          </p>
+        </div>
+        <div>
+          <Problem sentence={geometry.error() && `No picture of the vehicle: ${geometry.error()}`} />
+          <Show when={geometry.data()}>{(found) => <VehiclePicture geometry={found()} />}</Show>
+        </div>
+      </div>
+    </Step>
+  );
+}

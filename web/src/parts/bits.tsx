@@ -1,0 +1,97 @@
+/** Small pieces that pages share. */
+import { For, type JSX, Show, createSignal } from "solid-js";
+import type { Load } from "../api/load";
+
+/** State of a job as a word with a colour. */
+export function StatusTag(props: { status: string }) {
+  const kind = () => ({ done: "good", failed: "bad", canceled: "warn", running: "live", queued: "" })[props.status] ?? "";
+  return <span class={`tag ${kind()}`}>{props.status}</span>;
+}
+
+/** What went wrong, where it happened. */
+export function Problem(props: { sentence: string | undefined; complaints?: readonly string[] | undefined; retry?: () => void }) {
+  return (
+    <div role="alert">
+      <Show when={props.sentence}>
+        <div class="say bad">
+          {props.sentence}
+          <Show when={(props.complaints?.length ?? 0) > 1}>
+            <ul>
+              <For each={props.complaints}>{(one) => <li>{one}</li>}</For>
+            </ul>
+          </Show>
+          <Show when={props.retry}>
+            {" "}
+            <button type="button" onClick={() => props.retry?.()}>Try again</button>
+          </Show>
+        </div>
+      </Show>
+    </div>
+  );
+}
+
+/** Data, or why there is none, or that it comes. */
+export function Loaded<T>(props: { load: Load<T>; children: (data: () => T) => JSX.Element; what: string }) {
+  return (
+    <>
+      <Problem sentence={props.load.error()} retry={props.load.reload} />
+      <Show when={props.load.data()} fallback={<Show when={props.load.loading()}><p class="muted">Loading {props.what} …</p></Show>}>
+        {(data) => props.children(data as () => T)}
+      </Show>
+    </>
+  );
+}
+
+/** Copies a text; says so. */
+export function Copy(props: { text: () => string; label: string }) {
+  const [said, setSaid] = createSignal("");
+  const copy = async () => {
+    try {
+      await navigator.clipboard.writeText(props.text());
+      setSaid("copied");
+    } catch {
+      setSaid("the browser does not allow it; select the text below");
+    }
+    setTimeout(() => setSaid(""), 2500);
+  };
+  return (
+    <span>
+      <button type="button" onClick={() => void copy()}>{props.label}</button>
+      <span role="status" class="small muted"> {said()}</span>
+    </span>
+  );
+}
+
+/** A title and what belongs to it. */
+export function Panel(props: { title: string; note?: string | undefined; actions?: JSX.Element; children: JSX.Element; id?: string }) {
+  return (
+    <section class="panel" aria-label={props.title} {...(props.id ? { id: props.id } : {})}>
+      <div class="head">
+        <h2>{props.title}</h2>
+        <Show when={props.note}><span class="note">{props.note}</span></Show>
+        <span class="grow" />
+        {props.actions}
+      </div>
+      {props.children}
+    </section>
+  );
+}
+
+/** Figures in a row: name and value. */
+export function Figures(props: { items: readonly (readonly [string, JSX.Element])[] }) {
+  return (
+    <dl class="figures">
+      <For each={props.items}>{([name, value]) => <div><dt>{name}</dt><dd>{value}</dd></div>}</For>
+    </dl>
+  );
+}
+
+/** A bar; without a share it only says that something goes on. */
+export function Progress(props: { share: number | undefined; what: string }) {
+  // Two elements: the property `value` refuses to be without a number.
+  return (
+    <Show when={props.share !== undefined} fallback={<progress max="1" aria-label={props.what} />}>
+      <progress max="1" value={props.share ?? 0} aria-label={props.what} />
+    </Show>
+  );
+}

@@ -1,0 +1,41 @@
+/** How an error falls over the versions of a model, with the floor that noise alone gives. */
+import { For } from "solid-js";
+import { short } from "../format";
+
+export interface Fall {
+  title: string;
+  unit: string;
+  noise: number | null;
+  rows: readonly { name: string; error: number | null }[];
+}
+
+export function Falls(props: { fall: Fall }) {
+  const most = () => Math.max(1e-12, props.fall.noise ?? 0, ...props.fall.rows.map((row) => row.error ?? 0));
+  const share = (value: number | null) => Math.min(100, (100 * (value ?? 0)) / most());
+  const words = () =>
+    `${props.fall.title}: ${props.fall.rows.map((row) => `${row.name} ${short(row.error)} ${props.fall.unit}`).join(", ")}; noise alone gives ${short(props.fall.noise)} ${props.fall.unit}`;
+  return (
+    <figure class="fig" aria-label={words()}>
+      <h3>{props.fall.title}, {props.fall.unit}</h3>
+      <div class="bars">
+        <For each={props.fall.rows}>
+          {(row, place) => (
+            <>
+              <span>{row.name}</span>
+              <span class="track" aria-hidden="true">
+                <i classList={{ last: place() > 0 && place() === props.fall.rows.length - 1 }} style={{ width: `${share(row.error)}%` }} />
+                <b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} />
+              </span>
+              <span class="num">{short(row.error)}{ratio(row.error, props.fall.noise)}</span>
+            </>
+          )}
+        </For>
+        <span class="muted">noise alone</span>
+        <span class="track" aria-hidden="true"><b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} /></span>
+        <span class="num muted">{short(props.fall.noise)}</span>
+      </div>
+    </figure>
+  );
+}
+
+const ratio = (error: number | null, noise: number | null) => (error === null || noise === null || noise <= 0 ? "" : ` (${(error / noise).toFixed(2)} × noise)`);

@@ -1,0 +1,89 @@
+/** A table of colours: channel over time or over a flight condition. Each cell is a button with its value in words. */
+import { For, Show } from "solid-js";
+import { short } from "../format";
+import { HEAT_STEPS, heatColour } from "./heat-colour";
+
+export interface HeatRow {
+  name: string;
+  /** chi²/N; null: does not count. */
+  cells: readonly (number | null)[];
+  /** What a cell stands for, in words. */
+  where: (place: number) => string;
+}
+
+interface Props {
+  title: string;
+  rows: readonly HeatRow[];
+  /** Text below column k; empty: none. */
+  tick: (place: number) => string;
+  axis: string;
+  chosen?: { row: number; cell: number } | undefined;
+  onPick: (row: number, cell: number) => void;
+}
+
+export function Heat(props: Props) {
+  const columns = () => Math.max(1, ...props.rows.map((row) => row.cells.length));
+  return (
+    <figure class="plot fig" aria-label={props.title}>
+      <div class="scroll heatbox">
+        <div class="heat" style={{ "grid-template-columns": `max-content repeat(${columns()}, minmax(4px, 1fr))` }}>
+          <For each={props.rows}>
+            {(row, at) => (
+              <>
+                <span class="name" classList={{ on: props.chosen?.row === at() }}>{row.name}</span>
+                <For each={Array.from({ length: columns() }, (_, cell) => cell)}>
+                  {(cell) => (
+                    <Show
+                      when={row.cells[cell] !== null && row.cells[cell] !== undefined}
+                      fallback={<span class="cell none" title={`${row.name}, ${row.where(cell)}: does not count`} />}
+                    >
+                      <button
+                        type="button"
+                        class="cell"
+                        tabindex={cell === 0 || (props.chosen?.row === at() && props.chosen.cell === cell) ? 0 : -1}
+                        aria-pressed={props.chosen?.row === at() && props.chosen.cell === cell}
+                        aria-label={`${row.name}, ${row.where(cell)}: chi²/N ${short(row.cells[cell])}`}
+                        title={`${row.name}, ${row.where(cell)}: chi²/N ${short(row.cells[cell])}`}
+                        style={{ "background-color": heatColour(row.cells[cell] ?? 1) }}
+                        onClick={() => props.onPick(at(), cell)}
+                        onKeyDown={walk}
+                      />
+                    </Show>
+                  )}
+                </For>
+              </>
+            )}
+          </For>
+          <span class="name">{props.axis}</span>
+          <For each={Array.from({ length: columns() }, (_, cell) => cell)}>{(cell) => <span class="tick">{props.tick(cell)}</span>}</For>
+        </div>
+      </div>
+      <div class="scale">
+        chi²/N
+        <For each={HEAT_STEPS}>
+          {(step) => <><i style={{ "background-color": heatColour(step) }} /> {step}</>}
+        </For>
+        <span>1 is noise alone</span>
+      </div>
+    </figure>
+  );
+}
+
+/** Arrow keys go from cell to cell. */
+function walk(event: KeyboardEvent & { currentTarget: HTMLElement }): void {
+  const grid = event.currentTarget.parentElement;
+  if (!grid) return;
+  const all = [...grid.querySelectorAll<HTMLButtonElement>("button.cell")];
+  const box = event.currentTarget.getBoundingClientRect();
+  const at = all.indexOf(event.currentTarget as HTMLButtonElement);
+  const column = (element: HTMLElement) => Math.abs(element.getBoundingClientRect().left - box.left) < 2;
+  const next = {
+    ArrowRight: () => all[at + 1],
+    ArrowLeft: () => all[at - 1],
+    ArrowDown: () => all.slice(at + 1).find(column),
+    ArrowUp: () => all.slice(0, at).reverse().find(column),
+  }[event.key];
+  if (!next) return;
+  event.preventDefault();
+  next()?.focus();
+}

@@ -1,0 +1,100 @@
+/** Verdicts over time, one lane each, with the true faults on top. */
+import { For, Show } from "solid-js";
+import { short, verdictText } from "../format";
+import { seriesColour } from "../theme";
+import { type Stretch } from "./series";
+import type { View } from "./view";
+
+export interface Lane {
+  name: string;
+  stretches: readonly Stretch[];
+  /** Words for a code, if they are not those of verdicts. */
+  words?: (code: number) => string;
+}
+
+interface Props {
+  title: string;
+  lanes: readonly Lane[];
+  start: number;
+  end: number;
+  view?: View;
+}
+
+export function Lanes(props: Props) {
+  const from = () => props.view?.range()?.[0] ?? props.start;
+  const to = () => props.view?.range()?.[1] ?? props.end;
+  const share = (at: number) => (100 * (at - from())) / Math.max(1e-9, to() - from());
+  const words = (lane: Lane, code: number) => (lane.words ?? verdictText)(code);
+  const point = (event: MouseEvent & { currentTarget: HTMLElement }) => {
+    const box = event.currentTarget.getBoundingClientRect();
+    props.view?.setCursor(from() + ((event.clientX - box.left) / box.width) * (to() - from()));
+  };
+  return (
+    <figure class="plot fig" aria-label={props.title}>
+      <div class="lanes">
+        <For each={props.lanes}>
+          {(lane) => (
+            <>
+              <span class="name">{lane.name}</span>
+              <div class="lane" onMouseMove={point} onClick={point}>
+                <For each={lane.stretches}>
+                  {(stretch) => {
+                    const left = () => Math.max(0, share(stretch.from));
+                    const right = () => Math.min(100, share(stretch.to));
+                    return (
+                      <Show when={right() > left()}>
+                        <i
+                          class={kind(stretch.code)}
+                          title={`${lane.name}: ${words(lane, stretch.code)}, ${short(stretch.from)} – ${short(stretch.to)} s`}
+                          style={{
+                            left: `${left()}%`,
+                            width: `${right() - left()}%`,
+                            "background-color": stretch.code > 0 ? `var(--${seriesColour(rotorOf(stretch.code) - 1)})` : undefined,
+                          }}
+                        >
+                          {right() - left() > 6 ? words(lane, stretch.code) : ""}
+                        </i>
+                      </Show>
+                    );
+                  }}
+                </For>
+                <Show when={props.view?.cursor() !== undefined && share(props.view?.cursor() ?? 0) >= 0 && share(props.view?.cursor() ?? 0) <= 100}>
+                  <b style={{ left: `${share(props.view?.cursor() ?? 0)}%` }} />
+                </Show>
+              </div>
+            </>
+          )}
+        </For>
+      </div>
+      <details>
+        <summary>Table<span class="sr"> of {props.title}</span></summary>
+        <div class="scroll" tabindex="0" role="region" aria-label={`Table of ${props.title}`}>
+          <table class="small">
+            <thead><tr><th scope="col">lane</th><th class="r" scope="col">from, s</th><th class="r" scope="col">to, s</th><th scope="col">says</th></tr></thead>
+            <tbody>
+              <For each={props.lanes.flatMap((lane) => lane.stretches.slice(0, 60).map((stretch) => ({ lane, stretch })))}>
+                {(row) => (
+                  <tr>
+                    <td>{row.lane.name}</td>
+                    <td class="r">{short(row.stretch.from, 4)}</td>
+                    <td class="r">{short(row.stretch.to, 4)}</td>
+                    <td>{words(row.lane, row.stretch.code)}</td>
+                  </tr>
+                )}
+              </For>
+            </tbody>
+          </table>
+        </div>
+      </details>
+    </figure>
+  );
+}
+
+const rotorOf = (code: number) => (code >= 100 ? Math.floor(code / 100) : code);
+
+function kind(code: number): string {
+  if (code === -2) return "idle";
+  if (code === 0) return "healthy";
+  if (code < 0) return "unknown";
+  return "rotor";
+}

@@ -1,0 +1,96 @@
+/** Arithmetic on series that plots share. Times rise; a value that is not there is null. */
+
+export type Values = readonly (number | null)[];
+
+/** Place of the last time that is not after `at`; 0 before the first. */
+export function placeAt(times: readonly number[], at: number): number {
+  let low = 0;
+  let high = times.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if ((times[middle] ?? Infinity) <= at) low = middle;
+    else high = middle - 1;
+  }
+  return Math.max(0, low);
+}
+
+/** The value in force at `at`. */
+export function heldAt(times: readonly number[], values: Values, at: number): number | null {
+  return values[placeAt(times, at)] ?? null;
+}
+
+/** Between two samples on a straight line; null where one of them is missing. */
+export function linearAt(times: readonly number[], values: Values, at: number): number | null {
+  const place = placeAt(times, at);
+  const [from, to] = [times[place], times[place + 1]];
+  const [before, after] = [values[place] ?? null, values[place + 1] ?? null];
+  if (from === undefined || to === undefined || at <= from || before === null) return before;
+  if (after === null) return null;
+  return before + ((after - before) * (at - from)) / (to - from);
+}
+
+/** An angle between two samples, the short way round. */
+export function angleAt(times: readonly number[], values: Values, at: number): number | null {
+  const place = placeAt(times, at);
+  const [from, to] = [times[place], times[place + 1]];
+  const [before, after] = [values[place] ?? null, values[place + 1] ?? null];
+  if (from === undefined || to === undefined || at <= from || before === null) return before;
+  if (after === null) return null;
+  const turn = Math.atan2(Math.sin(after - before), Math.cos(after - before));
+  return before + (turn * (at - from)) / (to - from);
+}
+
+/** A stretch in which a code stays the same. */
+export interface Stretch {
+  from: number;
+  to: number;
+  code: number;
+}
+
+/** Stretches of equal codes; the last one ends at the last time. */
+export function stretches(times: readonly number[], codes: Values): Stretch[] {
+  const found: Stretch[] = [];
+  for (let k = 0; k < times.length; k += 1) {
+    const code = codes[k];
+    const time = times[k];
+    if (code === null || code === undefined || time === undefined) continue;
+    const last = found.at(-1);
+    if (last && last.code === code) last.to = time;
+    else {
+      if (last) last.to = time;
+      found.push({ from: time, to: time, code });
+    }
+  }
+  return found;
+}
+
+export interface Extent {
+  least: number;
+  largest: number;
+  mean: number;
+  last: number;
+}
+
+/** Least, largest, mean and last value; undefined if there is none. */
+export function extent(values: Values): Extent | undefined {
+  let [least, largest, sum, n, last] = [Infinity, -Infinity, 0, 0, 0];
+  for (const value of values) {
+    if (value === null || !Number.isFinite(value)) continue;
+    if (value < least) least = value;
+    if (value > largest) largest = value;
+    sum += value;
+    n += 1;
+    last = value;
+  }
+  return n === 0 ? undefined : { least, largest, mean: sum / n, last };
+}
+
+/** At most `most` places, evenly over `from..to` of the times, for a table. */
+export function samplePlaces(times: readonly number[], range: readonly [number, number] | undefined, most: number): number[] {
+  const from = range ? placeAt(times, range[0]) : 0;
+  const to = range ? placeAt(times, range[1]) : times.length - 1;
+  const n = to - from + 1;
+  if (n <= 0) return [];
+  if (n <= most) return Array.from({ length: n }, (_, k) => from + k);
+  return Array.from({ length: most }, (_, k) => from + Math.round((k * (n - 1)) / (most - 1)));
+}

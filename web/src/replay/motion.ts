@@ -1,0 +1,78 @@
+/** What the 3-D picture shows at a time: pose, thrusts and estimated losses, from telemetry by name. */
+import { type Values, angleAt, heldAt, linearAt } from "../plots/series";
+
+/** Channels of a run by name, with their times. */
+export interface Track {
+  time: readonly number[];
+  data: Readonly<Record<string, Values>>;
+}
+
+export interface Rotor {
+  number: number;
+  position_body_m: readonly [number, number, number];
+  spin: "cw" | "ccw";
+}
+
+/** What the pictures need to know of a vehicle; the answer of `/geometry` has more. */
+export interface Geometry {
+  name: string;
+  arm_m: number;
+  rotors: readonly Rotor[];
+  hover: { rotor_thrust_n: readonly number[]; thrust_n: number };
+}
+
+export interface Pose {
+  /** North, east, down, m. */
+  position: readonly [number, number, number];
+  /** Roll, pitch, yaw, rad. */
+  attitude: readonly [number, number, number];
+  /** Thrust of each rotor, N; by the duty where it is not recorded. */
+  thrust: readonly number[];
+  /** Estimated loss of each rotor, share of its nominal thrust. */
+  loss: readonly number[];
+  /** Rotor concerned for certain or maybe. */
+  suspect: readonly boolean[];
+}
+
+/** Channels of the picture. */
+export const MOTION_CHANNELS =
+  "true_position_*,true_roll_rad,true_pitch_rad,true_yaw_rad,reference_north_m,reference_east_m,reference_down_m,duty_*,true_thrust_*,verdict_sequential,thrust_loss_share,second_thrust_loss_share,suspect_rotors";
+
+/** The same of a log, which knows no truth. */
+export const LOG_CHANNELS = "position_*,roll_rad,pitch_rad,yaw_rad,duty_*";
+
+/** Names of positions and angles: the truth where there is one, else what was measured. */
+export const prefixOf = (track: Track) => (track.data["true_position_north_m"] ? "true_" : "");
+
+/** Pose at a time; undefined before the first sample. */
+export function poseAt(track: Track, geometry: Geometry, at: number): Pose | undefined {
+  if (track.time.length === 0) return undefined;
+  const { time, data } = track;
+  const linear = (name: string) => linearAt(time, data[name] ?? [], at) ?? 0;
+  const angle = (name: string) => angleAt(time, data[name] ?? [], at) ?? 0;
+  const prefix = prefixOf(track);
+  const code = heldAt(time, data["verdict_sequential"] ?? [], at) ?? -2;
+  const shares = [heldAt(time, data["thrust_loss_share"] ?? [], at) ?? 0, heldAt(time, data["second_thrust_loss_share"] ?? [], at) ?? 0];
+  const named = namedRotors(code);
+  const mask = heldAt(time, data["suspect_rotors"] ?? [], at) ?? 0;
+  return {
+    position: [linear(`${prefix}position_north_m`), linear(`${prefix}position_east_m`), linear(`${prefix}position_down_m`)],
+    attitude: [angle(`${prefix}roll_rad`), angle(`${prefix}pitch_rad`), angle(`${prefix}yaw_rad`)],
+    thrust: geometry.rotors.map((rotor, k) => {
+      const thrust = data[`true_thrust_${rotor.number}_n`];
+      if (thrust) return linearAt(time, thrust, at) ?? 0;
+      return (linearAt(time, data[`duty_${rotor.number}`] ?? [], at) ?? 0) * 2 * (geometry.hover.rotor_thrust_n[k] ?? 1);
+    }),
+    loss: geometry.rotors.map((rotor) => {
+      const place = named.indexOf(rotor.number);
+      return place < 0 ? 0 : (shares[place] ?? 0);
+    }),
+    suspect: geometry.rotors.map((rotor) => Math.floor(mask / 2 ** (rotor.number - 1)) % 2 === 1),
+  };
+}
+
+/** Rotors that a verdict code names, in the order of their losses. */
+export function namedRotors(code: number): number[] {
+  if (code >= 100) return [Math.floor(code / 100), code % 100];
+  return code > 0 ? [code] : [];
+}
