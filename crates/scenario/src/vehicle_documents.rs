@@ -39,7 +39,7 @@ impl VehicleDocuments {
 
     /// All that is wrong with a text that [`VehicleDocuments::parse`] refuses; empty: it can fly.
     pub fn complaints(text: &str, directory: impl AsRef<Path>) -> Vec<ConfigError> {
-        const GOOD: &str = include_str!("../../../config/vehicles/f550.toml");
+        const GOOD: &str = include_str!("../../../config/vehicles/f550-skids.toml");
         complaints("vehicle", text, GOOD, |text| {
             Self::parse(text, directory.as_ref()).map(|_| ())
         })

@@ -54,7 +54,12 @@ fn with_sensor_fault(lines: &str) -> String {
 fn spoilt(file: &str, from: &str, to: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
     let mut line = 0;
-    for path in ["blades/t9545.toml", "vehicles/f550.toml", "vehicles/hexa-h.toml"] {
+    for path in [
+        "blades/t9545.toml",
+        "vehicles/f550.toml",
+        "vehicles/f550-skids.toml",
+        "vehicles/hexa-h.toml",
+    ] {
         let text = read(path);
         let text = if path.ends_with(file) {
             let (before, _) = text.split_once(from).expect("nothing to replace");
@@ -67,11 +72,8 @@ fn spoilt(file: &str, from: &str, to: &str) -> String {
         fs::create_dir_all(target.parent().unwrap()).unwrap();
         fs::write(target, text).unwrap();
     }
-    let scenario = if file == "hexa-h.toml" {
-        BASE.replace("f550", "hexa-h")
-    } else {
-        BASE.to_owned()
-    };
+    let vehicle = file.strip_suffix(".toml").filter(|_| !file.starts_with("t9545"));
+    let scenario = BASE.replace("f550", vehicle.unwrap_or("f550"));
     let path = folder.path().join("scenarios/bad.toml");
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(&path, scenario).unwrap();
@@ -231,6 +233,7 @@ fn val_faults_without_effect() {
 #[test]
 fn val_ground_that_carries_nothing() {
     const CONTACT: &str = "[ground]\ndown_m = 0.0\n[ground.contact]\n";
+    let with = |lines: &str| refusal(&format!("{}{lines}\n", BASE.replace("f550", "f550-skids")));
     assert_eq!(with(CONTACT), "accepted");
     assert_eq!(with(&format!("{CONTACT}[initial]\nstart = 'on-ground'")), "accepted");
     assert_eq!(
@@ -255,7 +258,7 @@ fn val_ground_that_carries_nothing() {
         "scenario, line 9, key `ground.down_m`: expected a ground below the first point of the trajectory, it is 1.000 m above it"
     );
     assert_eq!(
-        refusal(&format!("{}{CONTACT}", BASE.replace("f550", "hexa-h"))),
+        refusal(&format!("{BASE}{CONTACT}")),
         "scenario, line 10, key `ground.contact`: the vehicle has no feet to stand on: give `landing_gear.feet_body_m` in its document"
     );
     assert_eq!(
@@ -263,10 +266,10 @@ fn val_ground_that_carries_nothing() {
         "scenario, line 11, key `ground.contact.slope_deg`: the vehicle does not stand on a slope of 44°: it tips over or its rotors \
          touch the ground"
     );
-    let feet = |to: &str| spoilt("f550.toml", "[0.10, 0.13, 0.18],", to);
+    let feet = |to: &str| spoilt("f550-skids.toml", "[0.10, 0.13, 0.18],", to);
     assert_eq!(
         feet("[0.10, 0.13, -0.18],"),
-        "vehicles/f550.toml, line #, key `landing_gear.feet_body_m[0][2]`: expected a number from 0.001 to 5 m, got -0.18"
+        "vehicles/f550-skids.toml, line #, key `landing_gear.feet_body_m[0][2]`: expected a number from 0.001 to 5 m, got -0.18"
     );
     let ahead = "[0.10, 0.13, 0.18], [0.2, 0.0, 0.18]]\nunused = [";
     assert!(feet(ahead).contains("landing_gear.unused"));
@@ -292,7 +295,7 @@ fn val_instruments_that_nobody_builds() {
 #[test]
 fn val_feet_beside_the_centre_of_mass() {
     let said = spoilt(
-        "f550.toml",
+        "f550-skids.toml",
         "[-0.10, 0.13, 0.18],\n    [-0.10, -0.13, 0.18],",
         "[0.20, 0.0, 0.18],",
     );

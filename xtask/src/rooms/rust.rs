@@ -141,7 +141,10 @@ impl Reader {
         while let Some(token) = tokens.get(at) {
             let previous_is_public = std::mem::take(&mut is_public);
             match token {
-                TokenTree::Punct(hash) if hash.as_char() == '#' && is_cfg_test(tokens.get(at + 1)) => {
+                // Code of tests, and modules of a file elsewhere (`#[path]`), are not rooms of this crate.
+                TokenTree::Punct(hash)
+                    if hash.as_char() == '#' && (is_cfg_test(tokens.get(at + 1)) || is_path(tokens.get(at + 1))) =>
+                {
                     at = end_of_item(&tokens, at + 2);
                 }
                 TokenTree::Group(group) => {
@@ -238,6 +241,10 @@ fn is_cfg_test(token: Option<&TokenTree>) -> bool {
     matches!(token, Some(TokenTree::Group(group)) if group.stream().to_string().replace(' ', "") == "cfg(test)")
 }
 
+fn is_path(token: Option<&TokenTree>) -> bool {
+    matches!(token, Some(TokenTree::Group(group)) if group.stream().to_string().starts_with("path ="))
+}
+
 /// The end of the item that begins here: after its semicolon or its braces.
 fn end_of_item(tokens: &[TokenTree], at: usize) -> usize {
     let ends = |token: &TokenTree| match token {
@@ -305,7 +312,10 @@ mod tests {
     #[test]
     fn val_paths_in_bodies_and_trees_count() {
         let found = uses(&[
-            ("main.rs", "mod a; mod b; mod c; fn main() { if a::A::X > 1 { } }"),
+            (
+                "main.rs",
+                "mod a; mod b; mod c; #[path = \"../e.rs\"] mod e; fn main() { if a::A::X > 1 { } }",
+            ),
             ("a.rs", "use super::{b::{self, B}, c::*};"),
             ("b.rs", "fn f() { let x = Vec::<super::c::C>::new(); self::g(); }"),
             ("c.rs", "pub(in crate::c) struct C;"),

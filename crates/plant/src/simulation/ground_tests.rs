@@ -14,7 +14,8 @@ const VEHICLES: [&str; 3] = ["quad-x", "f550", "octo-x"];
 
 /// A vehicle on flat ground at z = 0, exactly its document.
 fn standing(name: &str) -> SimulationConfig {
-    let vehicle = vehicle(name);
+    let mut vehicle = vehicle(name);
+    vehicle.landing_gear = crate::testing::vehicle("f550-skids").landing_gear;
     SimulationConfig {
         nominal_blade: blades(&vehicle).blade[&vehicle.rotors.nominal_blade],
         vehicle,

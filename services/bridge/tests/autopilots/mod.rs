@@ -22,7 +22,7 @@ pub(crate) const HEIGHT_M: f64 = 1.5;
 /// A hover of `duration_s` after the hand-over, from the ground, with more lines of the document.
 pub(crate) fn scenario(duration_s: f64, more: &str) -> Scenario {
     let text = format!(
-        "name = 'autopilot'\ndescription = 'hover'\nvehicle = '../vehicles/f550.toml'\nduration_s = {duration_s:?}\n\
+        "name = 'autopilot'\ndescription = 'hover'\nvehicle = '../vehicles/f550-skids.toml'\nduration_s = {duration_s:?}\n\
          [initial]\nstart = 'on-ground'\n[trajectory]\nkind = 'hover'\nposition_ned_m = [0.0, 0.0, -{HEIGHT_M:?}]\n\
          [ground]\ndown_m = 0.0\n[ground.contact]\n{more}"
     );
