@@ -5,6 +5,7 @@ console, an exception, or a request to another host.
 """
 
 import json
+import math
 import re
 import sys
 import time
@@ -137,6 +138,85 @@ def healthy(browser: Browser) -> None:
     watch.check()
 
 
+def vehicle(browser: Browser) -> None:
+    """A vehicle from the log, mass and size: refused where it is typed, identified, drawn, kept; the loop goes on with it."""
+    page, watch = open_page(browser)
+    drop(page, "healthy.parquet")
+    page.get_by_role("button", name="A new one from this log").click()
+    step = page.locator("#step-3")
+    button = step.get_by_role("button", name="Identify the vehicle")
+    step.get_by_label("Mass with battery").fill("heavy")
+    button.click()
+    refusal = step.get_by_text("'heavy' is no number above 0")
+    refusal.wait_for()
+    step.get_by_label("Mass with battery").fill("2.1")
+    step.get_by_label("Size is given as").select_option(label="Frame size, mm (motor to opposite motor)")
+    step.get_by_label("Frame size, mm", exact=True).fill("550")
+    step.get_by_label("Name").fill("mine from here")
+    button.click()
+    step.get_by_text("is no name for a document").wait_for()
+    step.get_by_label("Name").fill("")
+    page.reload()
+    page.get_by_role("button", name="A new one from this log").click()
+    assert step.get_by_label("Mass with battery").input_value() == "2.1", "what was typed outlives a reload"
+    step.get_by_label("Name").fill("mine")
+    button.click()
+    card = step.get_by_role("group", name="The identified vehicle")
+    card.wait_for()
+    found = api(f"/identifications/{query(page, 'ident')}")["result"]["identified"]
+    rows = card.get_by_role("region", name="Identified values").locator("tbody tr")
+    assert rows.count() == len(found["values"]) > 10
+    for row, value in zip(rows.all(), found["values"], strict=True):
+        text = row.inner_text().replace("−", "-")
+        shown = float(re.search(r"-?[\d.]+(·10)?", row.locator("td").first.inner_text().replace("−", "-"))[0].replace("·10", ""))
+        assert value["name"] in text and value["how"] in text, (value, text)
+        size = abs(value["value"]) or 1.0
+        scaled = shown if 1e-4 <= size < 1e6 or value["value"] == 0 else shown * 10 ** math.floor(math.log10(size))
+        assert abs(scaled - value["value"]) <= 1e-3 * size, (value, text)
+    assert card.get_by_role("img", name=re.compile("rotor 6 turns")).is_visible()
+    card.get_by_role("button", name=re.compile("^Keep it as mine")).click()
+    card.get_by_text("kept as mine").wait_for()
+    page.locator("#step-5 .say.sentence").wait_for()
+    assert "mine-" in page.locator("#step-3 .note").inner_text() and query(page, "vehicle") == "mine"
+    assert "mine" in api("/vehicles")["own"]
+    # A frame that the log cannot be of: the server's sentence, where it was asked.
+    step.locator("summary", has_text="Where the log does not say it").click()
+    step.get_by_label("Frame (motor numbers as in ArduPilot)").fill("quad-x")
+    step.get_by_role("button", name="Identify again").click()
+    step.locator(".say.bad", has_text="4 rotors").wait_for()
+    picture(page, "vehicle")
+    assert step.get_by_label("Mass with battery").input_value() == "2.1"
+    watch.check()
+
+
+def untold(browser: Browser) -> None:
+    """A flight that cannot tell two effects apart: the manoeuvre that does is found, flown in the simulator, and copied."""
+    page, watch = open_page(browser)
+    drop(page, "untold.parquet")
+    step = page.locator("#step-5")
+    step.get_by_role("button", name="Find the manoeuvre that tells").click()
+    step.get_by_role("region", name="Manoeuvres, best first").wait_for()
+    best = api(f"/next-flights/{query(page, 'next')}")["result"][0]
+    said = step.locator("p[role=status]").inner_text()
+    assert best["manoeuvre"] in said, said
+    assert "The real vehicle has to fly it" in step.inner_text()
+    with page.expect_download() as download:
+        step.get_by_role("button", name="Take the scenario as a file").click()
+    text = Path(download.value.path()).read_text()
+    assert f'name = "{best["manoeuvre"]}"' in text and 'vehicle = "../vehicles/f550.toml"' in text, text
+    step.get_by_label("Copy it into the library as").fill("tells-apart")
+    step.get_by_role("button", name="Copy", exact=True).click()
+    step.get_by_text("It is in the library as the scenario tells-apart.").wait_for()
+    assert "tells-apart" in api("/scenarios")["own"]
+    step.get_by_role("button", name="Fly it in the simulator").click()
+    step.get_by_text("done", exact=True).wait_for()
+    page.reload()
+    step.get_by_text("done", exact=True).wait_for()
+    step.get_by_role("link", name=re.compile("^Watch")).click()
+    page.get_by_role("heading", name="Summary").wait_for()
+    watch.check()
+
+
 def live(browser: Browser) -> None:
     """A flight at real time is shown while it flies, and a reload loses nothing; afterwards it is done."""
     page, watch = open_page(browser)
@@ -183,7 +263,7 @@ def pages(browser: Browser) -> None:
 
 
 DESCRIBED = api("/openapi.json")["paths"]
-SCENARIOS = {f.__name__: f for f in (loop, healthy, live, pages)}
+SCENARIOS = {f.__name__: f for f in (loop, healthy, vehicle, untold, live, pages)}
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)

@@ -96,6 +96,8 @@ export interface Parameter {
   plausible: boolean;
 }
 export interface Rival {
+  effect: string;
+  rotor?: number | null;
   label: string;
   evidence_gap: number;
   reason: string;

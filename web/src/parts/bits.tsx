@@ -62,6 +62,16 @@ export function Copy(props: { text: () => string; label: string }) {
   );
 }
 
+/** Gives a text to the reader as a file. */
+export function saveText(name: string, text: string): void {
+  const url = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
+  const link = document.createElement("a");
+  link.href = url;
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
+}
+
 /** A title and what belongs to it. */
 export function Panel(props: { title: string; note?: string | undefined; actions?: JSX.Element; children: JSX.Element; id?: string }) {
   return (

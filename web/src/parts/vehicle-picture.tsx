@@ -2,7 +2,7 @@
 import { For } from "solid-js";
 import type { Geometry } from "../replay/motion";
 
-export function VehiclePicture(props: { geometry: Geometry }) {
+export function VehiclePicture(props: { geometry: Pick<Geometry, "name" | "rotors"> }) {
   const reach = () => Math.max(0.01, ...props.geometry.rotors.map((rotor) => Math.hypot(rotor.position_body_m[0], rotor.position_body_m[1])));
   const place = (rotor: Geometry["rotors"][number]) => ({ x: (rotor.position_body_m[1] / reach()) * 70, y: (-rotor.position_body_m[0] / reach()) * 70 });
   const radius = () => Math.min(26, 118 / Math.max(3, props.geometry.rotors.length));

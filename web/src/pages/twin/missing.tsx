@@ -4,9 +4,11 @@ import { ask } from "../../api/client";
 import { createLoad } from "../../api/load";
 import { percent, plusMinus, short } from "../../format";
 import { type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords } from "../../model/twin";
-import { Copy, Problem } from "../../parts/bits";
+import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
 import { Chart } from "../../plots/chart";
+import { candidatesOf } from "../../model/next-flight";
+import { NextFlight } from "./next-flight";
 import { Step } from "./step";
 import type { Twin } from "./state";
 
@@ -36,7 +38,6 @@ export function Missing(props: { twin: Twin }) {
 
 function Answer(props: { twin: Twin; found: Diagnosis }) {
   const headline = () => HEADLINES[props.found.verdict.kind];
-  const group = () => props.found.verdict.group ?? [];
   const canAdd = () => props.found.verdict.kind !== "agrees";
   return (
     <>
@@ -53,12 +54,8 @@ function Answer(props: { twin: Twin; found: Diagnosis }) {
       <Show when={props.found.sensor_or_timing.length > 0}>
         <p class="small">Faults of sensors and clocks are repaired in the log, not added to a model: read it again in step 2.</p>
       </Show>
-      <Show when={props.found.verdict.kind === "cannot-tell"}>
-        <div class="say">
-          A short flight tells them apart: <code>{tellApart(props.twin.model() ?? "", group())}</code>{" "}
-          <Copy label="Copy" text={() => tellApart(props.twin.model() ?? "", group())} />
-          <p class="small muted">It flies eleven manoeuvres in the simulator and writes the one that promises most as a scenario.</p>
-        </div>
+      <Show when={["cannot-tell", "missing"].includes(props.found.verdict.kind) && candidatesOf(props.found).length > 1 && props.found.effects.some((one) => one.also_compatible.length > 0)}>
+        <NextFlight twin={props.twin} found={props.found} />
       </Show>
       <Show when={props.found.proposal}>{(proposal) => <ProposalCard proposal={proposal()} add={() => void props.twin.add({ proposal: true })} />}</Show>
       <Truth twin={props.twin} />
@@ -66,8 +63,6 @@ function Answer(props: { twin: Twin; found: Diagnosis }) {
     </>
   );
 }
-
-const tellApart = (model: string, group: readonly string[]) => `rotortwin next-flight --model ${model} --between ${group.join(",")} --out next.toml`;
 
 function Card(props: { finding: Finding; found: Diagnosis; add?: (() => void) | undefined }) {
   const it = () => props.finding;

@@ -19,6 +19,10 @@ export function createTwin() {
   const one = (name: string) => createMemo(() => query().get(name) ?? undefined);
   const [logs, runs, held] = [all("log"), all("run"), all("held")];
   const [vehicle, model, version, cmp, diag] = [one("vehicle"), one("model"), one("v"), one("cmp"), one("diag")];
+  // A vehicle that is identified from the flight, and the one that was kept and chosen.
+  const [identification, made] = [one("ident"), one("made")];
+  // The manoeuvre that tells two effects apart, and the run that shows it.
+  const [nextFlight, flown] = [one("next"), one("flown")];
   const [problem, setProblem] = createSignal<string>();
   const attempt = async (what: () => Promise<void>) => {
     setProblem(undefined);
@@ -48,7 +52,8 @@ export function createTwin() {
     on([flightsReady, vehicle, model, () => logs()[0] ?? runs()[0]], ([ready, , named, flight]) => {
       if (!ready || named !== undefined || flight === undefined) return;
       const base = vehicleName();
-      const name = `${base}-${flight.slice(0, 32).slice(-8)}`;
+      // A vehicle that was identified twice under one name is two vehicles.
+      const name = [base, flight.slice(0, 32).slice(-8), made()?.slice(-4)].filter(Boolean).join("-");
       void attempt(async () => {
         const there = await ask<{ items: string[] }>("GET", "/api/v1/models");
         try {
@@ -98,7 +103,7 @@ export function createTwin() {
         { headers: head ? { "if-match": `"${line().at(-1)?.hash ?? head.hash}"`, "idempotency-key": freshKey() } : {} },
       );
       history.reload();
-      setQuery({ v: String(answer.version.version), cmp: undefined, diag: undefined, again: undefined });
+      setQuery({ ...begun, model: model(), v: String(answer.version.version), again: undefined });
     });
   const undo = () =>
     attempt(async () => {
@@ -108,29 +113,40 @@ export function createTwin() {
         { headers: head ? { "if-match": `"${head.hash}"`, "idempotency-key": freshKey() } : {} },
       );
       history.reload();
-      setQuery({ v: String(answer.version.version), cmp: undefined, diag: undefined, again: undefined });
+      setQuery({ ...begun, model: model(), v: String(answer.version.version), again: undefined });
     });
   const again = () => {
     setProblem(undefined);
-    setQuery({ again: freshKey().slice(0, 6), cmp: undefined, diag: undefined }, true);
+    setQuery({ again: freshKey().slice(0, 6), cmp: undefined, diag: undefined, next: undefined, flown: undefined }, true);
   };
 
   return {
-    logs, runs, held, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, mainHead, problem, add, undo, again,
+    logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, mainHead, problem, add, undo, again,
     flightsReady,
     /** Begins with other flights. */
     choose: (flights: { logs?: string[]; runs?: string[] }) =>
-      setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, model: undefined, v: undefined, cmp: undefined, diag: undefined, ch: undefined, again: undefined }),
-    chooseVehicle: (name: string) => setQuery({ vehicle: name, model: undefined, v: undefined, cmp: undefined, diag: undefined }),
-    chooseModel: (name: string) => setQuery({ model: name, v: undefined, cmp: undefined, diag: undefined }),
-    chooseVersion: (number: number) => setQuery({ v: String(number), cmp: undefined, diag: undefined }),
+      setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, ident: undefined, made: undefined, ...begun, ch: undefined, again: undefined }),
+    /** The flights that are learnt from, as submissions name them. */
+    flights: () => flightsOf(logs(), runs()),
+    chooseVehicle: (name: string) => setQuery({ vehicle: name, made: undefined, ...begun }),
+    /** Shows how a vehicle is identified. */
+    identify: (id: string) => setQuery({ ident: id }, true),
+    /** Goes on with a vehicle that was identified and kept. */
+    chooseMade: (name: string, id: string) => setQuery({ vehicle: name, made: id, ...begun }),
+    chooseModel: (name: string) => setQuery({ made: undefined, ...begun, model: name }),
+    chooseVersion: (number: number) => setQuery({ ...begun, model: model(), v: String(number) }),
     hold: (ids: string[]) => setQuery({ held: ids, cmp: undefined }),
+    proposeFlight: (id: string) => setQuery({ next: id, flown: undefined }, true),
+    fly: (id: string) => setQuery({ flown: id }, true),
     channel: one("ch"),
     chooseChannel: (name: string) => setQuery({ ch: name }, true),
     logAt: () => Number(query().get("on") ?? 0),
     chooseLog: (place: number) => setQuery({ on: String(place) }, true),
   };
 }
+
+/** What was made of flights and vehicle, and ends with them. */
+const begun = { model: undefined, v: undefined, cmp: undefined, diag: undefined, next: undefined, flown: undefined };
 
 export type Twin = ReturnType<typeof createTwin>;
 

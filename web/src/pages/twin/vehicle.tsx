@@ -1,11 +1,12 @@
 /** Step 3: the vehicle of the flight, drawn, and its model with versions. */
-import { For, Show } from "solid-js";
+import { For, Show, createSignal } from "solid-js";
 import { ask, get } from "../../api/client";
 import { createLoad } from "../../api/load";
 import { percent, short } from "../../format";
 import { Figures, Problem } from "../../parts/bits";
 import { VehiclePicture } from "../../parts/vehicle-picture";
 import type { Geometry } from "../../replay/motion";
+import { FromLog } from "./from-log";
 import { Step } from "./step";
 import type { Twin } from "./state";
 
@@ -22,6 +23,7 @@ export function Vehicle(props: { twin: Twin }) {
   });
   const geometry = createLoad(() => props.twin.vehicle(), (name, signal) => ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
   const models = () => (names.data()?.models ?? []).filter((name) => !names.data()?.vehicles.includes(name));
+  const [open, setOpen] = createSignal(props.twin.identification() !== undefined);
   const pick = (value: string) => {
     if (value.startsWith("model:")) props.twin.chooseModel(value.slice(6));
     else props.twin.chooseVehicle(value);
@@ -68,13 +70,20 @@ export function Vehicle(props: { twin: Twin }) {
           </Show>
           <p class="small muted">
             The values are those of the vehicle's document (<a href={`/library?kind=vehicles&name=${encodeURIComponent(props.twin.vehicle())}`}>read it</a>).
-            The log decides what they miss. No fitting vehicle? Identify one from the log: <code>rotortwin vehicle from-log LOG --mass-kg M --arm-m L</code>, then leave it in the library.
+            The log decides what they miss.
           </p>
+          <div class="row">
+            <button type="button" aria-expanded={open()} aria-controls="from-log" onClick={() => setOpen(!open())}>A new one from this {props.twin.logs().length > 0 ? "log" : "run"}</button>
+            <span class="small muted">No fitting vehicle? Mass and size are enough.</span>
+          </div>
         </div>
         <div>
           <Problem sentence={geometry.error() && `No picture of the vehicle: ${geometry.error()}`} />
           <Show when={geometry.data()}>{(found) => <VehiclePicture geometry={found()} />}</Show>
         </div>
+      </div>
+      <div id="from-log">
+        <Show when={open()}><FromLog twin={props.twin} taken={names.data()?.vehicles ?? []} onKept={names.reload} /></Show>
       </div>
     </Step>
   );

@@ -1,0 +1,92 @@
+/** A vehicle from a log: what is sent, and what comes back, as far as the page shows it. */
+import type { Rotor } from "../replay/motion";
+
+export type Source = "entered" | "log" | "log-and-class" | "parameter" | "class";
+export interface Estimate {
+  key: string;
+  name: string;
+  unit: string;
+  value: number;
+  low: number;
+  high: number;
+  source: Source;
+  how: string;
+  better: string;
+}
+/** What `/identifications/{id}` answers. */
+export interface Identification {
+  identified: {
+    logs: string[];
+    class: { name: string };
+    outputs: number[];
+    airframe: { name: string; source: Source; how: string };
+    airborne: { log: string; start_s: number; end_s: number }[];
+    values: Estimate[];
+    notes: string[];
+  };
+  held_out: {
+    log: string;
+    seconds: number;
+    gain_ratio: [number, number];
+    scores: { channel: string; band: { low_hz: number; high_hz: number }; class_default: number; calibrated: number }[];
+  }[];
+  /** The document of the vehicle (TOML), and that of its blades. */
+  vehicle: string;
+  blades: string;
+}
+
+const SOURCE_WORDS: Record<Source, { words: string; kind: string }> = {
+  entered: { words: "entered", kind: "" },
+  log: { words: "log", kind: "good" },
+  "log-and-class": { words: "log + class default", kind: "warn" },
+  parameter: { words: "parameter in the log", kind: "good" },
+  class: { words: "class default: a guess", kind: "warn" },
+};
+export const sourceOf = (source: Source) => SOURCE_WORDS[source] ?? { words: source, kind: "" };
+
+/** Frames that can be named where the log does not say it; the numbers of the motors are ArduPilot's. */
+export const FRAMES = [
+  "quad-x", "quad-plus", "quad-v", "quad-h", "quad-betaflight-x", "quad-dji-x", "quad-cw-x", "quad-betaflight-x-reversed",
+  "hexa-x", "hexa-plus", "hexa-dji-x", "hexa-cw-x", "octo-x", "octo-plus", "octo-dji-x", "octo-cw-x",
+] as const;
+
+/** A name that documents may have, from that of a file. */
+export function nameFrom(file: string): string {
+  const stem = file.replace(/\.[^.]*$/, "").toLowerCase();
+  const name = stem.replace(/[^a-z0-9._-]+/g, "-").replace(/^[^a-z0-9]+/, "").replace(/[-._]+$/, "");
+  return name.slice(0, 40) || "mine";
+}
+
+/** What is wrong with a name of a document, as the server says it. */
+export function nameProblem(name: string): string | undefined {
+  if (/^[a-z0-9][a-z0-9._-]{0,63}$/.test(name)) return undefined;
+  return `'${name}' is no name for a document; expected 1 to 64 of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit.`;
+}
+
+/** A positive number as people type it; what is wrong with it otherwise. */
+export function numberOf(text: string, what: string, unit: string): { value?: number; problem?: string } {
+  const trimmed = text.trim().replace(",", ".");
+  const value = Number(trimmed);
+  if (trimmed !== "" && Number.isFinite(value) && value > 0) return { value };
+  return { problem: trimmed === "" ? `${what}: expected a number, ${unit}.` : `${what}: '${text}' is no number above 0, ${unit}.` };
+}
+
+/** Where the rotors are, from the document of the vehicle; undefined if its lines are others than those we know. */
+export function rotorsOf(vehicle: string): Rotor[] | undefined {
+  const rows = [...vehicle.matchAll(/\{\s*number = (\d+), position_body_m = \[([^\]]+)\], spin = "(cw|ccw)"/g)];
+  const rotors = rows.map((row) => {
+    const [x = NaN, y = NaN, z = NaN] = (row[2] ?? "").split(",").map(Number);
+    return { number: Number(row[1]), position_body_m: [x, y, z] as const, spin: row[3] as Rotor["spin"] };
+  });
+  return rotors.length > 0 && rotors.every((rotor) => rotor.position_body_m.every(Number.isFinite)) ? rotors : undefined;
+}
+
+/** What would make the vehicle better: each advice once, with the values that it is for. */
+export function adviceOf(values: readonly Estimate[]): { better: string; names: string[] }[] {
+  const found = new Map<string, string[]>();
+  for (const value of values) {
+    if ((value.source !== "class" && value.source !== "log-and-class") || value.better === "") continue;
+    found.set(value.better, [...(found.get(value.better) ?? []), value.name]);
+  }
+  return [...found].map(([better, names]) => ({ better, names }));
+}

@@ -1,0 +1,219 @@
+/** In step 3: a vehicle of one's own from the flight, mass and arm; each value with its interval and source; kept under a name. */
+import { For, Show, createEffect, createSignal } from "solid-js";
+import { ask, freshKey } from "../../api/client";
+import { type JobView, createJob } from "../../api/job";
+import { sentenceOf } from "../../api/problem";
+import { short } from "../../format";
+import { type Identification, FRAMES, adviceOf, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
+import { Problem } from "../../parts/bits";
+import { JobProgress } from "../../parts/job";
+import { VehiclePicture } from "../../parts/vehicle-picture";
+import { createTyped } from "../../typed";
+import type { Twin } from "./state";
+
+/** What one has at hand: the arm, or what frames are sold by. */
+const LENGTHS = [
+  { key: "arm-m", label: "Arm, m (centre to the furthest rotor)", unit: "m", toArm: (value: number) => value },
+  { key: "diagonal-mm", label: "Frame size, mm (motor to opposite motor)", unit: "mm", toArm: (value: number) => value / 2000 },
+] as const;
+
+export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: () => void }) {
+  const job = createJob<Identification>("identifications", () => props.twin.identification());
+  const [mass, setMass] = createTyped("vehicle.mass");
+  const [length, setLength] = createTyped("vehicle.length");
+  const [measure, setMeasure] = createTyped("vehicle.measure", LENGTHS[0].key);
+  const [frame, setFrame] = createTyped("vehicle.frame");
+  const [cells, setCells] = createTyped("vehicle.cells");
+  const [capacity, setCapacity] = createTyped("vehicle.capacity");
+  const [halves, setHalves] = createTyped("vehicle.halves");
+  const [typedName, setName] = createTyped("vehicle.name");
+  const [problem, setProblem] = createSignal<string>();
+  const [busy, setBusy] = createSignal(false);
+
+  const way = () => LENGTHS.find((one) => one.key === measure()) ?? LENGTHS[0];
+  const name = () => typedName().trim() || nameFrom(props.twin.log.job()?.name ?? "mine");
+  /** An optional number: nothing typed is no complaint. */
+  const optional = (text: string, what: string, unit: string) => (text.trim() === "" ? {} : numberOf(text, what, unit));
+  const numbers = () => ({
+    mass: numberOf(mass(), "Mass", "kg"), length: numberOf(length(), way().label.split(",")[0] ?? "", way().unit),
+    cells: optional(cells(), "Cells", "in series"), capacity: optional(capacity(), "Capacity", "A h"),
+  });
+  const wrong = () => Object.values(numbers()).map((one) => one.problem).concat(nameProblem(name())).filter((one) => one !== undefined);
+  const submit = async (event: SubmitEvent) => {
+    event.preventDefault();
+    const { mass: kg, length: reach, cells: series, capacity: charge } = numbers();
+    setProblem(wrong().join(" ") || undefined);
+    if (kg.value === undefined || reach.value === undefined || wrong().length > 0) return;
+    setBusy(true);
+    try {
+      const made = await ask<JobView>("POST", "/api/v1/identifications", {
+        name: name(), flights: props.twin.flights(), mass_kg: kg.value, arm_m: way().toArm(reach.value), held_out: halves() === "yes",
+        ...(frame().trim() ? { frame: frame().trim() } : {}),
+        ...(series.value !== undefined ? { cells: series.value } : {}),
+        ...(charge.value !== undefined ? { capacity_ah: charge.value } : {}),
+      }, { headers: { "idempotency-key": freshKey() } });
+      props.twin.identify(made.id);
+    } catch (error) {
+      setProblem(sentenceOf(error));
+    } finally {
+      setBusy(false);
+    }
+  };
+
+  return (
+    <div class="stack">
+      <form class="stack" aria-label="A vehicle from this log" onSubmit={(event) => void submit(event)} noValidate>
+        <p class="small">
+          What no log knows is how heavy the vehicle is and how large. Everything else is estimated from the motion: thrust curve, lag, inertia, drag, battery,
+          and the order of the rotors where the log does not say it.
+        </p>
+        <div class="fields">
+          <label class="field">Mass with battery, kg
+            <input type="text" inputmode="decimal" size="8" value={mass()} aria-invalid={problem() !== undefined && numbers().mass.problem !== undefined} onInput={(event) => setMass(event.currentTarget.value)} />
+          </label>
+          <label class="field">Size is given as
+            <select value={measure()} onChange={(event) => setMeasure(event.currentTarget.value)}>
+              <For each={LENGTHS}>{(one) => <option value={one.key} selected={one.key === measure()}>{one.label}</option>}</For>
+            </select>
+          </label>
+          <label class="field">{way().label.replace(/ \(.*$/, "")}
+            <input type="text" inputmode="decimal" size="8" value={length()} aria-invalid={problem() !== undefined && numbers().length.problem !== undefined} onInput={(event) => setLength(event.currentTarget.value)} />
+          </label>
+          <label class="field">Name
+            <input type="text" size="18" value={typedName()} placeholder={name()} aria-invalid={problem() !== undefined && nameProblem(name()) !== undefined} onInput={(event) => setName(event.currentTarget.value)} />
+          </label>
+        </div>
+        <details>
+          <summary>Where the log does not say it: frame, battery</summary>
+          <div class="fields">
+            <label class="field">Frame (motor numbers as in ArduPilot)
+              <input type="text" size="18" list="frames" value={frame()} placeholder="as the log or the motion says" onInput={(event) => setFrame(event.currentTarget.value)} />
+            </label>
+            <datalist id="frames"><For each={FRAMES}>{(one) => <option value={one} />}</For></datalist>
+            <label class="field">Cells in series<input type="text" inputmode="numeric" size="4" value={cells()} onInput={(event) => setCells(event.currentTarget.value)} /></label>
+            <label class="field">Capacity, A h<input type="text" inputmode="decimal" size="6" value={capacity()} onInput={(event) => setCapacity(event.currentTarget.value)} /></label>
+            <label class="check small"><input type="checkbox" checked={halves() === "yes"} onChange={(event) => setHalves(event.currentTarget.checked ? "yes" : "")} /> score each half of the flight with what the other half gave</label>
+          </div>
+        </details>
+        <Problem sentence={problem()} />
+        <div class="row"><button type="submit" class="main" disabled={busy() || job.running()}>{busy() ? "Asking …" : job.result() ? "Identify again" : "Identify the vehicle"}</button></div>
+      </form>
+      <JobProgress job={job} what="Identifying the vehicle" />
+      <Show when={job.error()}>
+        <p class="small">
+          Nothing was changed, and what you typed stands above. What to fly: 5 s standing still, 20 s of roll and pitch doublets, 10 s of yaw steps, 10 s of
+          throttle pulses; body rates, accelerometer and motor outputs at 200 Hz or more.
+        </p>
+      </Show>
+      <Show when={job.result()}>
+        {(found) => <Found found={found()} job={job.job()} id={props.twin.identification() ?? ""} twin={props.twin} taken={props.taken} onKept={props.onKept} />}
+      </Show>
+    </div>
+  );
+}
+
+function Found(props: { found: Identification; job: JobView | undefined; id: string; twin: Twin; taken: readonly string[]; onKept: () => void }) {
+  const it = () => props.found.identified;
+  const name = () => props.job?.name ?? "";
+  const rotors = () => rotorsOf(props.found.vehicle);
+  const [problem, setProblem] = createSignal<string>();
+  const [busy, setBusy] = createSignal(false);
+  const kept = () => props.twin.made() === props.id;
+  let head: HTMLHeadingElement | undefined;
+  // The answer comes where one waits for it, also for those who do not see it.
+  createEffect(() => props.found && head?.focus({ preventScroll: true }));
+  const keep = async () => {
+    setProblem(undefined);
+    setBusy(true);
+    try {
+      const answer = await ask<{ vehicle: string }>("POST", `/api/v1/identifications/${props.id}/keep`);
+      props.onKept();
+      props.twin.chooseMade(answer.vehicle, props.id);
+    } catch (error) {
+      setProblem(sentenceOf(error));
+    } finally {
+      setBusy(false);
+    }
+  };
+  return (
+    <div class="card found" aria-label="The identified vehicle" role="group">
+      <div class="row">
+        <h3 ref={head} tabindex="-1">{name()}, from {it().logs.join(", ")}</h3>
+        <span class="tag">{it().airframe.name}</span>
+        <span class="tag">defaults of the class {it().class.name}</span>
+      </div>
+      <div class="side">
+        <div class="stack">
+          <p class="small">
+            {it().outputs.length} rotors on outputs {it().outputs.join(", ")}; order and spin: {sourceOf(it().airframe.source).words} ({it().airframe.how}).
+            In the air: {it().airborne.map((part) => `${short(part.start_s)} – ${short(part.end_s)} s`).join(", ")}.
+          </p>
+          <div class="row">
+            <Show when={!kept()} fallback={<span class="tag good">kept as {name()}, and chosen</span>}>
+              <button type="button" class="main" disabled={busy()} onClick={() => void keep()}>{busy() ? "Keeping …" : `Keep it as ${name()} and go on with it`}</button>
+            </Show>
+            <Show when={!kept() && props.taken.includes(name())}>
+              <span class="small">There is a vehicle {name()} already: yours takes its place in your library. Another name above, and “Identify again”, keeps both.</span>
+            </Show>
+          </div>
+          <Problem sentence={problem()} />
+        </div>
+        <Show when={rotors()} fallback={<p class="small muted">The picture comes when the vehicle is kept.</p>}>
+          {(list) => <VehiclePicture geometry={{ name: name(), rotors: list() }} />}
+        </Show>
+      </div>
+      <div class="scroll" tabindex="0" role="region" aria-label="Identified values">
+        <table class="small values">
+          <thead>
+            <tr><th scope="col">Quantity</th><th class="r" scope="col">value</th><th class="r" scope="col">95 % interval</th><th scope="col">unit</th><th scope="col">from</th><th scope="col">how</th><th scope="col">what would make it better</th></tr>
+          </thead>
+          <tbody>
+            <For each={it().values}>
+              {(one) => (
+                <tr>
+                  <th scope="row">{one.name}</th>
+                  <td class="r">{short(one.value, 4)}</td>
+                  <td class="r">{one.low < one.high ? `${short(one.low, 4)} to ${short(one.high, 4)}` : "–"}</td>
+                  <td>{one.unit || "1"}</td>
+                  <td><span class={`tag ${sourceOf(one.source).kind}`}>{sourceOf(one.source).words}</span></td>
+                  <td>{one.how}</td>
+                  <td>{one.source === "entered" ? "" : one.better}</td>
+                </tr>
+              )}
+            </For>
+          </tbody>
+        </table>
+      </div>
+      <Show when={adviceOf(it().values).length > 0}>
+        <div>
+          <h4>What to fly next, so that less is a guess</h4>
+          <ul class="small"><For each={adviceOf(it().values)}>{(one) => <li>{one.better}: {one.names.join(", ")}</li>}</For></ul>
+        </div>
+      </Show>
+      <For each={props.found.held_out}>
+        {(log) => (
+          <div class="scroll" tabindex="0" role="region" aria-label={`Scores of the halves of ${log.log}`}>
+            <table class="small">
+              <caption class="small muted">
+                {log.log}, {short(log.seconds)} s in the air: R² of each half, predicted with what the other half gave. Gains of the second half over the first:
+                roll {short(log.gain_ratio[0])}, pitch {short(log.gain_ratio[1])} (1: both tell the same vehicle).
+              </caption>
+              <thead><tr><th scope="col">Channel</th><th class="r" scope="col">band, Hz</th><th class="r" scope="col">class default</th><th class="r" scope="col">identified</th></tr></thead>
+              <tbody>
+                <For each={log.scores}>
+                  {(one) => <tr><td>{one.channel}</td><td class="r">{short(one.band.low_hz)} to {short(one.band.high_hz)}</td><td class="r">{one.class_default.toFixed(2)}</td><td class="r">{one.calibrated.toFixed(2)}</td></tr>}
+                </For>
+              </tbody>
+            </table>
+          </div>
+        )}
+      </For>
+      <Show when={it().notes.length > 0}><ul class="small"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul></Show>
+      <details>
+        <summary>The documents: vehicle and blades (TOML)</summary>
+        <pre tabindex="0" aria-label="vehicle document">{props.found.vehicle}</pre>
+        <pre tabindex="0" aria-label="blades document">{props.found.blades}</pre>
+      </details>
+    </div>
+  );
+}

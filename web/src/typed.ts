@@ -1,0 +1,27 @@
+/** What was typed into a form: it outlives a reload, a refusal and another page, and ends with the tab. */
+import { type Accessor, createSignal } from "solid-js";
+
+/** A text under a name; the same name on another page is the same text. */
+export function createTyped(name: string, initial = ""): [Accessor<string>, (text: string) => void] {
+  const key = `rotortwin.typed.${name}`;
+  const [text, setText] = createSignal(read(key) ?? initial);
+  return [
+    text,
+    (next) => {
+      setText(next);
+      try {
+        sessionStorage.setItem(key, next);
+      } catch {
+        // A browser that keeps nothing: the text stays as long as the page does.
+      }
+    },
+  ];
+}
+
+function read(key: string): string | null {
+  try {
+    return sessionStorage.getItem(key);
+  } catch {
+    return null;
+  }
+}
