@@ -21,6 +21,8 @@ export default defineConfig({
     chunkSizeWarningLimit: 600,
   },
   server: {
+    // Built-in mappings of logs are read from config/.
+    fs: { allow: [".."] },
     proxy: { "/api": proxied, "/healthz": proxied, "/readyz": proxied, "/session": proxied },
   },
   test: { environment: "node", include: ["src/**/*.test.ts"] },

@@ -33,9 +33,14 @@ fn chromium() -> Option<PathBuf> {
 fn logs(scratch: &Scratch) {
     let vehicle = repository().join("config/vehicles/f550.toml").display().to_string();
     // A short flight at one speed cannot tell one kind of drag from another.
-    let kinds: [(&str, &str, &[&str]); 3] = [
+    let kinds: [(&str, &str, &[&str]); 4] = [
         ("drag", "excitation/2/60", &["--effect", "rotor-drag"]),
         ("healthy", "excitation/2/60", &[]),
+        (
+            "two",
+            "excitation/2/60",
+            &["--effect", "rotor-drag", "--effect", "motor-time-constant"],
+        ),
         ("untold", "helix/4/12", &["--effect", "rotor-drag:drag_n_s_m=0.04"]),
     ];
     for (name, flight, more) in kinds {
@@ -67,6 +72,8 @@ fn passes(scenario: &str) {
         .arg(scratch.path(""))
         .arg(scenario)
         .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("ROTORTWIN", program())
+        .env_remove("DATABASE_URL")
         .output()
         .expect("it starts");
     let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
@@ -92,6 +99,46 @@ fn scenario_a_vehicle_is_identified_from_the_log_and_kept() {
 #[test]
 fn scenario_the_manoeuvre_that_tells_two_effects_apart_is_found_and_flown() {
     passes("untold");
+}
+
+#[test]
+fn scenario_two_hidden_effects_are_two_steps_down() {
+    passes("steps");
+}
+
+#[test]
+fn scenario_exchanged_axes_and_a_wrong_unit_are_repaired_by_a_click() {
+    passes("repair");
+}
+
+#[test]
+fn scenario_a_job_in_any_stage_ends_within_two_seconds_of_cancel() {
+    passes("cancel");
+}
+
+#[test]
+fn scenario_files_that_are_no_logs_get_a_sentence_and_text_stays_text() {
+    passes("strangers");
+}
+
+#[test]
+fn scenario_an_ended_session_asks_for_the_token_and_goes_on() {
+    passes("session");
+}
+
+#[test]
+fn scenario_eight_tabs_on_one_running_job_answer() {
+    passes("tabs");
+}
+
+#[test]
+fn scenario_ten_thousand_runs_are_usable() {
+    passes("many");
+}
+
+#[test]
+fn scenario_the_loop_goes_by_keyboard_alone() {
+    passes("keyboard");
 }
 
 #[test]

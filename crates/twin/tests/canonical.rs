@@ -1,7 +1,7 @@
 //! Canonical CSV and Parquet: read, written, refused.
 
 use proptest::prelude::*;
-use rotortwin_twin::log::{FlightLog, SourceKind};
+use rotortwin_twin::log::{FlightLog, ReadOptions, SourceKind};
 use std::path::PathBuf;
 
 struct Folder(tempfile::TempDir);
@@ -165,4 +165,76 @@ proptest! {
             prop_assert_eq!(bits(&read), bits(&log));
         }
     }
+}
+
+fn remapped(text: &str, rows: &str) -> Result<FlightLog, String> {
+    let folder = Folder::new();
+    let mapping = folder.write("mapping.toml", &format!("source = \"canonical\"\n{rows}"));
+    let options = ReadOptions {
+        mapping: Some(mapping),
+        ..ReadOptions::default()
+    };
+    FlightLog::read_with(&folder.write("flight.csv", text), &options).map_err(|error| error.to_string())
+}
+
+#[test]
+fn val_a_mapping_exchanges_and_scales_columns_of_a_canonical_file() {
+    let text = "time_s,roll_rate_rad_s,pitch_rate_rad_s,yaw_rate_rad_s,duty_1,duty_2,note\n0,1,2,3,10,20,7\n2000,4,5,6,30,40,8\n";
+    let log = remapped(
+        text,
+        "[[column]]\nto = \"time_s\"\nfrom = \"file:time_s\"\nfactor = 0.001\n\
+         [[column]]\nto = \"roll_rate_rad_s\"\nfrom = \"file:pitch_rate_rad_s\"\nunit = \"rad/s\"\n\
+         [[column]]\nto = \"pitch_rate_rad_s\"\nfrom = \"file:roll_rate_rad_s\"\nunit = \"rad/s\"\nfactor = -1.0\n\
+         [[column]]\nto = \"yaw_rate_rad_s\"\nfrom = \"file:yaw_rate_rad_s\"\nunit = \"deg/s\"\n\
+         [[column]]\nto = \"duty\"\nfrom = \"file:duty_2,duty_1\"\nunit = \"percent\"\n",
+    )
+    .expect("accepted");
+    assert_eq!(log.time_s, [0.0, 2.0]);
+    assert_eq!(log.column("roll_rate_rad_s"), Some(&[2.0, 5.0][..]));
+    assert_eq!(log.column("pitch_rate_rad_s"), Some(&[-1.0, -4.0][..]));
+    let degree = std::f64::consts::PI / 180.0;
+    assert_eq!(log.column("yaw_rate_rad_s"), Some(&[3.0 * degree, 6.0 * degree][..]));
+    assert_eq!(log.column("duty_1"), Some(&[0.2, 0.4][..]));
+    assert_eq!(log.column("duty_2"), Some(&[0.1, 0.3][..]));
+    assert_eq!(log.column("note"), Some(&[7.0, 8.0][..]), "what no row writes stays");
+    assert_eq!(log.report.conversions.len(), 5, "{:?}", log.report.conversions);
+}
+
+#[test]
+fn val_a_mapping_that_does_not_fit_a_canonical_file_is_refused() {
+    let text = "time_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2\n0,0,0,-1\n1,NaN,0,-1\n";
+    let row = |to: &str, from: &str, more: &str| format!("[[column]]\nto = \"{to}\"\nfrom = \"{from}\"\n{more}");
+    let all = "file:accel_x_m_s2,accel_y_m_s2,accel_z_m_s2";
+    for (rows, expected) in [
+        (row("accel", all, "unit = \"g\"\n"), "row 2, column accel_x_m_s2: 'NaN'"),
+        (
+            row("accel", "file:accel_x_m_s2", "unit = \"g\"\n"),
+            "'accel' is 3 columns, from names 1",
+        ),
+        (
+            row("duty", "file:pwm_1", ""),
+            "from names pwm_1, a column that the file does not have",
+        ),
+        (
+            row("accel", "imu:x,y,z", "unit = \"g\"\n"),
+            "expected \"file:column,column\"",
+        ),
+        (
+            row("duty", "file:accel_x_m_s2", "order = [1]\n"),
+            "low, high, order and valid are for",
+        ),
+    ] {
+        let sentence = remapped(text, &rows).expect_err(&rows);
+        assert!(sentence.contains(expected), "{sentence}");
+    }
+    let folder = Folder::new();
+    let options = ReadOptions {
+        mapping: Some(folder.write("mapping.toml", "source = \"px4-ulog\"\n")),
+        ..ReadOptions::default()
+    };
+    let refused = FlightLog::read_with(&folder.write("flight.csv", text), &options).expect_err("another source");
+    assert!(
+        refused.to_string().contains("source = \"canonical\" was expected"),
+        "{refused}"
+    );
 }

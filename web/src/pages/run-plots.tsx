@@ -43,17 +43,19 @@ export function RunPlots(props: { samples: Samples; view: View }) {
         <Lanes title="Verdicts over the true faults" lanes={lanes()} start={props.samples.time[0] ?? 0} end={props.samples.time.at(-1) ?? 1} view={props.view} />
         <div class="two">
           <Chart title="Probability of the sequential verdict" unit="%" lines={[{ label: "probability", values: scaled("sequential_probability", 100), colour: "s1", step: true }]} {...common()} height={150} />
-          <Chart
-            title="Estimated loss of thrust"
-            unit="% of nominal"
-            bands={[{ label: "95 % interval", low: named("thrust_loss_share_low"), high: named("thrust_loss_share_high"), colour: "s2" }]}
-            lines={[
-              { label: "first rotor named", values: named("thrust_loss_share"), colour: "s2", step: true },
-              { label: "second", values: named("second_thrust_loss_share", 100), colour: "s4", step: true },
-            ]}
-            {...common()}
-            height={150}
-          />
+          <Show when={named("thrust_loss_share").some((value) => typeof value === "number")} fallback={<p class="small muted">No rotor is named in this time, so that no loss of thrust is estimated.</p>}>
+            <Chart
+              title="Estimated loss of thrust"
+              unit="% of nominal"
+              bands={[{ label: "95 % interval", low: named("thrust_loss_share_low"), high: named("thrust_loss_share_high"), colour: "s2" }]}
+              lines={[
+                { label: "first rotor named", values: named("thrust_loss_share"), colour: "s2", step: true },
+                { label: "second", values: named("second_thrust_loss_share", 100), colour: "s4", step: true },
+              ]}
+              {...common()}
+              height={150}
+            />
+          </Show>
         </div>
       </Panel>
       <div class="two">

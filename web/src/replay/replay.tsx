@@ -1,6 +1,6 @@
 /** The 3-D replay with its controls: play, scrub, speed; follows the shared cursor, or the flight while it is live. */
 import { For, Show, createEffect, createMemo, createSignal, on, onCleanup, onMount } from "solid-js";
-import { percent, short } from "../format";
+import { percent } from "../format";
 import { placeAt } from "../plots/series";
 import type { View } from "../plots/view";
 import { colour, dark } from "../theme";
@@ -98,7 +98,7 @@ export function Replay(props: Props) {
     if (!now) return "No sample yet.";
     const [north, east, down] = now.position;
     const lossy = props.geometry.rotors.filter((_, k) => (now.loss[k] ?? 0) > 0).map((rotor) => `rotor ${rotor.number} ${percent(now.loss[rotor.number - 1] ?? 0)}`);
-    return `At ${at().toFixed(2)} s: ${short(north)} m north, ${short(east)} m east, ${short(-down)} m high. ${lossy.length > 0 ? `Estimated loss of thrust: ${lossy.join(", ")}.` : "No rotor is named."}`;
+    return `At ${at().toFixed(2)} s: ${metres(north)} north, ${metres(east)} east, ${metres(-down)} high. ${lossy.length > 0 ? `Estimated loss of thrust: ${lossy.join(", ")}.` : "No rotor is named."}`;
   };
 
   return (
@@ -144,6 +144,9 @@ export function Replay(props: Props) {
     </figure>
   );
 }
+
+/** To the centimetre; a hover is no 10⁻²⁵ m from its point. */
+const metres = (value: number) => `${(Math.round(100 * value) / 100 || 0).toFixed(2).replace("-", "−")} m`;
 
 function palette(): Colours {
   return {

@@ -5,6 +5,8 @@
  */
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
+import { Pace } from "./pace";
 import type { Geometry, Pose } from "./motion";
 
 /** A loss that is coloured fully, share of the nominal thrust. */
@@ -29,11 +31,19 @@ export interface Colours {
 type Point = readonly [number, number, number];
 const world = ([north, east, down]: Point) => new THREE.Vector3(east, -down, -north);
 
+/** Few objects, as each is a call of the driver in each picture: a body, all discs, all shafts and all heads of the arrows. */
 interface Craft {
   group: THREE.Group;
-  discs: THREE.Mesh<THREE.CylinderGeometry, THREE.MeshStandardMaterial>[];
-  arrows: THREE.ArrowHelper[];
+  discs: THREE.InstancedMesh;
+  /** Where the discs are, in the group. */
+  places: THREE.Vector3[];
+  arrows: { shafts: THREE.LineSegments; heads: THREE.InstancedMesh } | undefined;
 }
+
+/** Most points of a trail; its buffer is made once. */
+const TRAIL_POINTS = 512;
+/** Renderers that draw with the processor: nothing of the picture may cost more than it shows. */
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
 export class Scene {
   private readonly renderer: THREE.WebGLRenderer;
@@ -49,13 +59,15 @@ export class Scene {
   private follow = true;
   private last = new THREE.Vector3();
   private pending = 0;
+  private readonly pace = new Pace();
+  private sharpen: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
     private readonly holder: HTMLElement,
     private readonly geometry: Geometry,
     private colours: Colours,
   ) {
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: false });
+    this.renderer = new THREE.WebGLRenderer({ antialias: !isSoftware(), powerPreference: "high-performance" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 1.5));
     holder.append(this.renderer.domElement);
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x606060, 2.4));
@@ -72,6 +84,7 @@ export class Scene {
       return line;
     };
     [this.trail, this.reference, this.ghostTrail] = [path(), path(), path()];
+    this.trail.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * TRAIL_POINTS), 3).setUsage(THREE.DynamicDrawUsage));
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.maxPolarAngle = 1.55;
     this.controls.addEventListener("change", () => this.draw());
@@ -110,8 +123,14 @@ export class Scene {
   /** The flight at a time, with the trail up to it. */
   show(pose: Pose, trail: readonly Point[], ghost: Pose | undefined): void {
     this.place(this.craft, pose);
-    this.trail.geometry.dispose();
-    this.trail.geometry = new THREE.BufferGeometry().setFromPoints(trail.map(world));
+    const points = this.trail.geometry.getAttribute("position");
+    const shown = Math.min(trail.length, TRAIL_POINTS);
+    for (let k = 0; k < shown; k += 1) {
+      const [north, east, down] = trail[trail.length - shown + k] as Point;
+      points.setXYZ(k, east, -down, -north);
+    }
+    points.needsUpdate = true;
+    this.trail.geometry.setDrawRange(0, shown);
     this.ghost.group.visible = ghost !== undefined;
     if (ghost) this.place(this.ghost, ghost);
     const at = this.craft.group.position;
@@ -141,6 +160,7 @@ export class Scene {
 
   dispose(): void {
     cancelAnimationFrame(this.pending);
+    clearTimeout(this.sharpen);
     this.controls.dispose();
     this.renderer.dispose();
     this.renderer.domElement.remove();
@@ -148,9 +168,14 @@ export class Scene {
 
   private draw(): void {
     if (this.pending) return;
-    this.pending = requestAnimationFrame(() => {
+    this.pending = requestAnimationFrame((now) => {
       this.pending = 0;
+      // Fewer points where pictures come late; as many as the screen has once nothing moves for a while.
+      const ratio = this.pace.ratio(now) * Math.min(devicePixelRatio, 1.5);
+      if (Math.abs(ratio - this.renderer.getPixelRatio()) > 1e-6) this.renderer.setPixelRatio(ratio);
       this.renderer.render(this.scene, this.camera);
+      clearTimeout(this.sharpen);
+      if (this.pace.isReduced()) this.sharpen = setTimeout(() => this.draw(), Pace.STILL_MS);
     });
   }
 
@@ -158,34 +183,41 @@ export class Scene {
     const { arm_m: arm, rotors } = this.geometry;
     const group = new THREE.Group();
     group.scale.setScalar(MAGNIFY);
-    const material = () => new THREE.MeshStandardMaterial({ color: this.colours.body, roughness: 0.7, transparent: opacity < 1, opacity });
-    const hub = new THREE.Mesh(new THREE.BoxGeometry(0.45 * arm, 0.14 * arm, 0.5 * arm), material());
-    const nose = new THREE.Mesh(new THREE.ConeGeometry(0.09 * arm, 0.3 * arm, 12), new THREE.MeshStandardMaterial({ color: this.colours.trail, transparent: opacity < 1, opacity }));
+    const places = rotors.map((rotor) => world(rotor.position_body_m));
+    const booms = places.map((at) => {
+      const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 1, 0), at.clone().normalize());
+      return new THREE.CylinderGeometry(0.035 * arm, 0.035 * arm, at.length(), 8).applyMatrix4(new THREE.Matrix4().compose(at.clone().multiplyScalar(0.5), turn, new THREE.Vector3(1, 1, 1)));
+    });
+    const body = mergeGeometries([new THREE.BoxGeometry(0.45 * arm, 0.14 * arm, 0.5 * arm), ...booms]);
+    const hull = new THREE.Mesh(body, new THREE.MeshLambertMaterial({ color: this.colours.body, transparent: opacity < 1, opacity }));
+    const nose = new THREE.Mesh(new THREE.ConeGeometry(0.09 * arm, 0.3 * arm, 12), new THREE.MeshLambertMaterial({ color: this.colours.trail, transparent: opacity < 1, opacity }));
     nose.rotation.x = -Math.PI / 2;
     nose.position.set(0, 0, -0.38 * arm);
-    group.add(hub, nose);
     const spacing = Math.min(...rotors.flatMap((a, i) => rotors.slice(i + 1).map((b) => Math.hypot(a.position_body_m[0] - b.position_body_m[0], a.position_body_m[1] - b.position_body_m[1]))));
     const radius = Math.min(0.45 * arm, 0.47 * (Number.isFinite(spacing) ? spacing : arm));
-    const discs: Craft["discs"] = [];
-    const arrows: THREE.ArrowHelper[] = [];
-    for (const rotor of rotors) {
-      const at = world(rotor.position_body_m);
-      const boom = new THREE.Mesh(new THREE.CylinderGeometry(0.035 * arm, 0.035 * arm, at.length(), 8), material());
-      boom.position.copy(at).multiplyScalar(0.5);
-      boom.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), at.clone().normalize());
-      const disc = new THREE.Mesh(
-        new THREE.CylinderGeometry(radius, radius, 0.03 * arm, 40),
-        new THREE.MeshStandardMaterial({ color: this.colours.good, roughness: 0.5, transparent: true, opacity: 0.8 * opacity }),
+    for (const at of places) at.y += 0.09 * arm;
+    const discs = new THREE.InstancedMesh(new THREE.CylinderGeometry(radius, radius, 0.03 * arm, 32), new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.8 * opacity }), rotors.length);
+    places.forEach((at, k) => {
+      discs.setMatrixAt(k, new THREE.Matrix4().setPosition(at));
+      discs.setColorAt(k, new THREE.Color(this.colours.good));
+    });
+    group.add(hull, nose, discs);
+    let arrows: Craft["arrows"];
+    if (opacity === 1) {
+      const colour = this.colours.reference;
+      const shafts = new THREE.LineSegments(
+        new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(6 * rotors.length), 3).setUsage(THREE.DynamicDrawUsage)),
+        new THREE.LineBasicMaterial({ color: colour }),
       );
-      disc.position.copy(at).setY(at.y + 0.09 * arm);
-      const arrow = new THREE.ArrowHelper(new THREE.Vector3(0, 1, 0), disc.position, arm, this.colours.reference, 0.22 * arm, 0.13 * arm);
-      arrow.visible = opacity === 1;
-      group.add(boom, disc, arrow);
-      discs.push(disc);
-      arrows.push(arrow);
+      // A head of height 1 with its tip at the origin; its size and place are those of the thrust.
+      const heads = new THREE.InstancedMesh(new THREE.ConeGeometry(0.065 * arm, 1, 8).translate(0, -0.5, 0), new THREE.MeshBasicMaterial({ color: colour }), rotors.length);
+      shafts.frustumCulled = false;
+      heads.frustumCulled = false;
+      group.add(shafts, heads);
+      arrows = { shafts, heads };
     }
     this.scene.add(group);
-    return { group, discs, arrows };
+    return { group, discs, places, arrows };
   }
 
   private place(craft: Craft, pose: Pose): void {
@@ -197,13 +229,30 @@ export class Scene {
     turn.multiply(new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(0, 0, -1), roll));
     craft.group.quaternion.copy(turn);
     const [good, warn, bad] = [new THREE.Color(this.colours.good), new THREE.Color(this.colours.warn), new THREE.Color(this.colours.bad)];
-    craft.discs.forEach((disc, k) => {
+    const arm = this.geometry.arm_m;
+    craft.places.forEach((at, k) => {
       const loss = pose.loss[k] ?? 0;
-      if (loss > 0) disc.material.color.copy(warn).lerp(bad, Math.min(1, loss / FULL_LOSS));
-      else disc.material.color.copy(pose.suspect[k] ? warn : good);
+      craft.discs.setColorAt(k, loss > 0 ? warn.clone().lerp(bad, Math.min(1, loss / FULL_LOSS)) : pose.suspect[k] ? warn : good);
+      if (!craft.arrows) return;
       const hover = this.geometry.hover.rotor_thrust_n[k] ?? 1;
-      const length = (ARROW * this.geometry.arm_m * Math.max(0, pose.thrust[k] ?? 0)) / Math.max(1e-9, hover);
-      craft.arrows[k]?.setLength(Math.max(1e-3, length), Math.min(0.22 * this.geometry.arm_m, 0.4 * length), 0.13 * this.geometry.arm_m);
+      const length = Math.max(1e-3, (ARROW * arm * Math.max(0, pose.thrust[k] ?? 0)) / Math.max(1e-9, hover));
+      const head = Math.min(0.22 * arm, 0.4 * length);
+      const ends = craft.arrows.shafts.geometry.getAttribute("position");
+      ends.setXYZ(2 * k, at.x, at.y, at.z);
+      ends.setXYZ(2 * k + 1, at.x, at.y + length - head, at.z);
+      ends.needsUpdate = true;
+      craft.arrows.heads.setMatrixAt(k, new THREE.Matrix4().makeScale(1, head, 1).setPosition(at.x, at.y + length, at.z));
     });
+    if (craft.discs.instanceColor) craft.discs.instanceColor.needsUpdate = true;
+    if (craft.arrows) craft.arrows.heads.instanceMatrix.needsUpdate = true;
   }
+}
+
+/** Whether this browser draws 3-D pictures with the processor. */
+function isSoftware(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const info = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = String((info && context?.getParameter(info.UNMASKED_RENDERER_WEBGL)) ?? "");
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return SOFTWARE.test(name);
 }

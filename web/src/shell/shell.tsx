@@ -1,5 +1,5 @@
 /** What every page has: navigation, theme, the sentence about a server that is away, sign-in. */
-import { For, Show, createSignal, type JSX, onCleanup } from "solid-js";
+import { For, Show, createEffect, createSignal, type JSX, on, onCleanup } from "solid-js";
 import { away } from "../api/connection";
 import { hasSignedIn, signOut } from "../api/session";
 import { followLinks, route } from "../router";
@@ -17,6 +17,9 @@ const PAGES = [
 
 export function Shell(props: { children: JSX.Element }) {
   const current = (path: string) => (route().path === path || (path === "/twin" && route().path === "/") || route().path.startsWith(`${path}/`) ? "page" : undefined);
+  let nav: HTMLElement | undefined;
+  // On a telephone the row of pages is longer than the screen.
+  createEffect(on(route, () => queueMicrotask(() => nav?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }))));
   return (
     <div onClick={followLinks}>
       <a class="skip" href="#content">Skip to the content</a>
@@ -28,7 +31,7 @@ export function Shell(props: { children: JSX.Element }) {
           </svg>
           rotortwin
         </a>
-        <nav class="nav" aria-label="Pages">
+        <nav class="nav" aria-label="Pages" ref={nav}>
           <For each={PAGES}>{(page) => <a href={page.path} aria-current={current(page.path)}>{page.title}</a>}</For>
         </nav>
         <label class="row small">

@@ -246,7 +246,7 @@ fn convert(
 }
 
 /// The first unit of the row that the data allow.
-fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
+pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
     let units = row.unit.list();
     let mut tried = Vec::new();
     for name in units {
@@ -286,7 +286,7 @@ fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), 
     ))
 }
 
-fn scale(values: &mut [Vec<f64>], factor: f64) {
+pub(super) fn scale(values: &mut [Vec<f64>], factor: f64) {
     for value in values.iter_mut().flatten() {
         *value *= factor;
     }
@@ -299,7 +299,7 @@ fn negate(values: &mut [f64]) {
 }
 
 /// Turns vectors, Euler angles and quaternions into NED and FRD.
-fn turn(to: &str, frame: Frame, values: &mut [Vec<f64>]) {
+pub(super) fn turn(to: &str, frame: Frame, values: &mut [Vec<f64>]) {
     match (frame, to) {
         (Frame::Enu, _) => {
             values.swap(0, 1);

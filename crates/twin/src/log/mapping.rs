@@ -10,7 +10,8 @@
 //! frame = "frd"                                 # frd flu (body), ned enu nwu (world), both for a quaternion: "enu-flu"
 //! ```
 //! Of several rows with the same `to` the first one whose fields are in the log wins: that is how a mapping survives renamed topics.
-//! A user's mapping is put before the built-in one, so it can override one row and leave the rest.
+//! A user's mapping is put before the built-in one, so it can override one row and leave the rest. Canonical files have no built-in mapping;
+//! [`super::remap`] puts their columns where a user's says.
 
 use super::units::{self, Dimension};
 use super::{LogError, error, names};
@@ -43,6 +44,8 @@ pub(crate) enum SourceName {
     ArdupilotDataflash,
     CrazyflieUsdlog,
     Blackbox,
+    /// CSV and Parquet: columns that are not what their names say.
+    Canonical,
 }
 
 /// One row.
@@ -304,6 +307,22 @@ fn parse(path: &Path, text: &str) -> Result<MappingFile, LogError> {
             .map_err(|reason| LogError::format(path, format!("column {} ('{}'): {reason}", index + 1, row.to)))?;
     }
     Ok(mapping)
+}
+
+/// A mapping of one's own for a canonical file, which has no built-in one.
+pub(crate) fn load_for_canonical(path: &Path) -> Result<MappingFile, LogError> {
+    let text = std::fs::read_to_string(path).map_err(error::io(path, "cannot read the mapping"))?;
+    let mapping = parse(path, &text)?;
+    if mapping.source == SourceName::Canonical {
+        return Ok(mapping);
+    }
+    Err(LogError::format(
+        path,
+        format!(
+            "a mapping for {:?}, but the columns of this log are canonical: source = \"canonical\" was expected",
+            mapping.source
+        ),
+    ))
 }
 
 /// The mapping of a source: the user's rows first, then the built-in ones.

@@ -28,6 +28,7 @@ pub mod names;
 mod outputs;
 mod parquet;
 mod part;
+mod remap;
 mod report;
 mod resample;
 mod side_file;
@@ -245,12 +246,6 @@ impl FlightLog {
         if let Some(format) = sources::detect(&bytes) {
             return read_autopilot(source, &file, format, &bytes, side, options);
         }
-        if options.mapping.is_some() {
-            return Err(LogError::format(
-                &file,
-                "the columns of this file are canonical; a mapping has no use for it",
-            ));
-        }
         let most_cells = most_cells(options);
         let (kind, mut table) = if bytes.starts_with(b"PAR1") {
             let kind = if is_run {
@@ -265,7 +260,14 @@ impl FlightLog {
         if options.truth {
             table.take_truth().map_err(|reason| LogError::format(&file, reason))?;
         }
-        accept::accept(source(kind), table, side)
+        let mut remapped = Vec::new();
+        if let Some(path) = &options.mapping {
+            let mapping = mapping::load_for_canonical(path)?;
+            remapped = remap::remap(&mut table, &mapping).map_err(|reason| LogError::format(path, reason))?;
+        }
+        let mut log = accept::accept(source(kind), table, side)?;
+        log.report.conversions.splice(0..0, remapped);
+        Ok(log)
     }
 
     /// A log from columns of this process; checked like a file.

@@ -31,10 +31,15 @@ export function Drop(props: { twin: Twin }) {
     setProblem(undefined);
     const ids: string[] = [];
     for (const file of files) {
+      const ending = /\.([^.]*)$/.exec(file.name)?.[1];
+      if (ending !== undefined && !ENDINGS.split(",").includes(`.${ending.toLowerCase()}`)) {
+        setProblem(`${file.name} (${bytes(file.size)}): ends with '${ending}'; expected a flight log, one of ${ENDINGS.replaceAll(",", ", ")}, or a Crazyflie log, which has no ending.`);
+        break;
+      }
       const control = new AbortController();
       setSending({ name: file.name, share: 0, stop: () => control.abort() });
       try {
-        const url = address("/api/v1/logs", { query: { name: file.name } });
+        const url = address("/api/v1/logs", { query: { name: plainName(file.name) } });
         const job = await upload<JobView>(url, file, (share) => setSending((before) => before && { ...before, share }), control.signal);
         ids.push(job.id);
       } catch (error) {
@@ -122,6 +127,9 @@ export function Drop(props: { twin: Twin }) {
     </Step>
   );
 }
+
+/** A name as the server takes it: other characters than these become `_`. */
+const plainName = (name: string) => name.normalize("NFKD").replace(/[^A-Za-z0-9._\- ()+]/g, "_").slice(-200);
 
 function flightName(twin: Twin): string {
   const name = twin.logs().length > 0 ? (twin.log.job()?.name ?? "log") : `run ${twin.runs()[0]?.slice(0, 12) ?? ""}`;

@@ -1,11 +1,10 @@
 /** Step 2: what was read of the log, what is missing and what that rules out, what looks wrong and how to repair it. */
 import { For, Show, createSignal } from "solid-js";
-import { ask } from "../../api/client";
-import type { JobView } from "../../api/job";
-import { sentenceOf } from "../../api/problem";
 import { duration, short } from "../../format";
+import { isChosen, suggestionOfRefusal } from "../../model/repair";
 import { findingBlocks, findingTitle } from "../../model/twin";
-import { Figures, Problem } from "../../parts/bits";
+import { Figures } from "../../parts/bits";
+import { Repair } from "./repair";
 import { Step } from "./step";
 import type { Twin } from "./state";
 
@@ -13,12 +12,20 @@ export function Read(props: { twin: Twin }) {
   const result = () => props.twin.log.result();
   const report = () => result()?.report;
   const blocking = () => (report()?.findings ?? []).filter((one) => findingBlocks(one.kind));
+  const [otherwise, setOtherwise] = createSignal(false);
+  // A log that fits itself may still not fit the vehicle: the comparison says so.
+  const motors = () => (/swapped motors: .*drives rotor/.test(props.twin.comparison.error() ?? "") ? props.twin.comparison.error() : undefined);
+  // A file that was refused for a unit or a checksum can be read otherwise.
+  const mendable = () => {
+    const refusal = props.twin.log.job()?.status === "failed" ? props.twin.log.error() : undefined;
+    return refusal !== undefined && (isChosen(suggestionOfRefusal(refusal)) || /CRC|checksum|damaged/.test(refusal)) ? refusal : undefined;
+  };
   const isRun = () => props.twin.runs().length > 0;
   return (
     <Step
       number={2}
       title="What I read"
-      state={isRun() ? "done" : result() === undefined ? "waiting" : blocking().length > 0 ? "problem" : "done"}
+      state={isRun() ? "done" : mendable() ? "problem" : result() === undefined ? "waiting" : blocking().length > 0 ? "problem" : "done"}
       note={isRun() ? "a run of this server: every channel, without gaps" : result()?.headline.replace(/^\w+: /, "")}
     >
       <Show when={report()}>
@@ -31,7 +38,7 @@ export function Read(props: { twin: Twin }) {
                 </div>
               )}
             </For>
-            <Show when={blocking().length > 0}><Repair twin={props.twin} /></Show>
+            <Show when={blocking().length > 0}><Repair twin={props.twin} findings={blocking()} /></Show>
             <Figures
               items={[
                 ["rows", found().rows.toLocaleString("en")],
@@ -74,44 +81,16 @@ export function Read(props: { twin: Twin }) {
                 </ul>
               </div>
             </details>
+            <Show when={blocking().length === 0}>
+              <details onToggle={(event) => setOtherwise(event.currentTarget.open)} open={motors() !== undefined}>
+                <summary>Read it again otherwise: axes, units, order of the motors, delays</summary>
+                <Show when={otherwise() || motors()}><Repair twin={props.twin} findings={motors() ? [{ kind: "swapped_motors", detail: motors() ?? "" }] : []} /></Show>
+              </details>
+            </Show>
           </>
         )}
       </Show>
+      <Show when={mendable()}>{(refusal) => <Repair twin={props.twin} findings={[]} refusal={refusal()} />}</Show>
     </Step>
-  );
-}
-
-/** The same file, read again otherwise. */
-function Repair(props: { twin: Twin }) {
-  const [mapping, setMapping] = createSignal("");
-  const [problem, setProblem] = createSignal<string>();
-  const [busy, setBusy] = createSignal(false);
-  const again = async (how: Record<string, unknown>) => {
-    setBusy(true);
-    setProblem(undefined);
-    try {
-      const job = await ask<JobView>("POST", `/api/v1/logs/${props.twin.logs()[0]}/import`, how);
-      props.twin.choose({ logs: [job.id] });
-    } catch (error) {
-      setProblem(sentenceOf(error));
-    } finally {
-      setBusy(false);
-    }
-  };
-  return (
-    <form class="say" onSubmit={(event) => { event.preventDefault(); void again({ mapping: mapping() }); }}>
-      <p><strong>Repair.</strong> The file is read again; nothing of it is sent twice. Until then no model is compared with it.</p>
-      <label class="field">
-        PX4, ArduPilot, Crazyflie: columns, units and order of the motors as rows of a mapping (TOML, as in config/log-mappings). CSV and Parquet
-        have fixed names and units: correct the file.
-        <textarea rows="4" spellcheck={false} value={mapping()} onInput={(event) => setMapping(event.currentTarget.value)} />
-      </label>
-      <Problem sentence={problem()} />
-      <div class="row">
-        <button type="submit" class="main" disabled={busy() || !mapping().trim()}>{busy() ? "Reading …" : "Read again"}</button>
-        <button type="button" disabled={busy()} onClick={() => void again({ align: true })}>Take out the delays</button>
-        <button type="button" disabled={busy()} onClick={() => void again({ vehicle: props.twin.vehicle() })}>Check against {props.twin.vehicle()}</button>
-      </div>
-    </form>
   );
 }

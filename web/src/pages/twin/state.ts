@@ -33,7 +33,9 @@ export function createTwin() {
     }
   };
 
-  const log = createJob<ImportResult>("logs", () => logs()[0]);
+  const imported = createJob<ImportResult>("logs", () => logs()[0]);
+  // The server keeps an upload as `log.csv`; its owner knows it by another name.
+  const log = { ...imported, error: () => imported.error()?.replace(/^rotortwin: log(\.\w+)?: /, `${imported.job()?.name}: `) };
   const comparison = createJob<Comparison>("comparisons", cmp);
   const diagnosis = createJob<Diagnosis>("diagnoses", diag);
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
@@ -126,6 +128,8 @@ export function createTwin() {
     /** Begins with other flights. */
     choose: (flights: { logs?: string[]; runs?: string[] }) =>
       setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, ident: undefined, made: undefined, ...begun, ch: undefined, again: undefined }),
+    /** The same flight, read again otherwise: vehicle and held-out flights stay. */
+    reread: (id: string) => setQuery({ log: [id, ...logs().slice(1)], ident: undefined, made: undefined, ...begun, again: undefined }),
     /** The flights that are learnt from, as submissions name them. */
     flights: () => flightsOf(logs(), runs()),
     chooseVehicle: (name: string) => setQuery({ vehicle: name, made: undefined, ...begun }),

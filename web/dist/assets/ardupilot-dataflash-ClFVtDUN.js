@@ -1,0 +1,126 @@
+var e=`# ArduPilot DataFlash, binary (.bin) and text (.log) → canonical flight log. Keys of a row: see px4-ulog.toml.
+# Units and frames: LogStructure.h of ArduPilot (body FRD, world NED; angles in degrees).
+
+source = "ardupilot-dataflash"
+base = ["IMU", "IMU#0", "ATT"]
+
+[[column]]
+to = "rates"
+from = "IMU:GyrX,GyrY,GyrZ"
+unit = "rad/s"
+
+[[column]]
+to = "accel"
+from = "IMU:AccX,AccY,AccZ"
+unit = "m/s2"
+
+[[column]]
+to = "attitude"
+from = "ATT:Roll,Pitch,Yaw"
+unit = "deg"
+
+[[column]] # EKF3
+to = "position"
+from = "XKF1:PN,PE,PD"
+unit = "m"
+
+[[column]] # EKF2
+to = "position"
+from = "NKF1:PN,PE,PD"
+unit = "m"
+
+[[column]]
+to = "position"
+from = "EKF1:PN,PE,PD"
+unit = "m"
+
+[[column]] # no estimator in the log
+to = "position"
+from = "GPS:Lat,Lng,Alt"
+unit = "1"
+frame = "geodetic"
+
+[[column]]
+to = "velocity"
+from = "XKF1:VN,VE,VD"
+unit = "m/s"
+
+[[column]]
+to = "velocity"
+from = "NKF1:VN,VE,VD"
+unit = "m/s"
+
+[[column]]
+to = "velocity"
+from = "EKF1:VN,VE,VD"
+unit = "m/s"
+
+[[column]]
+to = "duty"
+from = "RCOU:C{}"
+low = { parameter = ["MOT_PWM_MIN", "SERVO1_MIN", "RC3_MIN"], default = 1000.0 }
+high = { parameter = ["MOT_PWM_MAX", "SERVO1_MAX", "RC3_MAX"], default = 2000.0 }
+
+[[column]]
+to = "duty"
+from = "RCOU:Ch{}"
+low = { parameter = ["RC3_MIN"], default = 1000.0 }
+high = { parameter = ["RC3_MAX"], default = 2000.0 }
+
+[[column]] # before 2014
+to = "duty"
+from = "MOT:Mot{}"
+low = { parameter = ["RC3_MIN"], default = 1000.0 }
+high = { parameter = ["RC3_MAX"], default = 2000.0 }
+
+[[column]]
+to = "battery_voltage_v"
+from = "BAT:Volt"
+unit = "V"
+
+[[column]] # volts since 3.4, hundredths before
+to = "battery_voltage_v"
+from = "CURR:Volt"
+unit = ["V", "cV"]
+
+[[column]]
+to = "battery_current_a"
+from = "BAT:Curr"
+unit = "A"
+
+[[column]] # hundredths, as the voltage of the same message before 3.4
+to = "battery_current_a"
+from = "CURR:Curr"
+unit = "cA"
+
+[[column]]
+to = "height_above_ground_m"
+from = "RFND:Dist"
+unit = "m"
+
+[[column]]
+to = "height_above_ground_m"
+from = "RFND:Dist1"
+unit = "m"
+
+# Height of the barometer and the collective throttle: names of our own, kept for plots and as regressors.
+[[column]]
+to = "barometer_height_m"
+from = "BARO:Alt"
+unit = "m"
+
+[[column]]
+to = "barometer_height_m"
+from = "CTUN:BarAlt"
+unit = "m"
+
+[[column]]
+to = "throttle_fraction"
+from = "CTUN:ThO"
+unit = "1"
+
+[[column]] # 0 to 1000 before 3.4
+to = "throttle_fraction"
+from = "CTUN:ThrOut"
+unit = "permille"
+`;export{e as default};

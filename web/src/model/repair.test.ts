@@ -1,0 +1,42 @@
+import { describe, expect, it } from "vitest";
+import crazyflie from "../../../config/log-mappings/crazyflie-usdlog.toml?raw";
+import px4 from "../../../config/log-mappings/px4-ulog.toml?raw";
+import { AS_IS, UP_LEFT, adviceFor, axesIn, axesText, isChosen, mappingOf, orderIn, orderOf, sourceOfFile, suggestionOf } from "./repair";
+
+describe("a log that is read again otherwise", () => {
+  it("reads axes and orders from the findings", () => {
+    const axes = axesIn("the body rates fit the attitude as (y, x, −z) (93 % of the motion, as they are 2 %)");
+    expect(axes).toEqual([[1, 1], [0, 1], [2, -1]]);
+    expect(axesText(axes ?? AS_IS)).toBe("(y, x, −z)");
+    expect([axesIn("as (x, x, z)"), axesIn("gravity lies on the wrong axis: (0, 0, −9.81)")]).toEqual([undefined, undefined]);
+    expect(orderIn("the vehicle turns as if duty_1 drives rotor 3, duty_3 drives rotor 1 (correlation² 0.8)")).toEqual([3, 2, 1]);
+    expect(isChosen(suggestionOf([{ kind: "stuck", detail: "" }]))).toBe(false);
+  });
+  it("keeps motors that are not named, and reads typed orders", () => {
+    expect(orderIn("duty_1 drives rotor 2, duty_2 drives rotor 1", 4)).toEqual([2, 1, 3, 4]);
+    expect(["3, 2 1", "", "1 1", "0 1", "a"].map(orderOf)).toEqual([[3, 2, 1], undefined, undefined, undefined, undefined]);
+  });
+  it("says what to do where no choice helps", () => {
+    expect([adviceFor("no_flight", "px4-ulog"), adviceFor("time_scale", "px4-ulog")].every((one) => (one ?? "").length > 40)).toBe(true);
+    expect([adviceFor("time_scale", "canonical"), adviceFor("swapped_axes", "canonical")]).toEqual([undefined, undefined]);
+  });
+  it("exchanges columns of a canonical file", () => {
+    const choice = suggestionOf([{ kind: "swapped_axes", detail: "the body rates fit the attitude as (y, x, z) (93 % of the motion, as they are 2 %)" }]);
+    expect(mappingOf(sourceOfFile("a.parquet"), choice, "", 4)).toBe(
+      ['source = "canonical"', "", ...["roll", "pitch", "yaw"].flatMap((name, k) => ["[[column]]", `to = "${name}_rate_rad_s"`, `from = "file:${["pitch", "roll", "yaw"][k]}_rate_rad_s"`, 'unit = "rad/s"', ""])].join("\n"),
+    );
+    expect(mappingOf("canonical", { axes: {}, units: { accel: "g" }, order: [2, 1, 3] }, "", 3)).toContain('from = "file:duty_2,duty_1,duty_3"');
+    expect(mappingOf("canonical", { axes: { rates: AS_IS }, units: {} }, "", 4)).toBeUndefined();
+  });
+  it("changes the built-in rows of an autopilot, after their own frame", () => {
+    const swapped = mappingOf("px4-ulog", { axes: { rates: [[1, 1], [0, 1], [2, 1]] }, units: {} }, px4, 4) ?? "";
+    expect(swapped).toContain('to = "roll_rate_rad_s"\nfrom = "vehicle_angular_velocity:xyz[1]"\nunit = "rad/s"');
+    expect(swapped).toContain('to = "roll_rate_rad_s"\nfrom = "vehicle_attitude:pitchspeed"');
+    // Its axes are forward-left-up already: turned twice they are as they were.
+    const twice = mappingOf("crazyflie-usdlog", { axes: { accel: UP_LEFT }, units: {} }, crazyflie, 4) ?? "";
+    expect(twice).toContain('to = "accel_y_m_s2"\nfrom = "fixedFrequency:acc.y"\nunit = "g"');
+    expect(twice).not.toContain("factor = -1.0\n\n[[column]]\nto = \"accel_y");
+    const order = mappingOf("px4-ulog", { axes: {}, units: {}, order: [1, 3, 2] }, px4, 3) ?? "";
+    expect(order.match(/order = \[1,3,2\]/g)).toHaveLength(2);
+  });
+});
