@@ -26,6 +26,8 @@ PATIENCE_MS = 60_000
 FIRST_LOAD_KB = 150
 # Table of 10,000 runs, s: twice what is wanted, as other things run beside the test; the time is printed.
 MANY_S = 3.0
+# A click in one of eight tabs, s. Without a screen all eight are drawn at once, which no browser with one does.
+TAB_S = 4.0
 # In the live flight.
 FAULT = "fault=[{time_s=6.0, rotor=3, blade='c'}]"
 # Software GL: no machine of ours has a picture card.
@@ -427,6 +429,7 @@ def tabs(browser: Browser) -> None:
     for page in every:
         page.set_default_timeout(PATIENCE_MS)
         page.goto(f"{SERVER}/runs/{run}")
+    slowest = 0.0
     for page in every:
         page.bring_to_front()
         page.locator("h1 + .tag", has_text="running").wait_for()
@@ -434,8 +437,10 @@ def tabs(browser: Browser) -> None:
         page.get_by_role("link", name="Library").click()
         page.get_by_role("heading", name="Library").wait_for()
         took = time.monotonic() - began
-        assert took < 1.0, f"a click took {took:.2f} s"
+        slowest = max(slowest, took)
         page.go_back()
+    print(f"eight tabs: the slowest click took {slowest:.2f} s")
+    assert slowest < TAB_S, slowest
     for page in every:
         page.bring_to_front()
         page.locator("h1 + .tag", has_text="done").wait_for()

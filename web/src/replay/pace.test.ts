@@ -13,6 +13,15 @@ describe("pace of the 3-D picture", () => {
     expect(pace.ratio(10_000)).toBe(1);
     expect(pace.ratio(10_016)).toBe(0.5);
   });
+  it("holds pictures back where even small ones are late", () => {
+    const pace = new Pace();
+    run(pace, 0, 60, 60);
+    expect(pace.pause()).toBe(0);
+    run(pace, 3600, 120, 24);
+    expect(pace.pause()).toBe(100);
+    run(pace, 6480, 110, 8 * 12);
+    expect(pace.pause()).toBe(0);
+  });
   it("gives them back once there is room", () => {
     const pace = new Pace();
     run(pace, 0, 60, 30);

@@ -9,6 +9,11 @@ export class Pace {
   /** Pictures that are looked at together. */
   private static readonly WINDOW = 12;
   private static readonly STEPS = [1, 0.75, 0.5];
+  /** Small pictures that come later than this leave nothing for anything else, ms; then one comes every so often. */
+  private static readonly CROWDED_FROM_MS = 70;
+  private static readonly CROWDED_MS = 100;
+  private static readonly CROWDED_WINDOWS = 8;
+  private crowded = 0;
   private last = -Infinity;
   private sum = 0;
   private count = 0;
@@ -30,6 +35,9 @@ export class Pace {
     if (this.count >= Pace.WINDOW) {
       const mean = this.sum / this.count;
       this.sum = this.count = 0;
+      // What is held back cannot tell whether there would be room: it is tried again after a while.
+      if (this.crowded > 0) this.crowded -= 1;
+      else if (this.step === Pace.STEPS.length - 1 && mean > Pace.CROWDED_FROM_MS) this.crowded = Pace.CROWDED_WINDOWS;
       if (mean > Pace.LATE_MS) {
         if (this.good >= 1 || this.step === 0) this.patience = Math.min(64, 2 * this.patience);
         this.good = 0;
@@ -43,6 +51,11 @@ export class Pace {
       }
     }
     return Pace.STEPS[this.step] ?? 1;
+  }
+
+  /** How long to wait before the next picture, ms: where even small ones come late, clicks go first. */
+  pause(): number {
+    return this.crowded > 0 ? Pace.CROWDED_MS : 0;
   }
 
   isReduced(): boolean {

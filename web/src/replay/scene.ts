@@ -60,6 +60,7 @@ export class Scene {
   private last = new THREE.Vector3();
   private pending = 0;
   private readonly pace = new Pace();
+  private held: ReturnType<typeof setTimeout> | undefined;
   private sharpen: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
@@ -161,13 +162,20 @@ export class Scene {
   dispose(): void {
     cancelAnimationFrame(this.pending);
     clearTimeout(this.sharpen);
+    clearTimeout(this.held);
     this.controls.dispose();
     this.renderer.dispose();
     this.renderer.domElement.remove();
   }
 
   private draw(): void {
-    if (this.pending) return;
+    if (this.pending || this.held) return;
+    const pause = this.pace.pause();
+    if (pause > 0) this.held = setTimeout(() => { this.held = undefined; this.paintSoon(); }, pause);
+    else this.paintSoon();
+  }
+
+  private paintSoon(): void {
     this.pending = requestAnimationFrame((now) => {
       this.pending = 0;
       // Fewer points where pictures come late; as many as the screen has once nothing moves for a while.

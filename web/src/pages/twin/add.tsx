@@ -42,7 +42,7 @@ export function Add(props: { twin: Twin }) {
     <Step
       number={6}
       title="Add it, and watch the error fall"
-      state={line().length === 0 ? "waiting" : props.twin.problem() ? "problem" : logs().length > 0 ? "done" : "working"}
+      state={!props.twin.ready() ? "waiting" : props.twin.problem() ? "problem" : logs().length > 0 ? "done" : "working"}
       note={line().length > 1 ? `${line().length - 1} added` : "nothing added yet: use “Add to the model” above"}
       actions={
         <Show when={line().length > 1 && isHead()}>

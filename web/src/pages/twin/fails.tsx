@@ -22,7 +22,7 @@ export function Fails(props: { twin: Twin }) {
   const state = () => {
     if (props.twin.comparison.error()) return "problem" as const;
     if (result()) return "done" as const;
-    return props.twin.flightsReady() && props.twin.model() ? ("working" as const) : ("waiting" as const);
+    return props.twin.ready() ? ("working" as const) : ("waiting" as const);
   };
   return (
     <Step number={4} title="Where it fails" state={state()} note={result() ? "each channel one step ahead, against its noise" : undefined}>

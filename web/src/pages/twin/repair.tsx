@@ -92,7 +92,7 @@ export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusa
       </p>
       <For each={advice()}>{(one) => <p class="small"><strong>{findingTitle(one.kind)}:</strong> {one.words}</p>}</For>
       <div class="scroll" tabindex="0" role="region" aria-label="Axes and units">
-        <table class="small">
+        <table class="small repair">
           <thead><tr><th scope="col">Columns</th><th scope="col">Axes of the file</th><th scope="col">Unit of the file</th></tr></thead>
           <tbody>
             <For each={GROUPS}>

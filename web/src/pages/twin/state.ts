@@ -7,7 +7,7 @@ import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { createLoad } from "../../api/load";
 import { ApiError, sentenceOf } from "../../api/problem";
-import { type Comparison, type Diagnosis, type History, type ImportResult, keyOf, lineTo } from "../../model/twin";
+import { type Comparison, type Diagnosis, type History, type ImportResult, findingBlocks, keyOf, lineTo } from "../../model/twin";
 import { route, setQuery } from "../../router";
 
 /** Vehicle of a first visit: that of the examples. */
@@ -75,7 +75,9 @@ export function createTwin() {
     const job = await ask<JobView>("POST", `/api/v1/${collection}`, body, { headers: { "idempotency-key": key } });
     setQuery({ [parameter]: job.id }, true);
   };
-  const ready = createMemo(() => flightsReady() && line().length > 0);
+  // What looks like missing physics in a log with wrong axes is none: no model is compared with it.
+  const blocked = createMemo(() => (log.result()?.report.findings ?? []).some((one) => findingBlocks(one.kind)));
+  const ready = createMemo(() => flightsReady() && !blocked() && line().length > 0);
   createEffect(
     on([ready, cmp, line, query], ([go, there, versions]) => {
       if (!go || there !== undefined || problem() !== undefined) return;
@@ -125,6 +127,8 @@ export function createTwin() {
   return {
     logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, mainHead, problem, add, undo, again,
     flightsReady,
+    /** Whether there is a flight that a model can be compared with, and a model. */
+    ready,
     /** Begins with other flights. */
     choose: (flights: { logs?: string[]; runs?: string[] }) =>
       setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, ident: undefined, made: undefined, ...begun, ch: undefined, again: undefined }),
