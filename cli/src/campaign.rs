@@ -1,13 +1,15 @@
-//! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; or one of them again.
+//! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; one of them again; or shards that were flown
+//! elsewhere, put together.
 
 use crate::progress::resumed_bar;
 use crate::{destination, output};
-use clap::Parser;
+use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
 use rotortwin_campaign::study::folder::{CampaignFolder, write_whole};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
+use rotortwin_campaign::study::merge::take_in;
 use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
 use rotortwin_campaign::study::totals::Totals;
 use rotortwin_campaign::study::{Campaign, report, results, tables};
@@ -27,7 +29,40 @@ const EVENT_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Arguments of `rotortwin campaign`.
 #[derive(Debug, Parser)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct Args {
+    #[command(subcommand)]
+    command: Option<Sub>,
+    #[command(flatten)]
+    flights: Option<FlightArgs>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Sub {
+    /// Put shards together that were flown elsewhere (--shards): the result is that of one machine, byte for byte
+    Merge(MergeArgs),
+}
+
+/// Arguments of `rotortwin campaign merge`.
+#[derive(Debug, ClapArgs)]
+struct MergeArgs {
+    /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
+    #[arg(value_parser = crate::named::campaign())]
+    campaign: PathBuf,
+    /// Folders with shards of it, in any order; a shard may be in several
+    #[arg(required = true, value_name = "DIR")]
+    folders: Vec<PathBuf>,
+    /// Folder of the whole; one that holds a part of it already is gone on with [default: runs/campaign-NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print the summary as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Flights of a campaign.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct FlightArgs {
     /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
     #[arg(value_parser = crate::named::campaign())]
     pub(crate) campaign: PathBuf,
@@ -59,7 +94,7 @@ pub(crate) struct Args {
     /// Only read the file, try its flights and say what they are
     #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
     check: bool,
-    /// Fly only these shards of 32 flights, FIRST..END, and leave them as they are: they are put together elsewhere
+    /// Fly only these shards of 32 flights, FIRST..END, and leave them as they are; 'rotortwin campaign merge' puts them together
     #[arg(long, value_name = "FIRST..END", value_parser = output::range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
     shards: Option<Range<u64>>,
     /// Print the summary as JSON, nothing else
@@ -71,6 +106,13 @@ pub(crate) struct Args {
 }
 
 impl Args {
+    /// The campaign that is to be flown; `None`: something else is to be done.
+    pub(crate) fn flights(&self) -> Option<&FlightArgs> {
+        self.flights.as_ref()
+    }
+}
+
+impl FlightArgs {
     /// An option that a server cannot be asked for.
     pub(crate) fn only_here(&self) -> Option<&'static str> {
         let options = [
@@ -87,7 +129,7 @@ impl Args {
 }
 
 /// Prints what a folder of another machine says, as if it had been flown here.
-pub(crate) fn print_fetched(args: &Args, campaign: &Campaign, path: &Path) -> Result<(), String> {
+pub(crate) fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Result<(), String> {
     let folder = CampaignFolder::open(path, campaign)?;
     let totals = results::collect(campaign, &folder)?;
     let flown = Flown {
@@ -97,13 +139,22 @@ pub(crate) fn print_fetched(args: &Args, campaign: &Campaign, path: &Path) -> Re
         threads: NonZeroUsize::MIN,
         start: Instant::now(),
     };
-    print_text(args, campaign, &folder, &totals, &flown);
+    let go_on = command_line(&args.campaign, args.out.as_deref());
+    print_text(campaign, &folder, &totals, &flown, &go_on);
     Ok(())
 }
 
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
 pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
+    match (&args.command, &args.flights) {
+        (Some(Sub::Merge(args)), _) => merge(args),
+        (None, Some(args)) => fly(args),
+        (None, None) => output::bad_input("campaign: expected a campaign, or 'merge'; see 'rotortwin campaign --help'"),
+    }
+}
+
+fn fly(args: &FlightArgs) -> ExitCode {
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
         Err(error) => return output::bad_input(error),
@@ -139,11 +190,65 @@ fn described(campaign: &Campaign) -> String {
     text
 }
 
-fn fly_all(args: &Args, campaign: &Campaign) -> ExitCode {
-    let path = args
-        .out
-        .clone()
-        .unwrap_or_else(|| Path::new("runs").join(format!("campaign-{}", campaign.document().name)));
+/// Takes the shards of other folders in, and makes the results of what is there.
+fn merge(args: &MergeArgs) -> ExitCode {
+    let campaign = match Campaign::load(&args.campaign) {
+        Ok(campaign) => campaign,
+        Err(error) => return output::bad_input(error),
+    };
+    let path = folder_of(args.out.as_deref(), &campaign);
+    let folder = match CampaignFolder::open(&path, &campaign) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    for other in &args.folders {
+        if let Err(sentence) = take_in(&folder, other, &campaign) {
+            return output::bad_input(sentence);
+        }
+    }
+    let missing: Vec<u64> = (0..folder.shard_count())
+        .filter(|shard| !folder.has_shard(*shard))
+        .collect();
+    let go_on = command_line(&args.campaign, Some(folder.path()));
+    let flown = Flown {
+        end: RunEnd::Complete,
+        flights: 0,
+        steps: 0,
+        threads: NonZeroUsize::MIN,
+        start: Instant::now(),
+    };
+    if let Err(sentence) = summed_up(&campaign, &folder, &flown, args.json, &go_on) {
+        return destination::failed_at(folder.path(), sentence);
+    }
+    if missing.is_empty() {
+        return ExitCode::SUCCESS;
+    }
+    output::failed(format!(
+        "{} of {} shards are missing: {}; fly them with --shards and merge again",
+        missing.len(),
+        folder.shard_count(),
+        ranges(&missing)
+    ))
+}
+
+/// Ascending numbers as ranges that `--shards` takes.
+fn ranges(numbers: &[u64]) -> String {
+    let apart: Vec<String> = numbers
+        .chunk_by(|a, b| a + 1 == *b)
+        .filter_map(|run| Some(format!("{}..{}", run.first()?, run.last()? + 1)))
+        .collect();
+    apart.join(", ")
+}
+
+fn folder_of(out: Option<&Path>, campaign: &Campaign) -> PathBuf {
+    out.map_or_else(
+        || Path::new("runs").join(format!("campaign-{}", campaign.document().name)),
+        Path::to_path_buf,
+    )
+}
+
+fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
+    let path = folder_of(args.out.as_deref(), campaign);
     let folder = match CampaignFolder::open(&path, campaign) {
         Ok(folder) => folder,
         Err(sentence) => return output::bad_input(sentence),
@@ -169,7 +274,7 @@ struct Flown {
     start: Instant,
 }
 
-fn fly_missing(args: &Args, campaign: &Campaign, folder: &CampaignFolder) -> Result<Flown, String> {
+fn fly_missing(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder) -> Result<Flown, String> {
     let options = RunOptions {
         threads: args.threads.unwrap_or_else(available_threads),
         limit: args.limit,
@@ -226,7 +331,7 @@ pub(crate) fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressB
     resumed_bar(template, hidden, wanted, present)
 }
 
-fn finish(args: &Args, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
+fn finish(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
     if args.shards.is_some() {
         let complete = flown.end == RunEnd::Complete;
         if args.json {
@@ -247,22 +352,35 @@ fn finish(args: &Args, campaign: &Campaign, folder: &CampaignFolder, flown: &Flo
             ExitCode::from(rotortwin_process::EXIT_FAILED)
         });
     }
-    let totals = results::collect(campaign, folder)?;
-    results::write_summary(campaign, folder, &totals)?;
-    let page = report::render(campaign, &totals, rotortwin_store::REPORT_CSS);
-    write_whole(&folder.path().join(results::REPORT_FILE), page.as_bytes())?;
-    if args.json {
-        println!("{:#}", results::summary(campaign, &totals));
-    } else {
-        print_text(args, campaign, folder, &totals, flown);
-    }
+    let go_on = command_line(&args.campaign, args.out.as_deref());
+    summed_up(campaign, folder, flown, args.json, &go_on)?;
     Ok(match flown.end {
         RunEnd::Complete => ExitCode::SUCCESS,
         RunEnd::Stopped => ExitCode::from(rotortwin_process::EXIT_FAILED),
     })
 }
 
-fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flown: &Flown) {
+/// Makes the results of the shards that are there, and prints them.
+fn summed_up(
+    campaign: &Campaign,
+    folder: &CampaignFolder,
+    flown: &Flown,
+    json: bool,
+    go_on: &str,
+) -> Result<(), String> {
+    let totals = results::collect(campaign, folder)?;
+    results::write_summary(campaign, folder, &totals)?;
+    let page = report::render(campaign, &totals, rotortwin_store::REPORT_CSS);
+    write_whole(&folder.path().join(results::REPORT_FILE), page.as_bytes())?;
+    if json {
+        println!("{:#}", results::summary(campaign, &totals));
+    } else {
+        print_text(campaign, folder, &totals, flown, go_on);
+    }
+    Ok(())
+}
+
+fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flown: &Flown, go_on: &str) {
     let document = campaign.document();
     println!(
         "{}",
@@ -315,20 +433,20 @@ fn print_text(args: &Args, campaign: &Campaign, folder: &CampaignFolder, totals:
             totals.flights,
             campaign.flights()
         );
-        println!("{}", command_line(args));
+        println!("{go_on}");
     }
 }
 
 /// The command that goes on, as it would be typed.
-fn command_line(args: &Args) -> String {
-    let mut line = format!("rotortwin campaign {}", args.campaign.display());
-    if let Some(out) = &args.out {
+fn command_line(campaign: &Path, out: Option<&Path>) -> String {
+    let mut line = format!("rotortwin campaign {}", campaign.display());
+    if let Some(out) = out {
         line += &format!(" --out {}", out.display());
     }
     line
 }
 
-fn fly_one(args: &Args, campaign: &Campaign, index: u64) -> ExitCode {
+fn fly_one(args: &FlightArgs, campaign: &Campaign, index: u64) -> ExitCode {
     if index >= campaign.flights() {
         return output::bad_input(format!(
             "--flight: expected a number from 0 to {}, got {index}",
@@ -382,7 +500,7 @@ fn stop_flag() -> Result<Arc<AtomicBool>, String> {
     Ok(stop)
 }
 
-fn hunt(args: &Args, campaign: &Campaign) -> ExitCode {
+fn hunt(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
     let name = format!("hunt-{}", campaign.document().name);
     let folder = args
         .out
@@ -399,7 +517,7 @@ fn hunt(args: &Args, campaign: &Campaign) -> ExitCode {
     }
 }
 
-fn hunt_into(args: &Args, campaign: &Campaign, folder: &Path) -> Result<(), String> {
+fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<(), String> {
     let stop = stop_flag()?;
     let options = HuntOptions {
         seed: args.hunt_seed,

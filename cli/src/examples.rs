@@ -83,7 +83,9 @@ pub(crate) const CAMPAIGN: &str = "\
 Examples:
   rotortwin campaign detector-ideal --jobs 4
   rotortwin campaign detector-ideal --flight 17
-  rotortwin campaign wide-draw --hunt --budget 300";
+  rotortwin campaign wide-draw --hunt --budget 300
+  rotortwin campaign wide-draw --shards 0..4 --out part-0
+  rotortwin campaign merge wide-draw part-0 part-1 --out whole";
 
 pub(crate) const FIT: &str = "\
 Examples:

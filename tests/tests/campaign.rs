@@ -309,3 +309,42 @@ fn scenario_memory_does_not_grow_with_the_flights() {
         "{few} kB for 32 flights, {many} kB for 1024"
     );
 }
+
+#[test]
+fn scenario_shards_flown_apart_give_the_bytes_of_one_machine() {
+    let scratch = Scratch::new();
+    let file = campaign(&scratch, 160, 20.0);
+    call(&scratch, &file, "whole", &[]).run().expect_code(0);
+    for (out, shards) in [("late", "3..5"), ("early", "0..2"), ("again", "1..4")] {
+        call(&scratch, &file, out, &["--shards", shards]).run().expect_code(0);
+    }
+    let merge = |folders: &[&str]| {
+        Call::new(&scratch, ["campaign".into(), "merge".into(), file.as_os_str().to_owned()])
+            .with(folders.iter().map(|name| scratch.path(name).into_os_string()))
+            .with(["--out".into(), scratch.path("merged").into_os_string()])
+            .run()
+    };
+    let ended = merge(&["late", "early"]);
+    assert_eq!(ended.code, Some(1), "{:?}", ended.stderr);
+    let said = ended.stderr.join("\n");
+    assert!(said.contains("1 of 5 shards are missing: 2..3"), "{said}");
+    merge(&["again"]).expect_code(0);
+    assert_same_results(&scratch, "whole", "merged");
+    // Any number of times, in any order.
+    merge(&["again", "early", "late"]).expect_code(0);
+    assert_same_results(&scratch, "whole", "merged");
+
+    std::fs::copy(
+        scratch.path("again/shards/000002.parquet"),
+        scratch.path("again/shards/000001.parquet"),
+    )
+    .expect("copied");
+    assert_refused(&merge(&["again"]), &["again", "shard 1 is another one than in", "merged"]);
+    assert_refused(&merge(&["nowhere"]), &["nowhere", "'rotortwin campaign' has written"]);
+    assert_refused(&merge(&["merged"]), &["is the folder of the whole"]);
+    let other = scratch.path("other.toml");
+    let text = std::fs::read_to_string(&file).expect("it was written");
+    std::fs::write(&other, text.replace("seed = 5", "seed = 6")).expect("written");
+    call(&scratch, &other, "other", &["--shards", "0..1"]).run().expect_code(0);
+    assert_refused(&merge(&["other"]), &["other", "holds flights of another campaign"]);
+}

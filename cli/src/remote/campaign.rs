@@ -3,7 +3,7 @@
 use super::events::Event;
 use super::http::{Ask, Remote};
 use super::{RemoteError, ServerArgs, fetch, task, with_server};
-use crate::campaign::{self, Args};
+use crate::campaign::{self, Args, FlightArgs};
 use crate::output;
 use indicatif::ProgressBar;
 use rotortwin_campaign::study::Campaign;
@@ -14,6 +14,9 @@ use std::process::ExitCode;
 /// Runs the command.
 pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
+    let Some(args) = args.flights() else {
+        return output::bad_input("merge puts folders of this machine together; expected it without --server");
+    };
     if let Some(option) = args.only_here() {
         return output::bad_input(format!(
             "{option} belongs to campaigns on this machine; expected it without --server"
@@ -86,7 +89,7 @@ async fn finish(
     id: &str,
     campaign: &Campaign,
     folder: &Path,
-    args: &Args,
+    args: &FlightArgs,
 ) -> Result<ExitCode, RemoteError> {
     let path = format!("/api/v1/campaigns/{id}");
     let job = remote.json(&Ask::get(&path)).await?;

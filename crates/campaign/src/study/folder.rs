@@ -132,6 +132,18 @@ impl CampaignFolder {
         Ok(folder)
     }
 
+    /// As [`CampaignFolder::open`], of a folder that is there already.
+    pub fn open_present(path: &Path, campaign: &Campaign) -> Result<Self, String> {
+        if path.join(MANIFEST).is_file() {
+            Self::open(path, campaign)
+        } else {
+            Err(format!(
+                "{}: expected a folder that 'rotortwin campaign' has written, it has no {MANIFEST}",
+                path.display()
+            ))
+        }
+    }
+
     /// Removes what a killed process was writing.
     fn sweep(&self) -> Result<(), String> {
         let shards = self.path.join(SHARDS);
@@ -169,6 +181,17 @@ impl CampaignFolder {
     /// True if all its flights have been flown.
     pub fn has_shard(&self, shard: u64) -> bool {
         self.shard_path(shard).is_file()
+    }
+
+    /// The file of a shard, as it is.
+    pub fn shard_bytes(&self, shard: u64) -> Result<Vec<u8>, String> {
+        let path = self.shard_path(shard);
+        std::fs::read(&path).map_err(|error| format!("{}: cannot be read: {error}", path.display()))
+    }
+
+    /// Takes a shard of another folder of the same campaign.
+    pub fn copy_shard(&self, shard: u64, from: &Self) -> Result<(), String> {
+        write_whole(&self.shard_path(shard), &from.shard_bytes(shard)?)
     }
 
     /// Writes a whole shard.

@@ -7,7 +7,7 @@
 //! * [`document`]: the file. * [`plan`]: what flight i is. * [`engine`], [`score`], [`record`]: what became of it.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
-//! * [`hunt`]: flights where the detector fails, shrunk to what matters.
+//! * [`merge`]: shards that were flown on other machines. * [`hunt`]: flights where the detector fails, shrunk to what matters.
 
 pub mod cell;
 pub mod charts;
@@ -16,6 +16,7 @@ pub mod engine;
 pub mod folder;
 pub mod hunt;
 pub mod intervals;
+pub mod merge;
 pub mod plan;
 pub mod record;
 pub mod report;
