@@ -7,7 +7,7 @@ use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
-use rotortwin_campaign::study::folder::{CampaignFolder, write_whole};
+use rotortwin_campaign::study::folder::{CampaignFolder, SHARD_FLIGHTS, write_whole};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
 use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
@@ -91,7 +91,7 @@ pub(crate) struct FlightArgs {
     /// --hunt: most cases that are shrunk
     #[arg(long, value_name = "COUNT", default_value_t = 4, requires = "hunt", value_parser = clap::value_parser!(u16).range(1..=1000))]
     cases: u16,
-    /// Only read the file, try its flights and say what they are
+    /// Only read the file, try its flights and say what they are; with --json how many flights and shards
     #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
     check: bool,
     /// Fly only these shards of 32 flights, FIRST..END, and leave them as they are; 'rotortwin campaign merge' puts them together
@@ -163,7 +163,11 @@ fn fly(args: &FlightArgs) -> ExitCode {
         eprintln!("{}: {warning}", args.campaign.display());
     }
     if args.check {
-        print!("{}", described(&campaign));
+        if args.json {
+            println!("{:#}", described_as_json(&campaign));
+        } else {
+            print!("{}", described(&campaign));
+        }
         return ExitCode::SUCCESS;
     }
     if args.hunt {
@@ -173,6 +177,18 @@ fn fly(args: &FlightArgs) -> ExitCode {
         Some(index) => fly_one(args, &campaign, index),
         None => fly_all(args, &campaign),
     }
+}
+
+/// For scripts that share the shards out.
+fn described_as_json(campaign: &Campaign) -> serde_json::Value {
+    let document = campaign.document();
+    serde_json::json!({
+        "name": document.name,
+        "description": document.description,
+        "flights": campaign.flights(),
+        "shards": campaign.flights().div_ceil(SHARD_FLIGHTS),
+        "seed": document.seed,
+    })
 }
 
 fn described(campaign: &Campaign) -> String {

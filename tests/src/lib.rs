@@ -11,6 +11,7 @@
 //! * [`server`]: a server under test, its workers, and requests to it;
 //! * [`websocket`]: what a server tells by WebSocket;
 //! * [`postgres`]: a Postgres of one's own;
+//! * [`slurm`]: a Slurm cluster of two nodes;
 //! * [`python`]: Python with the client and what its tests need.
 //! * [`cable`]: a connection that is cut without a word;
 //! * [`certificates`]: certificates of a test;
@@ -32,6 +33,7 @@ pub mod random;
 pub mod scratch;
 pub mod server;
 mod skip;
+pub mod slurm;
 pub mod websocket;
 
 pub use skip::skip;

@@ -319,10 +319,13 @@ fn scenario_shards_flown_apart_give_the_bytes_of_one_machine() {
         call(&scratch, &file, out, &["--shards", shards]).run().expect_code(0);
     }
     let merge = |folders: &[&str]| {
-        Call::new(&scratch, ["campaign".into(), "merge".into(), file.as_os_str().to_owned()])
-            .with(folders.iter().map(|name| scratch.path(name).into_os_string()))
-            .with(["--out".into(), scratch.path("merged").into_os_string()])
-            .run()
+        Call::new(
+            &scratch,
+            ["campaign".into(), "merge".into(), file.as_os_str().to_owned()],
+        )
+        .with(folders.iter().map(|name| scratch.path(name).into_os_string()))
+        .with(["--out".into(), scratch.path("merged").into_os_string()])
+        .run()
     };
     let ended = merge(&["late", "early"]);
     assert_eq!(ended.code, Some(1), "{:?}", ended.stderr);
@@ -339,12 +342,17 @@ fn scenario_shards_flown_apart_give_the_bytes_of_one_machine() {
         scratch.path("again/shards/000001.parquet"),
     )
     .expect("copied");
-    assert_refused(&merge(&["again"]), &["again", "shard 1 is another one than in", "merged"]);
+    assert_refused(
+        &merge(&["again"]),
+        &["again", "shard 1 is another one than in", "merged"],
+    );
     assert_refused(&merge(&["nowhere"]), &["nowhere", "'rotortwin campaign' has written"]);
     assert_refused(&merge(&["merged"]), &["is the folder of the whole"]);
     let other = scratch.path("other.toml");
     let text = std::fs::read_to_string(&file).expect("it was written");
     std::fs::write(&other, text.replace("seed = 5", "seed = 6")).expect("written");
-    call(&scratch, &other, "other", &["--shards", "0..1"]).run().expect_code(0);
+    call(&scratch, &other, "other", &["--shards", "0..1"])
+        .run()
+        .expect_code(0);
     assert_refused(&merge(&["other"]), &["other", "holds flights of another campaign"]);
 }

@@ -19,7 +19,10 @@ use std::path::Path;
 /// `into` has otherwise.
 pub fn take_in(into: &CampaignFolder, from: &Path, campaign: &Campaign) -> Result<u64, String> {
     if from.canonicalize().ok() == into.path().canonicalize().ok() && from.exists() {
-        return Err(format!("{}: is the folder of the whole; expected another", from.display()));
+        return Err(format!(
+            "{}: is the folder of the whole; expected another",
+            from.display()
+        ));
     }
     let part = CampaignFolder::open_present(from, campaign)?;
     let mut taken = 0;
