@@ -1,7 +1,9 @@
 //! Effects of a scenario against each other and against the flight: an effect that cannot have an effect is refused.
 
 use crate::scenario_document::ScenarioDocument;
-use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet};
+use rotortwin_plant::effects::{
+    Catalogue, Constants, EffectInstance, EffectSet, Requirement, Strategy, Wiring,
+};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::vehicle::mismatch::Size;
 use rotortwin_plant::vehicle::model::VehicleModel;
@@ -64,8 +66,10 @@ fn check_one(
             );
         }
     }
-    if instance.effect == "swapped-rotors" {
-        let partner = instance.values(declaration)[1];
+    if let Strategy::Wiring(Wiring::Pair { partner: name }) = declaration.search.strategy
+        && let Some(place) = declaration.parameter_index(name)
+    {
+        let partner = instance.values(declaration)[place];
         let number = partner as usize;
         let good =
             partner.fract() == 0.0 && (1..=nominal.rotor_count).contains(&number) && Some(number) != instance.rotor;
@@ -74,10 +78,10 @@ fn check_one(
                 "expected the number of another rotor, 1 to {}, got {partner}",
                 nominal.rotor_count
             );
-            return Err(Refusal::new("parameters.partner", reason));
+            return Err(Refusal::new(format!("parameters.{name}"), reason));
         }
     }
-    if instance.effect == "ground-effect" {
+    if declaration.catalogue_number.is_some() && declaration.search.requires.contains(&Requirement::HeightAboveGround) {
         let Some(ground) = &document.ground else {
             return cannot("effect", "no ground is in reach; give `ground.down_m`".into());
         };

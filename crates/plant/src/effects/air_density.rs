@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR,
     excited_by: "always; manoeuvres tell it from the mass",
     confused_with: &["mass", "voltage-gain", "voltage-offset", "dead-zone"],
     source: "ISA: −6 % per 500 m and ±5 % with temperature; Eq. 19",

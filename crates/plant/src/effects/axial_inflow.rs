@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "climbs, and roll and pitch rates (it damps them)",
     confused_with: &["rotational-damping", "command-delay"],
     source: "momentum theory: T/(2 v_ind) to T/(4 v_ind)",

@@ -34,6 +34,7 @@ pub(super) static CEILING: EffectDeclaration = EffectDeclaration {
     ],
     per_rotor: false,
     needs: &[],
+    search: Search::by(Strategy::Shapes(Shapes::Above { height: "height_m" })).requiring(&[Requirement::Position]),
     excited_by: "flight within two rotor radii of the ceiling",
     confused_with: &["ground-effect", "mass"],
     source: "form of the ceiling effect as in Hsiao, Chirarattananon 2019",
@@ -84,6 +85,10 @@ pub(super) static WALL: EffectDeclaration = EffectDeclaration {
     ],
     per_rotor: false,
     needs: &[],
+    search: Search::by(Strategy::Shapes(Shapes::Beside {
+        distance: "distance_m",
+        azimuth: "azimuth_rad",
+    })).requiring(&[Requirement::Position]),
     excited_by: "flight within two rotor radii of a wall",
     confused_with: &["wind", "accelerometer-bias"],
     source: "form assumed: no fitted source; decays as the ceiling effect does",

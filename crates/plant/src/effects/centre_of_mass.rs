@@ -25,6 +25,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     ],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.in_trim(TrimChange::Balance),
     excited_by: "always",
     confused_with: &["rotor-thrust-scale", "rotor-interference"],
     source: "Eq. 6",

@@ -32,6 +32,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     ],
     per_rotor: false,
     needs: &[],
+    search: Search::by(Strategy::BatteryState(AtBattery::Inside)).requiring(&[Requirement::BatteryVoltage]),
     excited_by: "a cold start and a flight of minutes",
     confused_with: &["internal-resistance", "battery-rc"],
     source: "LiPo practice: 2 to 3 times the resistance at 0 °C",

@@ -6,6 +6,7 @@ use std::fmt;
 
 use super::constants::Constants;
 use super::hooks::ActiveEffect;
+use super::search::Search;
 
 /// What kind of thing an effect is: physics is added to the model, a fault of sensor or timing is mended in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -283,6 +284,9 @@ pub struct EffectDeclaration {
     pub per_rotor: bool,
     /// Effects of which one must be there for this one to act: wind acts through drag.
     pub needs: &'static [&'static str],
+    /// How a diagnosis searches for it, and what that requires of a log.
+    #[serde(skip)]
+    pub search: Search,
     /// What a flight must contain for the effect to show.
     pub excited_by: &'static str,
     /// Ids of effects with a similar signature.

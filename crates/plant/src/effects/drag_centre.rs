@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &["rotor-drag", "quadratic-drag", "linear-friction"],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "translation",
     confused_with: &["flapping-moment"],
     source: "geometry",

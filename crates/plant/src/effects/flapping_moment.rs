@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "translation",
     confused_with: &["drag-centre", "rotor-interference"],
     source: "RotorPy k_flap",

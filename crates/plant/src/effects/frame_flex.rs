@@ -29,6 +29,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     ],
     per_rotor: false,
     needs: &[],
+    search: Search::by(Strategy::Shapes(Shapes::Range(&["frequency_hz"]))),
     excited_by: "steps of the torque",
     confused_with: &["command-delay", "motor-time-constant"],
     source: "second-order mode",

@@ -25,6 +25,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::HeightAboveGround]),
     excited_by: "passes or landings below 0.6 m",
     confused_with: &["mass", "voltage-gain"],
     source: "Cheeseman, Bennett 1955; Sanchez-Cuevas 2017",

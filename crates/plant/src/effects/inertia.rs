@@ -2,173 +2,130 @@
 
 use super::prelude::*;
 
-/// Row 19 of the catalogue.
-pub(super) static ROLL: EffectDeclaration = EffectDeclaration {
-    id: "inertia-roll",
-    name: "Roll inertia",
-    catalogue_number: Some(19),
-    class: EffectClass::Physics,
-    equation: "J_x → J_x (1 + d)",
-    places: &[Place::MassProperties],
-    channels: &[MOMENT],
-    parameters: &[ParameterDeclaration::size(
-        "share",
-        "d",
-        "",
-        "relative error",
-        (-0.4, 0.4),
-        0.2,
-        0.15,
-    )],
-    per_rotor: false,
-    needs: &[],
-    excited_by: "angular acceleration about this axis",
-    confused_with: &["rotor-thrust-scale", "air-density", "motor-time-constant"],
-    source: "bifilar pendulum practice: ±15 to 20 %",
-    build: Build::BuiltIn(|setup| Changes::<1>::boxed(setup, |c, [d], _| c.inertia_body_kg_m2[0][0] *= 1.0 + d)),
-};
+/// Row 19 of the catalogue: the moment of inertia about body axis `AXIS`.
+///
+/// * `parameters`: the relative error, see [`share`]
+const fn moment<const AXIS: usize>(
+    id: &'static str,
+    name: &'static str,
+    equation: &'static str,
+    parameters: &'static [ParameterDeclaration],
+    confused_with: &'static [&'static str],
+) -> EffectDeclaration {
+    EffectDeclaration {
+        id,
+        name,
+        catalogue_number: Some(19),
+        class: EffectClass::Physics,
+        equation,
+        places: &[Place::MassProperties],
+        channels: &[MOMENT],
+        parameters,
+        per_rotor: false,
+        needs: &[],
+        search: Search::LINEAR,
+        excited_by: "angular acceleration about this axis",
+        confused_with,
+        source: "bifilar pendulum practice: ±15 to 20 %",
+        build: Build::BuiltIn(|setup| {
+            Changes::<1>::boxed(setup, |c, [d], _| c.inertia_body_kg_m2[AXIS][AXIS] *= 1.0 + d)
+        }),
+    }
+}
 
-/// Row 19 of the catalogue.
-pub(super) static PITCH: EffectDeclaration = EffectDeclaration {
-    id: "inertia-pitch",
-    name: "Pitch inertia",
-    catalogue_number: Some(19),
-    class: EffectClass::Physics,
-    equation: "J_y → J_y (1 + d)",
-    places: &[Place::MassProperties],
-    channels: &[MOMENT],
-    parameters: &[ParameterDeclaration::size(
-        "share",
-        "d",
-        "",
-        "relative error",
-        (-0.4, 0.4),
-        0.2,
-        0.15,
-    )],
-    per_rotor: false,
-    needs: &[],
-    excited_by: "angular acceleration about this axis",
-    confused_with: &["rotor-thrust-scale", "air-density", "motor-time-constant"],
-    source: "bifilar pendulum practice: ±15 to 20 %",
-    build: Build::BuiltIn(|setup| Changes::<1>::boxed(setup, |c, [d], _| c.inertia_body_kg_m2[1][1] *= 1.0 + d)),
-};
+/// The relative error of a moment of inertia.
+const fn share(typical: f64) -> ParameterDeclaration {
+    ParameterDeclaration::size("share", "d", "", "relative error", (-0.4, 0.4), 0.2, typical)
+}
 
-/// Row 19 of the catalogue.
-pub(super) static YAW: EffectDeclaration = EffectDeclaration {
-    id: "inertia-yaw",
-    name: "Yaw inertia",
-    catalogue_number: Some(19),
-    class: EffectClass::Physics,
-    equation: "J_z → J_z (1 + d)",
-    places: &[Place::MassProperties],
-    channels: &[MOMENT],
-    parameters: &[ParameterDeclaration::size(
-        "share",
-        "d",
-        "",
-        "relative error",
-        (-0.4, 0.4),
-        0.2,
-        0.2,
-    )],
-    per_rotor: false,
-    needs: &[],
-    excited_by: "angular acceleration about this axis",
-    confused_with: &["moment-ratio", "rotor-reaction"],
-    source: "bifilar pendulum practice: ±15 to 20 %",
-    build: Build::BuiltIn(|setup| Changes::<1>::boxed(setup, |c, [d], _| c.inertia_body_kg_m2[2][2] *= 1.0 + d)),
-};
+/// Row 20 of the catalogue: the product of inertia of body axes `A` and `B`.
+const fn product<const A: usize, const B: usize>(
+    id: &'static str,
+    name: &'static str,
+    equation: &'static str,
+    parameters: &'static [ParameterDeclaration],
+) -> EffectDeclaration {
+    EffectDeclaration {
+        id,
+        name,
+        catalogue_number: Some(20),
+        class: EffectClass::Physics,
+        equation,
+        places: &[Place::MassProperties],
+        channels: &[MOMENT],
+        parameters,
+        per_rotor: false,
+        needs: &[],
+        search: Search::LINEAR,
+        excited_by: "angular acceleration and rates about two axes at once",
+        confused_with: &["centre-of-mass", "imu-misalignment"],
+        source: "rigid body",
+        build: Build::BuiltIn(|setup| {
+            Changes::<1>::boxed(setup, |c, [j], _| {
+                c.inertia_body_kg_m2[A][B] += j;
+                c.inertia_body_kg_m2[B][A] += j;
+            })
+        }),
+    }
+}
 
-/// Row 20 of the catalogue.
-pub(super) static PRODUCT_XY: EffectDeclaration = EffectDeclaration {
-    id: "inertia-product-xy",
-    name: "Product of inertia xy",
-    catalogue_number: Some(20),
-    class: EffectClass::Physics,
-    equation: "J_xy of J",
-    places: &[Place::MassProperties],
-    channels: &[MOMENT],
-    parameters: &[ParameterDeclaration::size(
+/// An entry of the inertia tensor off its diagonal.
+const fn entry(symbol: &'static str) -> ParameterDeclaration {
+    ParameterDeclaration::size(
         "value_kg_m2",
-        "J_xy",
+        symbol,
         "kg·m²",
         "entry of the inertia tensor",
         (-0.003, 0.003),
         0.001,
         0.001,
-    )],
-    per_rotor: false,
-    needs: &[],
-    excited_by: "angular acceleration and rates about two axes at once",
-    confused_with: &["centre-of-mass", "imu-misalignment"],
-    source: "rigid body",
-    build: Build::BuiltIn(|setup| {
-        Changes::<1>::boxed(setup, |c, [j], _| {
-            c.inertia_body_kg_m2[0][1] += j;
-            c.inertia_body_kg_m2[1][0] += j;
-        })
-    }),
-};
+    )
+}
 
-/// Row 20 of the catalogue.
-pub(super) static PRODUCT_XZ: EffectDeclaration = EffectDeclaration {
-    id: "inertia-product-xz",
-    name: "Product of inertia xz",
-    catalogue_number: Some(20),
-    class: EffectClass::Physics,
-    equation: "J_xz of J",
-    places: &[Place::MassProperties],
-    channels: &[MOMENT],
-    parameters: &[ParameterDeclaration::size(
-        "value_kg_m2",
-        "J_xz",
-        "kg·m²",
-        "entry of the inertia tensor",
-        (-0.003, 0.003),
-        0.001,
-        0.001,
-    )],
-    per_rotor: false,
-    needs: &[],
-    excited_by: "angular acceleration and rates about two axes at once",
-    confused_with: &["centre-of-mass", "imu-misalignment"],
-    source: "rigid body",
-    build: Build::BuiltIn(|setup| {
-        Changes::<1>::boxed(setup, |c, [j], _| {
-            c.inertia_body_kg_m2[0][2] += j;
-            c.inertia_body_kg_m2[2][0] += j;
-        })
-    }),
-};
+/// What a slower or weaker thrust is taken for, and the other way round.
+const OF_TILTING: &[&str] = &["rotor-thrust-scale", "air-density", "motor-time-constant"];
 
-/// Row 20 of the catalogue.
-pub(super) static PRODUCT_YZ: EffectDeclaration = EffectDeclaration {
-    id: "inertia-product-yz",
-    name: "Product of inertia yz",
-    catalogue_number: Some(20),
-    class: EffectClass::Physics,
-    equation: "J_yz of J",
-    places: &[Place::MassProperties],
-    channels: &[MOMENT],
-    parameters: &[ParameterDeclaration::size(
-        "value_kg_m2",
-        "J_yz",
-        "kg·m²",
-        "entry of the inertia tensor",
-        (-0.003, 0.003),
-        0.001,
-        0.001,
-    )],
-    per_rotor: false,
-    needs: &[],
-    excited_by: "angular acceleration and rates about two axes at once",
-    confused_with: &["centre-of-mass", "imu-misalignment"],
-    source: "rigid body",
-    build: Build::BuiltIn(|setup| {
-        Changes::<1>::boxed(setup, |c, [j], _| {
-            c.inertia_body_kg_m2[1][2] += j;
-            c.inertia_body_kg_m2[2][1] += j;
-        })
-    }),
-};
+pub(super) static ROLL: EffectDeclaration = moment::<0>(
+    "inertia-roll",
+    "Roll inertia",
+    "J_x → J_x (1 + d)",
+    &const { [share(0.15)] },
+    OF_TILTING,
+);
+
+pub(super) static PITCH: EffectDeclaration = moment::<1>(
+    "inertia-pitch",
+    "Pitch inertia",
+    "J_y → J_y (1 + d)",
+    &const { [share(0.15)] },
+    OF_TILTING,
+);
+
+pub(super) static YAW: EffectDeclaration = moment::<2>(
+    "inertia-yaw",
+    "Yaw inertia",
+    "J_z → J_z (1 + d)",
+    &const { [share(0.2)] },
+    &["moment-ratio", "rotor-reaction"],
+);
+
+pub(super) static PRODUCT_XY: EffectDeclaration = product::<0, 1>(
+    "inertia-product-xy",
+    "Product of inertia xy",
+    "J_xy of J",
+    &const { [entry("J_xy")] },
+);
+
+pub(super) static PRODUCT_XZ: EffectDeclaration = product::<0, 2>(
+    "inertia-product-xz",
+    "Product of inertia xz",
+    "J_xz of J",
+    &const { [entry("J_xz")] },
+);
+
+pub(super) static PRODUCT_YZ: EffectDeclaration = product::<1, 2>(
+    "inertia-product-yz",
+    "Product of inertia yz",
+    "J_yz of J",
+    &const { [entry("J_yz")] },
+);

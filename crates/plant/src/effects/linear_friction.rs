@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "translation and climbs",
     confused_with: &["rotor-drag", "quadratic-drag", "axial-inflow"],
     source: "Eq. 1",

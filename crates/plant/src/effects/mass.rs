@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.in_trim(TrimChange::Weight),
     excited_by: "always",
     confused_with: &["air-density", "voltage-gain", "accelerometer-scale", "dead-zone"],
     source: "Eq. 1",

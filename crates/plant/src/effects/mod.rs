@@ -49,6 +49,7 @@ mod rotor_interference;
 mod rotor_lift_bias;
 mod rotor_thrust_scale;
 mod rotor_tilt;
+mod search;
 mod set;
 mod slung_load;
 #[cfg(test)]
@@ -70,6 +71,7 @@ pub use hooks::{ActiveEffect, Hooks, Moment};
 pub use instance::{Catalogue, EffectInstance};
 pub use page::page;
 pub use readings::Readings;
+pub use search::{AtBattery, Requirement, Search, Shapes, Strategy, TrimChange, Wiring};
 pub use set::EffectSet;
 pub use user::{EffectDocument, ParameterEntry, TermEntry, expression_places, expression_variables, factor_unit};
 pub use wrench::Wrench;

@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR,
     excited_by: "yaw",
     confused_with: &["inertia-yaw", "rotor-reaction"],
     source: "Eq. 36",

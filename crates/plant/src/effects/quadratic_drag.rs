@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "speeds above 3 m/s, several of them",
     confused_with: &["rotor-drag", "linear-friction"],
     source: "RotorPy c_D; ETH data-driven-dynamics fuselage model",

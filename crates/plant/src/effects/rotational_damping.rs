@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR,
     excited_by: "body rates",
     confused_with: &["axial-inflow", "command-delay", "motor-time-constant"],
     source: "Eq. 1",

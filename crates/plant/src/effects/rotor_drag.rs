@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "translation; several speeds tell it from quadratic drag, climbs from linear friction",
     confused_with: &["quadratic-drag", "linear-friction", "wind"],
     source: "Faessler, Franchi, Scaramuzza 2018, eq. 2; RotorPy k_d",

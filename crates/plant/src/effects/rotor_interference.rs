@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "fast flight",
     confused_with: &["centre-of-mass", "flapping-moment"],
     source: "discussion in NeuroBEM (RSS 2021); linear form assumed",

@@ -23,6 +23,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     .with_clutter(0.0031)],
     per_rotor: true,
     needs: &[],
+    search: Search::by(Strategy::Nuisance),
     excited_by: "always",
     confused_with: &["rotor-thrust-scale"],
     source: "§6: ±10.756 mN, the error of the fit",

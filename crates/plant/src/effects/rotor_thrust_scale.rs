@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: true,
     needs: &[],
+    search: Search::LINEAR.in_trim(TrimChange::RotorThrust),
     excited_by: "always",
     confused_with: &["centre-of-mass", "rotor-lift-bias"],
     source: "Table 1, blades b, c, d; Eq. 19",

@@ -32,6 +32,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     ],
     per_rotor: false,
     needs: &[],
+    search: Search::by(Strategy::Shapes(Shapes::Range(&["length_m"]))),
     excited_by: "accelerations; shows at √(g/L)",
     confused_with: &["gusts", "mass"],
     source: "linear pendulum",

@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "fast level flight",
     confused_with: &["axial-inflow", "mass", "voltage-gain"],
     source: "RotorPy k_h; Bangura 2017",

@@ -24,6 +24,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR,
     excited_by: "changes of throttle",
     confused_with: &["accelerometer-bias", "mass"],
     source: "accelerometer data sheets: rectification k rms²",

@@ -25,6 +25,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )],
     per_rotor: false,
     needs: &[],
+    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "descents above 2.5 m/s",
     confused_with: &["axial-inflow"],
     source: "Leishman 2006, ch. 2.13: onset at half the induced velocity",

@@ -17,7 +17,7 @@
 
 mod posterior;
 
-use rotortwin_plant::effects::{Constants, ParameterDeclaration, catalogue};
+use rotortwin_plant::effects::{Constants, EffectDeclaration, ParameterDeclaration, TrimChange, catalogue};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -148,34 +148,31 @@ impl Balance<'_> {
 /// A candidate with the declared parameters that it moves.
 struct Candidate {
     kind: Kind,
-    effect: &'static str,
+    effect: String,
     parameters: Vec<ParameterDeclaration>,
 }
 
 fn candidates(rotors: usize, size: &VehicleSize) -> Vec<Candidate> {
-    let of = |ids: &[&'static str]| {
-        ids.iter()
-            .filter_map(|id| catalogue().iter().find(|d| d.id == *id))
-            .flat_map(|d| size.parameters(d))
-            .collect::<Vec<_>>()
+    let declared = |changes: &[TrimChange]| -> Vec<&'static EffectDeclaration> {
+        let all = changes.iter().flat_map(|change| {
+            let entries = catalogue().iter().copied();
+            entries.filter(move |entry| entry.search.trim == Some(*change))
+        });
+        all.collect()
+    };
+    let candidate = |kind: Kind, changes: &[TrimChange]| {
+        let entries = declared(changes);
+        Candidate {
+            kind,
+            effect: entries.iter().map(|d| d.id).collect::<Vec<_>>().join(" with "),
+            parameters: entries.iter().flat_map(|d| size.parameters(d)).collect(),
+        }
     };
     let mut all: Vec<Candidate> = (0..rotors)
-        .map(|rotor| Candidate {
-            kind: Kind::Rotor(rotor),
-            effect: "rotor-thrust-scale",
-            parameters: of(&["rotor-thrust-scale"]),
-        })
+        .map(|rotor| candidate(Kind::Rotor(rotor), &[TrimChange::RotorThrust]))
         .collect();
-    all.push(Candidate {
-        kind: Kind::Mass,
-        effect: "mass",
-        parameters: of(&["mass"]),
-    });
-    all.push(Candidate {
-        kind: Kind::Load,
-        effect: "mass with centre-of-mass",
-        parameters: of(&["mass", "centre-of-mass"]),
-    });
+    all.push(candidate(Kind::Mass, &[TrimChange::Weight]));
+    all.push(candidate(Kind::Load, &[TrimChange::Weight, TrimChange::Balance]));
     all
 }
 
@@ -292,7 +289,7 @@ fn change(candidate: &Candidate, posterior: f64, weighed: &Weighed) -> Change {
         Kind::Load => "a load at a place".to_owned(),
     };
     Change {
-        effect: candidate.effect.to_owned(),
+        effect: candidate.effect.clone(),
         rotor,
         label,
         posterior,

@@ -1,12 +1,11 @@
-//! What a search found in the words of its result: findings with final values, and the verdict.
+//! What a search found as its result has it: findings with final values, how their rivals fared, and the verdict.
 
-use rotortwin_plant::effects::{ParameterDeclaration, ParameterKind};
+use rotortwin_plant::effects::{ChannelGroup, ParameterDeclaration, ParameterKind};
 
-use super::named::{Named, UNTOLD_GAP};
-use super::result::{Diagnosis, Finding, Rival, Verdict};
+use super::named::{Named, RivalFit, UNTOLD_GAP};
+use super::result::{Diagnosis, Finding, Outcome, Rival, Verdict};
 use super::strategies::covariance;
-use super::words;
-use crate::estimation::candidates::Candidate;
+use crate::estimation::candidates::{Candidate, Library};
 use crate::estimation::columns::Active;
 use crate::estimation::linearisation::Linear;
 use crate::estimation::normal::Posterior;
@@ -17,6 +16,9 @@ use crate::predict::{CHANNELS, NAMES};
 
 /// Least explained share of an answer.
 const LEAST_SHARE: f64 = 0.9;
+
+/// Evidence gap below which a rival counts as compatible.
+const COMPATIBLE_GAP: f64 = 5.0;
 
 /// Share of a plausible range by which a value may lie beyond it.
 const BEYOND: f64 = 0.1;
@@ -57,18 +59,21 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 deviations[column.parameter] =
                     posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt() * column.size;
             }
-            let (mut compatible, mut lost) = (one.compatible, one.lost);
-            if below(entry, &values, one.minimum) {
-                // What came out smaller than what would show is not known well enough to say of a look-alike that it lost.
-                let alike = |rival: &Rival| entry.declaration.confused_with.contains(&rival.effect.as_str());
-                let (near, far): (Vec<Rival>, Vec<Rival>) = lost.into_iter().partition(alike);
-                lost = far;
-                compatible.extend(near.into_iter().map(|rival| Rival {
-                    reason: "what was found is smaller than what this flight shows for certain".to_owned(),
-                    ..rival
-                }));
+            let too_small = below(entry, &values, one.minimum);
+            let (mut compatible, mut lost) = (Vec::new(), Vec::new());
+            for rival in &one.rivals {
+                let rival = fared(&problem.library, entry, rival, too_small);
+                match rival.outcome {
+                    Outcome::AsGood => compatible.push(rival),
+                    _ => lost.push(rival),
+                }
             }
-            let mut finding = Finding {
+            // What fits as well comes before what is only not told apart.
+            let (near, lost): (Vec<Rival>, Vec<Rival>) = lost
+                .into_iter()
+                .partition(|rival| rival.outcome == Outcome::TooSmallToTell);
+            compatible.extend(near);
+            let finding = Finding {
                 instance: entry.instance(&values, active.onset_s)?,
                 label: entry.label(),
                 class: entry.declaration.class,
@@ -81,9 +86,9 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 lost,
                 onset_s: active.onset_s,
                 reason: String::new(),
+                seen_from: one.minimum.is_finite().then_some(one.minimum),
                 picture: None,
             };
-            finding.reason = words::why_found(&finding, one.minimum.is_finite().then_some(one.minimum));
             if !can_be(entry, &finding) {
                 impossible.push(finding.label);
                 return None;
@@ -92,6 +97,40 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
         })
         .collect();
     (found, impossible)
+}
+
+/// How a rival fared against what was named; a look-alike of something that came out `too_small` did not lose.
+fn fared(library: &Library, named: &Candidate, rival: &RivalFit, too_small: bool) -> Rival {
+    let other = &library.candidates[rival.candidate];
+    let declared = named.declaration;
+    let outcome = if rival.gap < COMPATIBLE_GAP && rival.implausible.is_none() {
+        Outcome::AsGood
+    } else if too_small && declared.confused_with.contains(&other.declaration.id) {
+        // What came out smaller than what would show is not known well enough to say of a look-alike that it lost.
+        Outcome::TooSmallToTell
+    } else if let Some(quantity) = rival.implausible {
+        Outcome::Implausible(quantity)
+    } else {
+        let left: Vec<ChannelGroup> = declared
+            .channels
+            .iter()
+            .filter(|group| !other.declaration.channels.contains(group))
+            .copied()
+            .collect();
+        if left.is_empty() {
+            Outcome::OtherShape(declared.excited_by)
+        } else {
+            Outcome::Leaves(left)
+        }
+    };
+    Rival {
+        effect: other.declaration.id.to_owned(),
+        rotor: other.rotor,
+        label: other.label(),
+        evidence_gap: rival.gap,
+        reason: String::new(),
+        outcome,
+    }
 }
 
 /// True if the only size of an effect came out below the smallest that would have been seen.
@@ -105,7 +144,7 @@ fn below(entry: &Candidate, values: &[f64], minimum: f64) -> bool {
 
 /// Gusts as a finding.
 pub(crate) fn weather_finding(problem: &Problem, found: &covariance::Gusts) -> Option<Finding> {
-    let declared = problem.logs.first()?.predictor.catalogue().find(covariance::ID)?;
+    let declared = covariance::declared(problem.logs.first()?.predictor.catalogue())?;
     let candidate = Candidate {
         declaration: declared,
         parameters: declared.parameters.to_vec(),
@@ -114,7 +153,7 @@ pub(crate) fn weather_finding(problem: &Problem, found: &covariance::Gusts) -> O
         limits: declared.parameters.iter().map(|p| p.accepted()).collect(),
     };
     let values = [found.rms_m_s, found.correlation_s];
-    let mut finding = Finding {
+    Some(Finding {
         instance: candidate.instance(&values, None)?,
         label: candidate.label(),
         class: declared.class,
@@ -130,11 +169,9 @@ pub(crate) fn weather_finding(problem: &Problem, found: &covariance::Gusts) -> O
         lost: Vec::new(),
         onset_s: None,
         reason: String::new(),
+        seen_from: None,
         picture: None,
-    };
-    finding.reason = words::why_found(&finding, None)
-        + "; noise through the drag that was found, white once filtered, and no function of velocity or place";
-    Some(finding)
+    })
 }
 
 /// Channels by the energy that the effect has in them; those with at least 5 % of it.

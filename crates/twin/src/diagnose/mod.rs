@@ -26,6 +26,7 @@ mod picture;
 mod ranking;
 mod result;
 mod search;
+mod state;
 mod strategies;
 mod words;
 

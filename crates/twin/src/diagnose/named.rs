@@ -1,17 +1,32 @@
 //! An effect that was named, with what its round knew.
 
-use super::result::Rival;
-
 /// A named effect with what its round knew.
 pub(crate) struct Named {
     pub(crate) candidate: usize,
     pub(crate) log_bayes_factor: f64,
     pub(crate) posterior: f64,
     pub(crate) minimum: f64,
-    pub(crate) compatible: Vec<Rival>,
-    pub(crate) lost: Vec<Rival>,
+    /// The others that were fitted in its round, best first.
+    pub(crate) rivals: Vec<RivalFit>,
     /// Found together with the effect through which it acts: its rivals have not been tried beside that.
     pub(crate) together: bool,
+}
+
+/// Another candidate that was fitted in the round of a named one.
+pub(crate) struct RivalFit {
+    pub(crate) candidate: usize,
+    /// ln of the Bayes factor of what was named against it.
+    pub(crate) gap: f64,
+    /// What it would need, if that is outside of what real vehicles have.
+    pub(crate) implausible: Option<Quantity>,
+}
+
+/// A value of a parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Quantity {
+    pub(crate) symbol: &'static str,
+    pub(crate) value: f64,
+    pub(crate) unit: &'static str,
 }
 
 /// Evidence gap below which the flight cannot tell.

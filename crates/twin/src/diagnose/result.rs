@@ -1,9 +1,10 @@
 //! What a diagnosis says: the structure that JSON, terminal and report share.
 
-use rotortwin_plant::effects::{EffectClass, EffectInstance};
+use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectInstance};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::named::Quantity;
 use crate::baseline::Trim;
 use crate::estimation::parameters::FittedParameter;
 use crate::propose::Proposal;
@@ -82,6 +83,24 @@ pub struct Rival {
     pub evidence_gap: f64,
     /// Why it lost, or that it did not.
     pub reason: String,
+    /// How it fared; `reason` is that in words.
+    #[serde(skip)]
+    pub(crate) outcome: Outcome,
+}
+
+/// How a rival fared against what was named.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Outcome {
+    /// The flight fits it nearly as well.
+    AsGood,
+    /// What was named is too small to be told from it.
+    TooSmallToTell,
+    /// It needs a size that real vehicles do not have.
+    Implausible(Quantity),
+    /// It leaves the error where it is in these groups of channels.
+    Leaves(Vec<ChannelGroup>),
+    /// It shows in the same channels, with another shape over the flight; what excites the named one tells them apart.
+    OtherShape(&'static str),
 }
 
 /// A residual against what an effect does to its channel.
@@ -143,6 +162,9 @@ pub struct Finding {
     pub onset_s: Option<f64>,
     /// In plain words.
     pub reason: String,
+    /// Size of the first parameter that would have been seen, in its unit; `None` where that means nothing.
+    #[serde(skip)]
+    pub(crate) seen_from: Option<f64>,
     /// The residual against what the effect does, without it and with it; absent where there is nothing to draw.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub picture: Option<Picture>,

@@ -1,7 +1,10 @@
 //! Reasons in plain words: numbers with units, why an effect was named, why a rival lost.
 
-use super::result::{Diagnosis, Finding, Rival, Verdict};
-use crate::estimation::candidates::Candidate;
+use rotortwin_plant::effects::EffectClass;
+
+use super::named::Quantity;
+use super::result::{Diagnosis, Finding, Outcome, Rival, Verdict};
+use super::state::Doubt;
 use crate::estimation::parameters::FittedParameter;
 
 /// A value with three or four significant digits.
@@ -33,28 +36,26 @@ pub(crate) fn parameters(finding: &Finding) -> String {
     finding.parameters.iter().map(parameter).collect::<Vec<_>>().join(", ")
 }
 
-/// Why a rival lost against the winner.
-pub(crate) fn why_lost(winner: &Candidate, rival: &Candidate, gap: f64, implausible: Option<String>) -> String {
-    if let Some(value) = implausible {
-        return format!("it would need {value}, outside of what real vehicles have");
-    }
-    let missing: Vec<&str> = winner
-        .declaration
-        .channels
-        .iter()
-        .filter(|channel| !rival.declaration.channels.contains(channel))
-        .map(|channel| channel.symbol())
-        .collect();
-    if missing.is_empty() {
-        let by = winner.declaration.excited_by;
-        format!(
-            "it shows in the same channels, but its shape over the flight fits worse by ln BF {gap:.1}; what tells them apart: {by}"
-        )
-    } else {
-        format!(
-            "it leaves the error in {} where it is (ln BF {gap:.1} worse)",
-            missing.join(", ")
-        )
+/// How a rival fared.
+fn fared(rival: &Rival) -> String {
+    let gap = rival.evidence_gap;
+    match &rival.outcome {
+        Outcome::AsGood => "this flight fits it nearly as well".to_owned(),
+        Outcome::TooSmallToTell => "what was found is smaller than what this flight shows for certain".to_owned(),
+        Outcome::Implausible(Quantity { symbol, value, unit }) => format!(
+            "it would need {symbol} = {}, outside of what real vehicles have",
+            quantity(*value, unit)
+        ),
+        Outcome::Leaves(groups) => {
+            let symbols: Vec<&str> = groups.iter().map(|group| group.symbol()).collect();
+            format!(
+                "it leaves the error in {} where it is (ln BF {gap:.1} worse)",
+                symbols.join(", ")
+            )
+        }
+        Outcome::OtherShape(told_by) => format!(
+            "it shows in the same channels, but its shape over the flight fits worse by ln BF {gap:.1}; what tells them apart: {told_by}"
+        ),
     }
 }
 
@@ -64,19 +65,47 @@ pub(crate) fn quantity(value: f64, unit: &str) -> String {
 }
 
 /// Why an effect was named.
-pub(crate) fn why_found(finding: &Finding, minimum: Option<f64>) -> String {
+fn why_found(finding: &Finding) -> String {
     let mut text = format!(
         "ln Bayes factor {:.0} against small errors of all other parameters; shows in {}",
         finding.ln_bayes_factor,
         finding.channels.join(", ")
     );
-    if let (Some(minimum), Some(first)) = (minimum, finding.parameters.first()) {
+    if let (Some(minimum), Some(first)) = (finding.seen_from, finding.parameters.first()) {
         text += &format!("; {} would have been seen", quantity(minimum, &first.unit));
     }
     if let Some(onset) = finding.onset_s {
         text += &format!("; it sets in at {onset:.1} s");
     }
+    if finding.class == EffectClass::Noise {
+        text += "; noise through the drag that was found, white once filtered, and no function of velocity or place";
+    }
     text
+}
+
+/// A doubt, as a part of what stays unexplained.
+pub(crate) fn doubt(doubt: &Doubt) -> String {
+    match doubt {
+        Doubt::StretchedClutter => "what only implausible parameters would explain".to_owned(),
+        Doubt::ImpossibleSize(label) => {
+            format!("what only an impossible size of {} would explain", label.to_lowercase())
+        }
+        Doubt::LookAlikes => "what three effects of one kind patch together".to_owned(),
+        Doubt::HeldOutRises(quantity) => {
+            format!("the {quantity} error on unseen blocks, which rises with what was found,")
+        }
+    }
+}
+
+/// Puts what a diagnosis found into words: reasons first, the sentence last.
+pub(crate) fn render(diagnosis: &mut Diagnosis) {
+    for finding in diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing) {
+        finding.reason = why_found(finding);
+        for rival in finding.also_compatible.iter_mut().chain(&mut finding.lost) {
+            rival.reason = fared(rival);
+        }
+    }
+    diagnosis.sentence = sentence(diagnosis);
 }
 
 fn names(rivals: &[Rival]) -> String {
@@ -92,7 +121,7 @@ fn names(rivals: &[Rival]) -> String {
 }
 
 /// The verdict as a sentence.
-pub(crate) fn sentence(diagnosis: &Diagnosis) -> String {
+fn sentence(diagnosis: &Diagnosis) -> String {
     let share = diagnosis.goodness.explained_share.map_or(String::new(), |share| {
         format!(" Explains {:.1} % of the excess error.", 100.0 * share.clamp(0.0, 1.0))
     });

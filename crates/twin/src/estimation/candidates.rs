@@ -1,13 +1,11 @@
 //! The library of the diagnosis: every effect of the catalogue on every rotor, as columns of one Jacobian.
 
 use rotortwin_plant::effects::{
-    Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterDeclaration, ParameterKind,
+    Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterDeclaration, ParameterKind, Strategy,
 };
 
 use crate::predict::VehicleSize;
 
-/// Row of the catalogue with swapped and reversed rotors: no small deviation, so candidates without columns.
-const WIRING: u8 = 35;
 /// Spike of a shape over its plausible range: fixed as long as its effect is not open.
 const SHAPE_SPIKE: f64 = 1e-4;
 
@@ -110,7 +108,8 @@ impl Library {
                 continue;
             }
             let parameters = size.parameters(declaration);
-            let gross = declaration.catalogue_number == Some(WIRING);
+            // No small deviation, so a candidate without columns.
+            let gross = matches!(declaration.search.strategy, Strategy::Wiring(_));
             let places: Vec<Option<usize>> = if declaration.per_rotor {
                 (1..=rotors).map(Some).collect()
             } else {

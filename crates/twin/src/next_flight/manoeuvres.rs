@@ -1,6 +1,6 @@
 //! The manoeuvres: short flights that the simulator's controller follows within the vehicle's limits, each good for something else.
 
-use rotortwin_plant::effects::EffectInstance;
+use rotortwin_plant::effects::{EffectInstance, Requirement, catalogue};
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::scenario::Documents;
 use rotortwin_scenario::scenario_document::{Ground, ScenarioDocument};
@@ -134,7 +134,7 @@ impl Manoeuvre {
         scenario.effect.extend(model.instances());
         scenario.effect.extend(hidden.iter().cloned());
         // A ground that nothing feels is refused.
-        if !scenario.effect.iter().any(|e| e.effect == "ground-effect") {
+        if !scenario.effect.iter().any(|e| feels_the_ground(&e.effect)) {
             scenario.ground = None;
         }
         let documents = Documents {
@@ -152,6 +152,12 @@ impl Manoeuvre {
     pub fn ground_down_m(&self) -> Option<f64> {
         self.document.contains("[ground]").then_some(0.0)
     }
+}
+
+/// True for an effect of the ground.
+pub(crate) fn feels_the_ground(effect: &str) -> bool {
+    let declared = catalogue().iter().find(|entry| entry.id == effect);
+    declared.is_some_and(|entry| entry.search.requires.contains(&Requirement::HeightAboveGround))
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ use rotortwin_plant::effects::{Catalogue, EffectInstance, ParameterKind};
 use serde::Serialize;
 
 use crate::model::ModelVersion;
+use manoeuvres::feels_the_ground;
 
 pub use evidence::{Evidence, Sensitivity};
 pub use manoeuvres::{MANOEUVRES, Manoeuvre, scenario_text};
@@ -129,8 +130,8 @@ pub fn propose(sensitivities: &[Option<Sensitivity>], first: &Rival, second: &Ri
     let mut proposals = Vec::new();
     for (manoeuvre, sensitivity) in MANOEUVRES.iter().zip(sensitivities) {
         let Some(sensitivity) = sensitivity else { continue };
-        // Nobody flies into the ground's reach for less than the ground effect itself.
-        let at_ground = [first, second].iter().any(|rival| rival.effect == "ground-effect");
+        // Nobody flies into the ground's reach for less than an effect of the ground itself.
+        let at_ground = [first, second].iter().any(|rival| feels_the_ground(&rival.effect));
         if manoeuvre.ground_down_m().is_some() && !at_ground {
             continue;
         }

@@ -38,6 +38,7 @@ use super::declaration::{
 };
 use super::hooks::{ActiveEffect, Hooks, Moment};
 use super::readings::Readings;
+use super::search::{Requirement, Search, Shapes, Strategy};
 use super::wrench::Wrench;
 use crate::error::{Refusal, in_range};
 use crate::vector::Vector3;
@@ -469,6 +470,7 @@ impl EffectDocument {
         let reads_only = terms.iter().all(|(target, _)| target.declared().1 == Place::Reading);
         let confused: Vec<&'static str> = self.confused_with.iter().map(|id| text(id)).collect();
         let wind = places.contains(&Place::Wind);
+        let search = search(&terms, &parameters);
         let effect: &'static UserEffect = Box::leak(Box::new(UserEffect {
             terms,
             hooks,
@@ -493,6 +495,7 @@ impl EffectDocument {
             } else {
                 &[]
             },
+            search,
             excited_by: text(&self.excited_by),
             confused_with: Box::leak(confused.into_boxed_slice()),
             source: text(&self.source),
@@ -501,6 +504,35 @@ impl EffectDocument {
             }))),
         }
     }
+}
+
+/// A grid over the range of every shape that has one in geometric steps; required is what every term reads, because another term would
+/// show without it.
+fn search(terms: &[(Target, Program)], parameters: &[ParameterDeclaration]) -> Search {
+    let ranges: Vec<&'static str> = parameters
+        .iter()
+        .filter(|p| p.kind == ParameterKind::Shape && p.plausible_low > 0.0)
+        .map(|p| p.name)
+        .collect();
+    let strategy = if ranges.is_empty() {
+        Strategy::Linear
+    } else {
+        Strategy::Shapes(Shapes::Range(Box::leak(ranges.into_boxed_slice())))
+    };
+    let of_all: Vec<Requirement> = [
+        Requirement::HeightAboveGround,
+        Requirement::Position,
+        Requirement::AirVelocity,
+        Requirement::BatteryVoltage,
+    ]
+    .into_iter()
+    .filter(|wanted| {
+        terms
+            .iter()
+            .all(|(_, program)| program.variables().any(|v| v.requirement() == Some(*wanted)))
+    })
+    .collect();
+    Search::by(strategy).requiring(Box::leak(of_all.into_boxed_slice()))
 }
 
 /// Variables that expressions can read: name, unit, meaning.

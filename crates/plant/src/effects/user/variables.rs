@@ -1,6 +1,7 @@
 //! Variables of user effects: what an expression can read of a moment, and their units.
 
 use super::super::hooks::Moment;
+use super::super::search::Requirement;
 use super::units::Dimension;
 
 macro_rules! variables {
@@ -95,4 +96,26 @@ variables! {
     "rotor_air_velocity_x" RotorAirX VELOCITY true "air velocity at the rotor, body" => |at, i| at.rotor_air_velocity(i)[0];
     "rotor_air_velocity_y" RotorAirY VELOCITY true "air velocity at the rotor, body" => |at, i| at.rotor_air_velocity(i)[1];
     "rotor_air_velocity_z" RotorAirZ VELOCITY true "air velocity at the rotor, body" => |at, i| at.rotor_air_velocity(i)[2];
+}
+
+impl Variable {
+    /// What a log must hold for the variable to be known; `None` for what the model has or a channel's own column is.
+    pub(super) fn requirement(self) -> Option<Requirement> {
+        match self {
+            Self::AirX
+            | Self::AirY
+            | Self::AirZ
+            | Self::Airspeed
+            | Self::North
+            | Self::East
+            | Self::Down
+            | Self::RotorAirX
+            | Self::RotorAirY
+            | Self::RotorAirZ => Some(Requirement::AirVelocity),
+            Self::PlaceNorth | Self::PlaceEast | Self::PlaceDown => Some(Requirement::Position),
+            Self::Height => Some(Requirement::HeightAboveGround),
+            Self::Voltage => Some(Requirement::BatteryVoltage),
+            _ => None,
+        }
+    }
 }

@@ -1,12 +1,37 @@
 //! Absolute goodness of fit: which channels the effects found leave unexplained, and what share of the slow error they explain.
 
+use super::Pass;
 use crate::diagnose::result::{ChannelGoodness, Goodness};
+use crate::diagnose::state::State;
+use crate::estimation::posterior::posterior_of;
 use crate::estimation::problem::Problem;
-use crate::estimation::whiteness::{ChannelFit, UNEXPLAINED_SCORE};
-use crate::predict::{CHANNELS, NAMES};
+use crate::estimation::settle::move_to;
+use crate::estimation::whiteness::{ChannelFit, UNEXPLAINED_SCORE, coloured, fits};
+use crate::predict::{CHANNELS, NAMES, PredictError};
 
 /// Slow excess of all channels, as a normal score, below which there is nothing to explain.
 const NO_EXCESS_SCORE: f64 = 6.0;
+
+pub(crate) struct GoodnessOfFit;
+
+impl Pass for GoodnessOfFit {
+    fn name(&self) -> &'static str {
+        "Goodness of fit"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        let problem = &mut state.problem;
+        let mut after = fits(problem, &posterior_of(problem)?.0.mean);
+        if problem.active.is_empty() && coloured(&after) {
+            // Nothing was named, but the nuisances may have stopped at a kink of the battery's chart.
+            let fitted = problem.fit(&[])?;
+            move_to(problem, &fitted)?;
+            after = fits(problem, &posterior_of(problem)?.0.mean);
+        }
+        state.diagnosis.goodness = judge(problem, &state.before, &after);
+        Ok(())
+    }
+}
 
 /// Joins the fits before and after.
 pub(crate) fn judge(

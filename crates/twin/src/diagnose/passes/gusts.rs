@@ -1,6 +1,9 @@
 //! Gust covariance: whether gusts explain what is left, and which effects only stood in for them.
 
-use crate::diagnose::strategies::covariance::{self, ID};
+use super::Pass;
+use super::goodness::judge;
+use crate::diagnose::state::State;
+use crate::diagnose::strategies::covariance::{self, Gusts};
 use crate::estimation::normal::Posterior;
 use crate::estimation::posterior::posterior_of;
 use crate::estimation::problem::Problem;
@@ -9,6 +12,51 @@ use crate::estimation::settle::move_to;
 use crate::estimation::whiteness::{self, UNEXPLAINED_SCORE};
 use crate::predict::PredictError;
 use crate::predict::channels::{F, KV};
+
+pub(crate) struct GustCovariance;
+
+impl Pass for GustCovariance {
+    fn name(&self) -> &'static str {
+        "Gust covariance"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        if state.diagnosis.goodness.unexplained.is_empty() || state.problem.active.is_empty() {
+            return Ok(());
+        }
+        let posterior = state.posterior()?;
+        let Some(first) = covariance::find(&state.problem, &posterior)? else {
+            return Ok(());
+        };
+        // What a wind does depends on the drag, which is another one now.
+        state.problem.advance(&first.posterior.mean);
+        state.problem.linearise(&|_| ())?;
+        let (about, _) = posterior_of(&state.problem)?;
+        let Some(found) = covariance::find(&state.problem, &about)? else {
+            return Ok(());
+        };
+        state.left = 0.0;
+        let found = drop_stand_ins(state, found)?;
+        state.diagnosis.goodness = judge(&state.problem, &state.before, &found.fits);
+        state.weather = Some(found);
+        Ok(())
+    }
+}
+
+/// Drops the effects that only stood in for gusts, one after the other; the gusts without them.
+fn drop_stand_ins(state: &mut State<'_>, mut gusts: Gusts) -> Result<Gusts, PredictError> {
+    while let Some(without) = without_stand_in(&state.problem, &gusts.posterior, state.threshold)? {
+        let (about, _) = posterior_of(&without)?;
+        let Some(found) = covariance::find(&without, &about)? else {
+            break;
+        };
+        let stays = |candidate: usize| without.active.iter().any(|a| a.candidate == candidate);
+        state.named.retain(|one| stays(one.candidate));
+        state.problem = without;
+        gusts = found;
+    }
+    Ok(gusts)
+}
 
 /// Whether gusts through a drag that was found explain more than any further effect would, and leave none. An onset that only the gusts
 /// called for is dropped.
@@ -53,7 +101,7 @@ pub(crate) fn gusts_lead(
 /// `threshold`. Gusts have a mean over a flight that reads as wind, and a slow part that reads as a tilt.
 ///
 /// * `posterior`: with the gusts in the noise
-pub(crate) fn without_stand_in(
+fn without_stand_in(
     problem: &Problem,
     posterior: &Posterior,
     threshold: f64,
@@ -61,7 +109,7 @@ pub(crate) fn without_stand_in(
     let acts_through = problem
         .logs
         .first()
-        .and_then(|log| log.predictor.catalogue().find(ID))
+        .and_then(|log| covariance::declared(log.predictor.catalogue()))
         .map_or(&[][..], |gusts| gusts.needs);
     let prior = problem.deviations(&problem.active);
     let weakest = weakest(problem, posterior, &prior, acts_through);

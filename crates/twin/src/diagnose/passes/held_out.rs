@@ -1,6 +1,8 @@
 //! Errors on blocks that the fit did not see: fitted on the even blocks of 5 s, tested on the odd ones, smoothed over 0.1 s.
 
+use super::Pass;
 use crate::diagnose::result::HeldOutError;
+use crate::diagnose::state::{Doubt, State};
 use crate::estimation::columns::{Active, instances};
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
@@ -11,6 +13,27 @@ use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series
 const SMOOTH_S: f64 = 0.1;
 /// Part of the noise below which a change of the error is none: a log without noise leaves errors of rounding, which any fit moves.
 const NEGLIGIBLE: f64 = 0.01;
+
+pub(crate) struct HeldOutCheck;
+
+impl Pass for HeldOutCheck {
+    fn name(&self) -> &'static str {
+        "Held-out check"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        let errors = errors(&state.problem, &state.plain)?;
+        // Mending a log makes no error of the model smaller.
+        if !state.diagnosis.effects.is_empty() {
+            let risen = errors.iter().filter(|error| error.rises());
+            state
+                .doubts
+                .extend(risen.map(|error| Doubt::HeldOutRises(error.quantity.clone())));
+        }
+        state.diagnosis.held_out = errors;
+        Ok(())
+    }
+}
 
 /// The parameters fitted on even blocks only: one more step from the fit on all blocks, which forgets where it starts.
 fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictError> {
@@ -127,7 +150,7 @@ fn change(quantity: &str, unit: &str, before: &[Squares], after: &[Squares], noi
 }
 
 /// Errors before (`plain`: the nuisances of the given model) and after.
-pub(crate) fn errors(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, PredictError> {
+fn errors(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, PredictError> {
     let (active, nuisances) = even_fit(problem)?;
     let effects = instances(&problem.library, &active);
     let (mut before, mut after) = (Vec::new(), Vec::new());

@@ -1,12 +1,29 @@
 //! Onset test: onsets that were called for only while another effect was missing are dropped.
 
+use super::Pass;
+use crate::diagnose::state::State;
 use crate::diagnose::strategies::onset::ONSET_GAIN;
 use crate::estimation::problem::Problem;
 use crate::estimation::settle::move_to;
 use crate::predict::PredictError;
 
-/// Drops onsets that were called for only while another effect was missing.
-pub(crate) fn doubt_onsets(problem: &mut Problem) -> Result<(), PredictError> {
+pub(crate) struct OnsetTest;
+
+impl Pass for OnsetTest {
+    fn name(&self) -> &'static str {
+        "Onset test"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        // The onset of an effect alone was weighed when it was taken.
+        if state.problem.active.len() < 2 {
+            return Ok(());
+        }
+        doubt_onsets(&mut state.problem)
+    }
+}
+
+fn doubt_onsets(problem: &mut Problem) -> Result<(), PredictError> {
     for place in 0..problem.active.len() {
         if problem.active[place].onset_s.is_none() {
             continue;

@@ -1,351 +1,105 @@
-//! Forward selection: which effect a round adds: candidates worth a fit, their fits, and the best that passes, with its rivals.
+//! Forward selection: round by round everything is linearised and ranked, the leading candidates are fitted, and the best is named, until
+//! none passes.
 
-use rayon::prelude::*;
-use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
-
-use crate::diagnose::named::Named;
-use crate::diagnose::result::Rival;
-use crate::diagnose::strategies::onset::ONSET_GAIN;
-use crate::diagnose::strategies::start::{Trial, plain};
-use crate::diagnose::strategies::trials::Trials;
-use crate::diagnose::strategies::{battery, discrete, onset};
-use crate::diagnose::words;
-use crate::estimation::columns::{Active, in_order};
-use crate::estimation::gauss_newton::Fitted;
-use crate::estimation::normal::{Posterior, minimum_size, open};
-use crate::estimation::problem::Problem;
-use crate::estimation::rate_noise;
-use crate::estimation::scores::{Scored, opened_mean, priors};
+use super::Pass;
+use super::gusts::gusts_lead;
+use super::refinement::{LEFT_FACTOR, best_of};
+use crate::diagnose::ranking::{detectable, table};
+use crate::diagnose::state::State;
+use crate::diagnose::strategies::trials::{Trials, trials};
+use crate::estimation::scores::score;
+use crate::estimation::settle::{settled, trust};
+use crate::estimation::whiteness::fits;
 use crate::predict::PredictError;
 
-/// Evidence over the threshold that must not be left unnamed.
-pub(crate) const LEFT_FACTOR: f64 = 3.0;
+/// Share of the search that is behind it when the first round begins, and that of all rounds.
+const BEGINS: f64 = 0.05;
+const ROUNDS: f64 = 0.9;
+/// Share of all rounds that goes into linearising.
+const LINEARISING: f64 = 0.6;
 
-/// Most candidates that are refined in one round.
-const REFINED: usize = 4;
+pub(crate) struct ForwardSelection;
 
-/// Share of the best ln Bayes factor from which a candidate is refined.
-const REFINED_SHARE: f64 = 0.35;
-
-/// Evidence gap below which a rival counts as compatible.
-const COMPATIBLE_GAP: f64 = 5.0;
-
-/// The best candidate of a round (with the companion that it needs) and its fit, if it passes.
-pub(crate) fn best_of(
-    problem: &Problem,
-    posterior: &Posterior,
-    scored: &[Scored],
-    special: &Trials,
-    threshold: f64,
-) -> Result<Option<(Fitted, Vec<Named>)>, PredictError> {
-    let possible = possible(problem, posterior, scored, special, threshold);
-    if possible.is_empty() {
-        return Ok(None);
+impl Pass for ForwardSelection {
+    fn name(&self) -> &'static str {
+        "Forward selection"
     }
-    let null = if possible.iter().any(|trial| trial.charge.is_some()) {
-        battery::fit_anywhere(problem)?
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        let mut looked_again = false;
+        let mut to_rank = true;
+        for round in 0..=state.options.most_effects {
+            match next(state, round, std::mem::take(&mut to_rank))? {
+                Round::Named => {}
+                Round::Nothing => return Ok(()),
+                Round::Unconfirmed if state.left < LEFT_FACTOR * state.threshold || looked_again => return Ok(()),
+                Round::Unconfirmed => {
+                    // What the ranking saw and no fit confirms may be a charge that stood on the wrong side of a kink of the battery's chart.
+                    looked_again = true;
+                    to_rank = round == 0;
+                    let fitted = state.problem.fit(&state.problem.active)?;
+                    state.problem.accept(&fitted);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How a round ended.
+enum Round {
+    /// With another effect.
+    Named,
+    /// There is no further effect to look for: as many as were asked for are named, or gusts explain what is left.
+    Nothing,
+    /// No fit confirmed what the ranking saw.
+    Unconfirmed,
+}
+
+/// One round about the present point; with `rank` its tables go into the diagnosis.
+fn next(state: &mut State<'_>, round: usize, rank: bool) -> Result<Round, PredictError> {
+    let (options, threshold) = (state.options, state.threshold);
+    let (last, rounds) = (options.most_effects, (options.most_effects + 1) as f64);
+    let done = BEGINS + ROUNDS * round as f64 / rounds;
+    let text = if round == 0 {
+        "sensitivities of the library"
     } else {
-        problem.fit(&problem.active)?
+        "looking for a further effect"
     };
-    let all = in_order(possible.par_iter().map(|trial| fits_of(problem, trial, &null)))?;
-    let mut tried: Vec<Tried> = all.into_iter().flatten().collect();
-    tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let excuses: Vec<Option<String>> = tried
-        .iter()
-        .map(|one| one.opened.iter().find_map(|&c| implausible(problem, c, &one.fitted)))
-        .collect();
-    let Some(winner) = (0..tried.len()).find(|&i| excuses[i].is_none()) else {
-        return Ok(None);
-    };
-    let Tried { opened, fitted, gain } = &tried[winner];
-    let Some(&candidate) = opened.last() else {
-        return Ok(None);
-    };
-    // What noise of its own would give the model without it is no evidence for the effect.
-    if *gain - noise_shift(problem, posterior, opened) <= threshold {
-        return Ok(None);
+    (options.progress)(text, done);
+    let per = LINEARISING / rounds;
+    state
+        .problem
+        .linearise(&|share| (options.progress)(text, done + per * share))?;
+    trust(&mut state.problem);
+    let posterior = settled(&mut state.problem)?.0;
+    if state.before.is_empty() {
+        state.before = fits(&state.problem, &posterior.mean);
     }
-    let sizes: Vec<(bool, f64)> = opened
-        .iter()
-        .map(|&c| large_enough(problem, c, fitted, threshold))
-        .collect();
-    // A size that its own shape leaves uncertain may still be beyond doubt as a whole.
-    let beyond_doubt = *gain > LEFT_FACTOR * threshold;
-    if *gain <= threshold || !(beyond_doubt || sizes.iter().all(|(seen, _)| *seen)) {
-        return Ok(None);
-    }
-    let (mut compatible, mut lost) = (Vec::new(), Vec::new());
-    for (i, one) in tried.iter().enumerate() {
-        let others = &one.opened;
-        // The same with a companion, or from another start, is no rival.
-        if others.iter().any(|c| opened.contains(c)) {
-            continue;
-        }
-        let Some(&other) = others.last() else { continue };
-        if compatible.iter().chain(&lost).any(|r: &(usize, Rival)| r.0 == other) {
-            continue;
-        }
-        let (a, b) = (
-            &problem.library.candidates[candidate],
-            &problem.library.candidates[other],
-        );
-        let gap = gain - one.gain;
-        let close = gap < COMPATIBLE_GAP && excuses[i].is_none();
-        let rival = Rival {
-            effect: b.declaration.id.to_owned(),
-            rotor: b.rotor,
-            label: b.label(),
-            evidence_gap: gap,
-            reason: if close {
-                "this flight fits it nearly as well".into()
-            } else {
-                words::why_lost(a, b, gap, excuses[i].clone())
-            },
-        };
-        if close {
-            compatible.push((other, rival));
-        } else {
-            lost.push((other, rival));
-        }
-    }
-    // Equal prior odds over all candidates; those that were not refined by their linear evidence.
-    let largest = *gain;
-    let mut odds = 0.0;
-    for one in scored {
-        let refined = tried
-            .iter()
-            .filter(|t| t.opened.last() == Some(&one.candidate))
-            .map(|t| t.gain)
-            .fold(f64::NEG_INFINITY, f64::max);
-        let own = if refined.is_finite() {
-            refined
-        } else {
-            one.opened.log_bayes_factor.min(largest)
-        };
-        odds += (own - largest).exp();
-    }
-    let mut compatible: Vec<Rival> = compatible.into_iter().map(|(_, r)| r).collect();
-    let mut lost: Vec<Rival> = lost.into_iter().map(|(_, r)| r).collect();
-    let mut found: Vec<Named> = Vec::new();
-    // The rivals are those of the effect in question, the last.
-    for (&candidate, &(_, minimum)) in opened.iter().zip(&sizes).rev() {
-        found.push(Named {
-            candidate,
-            log_bayes_factor: *gain,
-            posterior: 1.0 / odds.max(1.0),
-            minimum,
-            compatible: std::mem::take(&mut compatible),
-            lost: std::mem::take(&mut lost),
-            together: found.is_empty() && opened.len() > 1,
-        });
-    }
-    found.reverse();
-    Ok(Some((fitted.clone(), found)))
-}
-
-/// What noise of the rates that is estimated without the effects gains over noise that is estimated with them, nats.
-fn noise_shift(problem: &Problem, posterior: &Posterior, opened: &[usize]) -> f64 {
-    let (mut places, mut spikes, mut slabs) = (Vec::new(), Vec::new(), Vec::new());
-    for &candidate in opened {
-        let own = priors(problem, candidate);
-        places.extend(own.0);
-        spikes.extend(own.1);
-        slabs.extend(own.2);
-    }
-    let offset = vec![0.0; places.len()];
-    // A gross error has no columns: it is weighed by its own test.
-    match open(posterior, &places, &spikes, &spikes, &slabs, &offset) {
-        Some(wide) if !places.is_empty() => {
-            rate_noise::shift(problem, &posterior.mean, &opened_mean(posterior, &places, &wide))
-        }
-        _ => 0.0,
-    }
-}
-
-/// A fit of a trial.
-#[derive(Debug, Clone)]
-struct Tried {
-    /// Candidates that it opened, the one in question last.
-    opened: Vec<usize>,
-    fitted: Fitted,
-    /// Gain of ln evidence.
-    gain: f64,
-}
-
-/// The fits of a trial: from the start, and from where the effect may set in. None where these leave what is a vehicle at all.
-fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>, PredictError> {
-    let mut tried = Vec::new();
-    let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
-    if let Ok(fitted) = problem.fit_from(&trial.beside(&problem.active), trial.charge) {
-        let gain = gain_of(problem, &opened, &fitted, null)?;
-        tried.push(Tried { opened, fitted, gain });
-    }
-    let [only] = trial.open.as_slice() else {
-        return Ok(tried);
-    };
-    if trial.charge.is_some() || problem.library.candidates[only.candidate].is_log_fault() {
-        return Ok(tried);
-    }
-    if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > ONSET_GAIN) {
-        let mut open = problem.active.clone();
-        open.push(Active {
-            onset_s: Some(onset_s),
-            ..only.clone()
-        });
-        if let Ok(fitted) = problem.fit(&open) {
-            tried.push(Tried {
-                opened: vec![only.candidate],
-                // The scan chose the time among all; the gain must pay for that.
-                gain: fitted.log_evidence - null.log_evidence - ONSET_GAIN,
-                fitted,
-            });
-        }
-    }
-    Ok(tried)
-}
-
-/// Gain of ln evidence over the fit without the last of the opened candidates.
-///
-/// A late channel of the log hides from the residual at zero latency that the vehicle answers to its noise before the log has it: the
-/// model without the latency foresees noise, and looks better than it is (on the calm helix by 30 nats). So a latency is weighed
-/// where it is fitted, where the causes come before their effects, against its own clutter there. Not so that of the IMU, which has
-/// rivals (the delay of the command, a flex): all are weighed against the same model without them.
-fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) -> Result<f64, PredictError> {
-    let late = opened.last().is_some_and(|&c| {
-        let declaration = problem.library.candidates[c].declaration;
-        declaration.class == EffectClass::TimingFault && !declaration.channels.contains(&ChannelGroup::Force)
-    });
-    let without = if late {
-        fitted.log_evidence_as_clutter(problem)?
+    let scored = score(&state.problem, &posterior);
+    let special = if round < last {
+        trials(&state.problem, &posterior, threshold)
     } else {
-        null.log_evidence
+        Trials::default()
     };
-    Ok(fitted.log_evidence - without)
-}
-
-/// What is worth a fit in this round: the leading candidates of the linear ranking, special starts, effects that set in late, and
-/// effects of the battery each at its own charge.
-fn possible(
-    problem: &Problem,
-    posterior: &Posterior,
-    scored: &[Scored],
-    special: &Trials,
-    threshold: f64,
-) -> Vec<Trial> {
-    let plausible: Vec<&Scored> = scored.iter().filter(|s| linearly_plausible(problem, s)).collect();
-    let first = plausible.first().map_or(0.0, |s| s.opened.log_bayes_factor);
-    let best_special = special.starts.first().map_or(0.0, |t| t.log_bayes_factor);
-    let least = threshold.max(REFINED_SHARE * first.max(best_special));
-    let mut chosen: Vec<Trial> = Vec::new();
-    for (place, one) in plausible.iter().take(REFINED).enumerate() {
-        // The first of the ranking in any case, as a special start promises what its fit may not keep; but none whose shape is free, which
-        // would bend to whatever the special start is about.
-        let shapeless = problem.library.candidates[one.candidate]
-            .parameters
-            .iter()
-            .all(|p| p.kind == ParameterKind::Size);
-        let least = if place == 0 && shapeless { threshold } else { least };
-        if one.opened.log_bayes_factor >= least {
-            chosen.push(plain(problem, one));
-        }
+    state.left = scored.first().map_or(0.0, |s| s.opened.log_bayes_factor);
+    if rank {
+        let diagnosis = &mut state.diagnosis;
+        diagnosis.ranking = table(&state.problem, &scored)?;
+        (diagnosis.not_testable, diagnosis.detectable) =
+            detectable(&state.problem, &scored, &special.worst_minimum, threshold);
     }
-    for start in special
-        .starts
-        .iter()
-        .take_while(|t| t.log_bayes_factor >= least)
-        .take(REFINED)
-    {
-        // Beside the plain start, not instead of it: which of two shapes is near enough only the fits tell.
-        chosen.push(start.clone());
+    if round == 0 {
+        state.diagnosis.timing.ranked_s = (options.clock)() - state.began_s;
     }
-    let evidence = |c: usize| {
-        scored
-            .iter()
-            .find(|s| s.candidate == c)
-            .map(|s| s.opened.log_bayes_factor)
+    if round == last || gusts_lead(&mut state.problem, &posterior, &scored, threshold)? {
+        return Ok(Round::Nothing);
+    }
+    (options.progress)("refining the leading candidates", done + per);
+    let Some((fitted, found)) = best_of(&state.problem, &posterior, &scored, &special, threshold)? else {
+        return Ok(Round::Unconfirmed);
     };
-    let late = onset::late_candidates(problem, posterior);
-    for &(candidate, gain) in late.iter().take(2) {
-        let known = chosen.iter().any(|t| t.open.iter().any(|a| a.candidate == candidate));
-        let over = evidence(candidate).unwrap_or(0.0);
-        if !known && gain > least.max(over + ONSET_GAIN) {
-            chosen.extend(
-                scored
-                    .iter()
-                    .find(|s| s.candidate == candidate)
-                    .map(|s| plain(problem, s)),
-            );
-        }
-    }
-    let leading: Vec<_> = chosen
-        .iter()
-        .flat_map(|t| &t.open)
-        .map(|a| problem.library.candidates[a.candidate].declaration)
-        .collect();
-    chosen.extend(discrete::guess(problem, &leading));
-    if battery::wanted(problem, posterior, scored, threshold) {
-        chosen.extend(battery::starts(problem));
-    }
-    chosen
-}
-
-/// False for a linear estimate far outside of what real vehicles have, by more than half the plausible range: no refinement brings
-/// that back.
-fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
-    let entry = &problem.library.candidates[one.candidate];
-    problem
-        .library
-        .columns_of(one.candidate)
-        .iter()
-        .enumerate()
-        .all(|(a, &j)| {
-            let column = &problem.library.columns[j];
-            let p = &entry.parameters[column.parameter];
-            let value = p.default_value() + one.opened.estimate[a] * column.size;
-            let deviation = one.opened.covariance.at(a, a).max(0.0).sqrt() * column.size;
-            let margin = 0.5 * (p.plausible_high - p.plausible_low) + 3.0 * deviation;
-            // What cannot be at all (a rotor of negative inertia) is out even if it is near.
-            let (low, high) = entry.limits[column.parameter];
-            let possible = entry.is_log_fault()
-                || p.kind != ParameterKind::Size
-                || (value <= high + 3.0 * deviation && value >= low - 3.0 * deviation);
-            possible && value <= p.plausible_high + margin && value >= p.plausible_low - margin
-        })
-}
-
-/// True if the values lie in the plausible range within two deviations, and the sizes are large enough to be seen.
-fn implausible(problem: &Problem, candidate: usize, fitted: &Fitted) -> Option<String> {
-    let entry = &problem.library.candidates[candidate];
-    let active = fitted.active.iter().find(|a| a.candidate == candidate)?;
-    entry.parameters.iter().enumerate().find_map(|(i, p)| {
-        let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
-        let value = active.values[i];
-        let margin = 2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low);
-        let outside = value > p.plausible_high + margin || value < p.plausible_low - margin;
-        (p.kind == ParameterKind::Size && outside).then(|| format!("{} = {}", p.symbol, words::quantity(value, p.unit)))
-    })
-}
-
-/// Whether one of the sizes reaches what the flight can show by the fit, and the smallest such size of the first parameter.
-fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold: f64) -> (bool, f64) {
-    let Some(active) = fitted.active.iter().find(|a| a.candidate == candidate) else {
-        return (false, f64::INFINITY);
-    };
-    let entry = &problem.library.candidates[candidate];
-    let (mut seen, mut first) = (false, f64::INFINITY);
-    for j in problem.library.columns_of(candidate) {
-        let column = &problem.library.columns[j];
-        let p = &entry.parameters[column.parameter];
-        if p.kind != ParameterKind::Size {
-            continue;
-        }
-        // What is left of the precision without the prior.
-        let information = (1.0 / (fitted.deviations[j] * fitted.deviations[j]) - 1.0).max(0.0);
-        let least = minimum_size(information, column.spike, threshold) * column.size;
-        if first.is_infinite() {
-            first = least;
-        }
-        seen |= active.values[column.parameter].abs() >= least;
-    }
-    (seen, first)
+    state.problem.accept(&fitted);
+    state.named.extend(found);
+    Ok(Round::Named)
 }

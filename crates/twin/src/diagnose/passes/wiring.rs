@@ -1,8 +1,12 @@
 //! Wiring test: a gross error of the build is taken where it removes nearly all of a large error of forces and torques.
 
+use super::Pass;
+use crate::diagnose::named::Named;
+use crate::diagnose::state::State;
 use crate::diagnose::strategies::discrete::{excess, fitted, likeliest, without_nuisances};
 use crate::estimation::columns::Active;
 use crate::estimation::problem::Problem;
+use crate::predict::PredictError;
 
 /// Mean chi² of the torque channels about their means from which a gross error is looked for.
 const LARGE_CHI2: f64 = 1.5;
@@ -14,8 +18,32 @@ const LEFT_SHARE: f64 = 0.25;
 /// flight that hardly turns, but only to a quarter of its error.
 const LEFT_CHI2: f64 = 3.0;
 
+pub(crate) struct WiringTest;
+
+impl Pass for WiringTest {
+    fn name(&self) -> &'static str {
+        "Wiring test"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        let Some((active, gain)) = find(&state.problem) else {
+            return Ok(());
+        };
+        state.named.push(Named {
+            candidate: active.candidate,
+            log_bayes_factor: gain,
+            posterior: 1.0,
+            minimum: f64::INFINITY,
+            rivals: Vec::new(),
+            together: false,
+        });
+        state.problem.active.push(active);
+        state.problem.fit_nuisances()
+    }
+}
+
 /// The gross error that explains the flights, and half of the chi² that it removes.
-pub(crate) fn find(problem: &Problem) -> Option<(Active, f64)> {
+fn find(problem: &Problem) -> Option<(Active, f64)> {
     if excess(&without_nuisances(problem), &[], None)?.torque < LARGE_CHI2 {
         return None;
     }

@@ -5,7 +5,7 @@
 //! the thrust acts by the slope of the rotors' power, taken once.
 
 use rayon::prelude::*;
-use rotortwin_plant::effects::{ChannelGroup, ParameterKind};
+use rotortwin_plant::effects::{AtBattery, ChannelGroup, EffectDeclaration, ParameterKind, Strategy};
 
 use super::slow_voltage::{CHARGES, EFFECT_STEP, Fit, Point};
 use super::start::{Trial, active_at};
@@ -33,16 +33,6 @@ const MOST_EFFECTS: usize = 3;
 /// Where the slow voltage has two minima this close, nats, and further apart than a cell, the whole log decides between them.
 const MINIMA_GAP: f64 = 30.0;
 
-/// Effects of the battery and of its sensor.
-const EFFECTS: [&str; 6] = [
-    "voltage-gain",
-    "voltage-offset",
-    "internal-resistance",
-    "battery-rc",
-    "battery-capacity",
-    "cold-battery",
-];
-
 /// True if the voltage is not explained, or an effect of the battery would explain a part of it.
 pub(crate) fn wanted(problem: &Problem, posterior: &Posterior, scored: &[Scored], threshold: f64) -> bool {
     let [log] = problem.logs.as_slice() else {
@@ -60,7 +50,8 @@ pub(crate) fn wanted(problem: &Problem, posterior: &Posterior, scored: &[Scored]
         .filter(|s| s.opened.log_bayes_factor > threshold)
         .any(|s| {
             let declared = problem.library.candidates[s.candidate].declaration;
-            declared.confused_with.iter().any(|other| EFFECTS.contains(other))
+            let others = declared.confused_with.iter();
+            others.filter_map(|id| log.predictor.catalogue().find(id)).any(at_battery)
         });
     if hint || scales {
         return true;
@@ -138,15 +129,16 @@ pub(crate) fn may_stand_elsewhere(problem: &Problem) -> bool {
 
 /// Effects of the battery and of its sensor.
 fn of_battery(problem: &Problem, candidate: usize) -> bool {
-    EFFECTS.contains(&problem.library.candidates[candidate].declaration.id)
+    at_battery(problem.library.candidates[candidate].declaration)
+}
+
+fn at_battery(declared: &EffectDeclaration) -> bool {
+    matches!(declared.search.strategy, Strategy::BatteryState(_))
 }
 
 /// Errors of the voltage's sensor, of one parameter each.
 fn of_sensor(problem: &Problem, candidate: usize) -> bool {
-    problem.library.candidates[candidate]
-        .declaration
-        .id
-        .starts_with("voltage-")
+    problem.library.candidates[candidate].declaration.search.strategy == Strategy::BatteryState(AtBattery::Sensor)
 }
 
 /// What all other channels say, with the parameters at `opened` as free as the open effects. The priors' pull counts: at the present

@@ -9,7 +9,7 @@
 //! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s show too weak; σ and T are those of all logs.
 
 use rayon::prelude::*;
-use rotortwin_plant::effects::Place;
+use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
 
 use super::gust_filter::{Filtered, Log, MEAN_S, Mean, SEEN, filter};
 use crate::estimation::columns::{Active, Column, LogState};
@@ -24,8 +24,11 @@ use crate::predict::noise::white_deviation;
 use crate::predict::vectors::{rotation, to_body};
 use crate::predict::{CHANNELS, PredictError, Series};
 
-/// In the catalogue.
-pub(crate) const ID: &str = "gusts";
+/// The entry of a catalogue whose covariance is tried.
+pub(crate) fn declared(catalogue: &Catalogue) -> Option<&'static EffectDeclaration> {
+    let mut entries = catalogue.entries().iter().copied();
+    entries.find(|entry| entry.search.strategy == Strategy::Covariance)
+}
 
 /// Means that are joined for the test of whiteness.
 const JOINED: usize = 3;

@@ -4,7 +4,7 @@
 //! tried; one is taken where it removes nearly all of a large error of forces and torques.
 
 use rayon::prelude::*;
-use rotortwin_plant::effects::EffectDeclaration;
+use rotortwin_plant::effects::{EffectDeclaration, Strategy, Wiring};
 
 use super::start::Trial;
 use crate::estimation::candidates::Candidate;
@@ -48,7 +48,6 @@ pub(crate) fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
         .collect::<Option<Vec<Prediction>>>()?;
     let candidates = &problem.library.candidates;
     let wirings: Vec<Active> = (0..candidates.len())
-        .filter(|&c| candidates[c].columns.iter().all(Option::is_none))
         .flat_map(|c| variants(problem, c))
         .collect();
     let mut all: Vec<(Active, Explained)> = wirings
@@ -75,7 +74,7 @@ pub(crate) fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
 pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -> Option<Trial> {
     let taken_for = |entry: &Candidate| {
         let of = |d: &&EffectDeclaration| d.per_rotor || entry.declaration.confused_with.contains(&d.id);
-        entry.columns.iter().all(Option::is_none) && leading.iter().any(of)
+        matches!(entry.declaration.search.strategy, Strategy::Wiring(_)) && leading.iter().any(of)
     };
     if !problem.active.is_empty() || !problem.library.candidates.iter().any(taken_for) {
         return None;
@@ -114,7 +113,7 @@ pub(crate) fn fitted(problem: &Problem, active: &[Active]) -> Option<Explained> 
     Some(explained)
 }
 
-/// Every way to have this error.
+/// Every way to have this error; none for an effect that is no gross error.
 fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
     let entry = &problem.library.candidates[candidate];
     let rotors = problem.logs[0].predictor.series().rotors;
@@ -123,15 +122,22 @@ fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
         values,
         onset_s: None,
     };
-    match entry.declaration.parameter_index("partner") {
-        None => vec![one(vec![1.0; entry.parameters.len()])],
-        Some(place) => (entry.rotor.unwrap_or(rotors) + 1..=rotors)
-            .map(|partner| {
-                let mut values = vec![1.0; entry.parameters.len()];
-                values[place] = partner as f64;
-                one(values)
-            })
-            .collect(),
+    let whole = || vec![1.0; entry.parameters.len()];
+    match entry.declaration.search.strategy {
+        Strategy::Wiring(Wiring::Single) => vec![one(whole())],
+        Strategy::Wiring(Wiring::Pair { partner }) => {
+            let Some(place) = entry.declaration.parameter_index(partner) else {
+                return Vec::new();
+            };
+            (entry.rotor.unwrap_or(rotors) + 1..=rotors)
+                .map(|partner| {
+                    let mut values = whole();
+                    values[place] = partner as f64;
+                    one(values)
+                })
+                .collect()
+        }
+        _ => Vec::new(),
     }
 }
 

@@ -1,6 +1,8 @@
 //! Shapes of effects that have no column while their effect has no size: where a wall stands, how long a rope is. Their range is searched
 //! on a grid; each point has a column of its own. A wall is moved further from the next point of the grid.
 
+use rotortwin_plant::effects::{Shapes, Strategy};
+
 use super::start::Trial;
 use super::variants::{Variant, values_at, weighed};
 use crate::estimation::normal::Posterior;
@@ -8,6 +10,9 @@ use crate::estimation::problem::Problem;
 
 /// Gaps between the flight and a wall or ceiling that are tried, m; the last alone says what would show.
 const GAPS_M: [f64; 4] = [0.05, 0.3, 0.8, 2.5];
+
+/// Steps over the range of a shape.
+const RANGE_STEPS: i32 = 5;
 
 /// Length of the secant of a shape, plausible sizes.
 pub(crate) const SECANT: f64 = 0.1;
@@ -28,15 +33,15 @@ pub(crate) fn reach(problem: &Problem, azimuth: f64) -> f64 {
 }
 
 /// Shapes of a candidate that are tried. With `all` false only those that say what would show.
-pub(crate) fn shapes(problem: &Problem, candidate: usize, all: bool) -> Vec<Vec<f64>> {
+pub(crate) fn shapes(problem: &Problem, candidate: usize, covered: Shapes, all: bool) -> Vec<Vec<f64>> {
     let entry = &problem.library.candidates[candidate];
     let base = entry.neutral();
     let place = |name: &str| entry.declaration.parameter_index(name);
     let gaps = if all { &GAPS_M[..] } else { &GAPS_M[3..] };
     let mut found = Vec::new();
-    match entry.declaration.id {
-        "ceiling-effect" => {
-            let Some(height) = place("height_m") else { return found };
+    match covered {
+        Shapes::Above { height } => {
+            let Some(height) = place(height) else { return found };
             let top = farthest(problem, |p| -p[2]);
             for gap in gaps {
                 let mut values = base.clone();
@@ -44,8 +49,8 @@ pub(crate) fn shapes(problem: &Problem, candidate: usize, all: bool) -> Vec<Vec<
                 found.push(values);
             }
         }
-        "wall-effect" => {
-            let (Some(distance), Some(azimuth)) = (place("distance_m"), place("azimuth_rad")) else {
+        Shapes::Beside { distance, azimuth } => {
+            let (Some(distance), Some(azimuth)) = (place(distance), place(azimuth)) else {
                 return found;
             };
             let directions = if all { 8 } else { 4 };
@@ -60,16 +65,17 @@ pub(crate) fn shapes(problem: &Problem, candidate: usize, all: bool) -> Vec<Vec<
                 }
             }
         }
-        _ => {
-            let shape = |name: &str| place(name).map(|i| (i, entry.parameters[i]));
-            for (i, p) in ["length_m", "frequency_hz"].iter().filter_map(|name| shape(name)) {
-                if !all {
-                    continue;
-                }
+        Shapes::Range(names) => {
+            if !all {
+                return found;
+            }
+            for i in names.iter().filter_map(|name| place(name)) {
+                let p = &entry.parameters[i];
                 let ratio = p.plausible_high / p.plausible_low;
-                for step in 0..5 {
+                for step in 0..RANGE_STEPS {
                     let mut values = base.clone();
-                    values[i] = p.plausible_low * libm::pow(ratio, (f64::from(step) + 0.5) / 5.0);
+                    let share = (f64::from(step) + 0.5) / f64::from(RANGE_STEPS);
+                    values[i] = p.plausible_low * libm::pow(ratio, share);
                     found.push(values);
                 }
             }
@@ -93,9 +99,10 @@ pub(crate) fn sharpen(problem: &Problem, posterior: &Posterior, start: &mut Tria
     let [one] = start.open.as_slice() else { return };
     let (candidate, entry) = (one.candidate, &problem.library.candidates[one.candidate]);
     let place = |name: &str| entry.declaration.parameter_index(name);
-    let ("wall-effect", Some(distance), Some(azimuth)) =
-        (entry.declaration.id, place("distance_m"), place("azimuth_rad"))
-    else {
+    let Strategy::Shapes(Shapes::Beside { distance, azimuth }) = entry.declaration.search.strategy else {
+        return;
+    };
+    let (Some(distance), Some(azimuth)) = (place(distance), place(azimuth)) else {
         return;
     };
     let (mut angle, mut gap) = (

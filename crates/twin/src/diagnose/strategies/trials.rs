@@ -7,6 +7,7 @@
 //!   where the drag is at its typical size.
 
 use rayon::prelude::*;
+use rotortwin_plant::effects::Strategy;
 
 use super::shapes::{SECANT, shapes, sharpen};
 use super::start::Trial;
@@ -23,11 +24,6 @@ pub(crate) struct Trials {
     pub(crate) starts: Vec<Trial>,
     pub(crate) worst_minimum: Vec<(usize, f64)>,
 }
-
-/// Lengths of the secants of a delay and of a limit, plausible sizes.
-const DELAYS: [f64; 3] = [0.5, 1.0, 1.5];
-
-const LIMITS: [f64; 3] = [0.5, 1.0, 2.0];
 
 /// Normal score of a channel from which the shapes of its effects are searched.
 const SEARCHED_SCORE: f64 = 3.0;
@@ -51,14 +47,13 @@ fn variants(problem: &Problem, candidate: usize, all: bool) -> Vec<Variant> {
         step,
         companion: None,
     };
-    let secants = |steps: &[f64]| steps.iter().map(|&step| variant((entry.neutral(), step))).collect();
-    let mut found: Vec<Variant> = match entry.declaration.id {
-        "command-delay" | "imu-latency" => secants(&DELAYS),
-        "saturation" => secants(&LIMITS),
-        _ => {
-            let shapes = shapes(problem, candidate, all).into_iter();
+    let mut found: Vec<Variant> = match entry.declaration.search.strategy {
+        Strategy::Secants(steps) => steps.iter().map(|&step| variant((entry.neutral(), step))).collect(),
+        Strategy::Shapes(covered) => {
+            let shapes = shapes(problem, candidate, covered, all).into_iter();
             shapes.map(|values| variant((values, SECANT))).collect()
         }
+        _ => Vec::new(),
     };
     let silent = problem.linear.iter().zip(&problem.logs).all(|(linear, log)| {
         let own = log.nuisance_count();
@@ -135,8 +130,8 @@ impl Trials {
             return;
         }
         let shown = sure_size(found.information, 0.02, threshold);
-        let id = problem.library.candidates[candidate].declaration.id;
-        if matches!(id, "ceiling-effect" | "wall-effect") && shown > 0.0 {
+        let strategy = problem.library.candidates[candidate].declaration.search.strategy;
+        if matches!(strategy, Strategy::Shapes(shapes) if shapes.is_surface()) && shown > 0.0 {
             match self.worst_minimum.iter_mut().find(|(of, _)| *of == candidate) {
                 Some((_, worst)) => *worst = worst.max(shown),
                 None => self.worst_minimum.push((candidate, shown)),

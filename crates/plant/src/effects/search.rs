@@ -1,0 +1,152 @@
+//! How a diagnosis searches for an effect, and what it needs of the logs for that: declared by each effect in its own file.
+//!
+//! The diagnosis knows these strategies and requirements, but no effect: an effect that needs another start declares it here.
+
+/// What the fits of an effect start from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Strategy {
+    /// The linear estimate about zero.
+    Linear,
+    /// Secants over these multiples of the plausible size: what acts on whole samples, such as a delay of a noisy command, is not its
+    /// derivative.
+    Secants(&'static [f64]),
+    /// A grid over shapes that have no column while the effect has no size.
+    Shapes(Shapes),
+    /// Each charge of the battery at the start, because the open-circuit voltage has kinks that a fit does not cross.
+    BatteryState(AtBattery),
+    /// The likelihood of its covariance: random forcing has no column.
+    Covariance,
+    /// Not searched: the covariance of this other effect is nearly the same.
+    CovarianceOf(&'static str),
+    /// Each wiring at its whole size: a gross error is no small deviation.
+    Wiring(Wiring),
+    /// Fitted with every flight; never a finding.
+    Nuisance,
+}
+
+/// Shapes that a grid covers; parameters by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shapes {
+    /// The plausible range of each of these shapes, in geometric steps.
+    Range(&'static [&'static str]),
+    /// A horizontal surface over the highest point of the flights.
+    Above {
+        /// Height over the origin of NED, m.
+        height: &'static str,
+    },
+    /// A vertical surface beyond the farthest point of the flights, in every direction.
+    Beside {
+        /// Distance from the origin of NED, m.
+        distance: &'static str,
+        /// Direction from north, clockwise, rad.
+        azimuth: &'static str,
+    },
+}
+
+impl Shapes {
+    /// True for a surface, which a flight may never come near: then it can have any strength.
+    pub fn is_surface(self) -> bool {
+        matches!(self, Self::Above { .. } | Self::Beside { .. })
+    }
+}
+
+/// Where at the battery an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AtBattery {
+    /// Inside: the voltage is another one.
+    Inside,
+    /// At the sensor: the voltage reads as another one. Errors of a sensor differ by little from one another.
+    Sensor,
+}
+
+/// A gross error of the build.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wiring {
+    /// Of one rotor.
+    Single,
+    /// Of two rotors.
+    Pair {
+        /// The parameter that holds the number of the other rotor.
+        partner: &'static str,
+    },
+}
+
+/// What a log must hold for an effect to be considered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Requirement {
+    /// Duty of every rotor: with measured rotor speeds or a commanded wrench nothing of Eq. 19 shows.
+    Duty,
+    /// Duty of every rotor or a commanded wrench: measured rotor speeds show neither delay nor lag nor wiring.
+    Command,
+    /// Height above ground.
+    HeightAboveGround,
+    /// Position.
+    Position,
+    /// Velocity and attitude, from which the air velocity in body axes follows.
+    AirVelocity,
+    /// Battery voltage.
+    BatteryVoltage,
+}
+
+impl Requirement {
+    /// In words.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Duty => "duty of every rotor",
+            Self::Command => "duty of every rotor or commanded wrench",
+            Self::HeightAboveGround => "height above ground",
+            Self::Position => "position",
+            Self::AirVelocity => "velocity and attitude",
+            Self::BatteryVoltage => "battery voltage",
+        }
+    }
+}
+
+/// What an effect changes of the mean thrusts that the rotors are asked for: the hypotheses of a comparison with healthy flights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrimChange {
+    /// The thrust of one rotor at its command.
+    RotorThrust,
+    /// The weight.
+    Weight,
+    /// The place of the centre of mass.
+    Balance,
+}
+
+/// How a diagnosis searches for an effect, and what it requires.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Search {
+    /// What its fits start from.
+    pub strategy: Strategy,
+    /// What a log must hold, all of it.
+    pub requires: &'static [Requirement],
+    /// What it changes of the mean thrusts, if it is one of the hypotheses of a comparison with healthy flights.
+    pub trim: Option<TrimChange>,
+}
+
+impl Search {
+    /// From the linear estimate; requires nothing but a channel in which the effect shows.
+    pub const LINEAR: Self = Self::by(Strategy::Linear);
+
+    /// By a strategy; requires nothing but a channel in which the effect shows.
+    pub const fn by(strategy: Strategy) -> Self {
+        Self {
+            strategy,
+            requires: &[],
+            trim: None,
+        }
+    }
+
+    /// The same where a log holds all of this.
+    pub const fn requiring(mut self, requires: &'static [Requirement]) -> Self {
+        self.requires = requires;
+        self
+    }
+
+    /// The same, and a hypothesis of a comparison with healthy flights.
+    pub const fn in_trim(mut self, trim: TrimChange) -> Self {
+        self.trim = Some(trim);
+        self
+    }
+}

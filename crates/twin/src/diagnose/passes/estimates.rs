@@ -1,0 +1,43 @@
+//! Estimates: final values of what was named, averaged over how far the vehicle is off its nominal values; which of them cannot be.
+
+use rotortwin_plant::effects::EffectClass;
+
+use super::Pass;
+use crate::diagnose::state::{Doubt, State};
+use crate::diagnose::{findings, picture};
+use crate::estimation::settle::averaged;
+use crate::predict::PredictError;
+
+pub(crate) struct Estimates;
+
+impl Pass for Estimates {
+    fn name(&self) -> &'static str {
+        "Estimates"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        let posterior = match &state.weather {
+            Some(gusts) => gusts.posterior.clone(),
+            None => match averaged(&state.problem) {
+                Some(averaged) => averaged,
+                None => state.posterior()?,
+            },
+        };
+        let named = std::mem::take(&mut state.named);
+        let (mut found, impossible) = findings::findings(&state.problem, named, &posterior);
+        let gusts = state.weather.as_ref();
+        found.extend(gusts.and_then(|gusts| findings::weather_finding(&state.problem, gusts)));
+        let (physics, faults) = found
+            .into_iter()
+            .partition(|finding| matches!(finding.class, EffectClass::Physics | EffectClass::Noise));
+        (state.diagnosis.effects, state.diagnosis.sensor_or_timing) = (physics, faults);
+        let diagnosis = &mut state.diagnosis;
+        let drawn = diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing);
+        picture::draw(&state.problem, &mut drawn.collect::<Vec<_>>())?;
+        state.doubts.extend(impossible.into_iter().map(Doubt::ImpossibleSize));
+        if findings::look_alikes(&state.problem) {
+            state.doubts.push(Doubt::LookAlikes);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,20 @@
+//! Nuisance fit: rotor biases and the charge at the start, which no flight is without.
+
+use super::Pass;
+use crate::diagnose::state::State;
+use crate::estimation::columns::LogState;
+use crate::predict::PredictError;
+
+pub(crate) struct NuisanceFit;
+
+impl Pass for NuisanceFit {
+    fn name(&self) -> &'static str {
+        "Nuisance fit"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        state.problem.fit_nuisances()?;
+        state.plain = state.problem.logs.iter().map(LogState::plain_nuisances).collect();
+        Ok(())
+    }
+}

@@ -1,0 +1,32 @@
+//! Verdict: what was named is believed if nothing speaks against it and nothing else is left.
+
+use super::Pass;
+use super::refinement::LEFT_FACTOR;
+use crate::diagnose::result::Verdict;
+use crate::diagnose::state::{Doubt, State};
+use crate::diagnose::{findings, words};
+use crate::predict::PredictError;
+
+pub(crate) struct FinalVerdict;
+
+impl Pass for FinalVerdict {
+    fn name(&self) -> &'static str {
+        "Verdict"
+    }
+
+    fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
+        let diagnosis = &mut state.diagnosis;
+        let unexplained = &mut diagnosis.goodness.unexplained;
+        if state.left > LEFT_FACTOR * state.threshold && unexplained.is_empty() {
+            unexplained.push(words::doubt(&Doubt::StretchedClutter));
+        }
+        diagnosis.verdict = if state.doubts.is_empty() {
+            findings::verdict(diagnosis)
+        } else {
+            Verdict::OutsideCatalogue
+        };
+        let doubts = state.doubts.iter().map(words::doubt);
+        diagnosis.goodness.unexplained.extend(doubts);
+        Ok(())
+    }
+}

@@ -1,0 +1,67 @@
+//! What the passes of a search work on: the point of the fit, what was named, and the diagnosis under way.
+
+use super::Options;
+use super::named::Named;
+use super::result::Diagnosis;
+use super::strategies::covariance::Gusts;
+use crate::estimation::normal::Posterior;
+use crate::estimation::posterior::posterior_of;
+use crate::estimation::problem::Problem;
+use crate::estimation::whiteness::ChannelFit;
+use crate::predict::{CHANNELS, Nuisances, PredictError};
+
+/// Fits of the channels, log by log.
+pub(crate) type Fits = Vec<[Option<ChannelFit>; CHANNELS]>;
+
+/// A search under way.
+pub(crate) struct State<'a> {
+    /// Logs, library, the effects at work and where they stand.
+    pub(crate) problem: Problem,
+    /// What was named, with what its round knew.
+    pub(crate) named: Vec<Named>,
+    /// Evidence of the best candidate that was not named, nats.
+    pub(crate) left: f64,
+    /// Nuisances of the given model, as far as they are plausible.
+    pub(crate) plain: Vec<Nuisances>,
+    /// Fits of the given model.
+    pub(crate) before: Fits,
+    /// Gusts, if they explain what is left.
+    pub(crate) weather: Option<Gusts>,
+    /// Why what was named must not be believed.
+    pub(crate) doubts: Vec<Doubt>,
+    /// Threshold on the ln Bayes factor.
+    pub(crate) threshold: f64,
+    pub(crate) options: &'a Options<'a>,
+    /// When the diagnosis began, on the clock of the options, s.
+    pub(crate) began_s: f64,
+    /// What is known of the answer so far.
+    pub(crate) diagnosis: Diagnosis,
+}
+
+impl State<'_> {
+    /// Tells what is done, and what share of the search is behind it.
+    pub(crate) fn progress(&self, text: &str, share: f64) {
+        (self.options.progress)(text, share);
+    }
+
+    /// Posterior of all linear parameters about the present point, with gusts in the noise if there are any.
+    pub(crate) fn posterior(&self) -> Result<Posterior, PredictError> {
+        match &self.weather {
+            Some(gusts) => Ok(gusts.posterior.clone()),
+            None => Ok(posterior_of(&self.problem)?.0),
+        }
+    }
+}
+
+/// Why what was named must not be believed.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Doubt {
+    /// The clutter had to stretch far beyond its prior: white residuals then say nothing.
+    StretchedClutter,
+    /// The size of this effect cannot be.
+    ImpossibleSize(String),
+    /// Three effects that are easily confused with one another.
+    LookAlikes,
+    /// The error of this quantity on blocks that the fit did not see rises.
+    HeldOutRises(String),
+}
