@@ -174,39 +174,3 @@ pub fn companions(pair: [&Rival; 2], model: &ModelVersion, catalogue: &Catalogue
     }
     found
 }
-
-/// Pairs that flights mix up: the groups of the catalogue's column "confused with".
-pub const CONFUSABLE: &[(&str, &str)] = &[
-    ("rotor-drag", "quadratic-drag"),
-    ("rotor-drag", "linear-friction"),
-    ("quadratic-drag", "linear-friction"),
-    ("axial-inflow", "rotational-damping"),
-    ("axial-inflow", "linear-friction"),
-    ("translational-lift", "axial-inflow"),
-    ("flapping-moment", "rotor-interference"),
-    ("centre-of-mass", "rotor-interference"),
-    ("rotational-damping", "command-delay"),
-    ("motor-time-constant", "command-delay"),
-    ("motor-time-constant", "lag-asymmetry"),
-    ("command-delay", "imu-latency"),
-    ("imu-latency", "attitude-latency"),
-    ("velocity-latency", "position-latency"),
-    ("inertia-yaw", "moment-ratio"),
-    ("inertia-yaw", "rotor-reaction"),
-    ("inertia-roll", "gyro-scale"),
-    ("gyroscopic-torque", "inertia-product-xy"),
-    ("mass", "air-density"),
-    ("mass", "accelerometer-scale"),
-    ("mass", "dead-zone"),
-    ("ground-effect", "mass"),
-    ("air-density", "dead-zone"),
-    ("accelerometer-bias", "level-offset"),
-    ("accelerometer-bias", "vibration-rectification"),
-    ("internal-resistance", "battery-rc"),
-    ("internal-resistance", "battery-capacity"),
-    ("imu-misalignment", "level-offset"),
-    ("imu-lever-arm", "centre-of-mass"),
-    ("rotor-thrust-scale#1", "centre-of-mass"),
-    ("rotor-tilt-tangential#1", "moment-ratio"),
-    ("slung-load", "mass"),
-];

@@ -1,0 +1,98 @@
+//! The engine knows strategies and requirements, but no effect: an effect declares in its own file how it is searched for.
+//!
+//! Looked at are the string literals of the sources, without comments and unit tests.
+
+use std::path::{Path, PathBuf};
+
+use rotortwin_plant::effects::catalogue;
+
+/// The rooms that name, fit and rank effects: no parameter of an effect either.
+const ENGINE: [&str; 6] = [
+    "baseline",
+    "diagnose",
+    "estimation",
+    "improve",
+    "next_flight",
+    "propose",
+];
+
+/// Columns of a log and keys of results that are called like a parameter of an effect.
+const OTHER_THINGS: [&str; 1] = ["time_s"];
+
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|end| end == "rs") && path.file_name().is_some_and(|n| n != "tests.rs") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Line number and text of every string literal that is not of a comment or of unit tests.
+fn literals(source: &str) -> Vec<(usize, String)> {
+    let code = source.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    let mut found = Vec::new();
+    for (number, line) in code.lines().enumerate() {
+        if line.trim_start().starts_with("//") {
+            continue;
+        }
+        let parts = line.split('"').skip(1).step_by(2);
+        found.extend(parts.map(|text| (number + 1, text.to_owned())));
+    }
+    found
+}
+
+/// The literals of the sources below `rooms` for which `is` holds, as `file:line: text`.
+fn named(rooms: &[&str], is: impl Fn(&str) -> bool) -> Vec<String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let files = rooms.iter().flat_map(|room| sources(&root.join(room)));
+    let mut all = Vec::new();
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap();
+        for (line, literal) in literals(&text) {
+            if is(&literal) {
+                all.push(format!("{}:{line}: {literal}", file.display()));
+            }
+        }
+    }
+    all
+}
+
+#[test]
+fn val_no_source_of_the_twin_names_an_effect() {
+    // Also with a rotor: rotor-thrust-scale#3.
+    let is = |text: &str| {
+        let id = text.split('#').next().unwrap_or_default();
+        catalogue().iter().any(|entry| entry.id == id)
+    };
+    assert_eq!(named(&[""], is), Vec::<String>::new());
+}
+
+#[test]
+fn val_the_engine_names_no_parameter_of_an_effect() {
+    let is = |text: &str| {
+        let mut parameters = catalogue().iter().flat_map(|entry| entry.parameters);
+        parameters.any(|p| p.name == text) && !OTHER_THINGS.contains(&text)
+    };
+    assert_eq!(named(&ENGINE, is), Vec::<String>::new());
+}
+
+#[test]
+fn val_the_engine_asks_for_no_row_of_the_catalogue() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    for file in ENGINE.iter().flat_map(|room| sources(&root.join(room))) {
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(!text.contains("catalogue_number"), "{}", file.display());
+    }
+}
+
+#[test]
+fn val_literals_are_found() {
+    let source = "// \"mass\"\nlet a = [\"mass\", \"x\"];\n#[cfg(test)]\nmod tests { \"mass\" }\n";
+    assert_eq!(literals(source), [(2, "mass".to_owned()), (2, "x".to_owned())]);
+}
