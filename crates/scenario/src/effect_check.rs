@@ -1,9 +1,7 @@
 //! Effects of a scenario against each other and against the flight: an effect that cannot have an effect is refused.
 
 use crate::scenario_document::ScenarioDocument;
-use rotortwin_plant::effects::{
-    Catalogue, Constants, EffectInstance, EffectSet, Requirement, Strategy, Wiring,
-};
+use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet, Requirement, Strategy, Wiring};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::vehicle::mismatch::Size;
 use rotortwin_plant::vehicle::model::VehicleModel;

@@ -88,7 +88,8 @@ pub(super) static WALL: EffectDeclaration = EffectDeclaration {
     search: Search::by(Strategy::Shapes(Shapes::Beside {
         distance: "distance_m",
         azimuth: "azimuth_rad",
-    })).requiring(&[Requirement::Position]),
+    }))
+    .requiring(&[Requirement::Position]),
     excited_by: "flight within two rotor radii of a wall",
     confused_with: &["wind", "accelerometer-bias"],
     source: "form assumed: no fitted source; decays as the ceiling effect does",

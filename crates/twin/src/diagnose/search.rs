@@ -2,6 +2,7 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
 
+use super::passes::Pass;
 use super::passes::charge::ChargeSearch;
 use super::passes::elimination::BackwardElimination;
 use super::passes::estimates::Estimates;
@@ -14,7 +15,6 @@ use super::passes::reconsideration::Reconsideration;
 use super::passes::selection::ForwardSelection;
 use super::passes::verdict::FinalVerdict;
 use super::passes::wiring::WiringTest;
-use super::passes::Pass;
 use super::result::{DiagnosedModel, Diagnosis, Goodness, Timing, Verdict};
 use super::state::State;
 use super::{Options, THRESHOLD, THRESHOLD_AT_REST, words};
@@ -187,7 +187,10 @@ mod tests {
         let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
         for (name, link) in &listed {
             let source = std::fs::read_to_string(docs.join(link)).unwrap_or_else(|error| panic!("{link}: {error}"));
-            assert!(source.contains(&format!("\"{name}\"")), "{link} is not the file of: {name}");
+            assert!(
+                source.contains(&format!("\"{name}\"")),
+                "{link} is not the file of: {name}"
+            );
         }
     }
 

@@ -101,11 +101,7 @@ pub(crate) fn gusts_lead(
 /// `threshold`. Gusts have a mean over a flight that reads as wind, and a slow part that reads as a tilt.
 ///
 /// * `posterior`: with the gusts in the noise
-fn without_stand_in(
-    problem: &Problem,
-    posterior: &Posterior,
-    threshold: f64,
-) -> Result<Option<Problem>, PredictError> {
+fn without_stand_in(problem: &Problem, posterior: &Posterior, threshold: f64) -> Result<Option<Problem>, PredictError> {
     let acts_through = problem
         .logs
         .first()

@@ -47,7 +47,11 @@ pub(crate) fn best_of(
     tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let implausible: Vec<Option<Quantity>> = tried
         .iter()
-        .map(|one| one.opened.iter().find_map(|&c| implausible_size(problem, c, &one.fitted)))
+        .map(|one| {
+            one.opened
+                .iter()
+                .find_map(|&c| implausible_size(problem, c, &one.fitted))
+        })
         .collect();
     let Some(winner) = (0..tried.len()).find(|&i| implausible[i].is_none()) else {
         return Ok(None);

@@ -51,7 +51,9 @@ pub(crate) fn wanted(problem: &Problem, posterior: &Posterior, scored: &[Scored]
         .any(|s| {
             let declared = problem.library.candidates[s.candidate].declaration;
             let others = declared.confused_with.iter();
-            others.filter_map(|id| log.predictor.catalogue().find(id)).any(at_battery)
+            others
+                .filter_map(|id| log.predictor.catalogue().find(id))
+                .any(at_battery)
         });
     if hint || scales {
         return true;

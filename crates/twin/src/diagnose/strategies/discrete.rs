@@ -47,9 +47,7 @@ pub(crate) fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
         })
         .collect::<Option<Vec<Prediction>>>()?;
     let candidates = &problem.library.candidates;
-    let wirings: Vec<Active> = (0..candidates.len())
-        .flat_map(|c| variants(problem, c))
-        .collect();
+    let wirings: Vec<Active> = (0..candidates.len()).flat_map(|c| variants(problem, c)).collect();
     let mut all: Vec<(Active, Explained)> = wirings
         .into_par_iter()
         .filter_map(|active| {
