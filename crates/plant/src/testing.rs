@@ -28,6 +28,14 @@ pub(crate) fn vehicle(name: &str) -> VehicleModel {
     read(vehicles().join(format!("{name}.toml")))
 }
 
+/// A shipped vehicle with the landing gear of the F550 on skids.
+pub(crate) fn vehicle_on_skids(name: &str) -> VehicleModel {
+    VehicleModel {
+        landing_gear: vehicle("f550-skids").landing_gear,
+        ..vehicle(name)
+    }
+}
+
 /// The blades of a shipped vehicle.
 pub(crate) fn blades(vehicle: &VehicleModel) -> BladeSet {
     read(vehicles().join(&vehicle.rotors.blades))

@@ -7,15 +7,14 @@ use crate::body::ground::{GroundContact, GroundEvent};
 use crate::body::rigid_body::{Quaternion, RigidBodyState};
 use crate::config::SimulationConfig;
 use crate::nearest_step;
-use crate::testing::{blades, hover, preset, vehicle};
+use crate::testing::{blades, hover, preset, vehicle_on_skids};
 use crate::vehicle::mismatch::MismatchPreset;
 
 const VEHICLES: [&str; 3] = ["quad-x", "f550", "octo-x"];
 
 /// A vehicle on flat ground at z = 0, exactly its document.
 fn standing(name: &str) -> SimulationConfig {
-    let mut vehicle = vehicle(name);
-    vehicle.landing_gear = crate::testing::vehicle("f550-skids").landing_gear;
+    let vehicle = vehicle_on_skids(name);
     SimulationConfig {
         nominal_blade: blades(&vehicle).blade[&vehicle.rotors.nominal_blade],
         vehicle,

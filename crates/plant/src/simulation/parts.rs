@@ -126,10 +126,11 @@ mod tests {
     use crate::nearest_step;
     use crate::powertrain::faults::FaultEntry;
     use crate::sensing::instruments::InstrumentModel;
-    use crate::testing::{faults, hover};
+    use crate::testing::{faults, hover, vehicle_on_skids};
 
     fn config() -> SimulationConfig {
         SimulationConfig {
+            vehicle: vehicle_on_skids("f550"),
             duration_steps: nearest_step(2.0),
             ground_down_m: Some(0.0),
             ground_contact: Some(GroundContact::default()),

@@ -50,7 +50,8 @@ use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetReques
 use tower_http::timeout::RequestBodyTimeoutLayer;
 use tower_http::trace::TraceLayer;
 use utoipa::OpenApi;
-use utoipa::openapi::{Content, Ref, ResponseBuilder};
+use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
+use utoipa::openapi::{Content, Ref, RefOr, ResponseBuilder};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
@@ -165,10 +166,28 @@ fn described() -> OpenApiRouter<Arc<App>> {
 pub fn openapi_document() -> String {
     let (_, mut api) = described().split_for_parts();
     add_refusals_of_access(&mut api);
+    let schemas = api.components.iter_mut().flat_map(|all| &mut all.schemas);
+    for (_, schema) in schemas.filter(|(name, _)| name.starts_with("JobWithResult_")) {
+        allow_no_result(schema);
+    }
     // The router's way to say "the rest of the path"; OpenAPI has none.
     let mut text = api.to_pretty_json().unwrap_or_default().replace("{*path}", "{path}");
     text.push('\n');
     text
+}
+
+/// The property `result` is null before a job is done. The derive macro forgets this where the type of a property is generic.
+fn allow_no_result(schema: &mut RefOr<Schema>) {
+    let RefOr::T(Schema::AllOf(parts)) = schema else { return };
+    for part in &mut parts.items {
+        if let RefOr::T(Schema::Object(object)) = part
+            && let Some(result) = object.properties.get_mut("result")
+        {
+            let null = ObjectBuilder::new().schema_type(SchemaType::Type(Type::Null));
+            let either = AnyOfBuilder::new().item(null).item(result.clone());
+            *result = RefOr::T(Schema::AnyOf(either.build()));
+        }
+    }
 }
 
 /// What every address below `/api/` can answer before its own function is asked.
