@@ -109,7 +109,7 @@ pub struct Failure {
     pub last_step: Option<u64>,
     /// How long it had been silent.
     pub silence: Duration,
-    /// It died, fell silent or never came; the same flight may do well at another try.
+    /// It died, fell silent or never came, or the transport failed; the same flight may do well at another try.
     pub lost: bool,
     /// The whole story in one sentence.
     pub sentence: String,
@@ -165,7 +165,11 @@ impl From<&LinkError> for Failure {
         };
         let lost = matches!(
             error,
-            LinkError::PeerDied { .. } | LinkError::PeerSilent { .. } | LinkError::PeerMissing { .. }
+            LinkError::PeerDied { .. }
+                | LinkError::PeerSilent { .. }
+                | LinkError::PeerMissing { .. }
+                // What a process that was killed while it opened shared memory leaves, nobody else can open.
+                | LinkError::Transport { .. }
         );
         Self {
             peer: peer.to_owned(),
