@@ -22,11 +22,11 @@ from playwright.sync_api import Browser, Page, sync_playwright
 SERVER, CHROMIUM, FOLDER, SCENARIO = sys.argv[1], sys.argv[2], Path(sys.argv[3]), sys.argv[4]
 PAGES = ["/twin", "/runs?new=1", "/campaigns", "/blind", "/fdi", "/library", "/library?kind=vehicles&name=quad-x"]
 # A job on a machine that compiles meanwhile.
-PATIENCE_MS = 60_000
+PATIENCE_MS = 120_000
 FIRST_LOAD_KB = 150
 # Table of 10,000 runs, s: twice what is wanted, as other things run beside the test; the time is printed.
 MANY_S = 3.0
-# A click in one of eight tabs, s. Without a screen all eight are drawn at once, which no browser with one does.
+# A click in one of eight tabs on a machine that compiles meanwhile, s.
 TAB_S = 4.0
 # In the live flight.
 FAULT = "fault=[{time_s=6.0, rotor=3, blade='c'}]"
@@ -188,7 +188,7 @@ def vehicle(browser: Browser) -> None:
     assert card.get_by_role("img", name=re.compile("rotor 6 turns")).is_visible()
     card.get_by_role("button", name=re.compile("^Keep it as mine")).click()
     card.get_by_text("kept as mine").wait_for()
-    page.locator("#step-5 .say.sentence").wait_for()
+    page.locator("#step-4 .heat").first.wait_for()
     assert "mine-" in page.locator("#step-3 .note").inner_text() and query(page, "vehicle") == "mine"
     assert "mine" in api("/vehicles")["own"]
     # A frame that the log cannot be of: the server's sentence, where it was asked.
@@ -421,29 +421,28 @@ def session(browser: Browser) -> None:
 
 
 def tabs(browser: Browser) -> None:
-    """Eight tabs of one browser on one running job: each answers at once, and sees the end."""
-    run = api("/runs", {"scenario": "short-hover", "pace": "real-time", "set": ["duration_s=20.0"]})["id"]
+    """Eight tabs of one browser on one running job, more than there are connections: each answers, and sees the end by itself."""
+    run = api("/runs", {"scenario": "short-hover", "pace": "real-time", "set": ["duration_s=25.0"]})["id"]
     first, watch = open_page(browser)
     every = [first, *(first.context.new_page() for _ in range(7))]
     watches = [watch, *(Watch(page) for page in every[1:])]
     for page in every:
         page.set_default_timeout(PATIENCE_MS)
-        page.goto(f"{SERVER}/runs/{run}")
+        # One shows the flight itself: without a screen all tabs are drawn at once, which no browser with one does.
+        page.goto(f"{SERVER}/runs/{run}" if page is first else f"{SERVER}/runs")
     slowest = 0.0
-    for page in every:
-        page.bring_to_front()
-        page.locator("h1 + .tag", has_text="running").wait_for()
+    for page in every[1:]:
+        page.locator("tr", has_text=run[:12]).locator(".tag", has_text=re.compile("running|done")).wait_for()
         began = time.monotonic()
-        page.get_by_role("link", name="Library").click()
-        page.get_by_role("heading", name="Library").wait_for()
-        took = time.monotonic() - began
-        slowest = max(slowest, took)
+        page.get_by_role("link", name="Campaigns").click()
+        page.get_by_role("heading", name="Campaigns").wait_for()
+        slowest = max(slowest, time.monotonic() - began)
         page.go_back()
     print(f"eight tabs: the slowest click took {slowest:.2f} s")
     assert slowest < TAB_S, slowest
-    for page in every:
-        page.bring_to_front()
-        page.locator("h1 + .tag", has_text="done").wait_for()
+    first.locator("h1 + .tag", has_text="done").wait_for()
+    for page in every[1:]:
+        page.locator("tr", has_text=run[:12]).locator(".tag", has_text="done").wait_for()
     for watch in watches:
         watch.check()
 

@@ -81,12 +81,16 @@ export function rotorsOf(vehicle: string): Rotor[] | undefined {
   return rotors.length > 0 && rotors.every((rotor) => rotor.position_body_m.every(Number.isFinite)) ? rotors : undefined;
 }
 
+/** The command line's options are fields of the form here. */
+export const adviceText = (better: string) => better.replace(/^--(\w+)/, "the $1");
+
 /** What would make the vehicle better: each advice once, with the values that it is for. */
 export function adviceOf(values: readonly Estimate[]): { better: string; names: string[] }[] {
   const found = new Map<string, string[]>();
   for (const value of values) {
     if ((value.source !== "class" && value.source !== "log-and-class") || value.better === "") continue;
-    found.set(value.better, [...(found.get(value.better) ?? []), value.name]);
+    const better = adviceText(value.better);
+    found.set(better, [...(found.get(better) ?? []), value.name]);
   }
   return [...found].map(([better, names]) => ({ better, names }));
 }

@@ -4,7 +4,7 @@ import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { sentenceOf } from "../../api/problem";
 import { short } from "../../format";
-import { type Identification, FRAMES, adviceOf, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
+import { type Identification, FRAMES, adviceOf, adviceText, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
 import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
 import { VehiclePicture } from "../../parts/vehicle-picture";
@@ -177,7 +177,7 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
                   <td>{one.unit || "1"}</td>
                   <td><span class={`tag ${sourceOf(one.source).kind}`}>{sourceOf(one.source).words}</span></td>
                   <td>{one.how}</td>
-                  <td>{one.source === "entered" ? "" : one.better}</td>
+                  <td>{one.source === "entered" ? "" : adviceText(one.better)}</td>
                 </tr>
               )}
             </For>
