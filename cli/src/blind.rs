@@ -5,6 +5,8 @@ use crate::progress::resumed_bar;
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_blind::bench::cases::{Case, Preset};
+use rotortwin_blind::bench::faults::FaultBench;
+use rotortwin_blind::bench::faults_sheet;
 use rotortwin_blind::bench::product::{read_diagnosis, read_either};
 use rotortwin_blind::bench::report;
 use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Program, Request};
@@ -162,7 +164,56 @@ fn of_this_program(words: &[&str], cores: usize) -> std::io::Result<Program> {
     })
 }
 
+/// Faults are judged by the detectors, one flight after the other, and have a sheet of their own.
+fn faults(args: &BenchArgs) -> anyhow::Result<()> {
+    let refused = [
+        (args.diagnosis.is_some(), "--diagnosis"),
+        (args.cases.is_some(), "--cases"),
+        (args.events, "--events"),
+        (args.jobs.is_some(), "--jobs"),
+    ];
+    if let Some((_, option)) = refused.into_iter().find(|(given, _)| *given) {
+        let (place, reason) = (
+            option.to_owned(),
+            "is not for the preset faults; expected --n, --seed, --model, --out".to_owned(),
+        );
+        return Err(BlindError::Input { place, reason }.into());
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let bench = FaultBench {
+        folder: args.out.clone(),
+        n: args.n,
+        seed: args.seed,
+        vehicles: args.vehicles.iter().map(|path| path.display().to_string()).collect(),
+        duration_s: args.duration_s,
+        detectors: of_this_program(
+            &["fdi-log", "{log}", "--model", "{vehicle}", "--json", "--windows"],
+            cores,
+        )?,
+        keep_logs: args.keep_logs,
+    };
+    let cases = bench.cases()?;
+    let bar = progress_bar(args.json, cases.len() as u64, 0);
+    let rows = bench.run(&cases, &mut |row| {
+        bar.set_message(row.case.class.words());
+        bar.inc(1);
+    })?;
+    bar.finish_and_clear();
+    let sheets = faults_sheet::sum_up(&rows);
+    faults_sheet::write(&bench.folder, bench.seed, &rows, &sheets)?;
+    if args.json {
+        println!("{:#}", serde_json::to_value(&sheets)?);
+    } else {
+        print!("{}", faults_sheet::text(&sheets));
+        println!("Score: {}", bench.folder.join("score.json").display());
+    }
+    Ok(())
+}
+
 fn bench(args: &BenchArgs) -> anyhow::Result<()> {
+    if args.preset == [Preset::Faults] {
+        return faults(args);
+    }
     if args.events {
         crate::fly::end_with_standard_input();
     }

@@ -94,6 +94,7 @@ fn generator(args: &Args, out: &Path) -> GenerateArgs {
         clutter: false,
         flight: "excitation".to_owned(),
         duration_s: args.duration_s,
+        idle_s: None,
         seed: args.seed,
         noise_scale: 1.0,
         disturbance: 1.0,

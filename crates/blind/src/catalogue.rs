@@ -758,4 +758,16 @@ pub static KINDS: &[Kind] = &[
             p("interval_s", "s", 2.0, false, false),
         ],
     },
+    Kind {
+        id: "blade-drag",
+        number: 0,
+        title: "Drag of a damaged rotor over its lift",
+        place: Place::Outside,
+        per_rotor: true,
+        companion: None,
+        parameters: &[p("share", "1", 0.1, false, true)],
+    },
 ];
+
+/// Kinds that belong to a fault and are drawn with one only.
+pub const WITH_A_FAULT: [&str; 1] = ["blade-drag"];

@@ -58,6 +58,9 @@ pub struct GenerateArgs {
     /// Length, s
     #[arg(long, default_value_t = 90.0)]
     pub duration_s: f64,
+    /// Begin on the ground with idling rotors for so long, s, then take off into the flight
+    #[arg(long, value_name = "S")]
+    pub idle_s: Option<f64>,
     /// Seed of every random stream
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -105,6 +108,7 @@ impl GenerateArgs {
         range("--duration-s", self.duration_s, DURATION_S[0], DURATION_S[1])?;
         range("--noise-scale", self.noise_scale, 0.0, 100.0)?;
         range("--disturbance", self.disturbance, 0.0, 100.0)?;
+        range("--idle-s", self.idle_s.unwrap_or(0.0), 0.0, self.duration_s)?;
         range("--state-of-charge", self.state_of_charge.unwrap_or(0.5), 0.05, 1.0)?;
         let script = match Script::built_in(&self.flight, self.seed) {
             Some(script) => script,
@@ -117,6 +121,11 @@ impl GenerateArgs {
                 );
                 return Err(BlindError::input("--flight", reason));
             }
+        };
+        let script = if self.idle_s.is_some() {
+            script.from_the_ground()
+        } else {
+            script
         };
         let clutter = if self.clutter {
             draw_clutter(&effects, vehicle.rotors.len(), &mut Stream::new(self.seed, "clutter"))
@@ -133,6 +142,7 @@ impl GenerateArgs {
             noise_scale: self.noise_scale,
             disturbance: self.disturbance,
             state_of_charge: self.state_of_charge,
+            idle_s: self.idle_s,
         })
     }
 }

@@ -26,6 +26,9 @@ const VOLTAGE_NOISE: f64 = 0.010;
 /// Half width of the rotors' lift bias, N (RMSE of the fit of blade b, Table 1).
 const LIFT_BIAS: f64 = 0.010_756;
 
+/// Of rotors that idle on the ground.
+const IDLE_DUTY: f64 = 0.08;
+
 /// What is flown.
 #[derive(Debug, Clone)]
 pub struct FlightPlan {
@@ -47,6 +50,8 @@ pub struct FlightPlan {
     pub disturbance: f64,
     /// Charge at the start; `None`: drawn from 50 to 100 %.
     pub state_of_charge: Option<f64>,
+    /// On the ground with idling rotors for so long, s, before the script begins; `None`: in the air.
+    pub idle_s: Option<f64>,
 }
 
 /// What nobody tells the diagnosis.
@@ -149,6 +154,9 @@ pub fn fly(plan: &FlightPlan) -> Result<(Vec<Row>, Nuisances)> {
     let biases = nuisances.lift_biases.clone();
     let mut world = World::new(&plan.vehicle, start, biases, nuisances.state_of_charge, plan.seed, STEP)
         .with_disturbance(plan.disturbance);
+    if plan.idle_s.is_some() {
+        world = world.on_the_ground();
+    }
     let mut walk = ReferenceWalk::new(&plan.script, STEP);
     let mut streams = NoiseStreams::new(plan.seed, plan.noise_scale);
 
@@ -163,7 +171,10 @@ pub fn fly(plan: &FlightPlan) -> Result<(Vec<Row>, Nuisances)> {
     let mut end = StepEnd::default();
     for k in 0..steps {
         let time = k as f64 * STEP;
-        if onsets.first().is_some_and(|&onset| time >= onset) {
+        let moves = all
+            .iter()
+            .any(|effect| effect.profile.is_some() && effect.active_at(time));
+        if moves || onsets.first().is_some_and(|&onset| time >= onset) {
             onsets.retain(|&onset| onset > time);
             active = Active::at(time, &all, rotors);
             actives.push((k, active.clone()));
@@ -185,7 +196,11 @@ pub fn fly(plan: &FlightPlan) -> Result<(Vec<Row>, Nuisances)> {
             rates: truth.rates + noise.rates,
         };
         let mut duties = vec![0.0; rotors];
-        pilot.command(&seen, &walk.advance(), &mut duties);
+        if plan.idle_s.is_some_and(|idle| time < idle) {
+            duties.fill(IDLE_DUTY);
+        } else {
+            pilot.command(&seen, &walk.advance(), &mut duties);
+        }
         end = world.step(&duties, &active);
         let lost = if !world.position.norm().is_finite() || world.position.norm() > 500.0 {
             Some("the vehicle left the room")

@@ -9,6 +9,64 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// How the size of an effect goes on after its onset; without one it stays.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Profile {
+    /// Grows along a straight line.
+    Ramp {
+        /// From nothing to all, s.
+        ramp_s: f64,
+    },
+    /// All of it for a while again and again.
+    Intermittent {
+        /// All of it for so long, s.
+        on_s: f64,
+        /// From one begin to the next, s.
+        every_s: f64,
+    },
+    /// All of it, and from then on nothing.
+    Recovery {
+        /// s after the onset.
+        heals_after_s: f64,
+    },
+}
+
+impl Profile {
+    /// Share of the size, so long after the onset.
+    pub fn factor(&self, since_s: f64) -> f64 {
+        match *self {
+            _ if since_s < 0.0 => 0.0,
+            Self::Ramp { ramp_s } => (since_s / ramp_s).min(1.0),
+            Self::Intermittent { on_s, every_s } => f64::from(u8::from(since_s % every_s < on_s)),
+            Self::Recovery { heals_after_s } => f64::from(u8::from(since_s < heals_after_s)),
+        }
+    }
+
+    /// As arguments of an effect.
+    pub fn arguments(&self) -> Vec<String> {
+        match *self {
+            Self::Ramp { ramp_s } => vec![format!("ramp_s={ramp_s:?}")],
+            Self::Intermittent { on_s, every_s } => vec![format!("on_s={on_s:?}"), format!("every_s={every_s:?}")],
+            Self::Recovery { heals_after_s } => vec![format!("heals_after_s={heals_after_s:?}")],
+        }
+    }
+
+    /// From the arguments of an effect: at most one profile, all of its times above 0.
+    fn of(times: &BTreeMap<&str, f64>) -> Option<Option<Self>> {
+        let get = |name: &str| times.get(name).copied().filter(|time| *time > 0.0);
+        match times.len() {
+            0 => Some(None),
+            1 if times.contains_key("ramp_s") => get("ramp_s").map(|ramp_s| Some(Self::Ramp { ramp_s })),
+            1 => get("heals_after_s").map(|heals_after_s| Some(Self::Recovery { heals_after_s })),
+            2 => get("on_s")
+                .zip(get("every_s"))
+                .map(|(on_s, every_s)| Some(Self::Intermittent { on_s, every_s })),
+            _ => None,
+        }
+    }
+}
+
 /// One hidden effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Hidden {
@@ -20,6 +78,9 @@ pub struct Hidden {
     /// Start, s; absent: from the beginning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub onset_s: Option<f64>,
+    /// How its size goes on after the start; absent: it stays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profile: Option<Profile>,
     /// Values of the kind's parameters; absent ones have their typical value.
     pub parameters: BTreeMap<String, f64>,
 }
@@ -31,11 +92,12 @@ impl Hidden {
             id: kind.id.to_owned(),
             rotor,
             onset_s: None,
+            profile: None,
             parameters: kind.parameters.iter().map(|p| (p.name.to_owned(), p.typical)).collect(),
         }
     }
 
-    /// Reads `id:parameter=value,parameter=value`, with `rotor=` (from 1) and `onset_s=` among the parameters.
+    /// Reads `id:parameter=value,parameter=value`, with `rotor=` (from 1), `onset_s=` and the times of a [`Profile`] among the parameters.
     pub fn parse(text: &str) -> Result<Self> {
         let place = || format!("--effect {text}");
         let (id, rest) = text.split_once(':').unwrap_or((text, ""));
@@ -47,6 +109,7 @@ impl Hidden {
             )
         })?;
         let mut effect = Self::typical(kind, None);
+        let mut times = BTreeMap::new();
         for pair in rest.split(',').filter(|pair| !pair.is_empty()) {
             let (name, value) = pair
                 .split_once('=')
@@ -60,6 +123,9 @@ impl Hidden {
                     effect.rotor = Some(value as usize)
                 }
                 "onset_s" => effect.onset_s = Some(value),
+                "ramp_s" | "on_s" | "every_s" | "heals_after_s" => {
+                    times.insert(name, value);
+                }
                 _ if effect.parameters.contains_key(name) => {
                     effect.parameters.insert(name.to_owned(), value);
                 }
@@ -74,6 +140,10 @@ impl Hidden {
                 }
             }
         }
+        effect.profile = Profile::of(&times).ok_or_else(|| {
+            let reason = "expected ramp_s, or heals_after_s, or on_s with every_s, above 0";
+            BlindError::input(place(), reason)
+        })?;
         if kind.per_rotor && effect.rotor.is_none() {
             return Err(BlindError::input(
                 place(),
@@ -97,6 +167,15 @@ impl Hidden {
     /// Whether the effect is in force at a time.
     pub fn active_at(&self, time: f64) -> bool {
         self.onset_s.is_none_or(|onset| time >= onset)
+    }
+
+    /// Share of its size at a time.
+    pub fn factor_at(&self, time: f64) -> f64 {
+        let since = time - self.onset_s.unwrap_or(0.0);
+        match &self.profile {
+            Some(profile) => profile.factor(since),
+            None => f64::from(u8::from(self.active_at(time))),
+        }
     }
 }
 
@@ -139,6 +218,7 @@ pub struct Active {
     pub flex_frequency: f64,
     pub flex_damping: f64,
     pub thrust_scale: Vec<f64>,
+    pub blade_drag: Vec<f64>,
     pub lag: f64,
     pub lag_asymmetry: f64,
     pub speed_lag: f64,
@@ -200,6 +280,7 @@ impl Active {
             tilt_tangential: vec![0.0; rotors],
             tilt_radial: vec![0.0; rotors],
             thrust_scale: vec![0.0; rotors],
+            blade_drag: vec![0.0; rotors],
             reversed: vec![0.0; rotors],
             ..Self::default()
         }
@@ -209,20 +290,26 @@ impl Active {
     pub fn at(time: f64, effects: &[Hidden], rotors: usize) -> Self {
         let mut active = Self::none(rotors);
         for effect in effects.iter().filter(|effect| effect.active_at(time)) {
-            active.add(effect);
+            active.add_share(effect, effect.factor_at(time));
         }
         active
     }
 
     /// Adds one effect; amplitudes add up, shape parameters are replaced.
     pub fn add(&mut self, effect: &Hidden) {
+        self.add_share(effect, 1.0);
+    }
+
+    /// Adds a share of the size of one effect.
+    pub fn add_share(&mut self, effect: &Hidden, share: f64) {
         let kind = catalogue::kind(&effect.id);
         let value = |name: &str| {
             let typical = || {
                 kind.and_then(|kind| kind.parameters.iter().find(|p| p.name == name))
                     .map_or(0.0, |p| p.typical)
             };
-            effect.parameters.get(name).copied().unwrap_or_else(typical)
+            let scales = kind.is_some_and(|kind| kind.parameters.iter().any(|p| p.name == name && p.scales));
+            effect.parameters.get(name).copied().unwrap_or_else(typical) * if scales { share } else { 1.0 }
         };
         let rotor = effect.rotor.unwrap_or(1) - 1;
         match effect.id.as_str() {
@@ -338,6 +425,7 @@ impl Active {
                 self.tether_slack = value("slack_m");
             }
             "current-heading" => self.current_heading += value("error_rad_a"),
+            "blade-drag" => self.blade_drag[rotor] += value("share"),
             "rotor-dropouts" => self.dropouts = Some((rotor, value("loss"), value("interval_s"))),
             // Ids were checked where they entered; the test below walks the whole catalogue through here.
             other => unreachable!("effect `{other}` is in the catalogue and not in Active::add"),
@@ -357,6 +445,28 @@ mod tests {
             active.add(&Hidden::typical(kind, kind.per_rotor.then_some(2)));
             assert_ne!(format!("{active:?}"), nothing, "{}", kind.id);
         }
+    }
+
+    #[test]
+    fn val_a_profile_shapes_the_size_and_reads_back() {
+        let text = "rotor-thrust-scale:rotor=3,share=-0.1,onset_s=10";
+        for (more, at) in [
+            ("", [(9.9, 0.0), (10.0, -0.1), (80.0, -0.1)]),
+            (",ramp_s=20", [(9.9, 0.0), (15.0, -0.025), (40.0, -0.1)]),
+            (",on_s=0.5,every_s=2", [(10.4, -0.1), (11.0, 0.0), (12.1, -0.1)]),
+            (",heals_after_s=15", [(10.0, -0.1), (24.9, -0.1), (25.0, 0.0)]),
+        ] {
+            let effect = Hidden::parse(&format!("{text}{more}")).unwrap();
+            for (time, share) in at {
+                let active = Active::at(time, std::slice::from_ref(&effect), 6);
+                assert!((active.thrust_scale[2] - share).abs() < 1e-12, "{more} at {time} s");
+            }
+            let mut again = vec![text.to_owned()];
+            again.extend(effect.profile.iter().flat_map(Profile::arguments));
+            assert_eq!(Hidden::parse(&again.join(",")).unwrap(), effect, "{more}");
+        }
+        let refused = Hidden::parse(&format!("{text},on_s=1")).unwrap_err().to_string();
+        assert!(refused.contains("on_s with every_s"), "{refused}");
     }
 
     #[test]

@@ -15,6 +15,7 @@
 
 use crate::error::{BlindError, Result};
 use crate::random::Stream;
+use crate::world::FOOT_DEPTH;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -166,6 +167,21 @@ impl Script {
             "excitation" => Some(script(3.0, 0.0, 8.0, excitation(&mut Stream::new(seed, "excitation")))),
             _ => None,
         }
+    }
+
+    /// The same flight after a take-off of 4 s from where it begins.
+    #[must_use]
+    pub fn from_the_ground(mut self) -> Self {
+        let up = Segment::Go {
+            duration_s: 4.0,
+            north_m: self.start_north_m,
+            east_m: 0.0,
+            height_m: self.start_height_m,
+            yaw_rad: None,
+        };
+        self.segment.insert(0, up);
+        self.start_height_m = FOOT_DEPTH;
+        self
     }
 
     /// Reads a script file.

@@ -20,6 +20,16 @@ const THRUST_COEFFICIENT: f64 = 8.2e-6;
 const ROTOR_RADIUS: f64 = 0.12;
 const AIR_DENSITY: f64 = 1.225;
 
+/// Feet: forward or back, left or right, and below the centre of mass, m; how deep the weight presses them, m; damping ratio; friction.
+const FOOT: [f64; 2] = [0.15, FOOT_DEPTH];
+/// Height of the centre of mass on the ground, m.
+pub const FOOT_DEPTH: f64 = 0.12;
+const FOOT_SINK: f64 = 0.002;
+const FOOT_DAMPING: f64 = 0.7;
+const FOOT_FRICTION: f64 = 0.6;
+/// Slip at which friction is most of what it can be, m/s.
+const FOOT_SLIP: f64 = 0.02;
+
 /// Rotor state.
 #[derive(Debug, Clone, Default)]
 struct RotorState {
@@ -68,6 +78,8 @@ pub struct World {
     floor: Stream,
     /// Times the white force and torque.
     floor_scale: f64,
+    /// It has feet and a ground at height 0.
+    stands: bool,
     gust_noise: Stream,
     dropout_noise: Stream,
 }
@@ -131,6 +143,7 @@ impl World {
             step,
             floor: Stream::new(seed, "floor"),
             floor_scale: 1.0,
+            stands: false,
             gust_noise: Stream::new(seed, "gust"),
             dropout_noise: Stream::new(seed, "dropout"),
         };
@@ -142,6 +155,45 @@ impl World {
     pub fn with_disturbance(mut self, share: f64) -> Self {
         self.floor_scale = share;
         self
+    }
+
+    /// The same on its feet on the ground, rotors at rest.
+    pub fn on_the_ground(mut self) -> Self {
+        self.stands = true;
+        self.position.z = -FOOT_DEPTH + FOOT_SINK;
+        for rotor in &mut self.rotors {
+            *rotor = RotorState::default();
+        }
+        self
+    }
+
+    /// Force and torque of the ground on four feet, body: springs that the weight presses by [`FOOT_SINK`], dampers, friction of the slip.
+    fn feet(
+        &self,
+        position: Vector3<f64>,
+        velocity: Vector3<f64>,
+        attitude: &Matrix3<f64>,
+        rates: Vector3<f64>,
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        let share = 0.25 * self.vehicle.mass;
+        let stiffness = share * self.vehicle.gravity / FOOT_SINK;
+        let damping = 2.0 * FOOT_DAMPING * (stiffness * share).sqrt();
+        let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
+        for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+            let foot = Vector3::new(x * FOOT[0], y * FOOT[0], FOOT[1]);
+            let depth = (position + attitude * foot).z;
+            if depth <= 0.0 {
+                continue;
+            }
+            let speed = velocity + attitude * rates.cross(&foot);
+            let normal = (stiffness * depth + damping * speed.z).max(0.0);
+            let slip = Vector3::new(speed.x, speed.y, 0.0);
+            let friction = FOOT_FRICTION * normal / slip.norm().hypot(FOOT_SLIP) * slip;
+            let push = attitude.transpose() * (Vector3::new(0.0, 0.0, -normal) - friction);
+            force += push;
+            torque += foot.cross(&push);
+        }
+        (force, torque)
     }
 
     /// One step of 2.5 ms with these duties in force.
@@ -407,7 +459,8 @@ impl World {
             force += push;
             torque += (rotor.position - active.centre).cross(&push);
             let yaw_sign = rotor.yaw_sign * (1.0 - 2.0 * active.reversed[i]);
-            torque.z += yaw_sign * rotor.moment_ratio * (1.0 + active.moment_ratio) * thrust;
+            torque.z +=
+                yaw_sign * rotor.moment_ratio * (1.0 + active.moment_ratio) * (1.0 + active.blade_drag[i]) * thrust;
             torque.x += active.flapping * ratio * local.y;
             torque.y -= active.flapping * ratio * local.x;
             // Angular momentum of a rotor that turns counter-clockwise from above points up: −z.
@@ -453,6 +506,11 @@ impl World {
             }
         }
         force += attitude.transpose() * outside;
+        if self.stands {
+            let (push, twist) = self.feet(position, velocity, attitude, rates);
+            force += push;
+            torque += twist;
+        }
         if active.slosh_mass > 0.0 {
             let w = std::f64::consts::TAU * active.slosh_frequency;
             let spring = w * w * self.slosh[0] + 2.0 * active.slosh_damping * w * self.slosh[1];

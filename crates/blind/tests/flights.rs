@@ -27,6 +27,7 @@ fn plan(flight: &str, duration: f64, effects: Vec<Hidden>) -> FlightPlan {
         noise_scale: 1.0,
         disturbance: 1.0,
         state_of_charge: Some(0.8),
+        idle_s: None,
     }
 }
 
@@ -137,4 +138,42 @@ fn prop_outside_kinds_are_not_of_the_catalogue() {
     for kind in KINDS {
         assert_eq!(kind.number == 0, kind.place == Place::Outside, "{}", kind.id);
     }
+}
+
+#[test]
+fn scenario_a_flight_from_the_ground_stands_takes_off_and_flies() {
+    let mut plan = plan("hover", 30.0, Vec::new());
+    plan.script = plan.script.from_the_ground();
+    plan.idle_s = Some(10.0);
+    let rows = rows(&plan);
+    let at = |time: f64| &rows[(time / 0.0025) as usize - 1];
+    // Centre of mass 0.12 m above the ground, pressed in by 2 mm; the noise of the readings is 0.8 mm and 8 mm/s.
+    for time in [1.0, 5.0, 9.9] {
+        let row = at(time);
+        assert!((row.position.z + 0.118).abs() < 0.005, "{row:?}");
+        assert!(row.velocity.norm() < 0.05 && row.rates.norm() < 0.05, "{row:?}");
+        assert!(row.duties.iter().all(|duty| *duty < 0.1), "{row:?}");
+        // It feels the ground.
+        assert!((row.accel.z + 9.81).abs() < 0.5, "{row:?}");
+    }
+    let row = at(29.9);
+    assert!((row.position.z + 3.0).abs() < 0.1, "{row:?}");
+    assert!(row.velocity.norm() < 0.3, "{row:?}");
+}
+
+#[test]
+fn val_the_drag_of_a_damaged_blade_twists_the_vehicle_and_nothing_else() {
+    let effect = Hidden::parse("blade-drag:rotor=2,share=0.2,onset_s=5").expect("an effect");
+    let (plain, damaged) = (
+        rows(&plan("hover", 5.5, Vec::new())),
+        rows(&plan("hover", 5.5, vec![effect])),
+    );
+    let (before, after) = (&plain[plain.len() - 1], &damaged[damaged.len() - 1]);
+    // 0.2 c_D/c_L of a sixth of the weight, over the yaw inertia, for half a second that the pilot hardly answers in; the sign is the rotor's.
+    let vehicle = vehicle();
+    let torque = 0.2 * vehicle.rotors[1].moment_ratio * vehicle.rotors[1].yaw_sign * vehicle.hover_thrust();
+    let free = torque / vehicle.inertia[2] * 0.5;
+    let rate = after.rates.z - before.rates.z;
+    assert!(rate / free > 0.25 && rate / free < 1.0, "{rate} of {free} rad/s");
+    assert!((after.accel - before.accel).norm() < 0.05 && (after.position - before.position).norm() < 0.01);
 }

@@ -1,8 +1,8 @@
 //! Presets: which cases answer which claim.
 
-use crate::catalogue::{KINDS, Kind, Place};
+use crate::catalogue::{KINDS, Kind, Place, WITH_A_FAULT};
 use crate::draw::{draw_effect, same_group};
-use crate::hidden::Hidden;
+use crate::hidden::{Hidden, Profile};
 use crate::random::Stream;
 use serde::{Deserialize, Serialize};
 
@@ -32,6 +32,8 @@ pub enum Preset {
     Onset,
     /// A bit of everything: none, one, two, outside
     Mixed,
+    /// Damaged rotors of all kinds, judged by the detectors instead of diagnosed; alone
+    Faults,
 }
 
 impl Preset {
@@ -54,6 +56,7 @@ impl Preset {
             Self::Outside => "outside",
             Self::Onset => "onset",
             Self::Mixed => "mixed",
+            Self::Faults => "faults",
         }
     }
 }
@@ -94,6 +97,7 @@ impl Case {
             .map(|effect| {
                 let mut parts: Vec<String> = effect.rotor.iter().map(|rotor| format!("rotor={rotor}")).collect();
                 parts.extend(effect.onset_s.iter().map(|onset| format!("onset_s={onset}")));
+                parts.extend(effect.profile.iter().flat_map(Profile::arguments));
                 // `{:?}` of an f64 is the shortest text that reads back to the same bits.
                 parts.extend(
                     effect
@@ -124,7 +128,8 @@ fn of_catalogue() -> Vec<&'static Kind> {
 }
 
 fn outside() -> Vec<&'static Kind> {
-    KINDS.iter().filter(|kind| kind.place == Place::Outside).collect()
+    let drawn = |kind: &&Kind| kind.place == Place::Outside && !WITH_A_FAULT.contains(&kind.id);
+    KINDS.iter().filter(drawn).collect()
 }
 
 /// `n` cases of a preset. Case k depends on seed, preset and k alone, so a longer bench begins with the shorter one's cases.
@@ -165,7 +170,8 @@ pub fn draw_cases(preset: Preset, n: usize, seed: u64, vehicles: &[(String, usiz
                         draw_effect(kind, scale, *rotors, &mut random),
                     )
                 }
-                Preset::Onset => (flight_of(index), draw_onset(*rotors, &mut random)),
+                // Faults have cases of their own (`faults`); of a bench that is diagnosed they are an onset.
+                Preset::Onset | Preset::Faults => (flight_of(index), draw_onset(*rotors, &mut random)),
             };
             Case {
                 index,
@@ -211,6 +217,7 @@ fn draw_onset(rotors: usize, random: &mut Stream) -> Vec<Hidden> {
         id: "rotor-thrust-scale".to_owned(),
         rotor: Some(1 + random.below(rotors)),
         onset_s: Some((random.between(20.0, 70.0) * 10.0).round() / 10.0),
+        profile: None,
         parameters: Default::default(),
     };
     effect.parameters.insert("share".to_owned(), -0.05);

@@ -7,9 +7,13 @@
 //!
 //! The diagnosis is a command line that gets a log and a vehicle; it never sees `truth/`. Everything is on disk case by case, so a
 //! bench that was stopped goes on where it was. Nothing here knows physics.
+//!
+//! Damaged rotors ([`faults`]) are judged by the detectors over time instead, and have a sheet of their own ([`faults_sheet`]).
 
 pub mod answer;
 pub mod cases;
+pub mod faults;
+pub mod faults_sheet;
 pub mod product;
 pub mod report;
 pub mod run;

@@ -56,6 +56,12 @@ impl Request {
         if self.presets.is_empty() {
             return refuse("presets", "there is none; expected at least one".to_owned());
         }
+        if self.presets.contains(&Preset::Faults) {
+            return refuse(
+                "presets",
+                "faults are judged by the detectors and scored apart; expected `rotortwin blind --preset faults` without others".to_owned(),
+            );
+        }
         if self.n == 0 {
             return refuse("n", "is 0; expected at least one case of each preset".to_owned());
         }
@@ -142,7 +148,7 @@ pub fn read_plain(text: &str) -> std::result::Result<Answer, String> {
 }
 
 /// Runs a process with a time limit; an exit code other than 0 is an error with the last line of its standard error.
-fn run_process(process: &Program, output: &Path, errors: &Path) -> std::result::Result<(), String> {
+pub(super) fn run_process(process: &Program, output: &Path, errors: &Path) -> std::result::Result<(), String> {
     let (program, arguments) = process.words.split_first().ok_or("an empty command")?;
     let create = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut child = Command::new(program)
