@@ -2,16 +2,19 @@
 
 use crate::grid::Grid;
 use crate::output::{bad_input, failed, line};
-use rotortwin_api::fdi::answers::{SequentialView, VerdictKind};
-use rotortwin_api::fdi::log::{LogReport, judge_file};
+use rotortwin_api::fdi::answers::{ObstacleView, Obstruction, SequentialView, VerdictKind};
+use rotortwin_api::fdi::log::{LogReport, NotJudgedView, judge};
 use rotortwin_fdi::service::FdiSession;
 use rotortwin_fdi::service::topic::{TopicService, is_session_name, measurement_topic, report_topic};
 use rotortwin_links::topics::TopicSession;
 use rotortwin_links::zenoh::ZenohOptions;
+use rotortwin_plant::error::Refusal;
 use rotortwin_process::LinkAddress;
 use rotortwin_scenario::template::{TomlFile, set_value};
-use rotortwin_scenario::{Classifier, DetectorSettings, Detectors, VehicleDocuments};
-use std::path::PathBuf;
+use rotortwin_scenario::{Classifier, DetectorSettings, Detectors};
+use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::model::ModelStore;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -20,9 +23,13 @@ use std::time::Duration;
 /// Which detectors.
 #[derive(Debug, clap::Args)]
 struct DetectorArgs {
-    /// Vehicle, a file or a name: what the detectors take for healthy
-    #[arg(long = "model", alias = "vehicle", value_name = "VEHICLE", value_parser = crate::named::vehicle())]
-    vehicle: PathBuf,
+    /// What the detectors take for healthy: a vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file, with what the detectors can hold of its
+    /// effects
+    #[arg(long, alias = "vehicle", value_name = "MODEL")]
+    model: String,
+    /// Folder of the models
+    #[arg(long, value_name = "DIR", default_value = "models")]
+    models: PathBuf,
     /// Classifier, a file or a name; without one the network gives no verdict
     #[arg(long, value_name = "CLASSIFIER", value_parser = crate::named::classifier())]
     classifier: Option<PathBuf>,
@@ -32,12 +39,22 @@ struct DetectorArgs {
 }
 
 impl DetectorArgs {
-    fn detectors(&self) -> Result<Detectors, String> {
-        let vehicle = VehicleDocuments::load(&self.vehicle).map_err(|error| error.to_string())?;
+    /// The detectors, and what they cannot hold of the model.
+    fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
+        let found = ModelStore::new(&self.models).find(&self.model);
+        let version = found.map_err(|error| error.to_string())?.version;
+        let refused = |refusal: Refusal| format!("{}, `{}`: {}", self.model, refusal.key, refusal.reason);
+        let vehicle = version.for_detectors().map_err(refused)?;
+        let note = (!vehicle.not_carried.is_empty()).then(|| {
+            format!(
+                "the detectors have no parameter for {} of the model: what it does counts as a disturbance",
+                vehicle.not_carried.join(", ")
+            )
+        });
         let classifier = self.classifier.as_deref().map(Classifier::read).transpose();
         let classifier = classifier.map_err(|error| error.to_string())?;
-        Detectors::new(vehicle, &self.settings()?, classifier)
-            .map_err(|refusal| format!("{}, `{}`: {}", self.vehicle.display(), refusal.key, refusal.reason))
+        let detectors = Detectors::new(vehicle.documents, &self.settings()?, classifier).map_err(refused)?;
+        Ok((detectors, note))
     }
 
     fn settings(&self) -> Result<DetectorSettings, String> {
@@ -61,55 +78,131 @@ impl DetectorArgs {
 /// Arguments of `rotortwin fdi-log`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct LogArgs {
-    /// Canonical CSV or Parquet, run folder, or a log of an autopilot
-    #[arg(value_name = "LOG")]
-    log: PathBuf,
+    /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
     #[command(flatten)]
     detectors: DetectorArgs,
-    /// Print the whole report as JSON
+    /// Print the whole report as JSON; of several logs a list
     #[arg(long)]
     json: bool,
+    /// With --json: every window of the sequential detector, too
+    #[arg(long, requires = "json")]
+    windows: bool,
 }
 
-/// Judges a log; exit code 2 if it is none or lacks what every detector needs.
-pub(crate) fn judge_log(args: &LogArgs) -> ExitCode {
-    let judged = args
-        .detectors
-        .detectors()
-        .and_then(|detectors| judge_file(&args.log, &detectors, None).map_err(|refusal| refusal.to_string()));
-    let report = match judged {
-        Ok(report) => report,
+/// Judges logs; exit code 2 if one is none or lacks what every detector needs.
+pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
+    let (detectors, note) = match args.detectors.detectors() {
+        Ok(detectors) => detectors,
         Err(sentence) => return bad_input(sentence),
     };
+    let mut reports = Vec::with_capacity(args.logs.len());
+    for path in &args.logs {
+        let judged = FlightLog::read_part(path).and_then(|log| {
+            judge(&log, &detectors, args.windows).map_err(|refusal| format!("{}: {refusal}", path.display()))
+        });
+        match judged {
+            Ok(mut report) => {
+                report.notes.extend(note.clone());
+                reports.push(report);
+            }
+            Err(sentence) => return bad_input(sentence),
+        }
+    }
     if args.json {
-        match serde_json::to_string_pretty(&report) {
+        let text = match reports.as_slice() {
+            [report] => serde_json::to_string_pretty(report),
+            several => {
+                let named = args.logs.iter().zip(several);
+                let list: Vec<_> = named
+                    .map(|(path, report)| serde_json::json!({ "file": path.display().to_string(), "report": report }))
+                    .collect();
+                serde_json::to_string_pretty(&list)
+            }
+        };
+        match text {
             Ok(text) => line(&text),
             Err(error) => return failed(error),
         }
-    } else if report.final_window.is_some() {
-        line(&text_of(&report));
+    } else {
+        if let [_, _, ..] = reports.as_slice() {
+            line(&format!("{}\n", overview(&args.logs, &reports)));
+        }
+        for (path, report) in args.logs.iter().zip(&reports) {
+            if reports.len() > 1 {
+                line(&format!("{}\n", path.display()));
+            }
+            if report.final_window.is_some() || !report.not_judged.is_empty() {
+                line(&text_of(report));
+            }
+            if reports.len() > 1 {
+                line("");
+            }
+        }
     }
-    match report.lacks.iter().find(|lack| lack.prevents_verdicts) {
-        Some(lack) => bad_input(format!(
+    let refusals: Vec<String> = args
+        .logs
+        .iter()
+        .zip(&reports)
+        .filter_map(|(path, report)| refusal_of(path, report))
+        .collect();
+    if refusals.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        bad_input(refusals.join("\n"))
+    }
+}
+
+/// Why no detector can say anything of a log.
+fn refusal_of(path: &Path, report: &LogReport) -> Option<String> {
+    if let Some(lack) = report.lacks.iter().find(|lack| lack.prevents_verdicts) {
+        return Some(format!(
             "{}: the log lacks {}, which rules out {}",
-            args.log.display(),
+            path.display(),
             lack.columns.join(", "),
             lack.rules_out
-        )),
-        None if report.final_window.is_none() => bad_input(format!(
+        ));
+    }
+    let complete = |time: &NotJudgedView| time.obstacle.reason != Obstruction::Gap;
+    (report.final_window.is_none() && !report.not_judged.iter().any(complete)).then(|| {
+        format!(
             "{}: no step has a value in every channel that the detectors need; expected rows that hold velocity, attitude, body rates, \
              duties and voltage together",
-            args.log.display()
-        )),
-        None => ExitCode::SUCCESS,
+            path.display()
+        )
+    })
+}
+
+/// One line a log.
+fn overview(paths: &[PathBuf], reports: &[LogReport]) -> Grid {
+    let mut table = Grid::new(["log", "judged", "alarms", "last verdict of each stretch"]).numbers([1, 2]);
+    for (path, report) in paths.iter().zip(reports) {
+        let verdicts: Vec<String> = report
+            .stretches
+            .iter()
+            .map(|stretch| verdict_text(&stretch.sequential))
+            .collect();
+        table.add_row([
+            path.file_name()
+                .map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+            format!("{:.0} of {:.0} s", report.decided_s, report.log.duration_s),
+            report.counts[2].alarms.to_string(),
+            if verdicts.is_empty() {
+                "none".to_owned()
+            } else {
+                verdicts.join("; ")
+            },
+        ]);
     }
+    table
 }
 
 fn text_of(report: &LogReport) -> String {
     let detectors = &report.detectors;
     let mut text = format!(
-        "Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  until {} s; what is damaged by \
-         then counts as healthy\nSteps        {} judged, {} lost, {} rejected; {:.1} s with a verdict\n\n",
+        "Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
+         then counts as healthy\nSteps        {} taken, {} lost, {} rejected\nJudged       {:.1} of {:.1} s\n\n",
         report.log.rows,
         report.log.duration_s,
         report.log.rate_hz,
@@ -120,24 +213,66 @@ fn text_of(report: &LogReport) -> String {
         report.steps,
         report.lost_steps,
         report.rejected_steps,
-        report.decided_s
+        report.decided_s,
+        report.log.duration_s
     );
-    let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
-    for change in &report.timeline {
-        timeline.add_row([
-            format!("{:.3} s", change.time_s),
-            verdict_text(&change.sequential),
-            format!("{:.4}", change.sequential.probability),
-        ]);
+    if report.log.start_s > 0.01 {
+        text.truncate(text.trim_end().len());
+        text += &format!(
+            "\nTimes        from the first row, which is {:.2} s of the log\n\n",
+            report.log.start_s
+        );
     }
-    if let Some(last) = &report.final_window {
+    let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
+    let mut row = |time: String, view: &SequentialView, obstacle: Option<&ObstacleView>| {
         timeline.add_row([
-            "at the end".to_owned(),
-            verdict_text(&last.sequential),
-            format!("{:.4}", last.sequential.probability),
+            time,
+            obstacle.map_or_else(
+                || verdict_text(view),
+                |obstacle| format!("cannot judge: {}", short(obstacle.reason)),
+            ),
+            obstacle.map_or_else(|| format!("{:.4}", view.probability), |_| "–".to_owned()),
         ]);
+    };
+    for change in &report.timeline {
+        row(
+            format!("{:.3} s", change.time_s),
+            &change.sequential,
+            change.cannot_judge.as_ref(),
+        );
+    }
+    match report.stretches.as_slice() {
+        [] => {}
+        [last] => row("at the end".to_owned(), &last.sequential, None),
+        stretches => {
+            for stretch in stretches {
+                row(
+                    format!("{:.0}–{:.0} s", stretch.from_s, stretch.to_s),
+                    &stretch.sequential,
+                    None,
+                );
+            }
+        }
     }
     text += &format!("{timeline}\n\n");
+    if !report.not_judged.is_empty() {
+        let mut rest = Grid::new(["not judged", "s", "why"]).numbers([1]);
+        for time in &report.not_judged {
+            rest.add_row([
+                format!("{:.2}–{:.2} s", time.from_s, time.to_s),
+                format!("{:.2}", time.to_s - time.from_s),
+                time.obstacle.why.clone(),
+            ]);
+        }
+        if report.not_judged_left_out > 0 {
+            rest.add_row([
+                String::new(),
+                String::new(),
+                format!("and {} more times", report.not_judged_left_out),
+            ]);
+        }
+        text += &format!("{rest}\n\n");
+    }
     let mut counts = Grid::new(["detector", "windows", "healthy", "alarmed", "alarms", "first alarm"]).numbers_from(1);
     for count in &report.counts {
         counts.add_row([
@@ -164,6 +299,21 @@ fn text_of(report: &LogReport) -> String {
     text.trim_end().to_owned()
 }
 
+/// The reason in a few words; all of them stand in the table of what was not judged.
+fn short(reason: Obstruction) -> &'static str {
+    match reason {
+        Obstruction::OnGround => "on the ground",
+        Obstruction::TakeOff => "taking off",
+        Obstruction::Landing => "landing",
+        Obstruction::Upset => "upset",
+        Obstruction::Crash => "crash",
+        Obstruction::Gap => "no values",
+        Obstruction::Calibration => "calibrating",
+        Obstruction::Unexplained => "the model does not explain the motion",
+        Obstruction::ImpossibleLoss => "a loss beyond 100 % would explain the motion",
+    }
+}
+
 fn verdict_text(view: &SequentialView) -> String {
     let losses = || -> Vec<String> {
         view.thrust_loss
@@ -183,6 +333,7 @@ fn verdict_text(view: &SequentialView) -> String {
         VerdictKind::NotReady => "calibrating".to_owned(),
         VerdictKind::Healthy => "healthy".to_owned(),
         VerdictKind::Unknown => "unknown fault".to_owned(),
+        VerdictKind::CannotJudge => "cannot judge".to_owned(),
         VerdictKind::Ambiguous => {
             let sets: Vec<String> = view
                 .hypotheses
@@ -231,12 +382,17 @@ pub(crate) fn serve(args: &ServiceArgs) -> ExitCode {
             );
         }
     };
-    let session = args
-        .detectors
-        .detectors()
-        .and_then(|detectors| FdiSession::new(*detectors.config(), 1).map_err(|error| error.to_string()));
+    let session = args.detectors.detectors().and_then(|(detectors, note)| {
+        let session = FdiSession::new(*detectors.config(), 1).map_err(|error| error.to_string())?;
+        Ok((session, note))
+    });
     let session = match session {
-        Ok(session) => Arc::new(Mutex::new(session)),
+        Ok((session, note)) => {
+            if let Some(note) = note {
+                line(&format!("Note         {note}"));
+            }
+            Arc::new(Mutex::new(session))
+        }
         Err(sentence) => return bad_input(sentence),
     };
     rotortwin_process::start_logging();
@@ -258,14 +414,14 @@ pub(crate) fn serve(args: &ServiceArgs) -> ExitCode {
                 line(&format!("note         {note}"));
             }
             for window in answer.windows.iter().filter(|_| !answer.repeated) {
-                let view = SequentialView::of(&window.report);
+                let view = SequentialView::in_window(window);
                 if last.as_ref() != Some(&view.verdict) {
                     let time_s = window.report.stamp.sim_time_ns as f64 * 1e-9;
-                    line(&format!(
-                        "t {time_s:>9.3} s  {} (probability {:.4})",
-                        verdict_text(&view),
-                        view.probability
-                    ));
+                    let said = match &window.obstacle {
+                        Some(obstacle) => format!("cannot judge: {obstacle}"),
+                        None => format!("{} (probability {:.4})", verdict_text(&view), view.probability),
+                    };
+                    line(&format!("t {time_s:>9.3} s  {said}"));
                     *last = Some(view.verdict);
                 }
             }

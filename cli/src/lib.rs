@@ -206,7 +206,7 @@ fn run_command() -> ExitCode {
         Command::Show(args) => show::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
-        Command::FdiLog(args) => fdi_service::judge_log(&args),
+        Command::FdiLog(args) => fdi_service::judge_logs(&args),
         Command::FdiService(args) => fdi_service::serve(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),

@@ -167,6 +167,23 @@ impl LossEstimate {
             share_high,
         }
     }
+
+    /// The same with losses of at most all of the rotor's thrust.
+    #[must_use]
+    pub fn limited(self) -> Self {
+        if self.share_high <= 1.0 || self.share <= 0.0 {
+            return self;
+        }
+        let nominal_n = self.loss_n / self.share;
+        Self {
+            loss_n: self.loss_n.min(nominal_n),
+            low_n: self.low_n.min(nominal_n),
+            high_n: self.high_n.min(nominal_n),
+            share: self.share.min(1.0),
+            share_low: self.share_low.min(1.0),
+            share_high: self.share_high.min(1.0),
+        }
+    }
 }
 
 /// FDI engine to plant: residuals and verdicts of the step.

@@ -1,5 +1,6 @@
 //! What detectors say, as JSON. Codes and words of verdicts: `docs/conventions.md`.
 
+use rotortwin_fdi::service::validity::{CANNOT_JUDGE, Obstacle};
 use rotortwin_fdi::service::{Answer, Calibration, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::Detectors;
@@ -45,6 +46,57 @@ pub enum VerdictKind {
     Ambiguous,
     /// Something is wrong, and it fits no rotor and no pair.
     Unknown,
+    /// A verdict would mean nothing here; the reason stands beside it.
+    CannotJudge,
+}
+
+/// Why there is no verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Obstruction {
+    /// On the ground.
+    OnGround,
+    /// From the first lift to clear of the ground, and two seconds after it.
+    TakeOff,
+    /// From near the ground to motors off.
+    Landing,
+    /// Beyond 70° of tilt.
+    Upset,
+    /// From the loss of attitude to the end of the flight.
+    Crash,
+    /// The log has no rows, or not every value that the detectors need.
+    Gap,
+    /// The detectors calibrate themselves.
+    Calibration,
+    /// No loss of one or two rotors explains the motion.
+    Unexplained,
+    /// The loss that would explain the motion is more than all of a rotor's thrust.
+    ImpossibleLoss,
+}
+
+/// Why there is no verdict, in words and as a code.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct ObstacleView {
+    /// Which kind.
+    pub reason: Obstruction,
+    /// One clause with figures.
+    pub why: String,
+}
+
+impl From<&Obstacle> for ObstacleView {
+    fn from(obstacle: &Obstacle) -> Self {
+        let reason = match obstacle {
+            Obstacle::Ground { .. } => Obstruction::OnGround,
+            Obstacle::TakeOff => Obstruction::TakeOff,
+            Obstacle::Upset { .. } => Obstruction::Upset,
+            Obstacle::Unexplained { .. } => Obstruction::Unexplained,
+            Obstacle::ImpossibleLoss { .. } => Obstruction::ImpossibleLoss,
+        };
+        Self {
+            reason,
+            why: obstacle.to_string(),
+        }
+    }
 }
 
 /// A verdict.
@@ -52,7 +104,7 @@ pub enum VerdictKind {
 pub struct VerdictView {
     /// In words.
     pub verdict: VerdictKind,
-    /// −3 ambiguous, −2 not ready, −1 unknown fault, 0 healthy, i rotor i, 100 i + j rotors i and j.
+    /// −4 cannot judge, −3 ambiguous, −2 not ready, −1 unknown fault, 0 healthy, i rotor i, 100 i + j rotors i and j.
     pub code: i32,
     /// The rotors that it names, from 1.
     pub rotors: Vec<u32>,
@@ -68,6 +120,7 @@ impl VerdictView {
             -3 => (VerdictKind::Ambiguous, Vec::new()),
             1..100 => (VerdictKind::Faulty, vec![number]),
             100.. => (VerdictKind::FaultyPair, vec![number / 100, number % 100]),
+            CANNOT_JUDGE => (VerdictKind::CannotJudge, Vec::new()),
             _ => (VerdictKind::NotReady, Vec::new()),
         };
         Self { verdict, code, rotors }
@@ -144,6 +197,27 @@ fn rotors_of(mask: u32) -> Vec<u32> {
 }
 
 impl SequentialView {
+    /// No verdict, for a reason that stands beside it.
+    pub fn cannot_judge() -> Self {
+        Self {
+            verdict: VerdictView::of(CANNOT_JUDGE),
+            probability: 0.0,
+            thrust_loss: Vec::new(),
+            suspect_rotors: Vec::new(),
+            hypothesis_count: 0,
+            hypotheses: Vec::new(),
+        }
+    }
+
+    /// Of a window.
+    pub fn in_window(window: &Window) -> Self {
+        if window.obstacle.is_some() {
+            Self::cannot_judge()
+        } else {
+            Self::of(&window.report)
+        }
+    }
+
     /// Of a report.
     pub fn of(report: &FdiReport) -> Self {
         let verdict = VerdictView::of(report.sequential);
@@ -183,6 +257,13 @@ pub struct WindowView {
     pub network: NetworkView,
     /// The detector that decides over time; the one to act on.
     pub sequential: SequentialView,
+    /// Why the verdicts are `cannot_judge`.
+    pub cannot_judge: Option<ObstacleView>,
+}
+
+/// The code of a detector, as JSON has it.
+pub(crate) fn code_in(window: &Window, code: i32) -> i32 {
+    if window.obstacle.is_some() { CANNOT_JUDGE } else { code }
 }
 
 impl From<&Window> for WindowView {
@@ -192,12 +273,13 @@ impl From<&Window> for WindowView {
             step: report.stamp.step,
             time_s: report.stamp.sim_time_ns as f64 * 1e-9,
             calibration: window.calibration.into(),
-            t_test: VerdictView::of(report.t_test),
+            t_test: VerdictView::of(code_in(window, report.t_test)),
             network: NetworkView {
-                verdict: VerdictView::of(report.network),
+                verdict: VerdictView::of(code_in(window, report.network)),
                 class_probability: window.class_probability.clone(),
             },
-            sequential: SequentialView::of(report),
+            sequential: SequentialView::in_window(window),
+            cannot_judge: window.obstacle.as_ref().map(ObstacleView::from),
         }
     }
 }
@@ -213,7 +295,7 @@ pub struct ChunkAnswer {
     pub repeated: bool,
     /// Windows that ended in it, in order.
     pub windows: Vec<WindowView>,
-    /// What else happened, one sentence each: steps bridged, a calibration begun again.
+    /// What else happened, one sentence each: steps bridged, a pause on the ground, a calibration begun again.
     pub notes: Vec<String>,
 }
 
@@ -238,6 +320,8 @@ pub struct ChangeView {
     pub time_s: f64,
     /// The new verdict.
     pub sequential: SequentialView,
+    /// Why it is `cannot_judge`.
+    pub cannot_judge: Option<ObstacleView>,
 }
 
 impl ChangeView {
@@ -246,7 +330,8 @@ impl ChangeView {
         Self {
             step: window.report.stamp.step,
             time_s: window.report.stamp.sim_time_ns as f64 * 1e-9,
-            sequential: SequentialView::of(&window.report),
+            sequential: SequentialView::in_window(window),
+            cannot_judge: window.obstacle.as_ref().map(ObstacleView::from),
         }
     }
 }
@@ -301,6 +386,7 @@ mod tests {
     #[test]
     fn val_verdict_codes_name_their_rotors() {
         for (code, kind, rotors) in [
+            (-4, VerdictKind::CannotJudge, vec![]),
             (-3, VerdictKind::Ambiguous, vec![]),
             (-2, VerdictKind::NotReady, vec![]),
             (-1, VerdictKind::Unknown, vec![]),

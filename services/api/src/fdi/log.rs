@@ -1,18 +1,24 @@
 //! A whole flight log before the detectors: verdicts over time, the last word, and what the log lacks.
 //!
 //! ```text
-//!  file ─▶ twin::log ─▶ 400 Hz ─▶ runs of complete steps ─▶ FdiSession ─▶ LogReport
+//!  file ─▶ twin::log ─▶ parts of the flight ─▶ 400 Hz ─▶ runs of complete steps in the air ─▶ FdiSession ─▶ LogReport
 //! ```
 //! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit; another one is resampled
 //! as `rotortwin log import --rate 400` does (duties held, the rest along straight lines), which takes noise away: the report says so.
 //! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here.
+//!
+//! Only what is in the air is given to the session ([`FlightParts::in_the_air`]): the log tells when the ground was left and where it was near
+//! again, which a session has to find without the rest of the flight. A *stretch* is what was judged after one calibration.
 
-use super::answers::{ChangeView, DetectorsView, WindowView};
+use super::answers::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
 use rotortwin_fdi::service::session::LONGEST_CHUNK;
+use rotortwin_fdi::service::validity::CANNOT_JUDGE;
 use rotortwin_fdi::service::{Chunk, FdiSession, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
+use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, ReadOptions, names};
 use serde::Serialize;
 use std::path::Path;
@@ -52,6 +58,8 @@ pub struct LogView {
     pub content_hash: String,
     /// Rows.
     pub rows: usize,
+    /// First row, s of the log's time: not 0 of a part of a log. All other times count from it.
+    pub start_s: f64,
     /// From the first row to the last, s.
     pub duration_s: f64,
     /// Median rate, Hz.
@@ -77,6 +85,29 @@ pub struct DetectorCount {
     pub first_alarm_s: Option<f64>,
 }
 
+/// What was judged after one calibration.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct StretchView {
+    /// Start of the first window with a verdict, s since the log's first row.
+    pub from_s: f64,
+    /// End of the last one, s since the log's first row.
+    pub to_s: f64,
+    /// The last verdict of the sequential detector in it.
+    pub sequential: SequentialView,
+}
+
+/// A time without a verdict of the sequential detector.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct NotJudgedView {
+    /// s since the log's first row.
+    pub from_s: f64,
+    /// s since the log's first row.
+    pub to_s: f64,
+    /// Why.
+    #[serde(flatten)]
+    pub obstacle: ObstacleView,
+}
+
 /// What the detectors say of a log.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct LogReport {
@@ -88,7 +119,7 @@ pub struct LogReport {
     pub judged_rate_hz: f64,
     /// The log has another rate and was resampled.
     pub resampled: bool,
-    /// Steps that were judged.
+    /// Steps that the detectors took in.
     pub steps: u64,
     /// Steps at which a channel had no value.
     pub lost_steps: u64,
@@ -96,12 +127,21 @@ pub struct LogReport {
     pub rejected_steps: u64,
     /// Time that the sequential detector had a verdict for, s; false alarms count against it.
     pub decided_s: f64,
-    /// The last window; absent if there is none.
+    /// What was judged, in the order of time; what is damaged by the begin of one counts as healthy in it.
+    pub stretches: Vec<StretchView>,
+    /// The rest, in the order of time: why it was not judged.
+    pub not_judged: Vec<NotJudgedView>,
+    /// Times that the list leaves out.
+    pub not_judged_left_out: u64,
+    /// The last window with a verdict, or else the last; absent if there is none.
     pub final_window: Option<WindowView>,
     /// Verdicts of the sequential detector, each time that it changed; times since the log's first row.
     pub timeline: Vec<ChangeView>,
     /// Changes that the timeline leaves out.
     pub timeline_left_out: u64,
+    /// Every window of the sequential detector, times since the log's first row; only where asked for (`fdi-log --windows`).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub windows: Vec<ChangeView>,
     /// What each detector said, counted.
     pub counts: Vec<DetectorCount>,
     /// What the log lacks.
@@ -129,7 +169,7 @@ pub fn judge_file(path: &Path, detectors: &Detectors, most_cells: Option<usize>)
         ..ReadOptions::default()
     };
     let log = FlightLog::read_with(path, &options).map_err(|error| LogRefusal(error.to_string()))?;
-    judge(&log, detectors)
+    judge(&log, detectors, false)
 }
 
 /// Channels that the detectors need: what for, and their columns.
@@ -185,9 +225,11 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
 
 /// Judges a log that was read.
 ///
+/// * `every_window`: list every window in the report, too
+///
 /// # Errors
 /// One sentence: it belongs to another vehicle, or is too long.
-pub fn judge(log: &FlightLog, detectors: &Detectors) -> Result<LogReport, LogRefusal> {
+pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Result<LogReport, LogRefusal> {
     let rotor_count = detectors.vehicle().rotor_count();
     let duties = log.duties().len();
     if duties > 0 && duties != rotor_count {
@@ -205,7 +247,8 @@ pub fn judge(log: &FlightLog, detectors: &Detectors) -> Result<LogReport, LogRef
     let lacks = lacks(log, detectors);
     let rate_hz = log.sample_rate_hz();
     let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
-    let mut judge = Judge::new(detectors);
+    let mut judge = Judge::new(detectors, log);
+    judge.lists = every_window;
     if !lacks.iter().any(|lack| lack.prevents_verdicts) {
         judge.run(log, rotor_count);
     }
@@ -226,6 +269,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors) -> Result<LogReport, LogRef
         log: LogView {
             content_hash: log.source.content_hash.clone(),
             rows: log.time_s.len(),
+            start_s: log.time_s.first().copied().unwrap_or(0.0),
             duration_s: log.duration_s(),
             rate_hz,
             gaps: log.report.gaps.len(),
@@ -237,9 +281,17 @@ pub fn judge(log: &FlightLog, detectors: &Detectors) -> Result<LogReport, LogRef
         lost_steps: judge.lost,
         rejected_steps: judge.session.rejected_samples(),
         decided_s: judge.counts[2].decided as f64 * f64::from(judge.session.window_samples()) / STEP_RATE_HZ,
-        final_window: judge.session.last().map(WindowView::from),
+        final_window: judge.last_judged.as_ref().or(judge.session.last()).map(|window| {
+            let mut view = WindowView::from(window);
+            view.time_s += judge.session.origin().unwrap_or(0) as f64 / STEP_RATE_HZ;
+            view
+        }),
+        stretches: judge.stretches.into_iter().map(|(_, stretch)| stretch).collect(),
+        not_judged: judge.not_judged,
+        not_judged_left_out: judge.not_judged_left_out,
         timeline: judge.timeline,
         timeline_left_out: judge.left_out,
+        windows: judge.windows,
         counts: judge.counts.to_vec(),
         lacks,
         suspicions: suspicions
@@ -259,14 +311,29 @@ struct Judge {
     lost: u64,
     timeline: Vec<ChangeView>,
     left_out: u64,
+    /// Every window is listed.
+    lists: bool,
+    windows: Vec<ChangeView>,
     last_code: Option<i32>,
     counts: [DetectorCount; 3],
     alarmed: [bool; 3],
     notes: Vec<String>,
+    parts: FlightParts,
+    /// Number of the part that the last step was in.
+    part: usize,
+    /// The last steps were not in the air: the gap that the session sees is none of the log.
+    left_air: bool,
+    /// Each with the step that its calibration began with.
+    stretches: Vec<(u64, StretchView)>,
+    not_judged: Vec<NotJudgedView>,
+    not_judged_left_out: u64,
+    last_judged: Option<Window>,
+    /// End of the last window, or of what was skipped after it; steps since the log's first row.
+    accounted: u64,
 }
 
 impl Judge {
-    fn new(detectors: &Detectors) -> Self {
+    fn new(detectors: &Detectors, log: &FlightLog) -> Self {
         let count = |detector: &str| DetectorCount {
             detector: detector.to_owned(),
             decided: 0,
@@ -281,10 +348,20 @@ impl Judge {
             lost: 0,
             timeline: Vec::new(),
             left_out: 0,
+            lists: false,
+            windows: Vec::new(),
             last_code: None,
             counts: [count("t_test"), count("network"), count("sequential")],
             alarmed: [false; 3],
             notes: Vec::new(),
+            parts: log.flight_parts(None),
+            part: 0,
+            left_air: false,
+            stretches: Vec::new(),
+            not_judged: Vec::new(),
+            not_judged_left_out: 0,
+            last_judged: None,
+            accounted: 0,
         }
     }
 
@@ -293,9 +370,15 @@ impl Judge {
         let mut columns: Vec<&str> = [names::VELOCITY, names::ATTITUDE, names::RATES].concat();
         columns.push(names::BATTERY_VOLTAGE);
         columns.extend(duties.iter().map(String::as_str));
+        let start_s = log.time_s.first().copied().unwrap_or(0.0);
         let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, STEP_RATE_HZ, |first, block| {
             for row in 0..block[0].len() {
-                self.row(first + row, block, row, rotor_count);
+                let step = first + row;
+                let time_s = start_s + step as f64 / STEP_RATE_HZ;
+                match self.outside_of_air(time_s) {
+                    Some(obstacle) => self.skip(step as u64, obstacle),
+                    None => self.row(step, block, row, rotor_count),
+                }
             }
             Ok(())
         });
@@ -307,7 +390,13 @@ impl Judge {
     fn row(&mut self, step: usize, block: &[Vec<f64>], row: usize, rotor_count: usize) {
         if block.iter().any(|values| values[row].is_nan()) {
             self.lost += 1;
-            self.flush();
+            self.skip(
+                step as u64,
+                ObstacleView {
+                    reason: Obstruction::Gap,
+                    why: "a channel that the detectors need has no value".to_owned(),
+                },
+            );
             return;
         }
         let number = |column: usize| block[column][row] as f32;
@@ -334,6 +423,66 @@ impl Judge {
         }
     }
 
+    /// The part that a time lies in, if it is not in the air.
+    fn outside_of_air(&mut self, time_s: f64) -> Option<ObstacleView> {
+        let parts = &self.parts.parts;
+        while parts.get(self.part).is_some_and(|part| part.end_s <= time_s) && self.part + 1 < parts.len() {
+            self.part += 1;
+        }
+        let part = parts.get(self.part)?;
+        (part.start_s <= time_s).then(|| obstacle_of(part)).flatten()
+    }
+
+    /// A step that the session does not get.
+    fn skip(&mut self, step: u64, obstacle: ObstacleView) {
+        self.flush();
+        self.left_air |= obstacle.reason != Obstruction::Gap;
+        self.alarmed = [false; 3];
+        if self.left_air && self.last_code != Some(CANNOT_JUDGE) {
+            self.last_code = Some(CANNOT_JUDGE);
+            self.turn(ChangeView {
+                step,
+                time_s: step as f64 / STEP_RATE_HZ,
+                sequential: SequentialView::cannot_judge(),
+                cannot_judge: Some(obstacle.clone()),
+            });
+        }
+        self.account(step, step + 1, Some(obstacle));
+    }
+
+    /// Notes that steps have no verdict, and why. What is left of a window that never ended goes with what follows.
+    fn account(&mut self, from: u64, to: u64, obstacle: Option<ObstacleView>) {
+        let rest = from.saturating_sub(self.accounted);
+        let from = if rest < u64::from(self.session.window_samples()) {
+            from.min(self.accounted)
+        } else {
+            from
+        };
+        self.accounted = to;
+        let Some(obstacle) = obstacle else { return };
+        let [from_s, to_s] = [from, to].map(|step| step as f64 / STEP_RATE_HZ);
+        let full = self.not_judged.len() >= LONGEST_TIMELINE;
+        match self.not_judged.last_mut() {
+            Some(last) if last.obstacle.reason == obstacle.reason && from_s - last.to_s < 1.0 / STEP_RATE_HZ => {
+                last.to_s = to_s;
+                if obstacle.reason == Obstruction::Upset {
+                    // Its tilt only grows.
+                    last.obstacle = obstacle;
+                }
+            }
+            _ if full => self.not_judged_left_out += 1,
+            _ => self.not_judged.push(NotJudgedView { from_s, to_s, obstacle }),
+        }
+    }
+
+    fn turn(&mut self, change: ChangeView) {
+        if self.timeline.len() < LONGEST_TIMELINE {
+            self.timeline.push(change);
+        } else {
+            self.left_out += 1;
+        }
+    }
+
     fn flush(&mut self) {
         if self.chunk.samples.is_empty() {
             return;
@@ -341,7 +490,9 @@ impl Judge {
         self.chunk.after_gap = true;
         match self.session.feed(&self.chunk) {
             Ok(answer) => {
-                self.notes.extend(answer.notes);
+                let own_gap = std::mem::take(&mut self.left_air);
+                let first = usize::from(own_gap && self.session.origin() != Some(self.chunk.first_step));
+                self.notes.extend(answer.notes.into_iter().skip(first));
                 for window in &answer.windows {
                     self.count(window);
                 }
@@ -359,16 +510,20 @@ impl Judge {
     fn count(&mut self, window: &Window) {
         let report = &window.report;
         let origin = self.session.origin().unwrap_or(0);
+        let end = report.stamp.step + 1;
+        let begin = end.saturating_sub(u64::from(self.session.window_samples()));
         // Since the log's first row, which may lie before the first complete step.
         let time_s = (report.stamp.step as f64) / STEP_RATE_HZ;
         for (index, code) in [report.t_test, report.network, report.sequential]
+            .map(|code| code_in(window, code))
             .into_iter()
             .enumerate()
         {
             let count = &mut self.counts[index];
-            let alarm = !matches!(code, -2 | 0);
-            count.decided += u64::from(code != -2);
-            count.healthy += u64::from(code == 0);
+            let decided = !matches!(code, CANNOT_JUDGE | NOT_READY);
+            let alarm = decided && code != HEALTHY;
+            count.decided += u64::from(decided);
+            count.healthy += u64::from(code == HEALTHY);
             count.alarmed += u64::from(alarm);
             if alarm && !self.alarmed[index] {
                 count.alarms += 1;
@@ -376,15 +531,70 @@ impl Judge {
             }
             self.alarmed[index] = alarm;
         }
-        if self.last_code != Some(report.sequential) {
-            self.last_code = Some(report.sequential);
-            if self.timeline.len() < LONGEST_TIMELINE {
-                let mut change = ChangeView::of(window);
-                change.time_s += origin as f64 / STEP_RATE_HZ;
-                self.timeline.push(change);
-            } else {
-                self.left_out += 1;
+        let code = code_in(window, report.sequential);
+        let obstacle = match code {
+            NOT_READY => Some(ObstacleView {
+                reason: Obstruction::Calibration,
+                why: "the detectors calibrate themselves; what is damaged by then counts as healthy".to_owned(),
+            }),
+            CANNOT_JUDGE => window.obstacle.as_ref().map(ObstacleView::from),
+            _ => {
+                self.judged(begin, end, window);
+                None
+            }
+        };
+        self.account(begin, end, obstacle);
+        let turned = self.last_code != Some(code);
+        if turned || self.lists {
+            let mut change = ChangeView::of(window);
+            change.time_s += origin as f64 / STEP_RATE_HZ;
+            if self.lists {
+                self.windows.push(change.clone());
+            }
+            if turned {
+                self.last_code = Some(code);
+                self.turn(change);
             }
         }
     }
+
+    /// A window with a verdict.
+    fn judged(&mut self, begin: u64, end: u64, window: &Window) {
+        self.last_judged = Some(window.clone());
+        let [from_s, to_s] = [begin, end].map(|step| step as f64 / STEP_RATE_HZ);
+        let sequential = SequentialView::of(&window.report);
+        let calibration = window.calibrated_from;
+        match self.stretches.last_mut() {
+            Some((of, stretch)) if *of == calibration => {
+                stretch.to_s = to_s;
+                stretch.sequential = sequential;
+            }
+            _ => self.stretches.push((
+                calibration,
+                StretchView {
+                    from_s,
+                    to_s,
+                    sequential,
+                },
+            )),
+        }
+    }
+}
+
+/// Why a part of a flight is not judged; nothing of what is in the air.
+fn obstacle_of(part: &FlightPart) -> Option<ObstacleView> {
+    let reason = match part.kind {
+        PartKind::Air | PartKind::Unknown => return None,
+        PartKind::Ground => Obstruction::OnGround,
+        PartKind::TakeOff => Obstruction::TakeOff,
+        PartKind::Upset => Obstruction::Upset,
+        PartKind::Landing => Obstruction::Landing,
+        PartKind::Crash => Obstruction::Crash,
+    };
+    let why = if part.why.is_empty() {
+        part.kind.words().to_owned()
+    } else {
+        format!("{}: {}", part.kind.words(), part.why)
+    };
+    Some(ObstacleView { reason, why })
 }

@@ -3,7 +3,7 @@
 //! A session that nothing is asked of for the idle time is gone; so is every session when the server ends. Looked after whenever somebody
 //! asks for one, so that no clock runs while nobody does.
 
-use super::answers::{CalibrationState, ChangeView, ChunkAnswer, DetectorsView, WindowView};
+use super::answers::{CalibrationState, ChangeView, ChunkAnswer, DetectorsView, ObstacleView, WindowView};
 use crate::access::Caller;
 use crate::problem::Problem;
 use rotortwin_fdi::service::topic::TopicService;
@@ -106,8 +106,12 @@ pub(crate) struct SessionView {
     rejected_samples: u64,
     /// Lost steps that the engine coasted over.
     bridged_steps: u64,
-    /// Calibrations begun again after longer gaps.
+    /// Calibrations begun again: after longer gaps, on the ground or upset, after motions that the model does not explain.
     restarts: u64,
+    /// Steps on the ground, just off it, or upset: the detectors waited.
+    paused_steps: u64,
+    /// Why there are no verdicts now.
+    cannot_judge: Option<ObstacleView>,
     /// The last window.
     last: Option<WindowView>,
     /// Verdicts of the sequential detector, each time that it changed; the latest 1000.
@@ -313,6 +317,8 @@ impl FdiSessions {
             rejected_samples: session.rejected_samples(),
             bridged_steps: session.bridged_steps(),
             restarts: session.restarts(),
+            paused_steps: session.paused_steps(),
+            cannot_judge: session.obstacle().as_ref().map(ObstacleView::from),
             last: session.last().map(WindowView::from),
             changes: lock(&entry.history).iter().cloned().collect(),
             idle_limit_s: self.limits.idle.as_secs_f64(),

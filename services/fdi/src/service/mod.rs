@@ -5,6 +5,7 @@
 //! ```
 //! * [`session`]: the engine of a run behind rules for what may come in: rate, order, gaps, repetition.
 //! * [`message`]: chunks and answers as protobuf messages.
+//! * [`validity`]: whether a verdict means anything.
 //! * [`topic`]: a session fed over zenoh, and its client.
 //!
 //! No vehicle file and no plant is known here: a session takes the engine's configuration, as the FDI process of a run does.
@@ -12,5 +13,6 @@
 pub mod message;
 pub mod session;
 pub mod topic;
+pub mod validity;
 
 pub use session::{Answer, Calibration, Chunk, FdiSession, Refusal, Sample, Window};

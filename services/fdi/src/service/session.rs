@@ -12,17 +12,21 @@
 //! * *Gaps* are refused unless the chunk says that the samples between are lost. Up to [`LONGEST_BRIDGE`] steps the engine coasts, as it
 //!   does over a rejected sample; after more it starts afresh with a calibration, and the answer says so: *whatever is damaged by then
 //!   counts as healthy*.
+//! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed; after that it starts afresh in
+//!   the air. There, and where no possible loss explains the motion, windows are not ready and say why ([`Window::obstacle`]).
 //!
-//! Same samples, same bits: between gaps a session is the engine of a run, fed the same numbers.
+//! Same samples, same bits: between gaps and in the air a session is the engine of a run, fed the same numbers.
 //!
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
+use super::validity::{FlightWatch, ModelCheck, Obstacle};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_flight_core::fdi::window::{Baseline, WrenchStatistics};
 use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError, FdiEngine, FdiOutput, Residuals};
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
 use rotortwin_flight_core::signals::{Measurement, MotorCommand, NavState};
-use rotortwin_wire::frames::{FdiReport, Stamp};
+use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES, Stamp};
 use rotortwin_wire::peers::report;
 use std::collections::VecDeque;
 use std::hash::Hasher as _;
@@ -179,6 +183,10 @@ pub struct Window {
     pub class_probability: Vec<f32>,
     /// As of this step.
     pub calibration: Calibration,
+    /// Why there are no verdicts; absent while the detectors calibrate themselves.
+    pub obstacle: Option<Obstacle>,
+    /// Step that the calibration behind it began with.
+    pub calibrated_from: u64,
 }
 
 /// What a chunk gave.
@@ -274,6 +282,30 @@ pub enum Refusal {
     },
 }
 
+/// A report whose verdicts would mean nothing; the residuals stay.
+fn without_verdict(report: FdiReport) -> FdiReport {
+    FdiReport {
+        t_test: NOT_READY,
+        network: NOT_READY,
+        sequential: NOT_READY,
+        sequential_probability: 0.0,
+        thrust_loss: LossEstimate::default(),
+        second_thrust_loss: LossEstimate::default(),
+        suspect_rotors: 0,
+        hypothesis_count: 0,
+        hypothesis_rotors: [0; MAX_HYPOTHESES],
+        ..report
+    }
+}
+
+/// A report whose losses end at all of a rotor's thrust.
+fn possible(mut report: FdiReport) -> FdiReport {
+    for loss in [&mut report.thrust_loss, &mut report.second_thrust_loss] {
+        *loss = loss.limited();
+    }
+    report
+}
+
 /// Watches the times of consecutive samples.
 #[derive(Clone, Copy, Debug, Default)]
 struct RateCheck {
@@ -325,6 +357,12 @@ pub struct FdiSession {
     /// What the engine's own window and baseline hold, for the network's probabilities.
     window: WrenchStatistics,
     baseline: Baseline,
+    flight: FlightWatch,
+    check: ModelCheck,
+    /// What keeps the engine from being fed, and steps since it began.
+    paused: Option<(Obstacle, u64)>,
+    /// What stood in the way at the last window.
+    obstacle: Option<Obstacle>,
     calibration_steps: [u64; 2],
     /// First step ever, once there is one.
     origin: Option<u64>,
@@ -338,6 +376,7 @@ pub struct FdiSession {
     bridged_steps: u64,
     restarts: u64,
     rejected_before: u64,
+    paused_steps: u64,
 }
 
 impl FdiSession {
@@ -354,6 +393,10 @@ impl FdiSession {
             engine,
             window: WrenchStatistics::default(),
             baseline: Baseline::new(start, end),
+            flight: FlightWatch::new(&config),
+            check: ModelCheck::new(&config),
+            paused: None,
+            obstacle: None,
             calibration_steps: [u64::from(start), u64::from(end)],
             origin: None,
             next_step: 0,
@@ -365,6 +408,7 @@ impl FdiSession {
             bridged_steps: 0,
             restarts: 0,
             rejected_before: 0,
+            paused_steps: 0,
         })
     }
 
@@ -414,13 +458,26 @@ impl FdiSession {
         self.bridged_steps
     }
 
-    /// Calibrations begun again after gaps.
+    /// Calibrations begun again: after gaps, pauses, and motions that the model does not explain.
     pub fn restarts(&self) -> u64 {
         self.restarts
     }
 
+    /// Steps that the engine was not fed: on the ground, just off it, upset.
+    pub fn paused_steps(&self) -> u64 {
+        self.paused_steps
+    }
+
+    /// What stands in the way of verdicts now.
+    pub fn obstacle(&self) -> Option<Obstacle> {
+        self.paused.map_or(self.obstacle, |(obstacle, _)| Some(obstacle))
+    }
+
     /// How far the calibration is.
     pub fn calibration(&self) -> Calibration {
+        if self.paused.is_some() {
+            return Calibration::Noise;
+        }
         let since = self.next_step - self.started;
         match self.calibration_steps {
             [start, _] if since < start => Calibration::Noise,
@@ -502,6 +559,8 @@ impl FdiSession {
             self.next_step = chunk.first_step;
         }
         if lost > LONGEST_BRIDGE {
+            self.flight.restart();
+            self.paused = None;
             self.restart(chunk.first_step);
             notes.push(format!(
                 "{lost} steps were lost before step {}: the calibration began again, verdicts come from step {}; what is damaged by \
@@ -525,7 +584,7 @@ impl FdiSession {
             }
         }
         for sample in &chunk.samples {
-            if let Some(window) = self.step(sample) {
+            if let Some(window) = self.step(sample, &mut notes) {
                 windows.push(window);
             }
         }
@@ -548,16 +607,31 @@ impl FdiSession {
         self.window.clear();
         let [start, end] = self.calibration_steps.map(|steps| steps as u32);
         self.baseline = Baseline::new(start, end);
+        self.check = ModelCheck::new(&config);
+        self.obstacle = None;
         self.started = step;
         self.next_step = step;
         self.restarts += 1;
     }
 
     #[inline]
-    fn step(&mut self, sample: &Sample) -> Option<Window> {
+    fn step(&mut self, sample: &Sample, notes: &mut Vec<String>) -> Option<Window> {
+        let measurement = sample.measurement();
+        if let Some(obstacle) = self.flight.step(&measurement) {
+            return self.pause(obstacle, notes);
+        }
+        if let Some((obstacle, _)) = self.paused.take() {
+            self.restart(self.next_step);
+            notes.push(format!(
+                "step {}: in the air again ({obstacle}); the calibration began again, verdicts come from step {}; what is damaged by then counts \
+                 as healthy",
+                self.next_step,
+                self.verdicts_from_step()
+            ));
+        }
         let rejected = self.engine_rejections();
         let step = self.next_step;
-        let output = self.engine.step(&sample.measurement());
+        let output = self.engine.step(&measurement);
         self.next_step += 1;
         if output.rejected_samples > rejected {
             self.rejected_before += 1;
@@ -570,11 +644,64 @@ impl FdiSession {
             return None;
         }
         let class_probability = self.class_probability(calibrated);
+        let calibration = self.calibration();
+        let residual = self.window.mean();
         self.window.clear();
-        Some(Window {
-            report: report(self.stamp(step), &output).canonical(),
-            class_probability,
-            calibration: self.calibration(),
+        let spoilt = self.check.is_spoilt();
+        if calibration != Calibration::Noise {
+            let calibrating = calibration != Calibration::Done;
+            let before = self.obstacle;
+            self.obstacle = self.check.window(&residual, self.flight.thrust(), &output, calibrating);
+            if let (None, Some(obstacle)) = (before, self.obstacle) {
+                notes.push(format!("step {step}: no verdicts: {obstacle}"));
+            }
+        }
+        let report = report(self.stamp(step), &output).canonical();
+        let window = Window {
+            report: self.obstacle.map_or(possible(report), |_| without_verdict(report)),
+            class_probability: if self.obstacle.is_none() {
+                class_probability
+            } else {
+                Vec::new()
+            },
+            calibration,
+            obstacle: self.obstacle,
+            calibrated_from: self.started,
+        };
+        if spoilt && self.obstacle.is_none() {
+            self.restart(self.next_step);
+            notes.push(format!(
+                "step {}: the model explains the motion again; the calibration began again, verdicts come from step {}; what is damaged by then \
+                 counts as healthy",
+                self.next_step,
+                self.verdicts_from_step()
+            ));
+        }
+        Some(window)
+    }
+
+    /// A step that the engine is not fed; at the end of each window, why.
+    fn pause(&mut self, obstacle: Obstacle, notes: &mut Vec<String>) -> Option<Window> {
+        let step = self.next_step;
+        self.next_step += 1;
+        self.paused_steps += 1;
+        if self.paused.is_none() {
+            notes.push(format!("step {step}: the detectors wait: {obstacle}"));
+        }
+        let since = self.paused.map_or(0, |(_, since)| since) + 1;
+        self.paused = Some((obstacle, since));
+        since.is_multiple_of(u64::from(self.window_samples())).then(|| {
+            let empty = report(self.stamp(step), self.engine.output()).canonical();
+            Window {
+                report: FdiReport {
+                    window_end: 1,
+                    ..without_verdict(empty)
+                },
+                class_probability: Vec::new(),
+                calibration: Calibration::Noise,
+                obstacle: Some(obstacle),
+                calibrated_from: self.started,
+            }
         })
     }
 

@@ -1,0 +1,201 @@
+//! `rotortwin fdi-log` on flights with a ground in them, a flip, and parts of a log: what is judged, what is not, and why.
+
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use parquet::record::Field;
+use rotortwin_tests::program::{Call, Link};
+use rotortwin_tests::scratch::{Scratch, repository};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// Take-off, a square and a landing in 75 s; the take-off is asked for at 8 s.
+fn from_the_ground(scratch: &Scratch, name: &str, fault: Option<toml::Value>) -> PathBuf {
+    let config = repository().join("config");
+    let text = std::fs::read_to_string(config.join("scenarios/takeoff-and-land.toml")).expect("it is shipped");
+    let mut table: toml::Table = toml::from_str(&text).expect("TOML");
+    let vehicle = config.join("vehicles/f550-skids.toml").display().to_string();
+    table.insert("vehicle".into(), vehicle.into());
+    table.insert("name".into(), name.into());
+    table.insert("duration_s".into(), 75.0.into());
+    table["trajectory"]
+        .as_table_mut()
+        .expect("a table")
+        .insert("interval_s".into(), 8.0.into());
+    if let Some(fault) = fault {
+        table.insert("fault".into(), toml::Value::Array(vec![fault]));
+    }
+    let scenario = scratch.write(&format!("{name}.toml"), toml::to_string(&table).expect("TOML"));
+    let ended = Call::fly(scratch, Link::InProcess, &scenario, name)
+        .run()
+        .expect_code(0);
+    ended.out().to_path_buf()
+}
+
+fn judged(scratch: &Scratch, words: &[&str], model: &str) -> Value {
+    let mut call: Vec<OsString> = vec!["fdi-log".into()];
+    call.extend(words.iter().map(OsString::from));
+    let ended = Call::new(scratch, call)
+        .with(["--json", "--model", model])
+        .run()
+        .expect_code(0);
+    serde_json::from_str(&ended.stdout).expect("JSON")
+}
+
+fn number(value: &Value) -> f64 {
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("expected a number, got {value}"))
+}
+
+/// Reasons for what was not judged, in the order of time.
+fn reasons(report: &Value) -> Vec<&str> {
+    let list = report["not_judged"].as_array().expect("a list");
+    list.iter().filter_map(|time| time["reason"].as_str()).collect()
+}
+
+/// What was judged and what was not make up the log.
+fn nothing_is_left_out(report: &Value) {
+    let list = report["not_judged"].as_array().expect("a list");
+    let not_judged: f64 = list
+        .iter()
+        .map(|time| number(&time["to_s"]) - number(&time["from_s"]))
+        .sum();
+    let all = number(&report["decided_s"]) + not_judged;
+    // A window of 62.5 ms may be cut by each end.
+    let whole = number(&report["log"]["duration_s"]);
+    assert!(
+        (all - whole).abs() < 0.07 * (2 + list.len()) as f64,
+        "{all} of {whole} s: {report}"
+    );
+}
+
+fn path(path: &Path) -> &str {
+    path.to_str().expect("plain letters")
+}
+
+#[test]
+fn scenario_a_flight_from_the_ground_is_judged_in_the_air_alone() {
+    let scratch = Scratch::new();
+    let run = from_the_ground(&scratch, "healthy", None);
+    let report = judged(&scratch, &[path(&run)], "f550-skids");
+    let sequential = &report["counts"][2];
+    assert_eq!(sequential["alarms"], 0, "{report}");
+    assert!(number(&report["decided_s"]) > 20.0, "{report}");
+    assert_eq!(report["stretches"].as_array().map(Vec::len), Some(1), "{report}");
+    let reasons = reasons(&report);
+    assert!(
+        reasons.starts_with(&["on_ground", "take_off", "calibration"]),
+        "{reasons:?}"
+    );
+    assert!(reasons.contains(&"landing"), "{reasons:?}");
+    nothing_is_left_out(&report);
+}
+
+#[test]
+fn scenario_a_loss_in_the_air_is_found_after_a_start_on_the_ground() {
+    const ONSET_S: f64 = 38.0;
+    const LOSS: f64 = 0.07;
+    let scratch = Scratch::new();
+    let mut fault = toml::Table::new();
+    fault.insert("time_s".into(), ONSET_S.into());
+    fault.insert("rotor".into(), 2.into());
+    fault.insert("thrust_loss_percent".into(), (100.0 * LOSS).into());
+    let run = from_the_ground(&scratch, "faulty", Some(fault.into()));
+    let report = judged(&scratch, &[path(&run)], "f550-skids");
+    let first = number(&report["counts"][2]["first_alarm_s"]);
+    assert!((ONSET_S..ONSET_S + 2.0).contains(&first), "{report}");
+    let last = &report["final_window"]["sequential"];
+    assert_eq!(last["rotors"], serde_json::json!([2]), "{report}");
+    let loss = &last["thrust_loss"][0];
+    assert!(
+        number(&loss["share_low"]) < LOSS && LOSS < number(&loss["share_high"]),
+        "{loss}"
+    );
+    // The same by the part of it alone, on the log's own time; the parts of a log with a beginning in the air are in the air.
+    let part = judged(&scratch, &[&format!("{}@20:60", path(&run))], "f550-skids");
+    assert_eq!(
+        part["final_window"]["sequential"]["rotors"],
+        serde_json::json!([2]),
+        "{part}"
+    );
+}
+
+const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
+
+/// Numbers of all rows of a run's telemetry.
+fn rows(run: &Path) -> Vec<BTreeMap<String, f64>> {
+    let file = std::fs::File::open(run.join("telemetry.parquet")).expect("it was written");
+    let reader = SerializedFileReader::new(file).expect("Parquet");
+    let number = |field: &Field| match field {
+        Field::Double(value) => Some(*value),
+        Field::Float(value) => Some(f64::from(*value)),
+        _ => None,
+    };
+    reader
+        .get_row_iter(None)
+        .expect("rows")
+        .map(|row| {
+            let row = row.expect("a row");
+            let columns = row.get_column_iter();
+            columns
+                .filter_map(|(name, field)| Some((name.clone(), number(field)?)))
+                .collect()
+        })
+        .collect()
+}
+
+/// A hover in the middle of which attitude and rates make a roll of 360° in 0.8 s that no duty asks for.
+fn with_a_flip(scratch: &Scratch) -> PathBuf {
+    const FROM_S: f64 = 25.0;
+    const LASTS_S: f64 = 0.8;
+    let config = repository().join("config");
+    let scenario = config.join("scenarios/hover.toml");
+    let ended = Call::fly(scratch, Link::InProcess, &scenario, "hover")
+        .with(["--set", "duration_s=50"])
+        .run()
+        .expect_code(0);
+    let mut names = vec!["time_s".to_owned(), "battery_voltage_v".to_owned()];
+    for (quantity, axes) in [
+        ("velocity_X_m_s", ["north", "east", "down"]),
+        ("X_rad", AXES),
+        ("X_rate_rad_s", AXES),
+    ] {
+        names.extend(axes.map(|axis| quantity.replace('X', axis)));
+    }
+    names.extend((1..=6).map(|rotor| format!("duty_{rotor}")));
+    let mut out = names.join(",") + "\n";
+    for mut row in rows(ended.out()) {
+        let share = (row["time_s"] - FROM_S) / LASTS_S;
+        if (0.0..1.0).contains(&share) {
+            // Of least jerk.
+            let turn = TAU * share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share);
+            let turn = if turn > PI { turn - TAU } else { turn };
+            *row.get_mut("roll_rad").expect("a column") += turn;
+            *row.get_mut("roll_rate_rad_s").expect("a column") +=
+                TAU / LASTS_S * 30.0 * (share * (1.0 - share)).powi(2);
+        }
+        let cells: Vec<String> = names.iter().map(|name| row[name].to_string()).collect();
+        out += &(cells.join(",") + "\n");
+    }
+    scratch.write("flip.csv", out)
+}
+
+#[test]
+fn scenario_a_flip_is_no_fault() {
+    let scratch = Scratch::new();
+    let log = with_a_flip(&scratch);
+    let report = judged(&scratch, &[path(&log)], "f550");
+    assert_eq!(report["counts"][2]["alarms"], 0, "{report}");
+    assert!(reasons(&report).contains(&"upset"), "{report}");
+    // Before it and, after a calibration, behind it.
+    assert_eq!(report["stretches"].as_array().map(Vec::len), Some(2), "{report}");
+    assert!(number(&report["decided_s"]) > 20.0, "{report}");
+    nothing_is_left_out(&report);
+    let text = Call::new(&scratch, ["fdi-log".into(), log.into_os_string()])
+        .with(["--model", "f550"])
+        .run()
+        .expect_code(0);
+    assert!(text.stdout.contains("cannot judge: upset"), "{}", text.stdout);
+}
