@@ -127,11 +127,6 @@ fn scenario_an_ended_session_asks_for_the_token_and_goes_on() {
 }
 
 #[test]
-fn scenario_eight_tabs_on_one_running_job_answer() {
-    passes("tabs");
-}
-
-#[test]
 fn scenario_ten_thousand_runs_are_usable() {
     passes("many");
 }
