@@ -10,7 +10,7 @@ use clap::Parser;
 use rotortwin_plant::effects::EffectDocument;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, Options, diagnose};
+use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, diagnose};
 use rotortwin_twin::estimation::parameters::FittedParameter;
 use rotortwin_twin::model::ModelStore;
 use std::path::{Path, PathBuf};
@@ -254,6 +254,7 @@ fn text(diagnosis: &Diagnosis) -> String {
             );
         }
     }
+    text += &not_considered(&diagnosis.not_considered);
     let colour: Vec<&str> = diagnosis.goodness.unexplained.iter().map(String::as_str).collect();
     if !colour.is_empty() {
         text += &format!("Unexplained  {}\n", colour.join(", "));
@@ -269,6 +270,25 @@ fn text(diagnosis: &Diagnosis) -> String {
         "Took         {:.2} s, ranked after {:.2} s\n",
         diagnosis.timing.total_s, diagnosis.timing.ranked_s
     );
+    text
+}
+
+/// Effects that could not be considered, those for the same reason together.
+fn not_considered(all: &[NotConsidered]) -> String {
+    let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
+    for one in all {
+        match reasons.iter_mut().find(|(reason, _)| *reason == one.reason) {
+            Some((_, labels)) => labels.push(&one.label),
+            None => reasons.push((&one.reason, vec![&one.label])),
+        }
+    }
+    let mut text = String::new();
+    if !reasons.is_empty() {
+        text += "Not considered\n";
+    }
+    for (reason, labels) in reasons {
+        text += &format!("  {}: {reason}\n", labels.join(", "));
+    }
     text
 }
 

@@ -19,6 +19,7 @@
 //!
 //! Gusts are noise, not a column: where forces stay unexplained beside a drag, their covariance is tried (`strategies/covariance.rs`).
 
+mod considered;
 mod findings;
 mod named;
 mod passes;
@@ -31,8 +32,8 @@ mod strategies;
 mod words;
 
 pub use result::{
-    ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotTestable, Picture, PictureBin,
-    Ranked, Rival, Timing, Verdict,
+    ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotConsidered, NotTestable, Picture,
+    PictureBin, Ranked, Rival, Timing, Verdict,
 };
 
 use rotortwin_plant::effects::EffectDocument;

@@ -215,6 +215,39 @@ pub struct NotTestable {
     pub excited_by: String,
 }
 
+/// An effect of the catalogue that could not be considered.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct NotConsidered {
+    /// Id in the catalogue.
+    pub effect: String,
+    /// Name shown.
+    pub label: String,
+    /// Columns of a log that would make it testable; none of them is in any of the logs.
+    pub columns: Vec<String>,
+    /// What in the model or on the flight would make it testable, if it is no column.
+    pub setting: Option<String>,
+    /// Why, in plain words.
+    pub reason: String,
+    /// Why; `reason` is that in words.
+    #[serde(skip)]
+    pub(crate) why: Reason,
+}
+
+/// Why an effect was not considered.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Reason {
+    /// The logs lack these columns.
+    Columns(Vec<String>),
+    /// The model has it already.
+    InTheModel,
+    /// Nothing through which it acts is at work: one of these effects would be needed.
+    NothingToActThrough(&'static [&'static str]),
+    /// It is only looked for beside an effect that was named, and none was.
+    NothingNamed,
+    /// The covariance of this effect is nearly the same.
+    CovarianceOf(&'static str),
+}
+
 /// How well the model fits, before and after.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct ChannelGoodness {
@@ -282,6 +315,8 @@ pub struct Diagnosis {
     pub ranking: Vec<Ranked>,
     /// What this flight cannot show.
     pub not_testable: Vec<NotTestable>,
+    /// What could not be considered, with the column or setting that would make it testable.
+    pub not_considered: Vec<NotConsidered>,
     /// The smallest size of each effect that would have been seen.
     pub detectable: Vec<NotTestable>,
     /// Absolute goodness of fit.

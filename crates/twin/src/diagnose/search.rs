@@ -4,6 +4,7 @@ use rotortwin_plant::effects::{Catalogue, EffectInstance};
 
 use super::passes::Pass;
 use super::passes::charge::ChargeSearch;
+use super::passes::coverage::Coverage;
 use super::passes::elimination::BackwardElimination;
 use super::passes::estimates::Estimates;
 use super::passes::goodness::GoodnessOfFit;
@@ -28,7 +29,7 @@ const REST_SPEED_M_S: f64 = 0.3;
 const REST_RATE_RAD_S: f64 = 0.08;
 
 /// The passes in their order, each with the share of the search that is behind it when it begins.
-const PASSES: [(f64, &dyn Pass); 12] = [
+const PASSES: [(f64, &dyn Pass); 13] = [
     (0.02, &NuisanceFit),
     (0.04, &WiringTest),
     (0.05, &ForwardSelection),
@@ -40,6 +41,7 @@ const PASSES: [(f64, &dyn Pass); 12] = [
     (0.96, &GustCovariance),
     (0.97, &Estimates),
     (0.98, &HeldOutCheck),
+    (0.985, &Coverage),
     (0.99, &FinalVerdict),
 ];
 
@@ -57,6 +59,8 @@ pub(crate) fn search(
             state.progress(&pass.name().to_lowercase(), share);
             pass.run(&mut state)?;
         }
+    } else {
+        Coverage.run(&mut state)?;
     }
     let mut diagnosis = state.diagnosis;
     words::render(&mut diagnosis);
@@ -94,6 +98,7 @@ fn begin<'a>(
         sensor_or_timing: Vec::new(),
         ranking: Vec::new(),
         not_testable: Vec::new(),
+        not_considered: Vec::new(),
         detectable: Vec::new(),
         goodness: Goodness {
             explained_share: None,

@@ -3,9 +3,13 @@
 use rotortwin_plant::effects::EffectClass;
 
 use super::named::Quantity;
-use super::result::{Diagnosis, Finding, Outcome, Rival, Verdict};
+use super::result::{Diagnosis, Finding, NotConsidered, Outcome, Reason, Rival, Verdict};
 use super::state::Doubt;
 use crate::estimation::parameters::FittedParameter;
+use crate::log::names::duty_rotor;
+
+/// Effects that a sentence names before it counts the rest.
+const MOST_NAMED: usize = 3;
 
 /// A value with three or four significant digits.
 pub(crate) fn number(value: f64) -> String {
@@ -83,6 +87,50 @@ fn why_found(finding: &Finding) -> String {
     text
 }
 
+/// Why an effect was not considered.
+fn unconsidered(one: &NotConsidered) -> String {
+    match &one.why {
+        Reason::Columns(columns) => format!("no log has {}", listed(columns)),
+        Reason::InTheModel => "the model has it already; `rotortwin improve` fits its value".to_owned(),
+        Reason::NothingToActThrough(needs) => {
+            format!("nothing is at work through which it acts: one of {}", needs.join(", "))
+        }
+        Reason::NothingNamed => "it is looked for beside an effect that was named, and none was".to_owned(),
+        Reason::CovarianceOf(other) => format!("its covariance is nearly that of {other}, which is looked for instead"),
+    }
+}
+
+/// Names of columns; a numbered row of them by its ends.
+fn listed(columns: &[String]) -> String {
+    let numbered = columns.iter().filter(|column| duty_rotor(column).is_some()).count();
+    match columns {
+        [.., last] if numbered > 2 => {
+            let others = &columns[..columns.len() - numbered];
+            let ends = format!("{} to {last}", columns[others.len()]);
+            others.iter().cloned().chain([ends]).collect::<Vec<_>>().join(", ")
+        }
+        _ => columns.join(", "),
+    }
+}
+
+/// What else an error that is not in the catalogue may be: the effects that could not be considered for want of a column or setting.
+fn or_unconsidered(diagnosis: &Diagnosis) -> String {
+    let would = diagnosis
+        .not_considered
+        .iter()
+        .filter(|one| matches!(one.why, Reason::Columns(_) | Reason::NothingToActThrough(_)));
+    let names: Vec<String> = would.map(|one| one.label.to_lowercase()).collect();
+    match names.as_slice() {
+        [] => String::new(),
+        few if few.len() <= MOST_NAMED => format!(" Not considered: {}.", few.join(", ")),
+        many => format!(
+            " Not considered: {} and {} more.",
+            many[..MOST_NAMED].join(", "),
+            many.len() - MOST_NAMED
+        ),
+    }
+}
+
 /// A doubt, as a part of what stays unexplained.
 pub(crate) fn doubt(doubt: &Doubt) -> String {
     match doubt {
@@ -104,6 +152,9 @@ pub(crate) fn render(diagnosis: &mut Diagnosis) {
         for rival in finding.also_compatible.iter_mut().chain(&mut finding.lost) {
             rival.reason = fared(rival);
         }
+    }
+    for one in &mut diagnosis.not_considered {
+        one.reason = unconsidered(one);
     }
     diagnosis.sentence = sentence(diagnosis);
 }
@@ -171,7 +222,10 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                     named(&found)
                 )
             };
-            format!("The error is real and not, or not wholly, in the catalogue: {unexplained} stay unexplained.{part}")
+            format!(
+                "The error is real and not, or not wholly, in the catalogue: {unexplained} stay unexplained.{part}{}",
+                or_unconsidered(diagnosis)
+            )
         }
         Verdict::CannotTell { group } => format!(
             "This flight cannot tell {} apart: best fit {}.{share}",

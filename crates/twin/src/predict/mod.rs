@@ -244,6 +244,11 @@ impl Predictor {
         VehicleSize::of(&self.nominal, &self.plant.battery_model)
     }
 
+    /// The effects of the model.
+    pub(crate) fn model(&self) -> &[EffectInstance] {
+        &self.model
+    }
+
     /// The effects that may be named.
     pub fn catalogue(&self) -> &Catalogue {
         &self.catalogue

@@ -62,6 +62,8 @@ pub struct Available {
     pub accel: bool,
     /// Battery voltage.
     pub voltage: bool,
+    /// Height above ground; where it is not, the ground is taken to be at the origin of NED.
+    pub height_above_ground: bool,
 }
 
 /// What drives the rotors of the model.
@@ -248,6 +250,7 @@ impl Series {
             rates: rates.is_some(),
             accel: accel.is_some(),
             voltage: voltage.is_some(),
+            height_above_ground: log.column(names::HEIGHT_ABOVE_GROUND).is_some(),
         };
         let zero = || vec![[0.0; 3]; n];
         let height = log.column(names::HEIGHT_ABOVE_GROUND).map_or_else(

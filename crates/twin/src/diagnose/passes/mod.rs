@@ -1,6 +1,7 @@
 //! The passes of a diagnosis: each has one job. `search` has them in their order.
 
 pub(crate) mod charge;
+pub(crate) mod coverage;
 pub(crate) mod elimination;
 pub(crate) mod estimates;
 pub(crate) mod goodness;

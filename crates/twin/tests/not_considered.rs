@@ -1,0 +1,135 @@
+//! What a diagnosis could not consider is listed with the column or setting that would make it testable.
+
+use std::path::{Path, PathBuf};
+
+use rotortwin_blind::flight::{FlightPlan, Row, fly};
+use rotortwin_blind::script::Script;
+use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_plant::effects::{EffectClass, catalogue};
+use rotortwin_twin::diagnose::{Diagnosis, NotConsidered, Options, Verdict, diagnose};
+use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::model::ModelVersion;
+use rotortwin_twin::model::specification::effect_by_hand;
+
+const KINEMATICS: [[&str; 3]; 5] = [
+    ["position_north_m", "position_east_m", "position_down_m"],
+    ["velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"],
+    ["roll_rad", "pitch_rad", "yaw_rad"],
+    ["roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"],
+    ["accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2"],
+];
+
+fn vehicle_path() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml")
+}
+
+fn model() -> ModelVersion {
+    ModelVersion::load(vehicle_path()).unwrap()
+}
+
+/// A healthy flight of 20 s some metres over the ground, without the columns for which `lacks` holds.
+fn flight(lacks: impl Fn(&str) -> bool) -> FlightLog {
+    let plan = FlightPlan {
+        vehicle: Vehicle::load(&vehicle_path()).unwrap(),
+        script: Script::built_in("excitation", 3).unwrap(),
+        duration: 20.0,
+        seed: 3,
+        effects: Vec::new(),
+        clutter: Vec::new(),
+        noise_scale: 1.0,
+        disturbance: 1.0,
+        state_of_charge: None,
+    };
+    let (rows, _) = fly(&plan).unwrap();
+    let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
+    let mut columns = vec![("battery_voltage_v".to_owned(), of(&|r| r.voltage))];
+    for axis in 0..3 {
+        let values = [
+            of(&|r| r.position[axis]),
+            of(&|r| r.velocity[axis]),
+            of(&|r| r.euler[axis]),
+            of(&|r| r.rates[axis]),
+            of(&|r| r.accel[axis]),
+        ];
+        columns.extend(KINEMATICS.map(|names| names[axis].to_owned()).into_iter().zip(values));
+    }
+    for rotor in 0..6 {
+        columns.push((format!("duty_{}", rotor + 1), of(&|r| r.duties[rotor])));
+    }
+    columns.retain(|(name, _)| !lacks(name));
+    FlightLog::from_columns("flight", of(&|r| r.time), columns).unwrap()
+}
+
+fn diagnosis(log: FlightLog, model: &ModelVersion) -> Diagnosis {
+    diagnose(&[log], model, &Options::default()).unwrap()
+}
+
+fn listed<'a>(diagnosis: &'a Diagnosis, effect: &str) -> Option<&'a NotConsidered> {
+    diagnosis.not_considered.iter().find(|one| one.effect == effect)
+}
+
+#[test]
+fn scenario_a_ground_effect_without_a_height_asks_for_the_column_and_not_for_a_lower_flight() {
+    let found = diagnosis(flight(|_| false), &model());
+    let ground = listed(&found, "ground-effect").unwrap();
+    assert_eq!(ground.columns, ["height_above_ground_m"]);
+    assert!(ground.reason.contains("height_above_ground_m"), "{}", ground.reason);
+    assert!(found.not_testable.iter().all(|row| row.effect != "ground-effect"));
+    // What stays there is excited by another manoeuvre.
+    assert!(!found.not_testable.is_empty());
+    // Nothing to act through; and a form of gusts that is not looked for.
+    let gusts = listed(&found, "gusts").unwrap();
+    assert!(gusts.columns.is_empty() && gusts.setting.as_ref().unwrap().contains("rotor-drag"));
+    assert!(listed(&found, "dryden-gusts").unwrap().reason.contains("gusts"));
+    // Wirings were considered: the log has rates and duties.
+    assert!(listed(&found, "swapped-rotors").is_none() && listed(&found, "reversed-spin").is_none());
+}
+
+#[test]
+fn scenario_a_height_above_ground_makes_the_ground_effect_a_matter_of_the_flight() {
+    let mut log = flight(|_| false);
+    let height: Vec<f64> = log.column("position_down_m").unwrap().iter().map(|z| -z).collect();
+    log.columns.insert("height_above_ground_m".to_owned(), height);
+    let found = diagnosis(log, &model());
+    assert_eq!(listed(&found, "ground-effect"), None);
+    assert!(found.not_testable.iter().any(|row| row.effect == "ground-effect"));
+}
+
+#[test]
+fn scenario_without_voltage_and_rates_their_effects_name_the_columns() {
+    let found = diagnosis(
+        flight(|name| name == "battery_voltage_v" || KINEMATICS[3].contains(&name)),
+        &model(),
+    );
+    let columns = |effect: &str| listed(&found, effect).map(|one| one.columns.clone()).unwrap();
+    assert_eq!(columns("internal-resistance"), ["battery_voltage_v"]);
+    assert_eq!(columns("swapped-rotors"), KINEMATICS[3]);
+    assert_eq!(columns("inertia-roll"), KINEMATICS[3]);
+    for one in &found.not_considered {
+        assert!(
+            found
+                .not_testable
+                .iter()
+                .all(|row| one.columns.is_empty() || row.effect != one.effect)
+        );
+    }
+}
+
+#[test]
+fn scenario_what_the_model_has_is_listed_as_such() {
+    let drag = effect_by_hand("rotor-drag", None, None, &["drag_n_s_m=0.25".to_owned()]).unwrap();
+    let found = diagnosis(flight(|_| false), &model().with_effects([drag], "test"));
+    let drag = listed(&found, "rotor-drag").unwrap();
+    assert_eq!(drag.setting.as_deref(), Some("a model without rotor-drag"));
+}
+
+#[test]
+fn scenario_duties_alone_list_everything_with_what_it_needs() {
+    let found = diagnosis(flight(|name| !name.starts_with("duty_")), &model());
+    assert_eq!(found.verdict, Verdict::NothingTestable);
+    for entry in catalogue().iter().filter(|entry| entry.class != EffectClass::Nuisance) {
+        let one = listed(&found, entry.id).unwrap_or_else(|| panic!("{} is not listed", entry.id));
+        assert!(!one.reason.is_empty());
+        assert!(!one.columns.is_empty() || entry.id == "dryden-gusts", "{}", entry.id);
+    }
+}
