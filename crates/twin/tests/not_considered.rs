@@ -24,14 +24,14 @@ fn vehicle_path() -> PathBuf {
 }
 
 fn model() -> ModelVersion {
-    ModelVersion::load(vehicle_path()).unwrap()
+    ModelVersion::load(vehicle_path()).expect("the F550")
 }
 
 /// A healthy flight of 20 s some metres over the ground, without the columns for which `lacks` holds.
 fn flight(lacks: impl Fn(&str) -> bool) -> FlightLog {
     let plan = FlightPlan {
-        vehicle: Vehicle::load(&vehicle_path()).unwrap(),
-        script: Script::built_in("excitation", 3).unwrap(),
+        vehicle: Vehicle::load(&vehicle_path()).expect("the F550"),
+        script: Script::built_in("excitation", 3).expect("a built-in script"),
         duration: 20.0,
         seed: 3,
         effects: Vec::new(),
@@ -40,7 +40,7 @@ fn flight(lacks: impl Fn(&str) -> bool) -> FlightLog {
         disturbance: 1.0,
         state_of_charge: None,
     };
-    let (rows, _) = fly(&plan).unwrap();
+    let (rows, _) = fly(&plan).expect("a flight");
     let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
     let mut columns = vec![("battery_voltage_v".to_owned(), of(&|r| r.voltage))];
     for axis in 0..3 {
@@ -57,11 +57,11 @@ fn flight(lacks: impl Fn(&str) -> bool) -> FlightLog {
         columns.push((format!("duty_{}", rotor + 1), of(&|r| r.duties[rotor])));
     }
     columns.retain(|(name, _)| !lacks(name));
-    FlightLog::from_columns("flight", of(&|r| r.time), columns).unwrap()
+    FlightLog::from_columns("flight", of(&|r| r.time), columns).expect("a log")
 }
 
 fn diagnosis(log: FlightLog, model: &ModelVersion) -> Diagnosis {
-    diagnose(&[log], model, &Options::default()).unwrap()
+    diagnose(&[log], model, &Options::default()).expect("a diagnosis")
 }
 
 fn listed<'a>(diagnosis: &'a Diagnosis, effect: &str) -> Option<&'a NotConsidered> {
