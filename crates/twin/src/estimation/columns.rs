@@ -9,13 +9,8 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{EffectInstance, EffectSet, Hooks};
 
 use super::candidates::Library;
+use super::nuisances::{BIAS_SHARE, CHARGE_DEVIATION};
 use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Prediction, Predictor, Source, Stages};
-
-/// Deviation of a rotor's constant lift error over its hover thrust (U(±10.756 mN) on 2.534 N).
-const BIAS_SHARE: f64 = 0.002_45;
-
-/// Deviation of the charge at the start.
-const CHARGE_DEVIATION: f64 = 0.25;
 
 /// Step of the differences in plausible sizes.
 const STEP: f64 = 0.02;

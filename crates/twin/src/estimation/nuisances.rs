@@ -4,12 +4,12 @@
 use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Predictor};
 
 /// Prior deviation of a rotor's lift error over its hover thrust: uniform in ±10.756 mN (§6) on 2.534 N.
-const BIAS_DEVIATION: f64 = 0.00245;
+pub(crate) const BIAS_SHARE: f64 = 0.002_45;
 /// No lift error goes beyond this, over hover thrust (§6: 0.00424). Long flights overrule any prior; without a bound the biases of all
 /// rotors together would hide a wrong mass.
 const LARGEST_BIAS: f64 = 0.006;
-/// Prior deviation of the charge, fraction.
-const CHARGE_DEVIATION: f64 = 0.25;
+/// Prior deviation of the charge at the start, fraction.
+pub(crate) const CHARGE_DEVIATION: f64 = 0.25;
 /// Rounds: the voltage is not linear in the charge.
 const ROUNDS: usize = 3;
 
@@ -23,7 +23,7 @@ pub(crate) fn fit(predictor: &Predictor) -> Result<Nuisances, PredictError> {
     let hover = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2 / rotors as f64;
     let deviation = |i: usize| {
         if i < rotors {
-            BIAS_DEVIATION * hover
+            BIAS_SHARE * hover
         } else {
             CHARGE_DEVIATION
         }

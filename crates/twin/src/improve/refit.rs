@@ -8,6 +8,7 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectInstance, ParameterKind};
 
+use crate::estimation::nuisances::{BIAS_SHARE, CHARGE_DEVIATION};
 use crate::log::FlightLog;
 use crate::model::{ModelVersion, Source};
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source as Kinematics};
@@ -16,9 +17,6 @@ use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source as Kin
 const ROUNDS: usize = 4;
 /// Step of the differences in plausible sizes.
 const STEP: f64 = 0.02;
-/// Prior deviation of a rotor's lift error over hover thrust, and of the charge: those of the comparison.
-const BIAS_SHARE: f64 = 0.002_45;
-const CHARGE_DEVIATION: f64 = 0.25;
 
 /// A free parameter: place of its effect, name, size, accepted range.
 struct Free {

@@ -13,15 +13,13 @@ use serde::Serialize;
 
 use super::Rival;
 use crate::estimation::candidates::Library;
+use crate::estimation::nuisances::{BIAS_SHARE, CHARGE_DEVIATION};
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
 
 /// Step of the differences in plausible sizes.
 const STEP: f64 = 0.02;
-/// Prior deviation of a rotor's lift error over hover thrust, and of the charge.
-const BIAS_SHARE: f64 = 0.002_45;
-const CHARGE_DEVIATION: f64 = 0.25;
 
 /// What data with an effect in them are expected to say.
 #[derive(Debug, Clone, Serialize)]
