@@ -7,7 +7,7 @@
 //! as `rotortwin log import --rate 400` does (duties held, the rest along straight lines), which takes noise away: the report says so.
 //! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here.
 //!
-//! Only what is in the air is given to the session ([`FlightParts::in_the_air`]): the log tells when the ground was left and where it was near
+//! Only what is in the air is given to the session: the log tells when the ground was left and where it was near
 //! again, which a session has to find without the rest of the flight. A *stretch* is what was judged after one calibration.
 
 use super::answers::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
@@ -28,6 +28,8 @@ use utoipa::ToSchema;
 pub const LONGEST_S: f64 = 4.0 * 3600.0;
 /// Changes of the verdict that a report lists.
 const LONGEST_TIMELINE: usize = 1000;
+/// Cosine of 70°: tilt beyond which the model is not judged by.
+const UPRIGHT_COSINE: f64 = 0.342;
 /// A median rate nearer to 400 Hz than this is 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
 
@@ -354,7 +356,7 @@ impl Judge {
             counts: [count("t_test"), count("network"), count("sequential")],
             alarmed: [false; 3],
             notes: Vec::new(),
-            parts: log.flight_parts(None),
+            parts: parts_of(log),
             part: 0,
             left_air: false,
             stretches: Vec::new(),
@@ -581,13 +583,31 @@ impl Judge {
     }
 }
 
+/// Parts of the flight. An upset by its force alone is in the air: a hard climb is nothing that the detectors' model lacks.
+fn parts_of(log: &FlightLog) -> FlightParts {
+    let mut parts = log.flight_parts(None);
+    let [roll, pitch] = [0, 1].map(|axis| log.column(names::ATTITUDE[axis]));
+    for part in parts.parts.iter_mut().filter(|part| part.kind == PartKind::Upset) {
+        let rows = log.time_s.partition_point(|time| *time < part.start_s)
+            ..log.time_s.partition_point(|time| *time < part.end_s);
+        let tilts = |row: usize| match (roll, pitch) {
+            (Some(roll), Some(pitch)) => roll[row].cos() * pitch[row].cos() < UPRIGHT_COSINE,
+            _ => true,
+        };
+        if !rows.into_iter().any(tilts) {
+            part.kind = PartKind::Air;
+        }
+    }
+    parts
+}
+
 /// Why a part of a flight is not judged; nothing of what is in the air.
 fn obstacle_of(part: &FlightPart) -> Option<ObstacleView> {
     let reason = match part.kind {
         PartKind::Air | PartKind::Unknown => return None,
+        PartKind::Upset => Obstruction::Upset,
         PartKind::Ground => Obstruction::OnGround,
         PartKind::TakeOff => Obstruction::TakeOff,
-        PartKind::Upset => Obstruction::Upset,
         PartKind::Landing => Obstruction::Landing,
         PartKind::Crash => Obstruction::Crash,
     };
