@@ -53,11 +53,35 @@ def log() -> dict[str, bytes]:
         "H Field I predictor:0,0,0,0,0,11,5,5,5\nH Field I encoding:1,1,0,0,0,1,0,0,0\n"
         "H Field P predictor:6,2,1,1,1,3,3,3,3\nH Field P encoding:9,0,7,7,7,8,8,8,8\nH I interval:4\nH P interval:1/1\n"
     ).encode() + b"I\x04\xe8\x07\x02\x01\x04\x2a\x0a\x02\x01" + b"P\xf4\x03\x19\x55\xff\x11\x22" * 20
+    seeds["blackbox-csv"] = (
+        "loopIteration, time (us), gyroADC[0], gyroADC[1], gyroADC[2], accSmooth[0], accSmooth[1], accSmooth[2], motor[0], motor[1], motor[2], "
+        "motor[3], vbatLatest (V)\n" + "".join(f"{i}, {1000 * i}, {i % 7}, 0, 0, 10, -5, 2040, 300, 1500, 700, 2047, 15.3\n" for i in range(40))
+    ).encode()
+    # Heartbeat and an attitude of MAVLink 1, which has the smaller frame; checksums are for the fuzzer to find.
+    stamp = (1_700_000_000_000_000).to_bytes(8, "big")
+    seeds["tlog"] = b"".join(
+        stamp + bytes([0xFE, len(body), 0, 1, 1, kind]) + body + b"\0\0" for kind, body in ((0, b"\0" * 9), (30, b"\1" * 28), (36, b"\2" * 21))
+    )
     for run in sorted((ROOT / "runs").glob("*/telemetry.parquet"))[:1]:
         seeds["parquet"] = run.read_bytes()
     return seeds
 
 
+def table() -> dict[str, bytes]:
+    """Tables with columns of their own, one with a mapping."""
+    rows = "".join(f"12:00:{i / 100:06.3f};{i % 5};0;1;1500;1490;1510\n" for i in range(60))
+    text = "Time;Gyro X (deg/s);Gyro Y (deg/s);Gyro Z (deg/s);Motor1;Motor2;Motor3\n" + rows
+    mapping = 'source = "csv"\n[csv]\nseparator = ";"\nclock = "Time"\nclock_format = "hh:mm:ss"\n'
+    mapping += '[[column]]\nto = "duty"\nfrom = "csv:Motor1,Motor2,Motor3"\nlow = 1000.0\nhigh = 2000.0\n'
+    spaces = "t gx gy gz ax ay az q0 q1 q2 q3\n" + "".join(f"{i} 0 1 2 0 0 -9.8 1 0 0 0\n" for i in range(60))
+    return {
+        "semicolons": text.encode(),
+        "decimal-commas": text.replace(".", ",").encode(),
+        "mapped": (text + "#MAP#" + mapping).encode(),
+        "spaces": spaces.encode(),
+    }
+
+
 target, folder = sys.argv[1], Path(sys.argv[2])
-for name, content in {"wire": wire, "scenario": scenario, "log": log}[target]().items():
+for name, content in {"wire": wire, "scenario": scenario, "log": log, "map": table}[target]().items():
     (folder / f"seed-{re.sub('[^A-Za-z0-9-]', '_', name)}").write_bytes(content)

@@ -1,10 +1,10 @@
-//! `rotortwin log import`, `rotortwin log show` and `rotortwin log example`.
+//! `rotortwin log import`, `rotortwin log show`, `rotortwin log map` and `rotortwin log example`.
 
 use crate::grid::Grid;
 use crate::output::{self, bad_input, failed};
 use rotortwin_scenario::VehicleDocuments;
 use rotortwin_twin::identify::known_rotor_places;
-use rotortwin_twin::log::{FlightLog, ReadOptions};
+use rotortwin_twin::log::{FlightLog, ReadOptions, draft};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -21,6 +21,8 @@ pub(crate) enum Command {
     Import(ImportArgs),
     /// Print columns, ranges, rate, gaps, and what a log can and cannot test
     Show(ShowArgs),
+    /// Draft the mapping of a CSV that another program wrote, for `log import --mapping`, and ask what its columns do not say
+    Map(MapArgs),
     /// Write an example: a flight with something hidden in it, by the independent simulator of the blind bench, and the truth apart
     Example(crate::log_example::Args),
 }
@@ -42,8 +44,18 @@ pub(crate) struct Reading {
 }
 
 #[derive(Debug, clap::Args)]
+pub(crate) struct MapArgs {
+    /// CSV with whatever columns
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Mapping file to write; it must not exist. Without it the mapping is printed
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
 pub(crate) struct ImportArgs {
-    /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, Crazyflie micro-SD log; LOG@35:65 takes these seconds
+    /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, blackbox, MAVLink .tlog, Crazyflie micro-SD log; LOG@35:65 takes these seconds
     #[arg(required = true, value_name = "FILE")]
     pub(crate) files: Vec<PathBuf>,
     #[command(flatten)]
@@ -130,8 +142,39 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     match &args.command {
         Command::Import(args) => import(args),
         Command::Show(args) => show(args),
+        Command::Map(args) => map(args),
         Command::Example(args) => crate::log_example::run(args),
     }
+}
+
+/// The mapping goes to the file or to the output, the questions to people.
+fn map(args: &MapArgs) -> ExitCode {
+    let drafted = std::fs::read(&args.file)
+        .map_err(|error| format!("{}: cannot read the log: {error}", args.file.display()))
+        .and_then(|bytes| draft(&args.file, &bytes).map_err(|refusal| refusal.to_string()));
+    let drafted = match drafted {
+        Ok(drafted) => drafted,
+        Err(refusal) => return bad_input(refusal),
+    };
+    match &args.out {
+        None => print!("{}", drafted.toml),
+        Some(out) => {
+            // Answers that somebody has typed are not overwritten.
+            let file = std::fs::File::create_new(out);
+            let written = file.and_then(|mut file| std::io::Write::write_all(&mut file, drafted.toml.as_bytes()));
+            if let Err(error) = written {
+                return bad_input(format!("{}: cannot write the mapping: {error}", out.display()));
+            }
+            println!("{} → {}", args.file.display(), out.display());
+        }
+    }
+    for question in &drafted.questions {
+        eprintln!("Question: {question}.");
+    }
+    if !drafted.left_out.is_empty() {
+        eprintln!("Left out: {}.", drafted.left_out.join(", "));
+    }
+    ExitCode::SUCCESS
 }
 
 fn import(args: &ImportArgs) -> ExitCode {

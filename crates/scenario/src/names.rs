@@ -128,8 +128,7 @@ impl std::error::Error for NameError {}
 /// (`$XDG_CONFIG_HOME/rotortwin`, else `~/.config/rotortwin`). Some may not exist.
 pub fn search_path() -> Vec<PathBuf> {
     let listed = std::env::var_os(SEARCH_PATH_VARIABLE);
-    let user =
-        shipped::variable_path("XDG_CONFIG_HOME").or_else(|| Some(shipped::variable_path("HOME")?.join(".config")));
+    let user = variable_path("XDG_CONFIG_HOME").or_else(|| Some(variable_path("HOME")?.join(".config")));
     std::iter::once(PathBuf::from("config"))
         .chain(
             listed
@@ -139,6 +138,13 @@ pub fn search_path() -> Vec<PathBuf> {
         )
         .chain(user.map(|folder| folder.join("rotortwin")))
         .collect()
+}
+
+/// An absolute path that a variable holds; others are ignored, as the XDG specification wants it.
+pub(crate) fn variable_path(variable: &str) -> Option<PathBuf> {
+    std::env::var_os(variable)
+        .map(PathBuf::from)
+        .filter(|path| path.is_absolute())
 }
 
 /// Whether a text is a name, and no path: neither folders nor an ending.

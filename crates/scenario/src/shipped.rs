@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use xxhash_rust::xxh3::Xxh3;
 
+use crate::names::variable_path;
+
 static CONFIG: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../config");
 
 /// Whether `config/` has this file.
@@ -74,13 +76,6 @@ fn lay_out(folder: &Path) -> io::Result<()> {
         written.persist(&path)?;
     }
     Ok(())
-}
-
-/// An absolute path that a variable holds; others are ignored, as the XDG specification wants it.
-pub(crate) fn variable_path(variable: &str) -> Option<PathBuf> {
-    std::env::var_os(variable)
-        .map(PathBuf::from)
-        .filter(|path| path.is_absolute())
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@
 //! A user's mapping is put before the built-in one, so it can override one row and leave the rest. Canonical files have no built-in mapping;
 //! [`super::remap`] puts their columns where a user's says.
 
+use super::sources::csv_table::Layout;
 use super::units::{self, Dimension};
 use super::{LogError, error, names};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -34,6 +35,9 @@ pub(crate) struct MappingFile {
     /// Rows, best first.
     #[serde(default, rename = "column")]
     pub(crate) rows: Vec<Row>,
+    /// Layout of the table, for `source = "csv"`.
+    #[serde(default)]
+    pub(crate) csv: Option<Layout>,
 }
 
 /// Sources with a mapping.
@@ -46,6 +50,9 @@ pub(crate) enum SourceName {
     Blackbox,
     /// CSV and Parquet: columns that are not what their names say.
     Canonical,
+    MavlinkTlog,
+    /// A table of whatever columns: the mapping says how it is laid out.
+    Csv,
 }
 
 /// One row.
@@ -276,7 +283,7 @@ impl Row {
 }
 
 /// Built-in mapping files.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 5] = [
     (
         "px4-ulog.toml",
         include_str!("../../../../config/log-mappings/px4-ulog.toml"),
@@ -293,6 +300,10 @@ const BUILT_IN: [(&str, &str); 4] = [
         "blackbox.toml",
         include_str!("../../../../config/log-mappings/blackbox.toml"),
     ),
+    (
+        "mavlink-tlog.toml",
+        include_str!("../../../../config/log-mappings/mavlink-tlog.toml"),
+    ),
 ];
 
 fn parse(path: &Path, text: &str) -> Result<MappingFile, LogError> {
@@ -306,6 +317,15 @@ fn parse(path: &Path, text: &str) -> Result<MappingFile, LogError> {
         row.check()
             .map_err(|reason| LogError::format(path, format!("column {} ('{}'): {reason}", index + 1, row.to)))?;
     }
+    let fits = (mapping.source == SourceName::Csv) == mapping.csv.is_some();
+    let layout = mapping.csv.as_ref().map_or(Ok(()), Layout::check);
+    if !fits {
+        return Err(LogError::format(
+            path,
+            "expected the table [csv] in a mapping with source = \"csv\", and in no other",
+        ));
+    }
+    layout.map_err(|reason| LogError::format(path, reason))?;
     Ok(mapping)
 }
 
@@ -323,6 +343,19 @@ pub(crate) fn load_for_canonical(path: &Path) -> Result<MappingFile, LogError> {
             mapping.source
         ),
     ))
+}
+
+/// A user's mapping of a table of whatever columns; `None` if it is one of another source.
+pub(crate) fn of_table(path: &Path) -> Result<Option<(MappingFile, Layout)>, LogError> {
+    let text = std::fs::read_to_string(path).map_err(error::io(path, "cannot read the mapping"))?;
+    let mapping = parse(path, &text)?;
+    let layout = mapping.csv.clone();
+    Ok(layout.map(|layout| (mapping, layout)))
+}
+
+/// A drafted mapping, checked as one that is read.
+pub(crate) fn check_draft(text: &str) -> Result<(), LogError> {
+    parse(Path::new("draft"), text).map(|_| ())
 }
 
 /// The mapping of a source: the user's rows first, then the built-in ones.

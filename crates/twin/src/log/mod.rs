@@ -19,6 +19,7 @@ mod assemble;
 mod checks;
 mod csv;
 mod describe;
+mod draft;
 mod error;
 mod findings;
 pub mod flight_parts;
@@ -32,6 +33,7 @@ mod remap;
 mod report;
 mod resample;
 mod side_file;
+mod simulated;
 mod source_rates;
 mod sources;
 mod steps;
@@ -40,6 +42,7 @@ mod table;
 mod units;
 
 pub use describe::ColumnRange;
+pub use draft::{Draft, draft};
 pub use error::LogError;
 pub use findings::{Finding, FindingKind};
 pub use report::{ColumnNoise, Delay, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn};
@@ -93,6 +96,10 @@ pub enum SourceKind {
     CrazyflieUsdlog,
     /// Betaflight or INAV blackbox.
     Blackbox,
+    /// MAVLink telemetry log.
+    MavlinkTlog,
+    /// CSV of whatever columns, by a mapping.
+    MappedCsv,
     /// Made in this process.
     Memory,
 }
@@ -178,28 +185,49 @@ fn read_autopilot(
             mapping::SourceName::ArdupilotDataflash,
         ),
         sources::Format::Usdlog => (SourceKind::CrazyflieUsdlog, mapping::SourceName::CrazyflieUsdlog),
-        sources::Format::Blackbox => (SourceKind::Blackbox, mapping::SourceName::Blackbox),
+        sources::Format::Blackbox | sources::Format::BlackboxCsv => {
+            (SourceKind::Blackbox, mapping::SourceName::Blackbox)
+        }
+        sources::Format::Tlog => (SourceKind::MavlinkTlog, mapping::SourceName::MavlinkTlog),
     };
+    refuse_truth(file, options)?;
+    let mapping = mapping::load(name, options.mapping.as_deref())?;
+    let parsed = sources::parse(format, bytes, options.accept_damaged, most_cells(options))
+        .map_err(|reason| LogError::format(file, reason))?;
+    accepted(source(kind), file, &parsed, &mapping, side, options)
+}
+
+fn refuse_truth(file: &Path, options: &ReadOptions) -> Result<(), LogError> {
     if options.truth {
         return Err(LogError::format(
             file,
             "a measured log has no truth; --truth is for simulated runs",
         ));
     }
-    let mapping = mapping::load(name, options.mapping.as_deref())?;
-    let parsed = sources::parse(format, bytes, options.accept_damaged, most_cells(options))
-        .map_err(|reason| LogError::format(file, reason))?;
+    Ok(())
+}
+
+/// Streams onto one time base, in canonical columns.
+fn accepted(
+    source: LogSource,
+    file: &Path,
+    parsed: &sources::SourceLog,
+    mapping: &mapping::MappingFile,
+    side: Option<side_file::SideFile>,
+    options: &ReadOptions,
+) -> Result<FlightLog, LogError> {
     let assembled =
-        assemble::assemble(&parsed, &mapping, most_cells(options)).map_err(|reason| LogError::format(file, reason))?;
-    let mut log = accept::accept(source(kind), assembled.table, side)?;
+        assemble::assemble(parsed, mapping, most_cells(options)).map_err(|reason| LogError::format(file, reason))?;
+    let mut log = accept::accept(source, assembled.table, side)?;
     log.origin = log.origin.or(assembled.origin);
-    log.parameters = parsed.parameters;
+    log.parameters = parsed.parameters.clone();
     log.report.clock_start_s = assembled.report.clock_start_s;
     log.report.rotor_outputs = assembled.report.rotor_outputs;
     log.report.streams = assembled.report.streams;
     log.report.unused_columns.extend(assembled.report.unused_columns);
     log.report.conversions.splice(0..0, assembled.report.conversions);
     log.report.notes.splice(0..0, assembled.report.notes);
+    log.report.notes.extend(simulated::of_streams(parsed));
     Ok(log)
 }
 
@@ -237,7 +265,12 @@ impl FlightLog {
         }
         let bytes = std::fs::read(&file).map_err(error::io(&file, "cannot read the log"))?;
         let content_hash = format!("{:032x}", xxhash_rust::xxh3::xxh3_128(&bytes));
-        let side = side_file::read_beside(&file)?;
+        // A mapping beside a table of whatever columns is no side file.
+        let side = if options.mapping.as_deref() == Some(&file.with_extension("toml")) {
+            None
+        } else {
+            side_file::read_beside(&file)?
+        };
         let source = |kind| LogSource {
             kind,
             path: path.to_path_buf(),
@@ -245,6 +278,12 @@ impl FlightLog {
         };
         if let Some(format) = sources::detect(&bytes) {
             return read_autopilot(source, &file, format, &bytes, side, options);
+        }
+        if let Some((mapping, layout)) = options.mapping.as_deref().map(mapping::of_table).transpose()?.flatten() {
+            refuse_truth(&file, options)?;
+            let parsed = sources::parse_table(&bytes, &layout, most_cells(options))
+                .map_err(|reason| LogError::format(&file, reason))?;
+            return accepted(source(SourceKind::MappedCsv), &file, &parsed, &mapping, None, options);
         }
         let most_cells = most_cells(options);
         let (kind, mut table) = if bytes.starts_with(b"PAR1") {
@@ -265,8 +304,10 @@ impl FlightLog {
             let mapping = mapping::load_for_canonical(path)?;
             remapped = remap::remap(&mut table, &mapping).map_err(|reason| LogError::format(path, reason))?;
         }
+        let simulated = simulated::of_columns(&table);
         let mut log = accept::accept(source(kind), table, side)?;
         log.report.conversions.splice(0..0, remapped);
+        log.report.notes.extend(simulated);
         Ok(log)
     }
 

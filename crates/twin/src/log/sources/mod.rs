@@ -1,14 +1,16 @@
 //! Log files of autopilots, each parsed into streams; nothing is converted here.
 //!
 //! ```text
-//! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
+//! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox · tlog · csv_table ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
 //! ```
 //! Each parser takes any bytes: it never panics, and what it allocates is bounded by [`Room`], which refuses a file that wants more before
 //! the memory is taken. A damaged or cut file yields what can be read before and after the damage, with a note that says how much was lost.
 
 mod blackbox;
+pub(crate) mod csv_table;
 mod dataflash;
 mod dataflash_text;
+mod tlog;
 mod ulog;
 mod usdlog;
 
@@ -97,6 +99,8 @@ pub(crate) enum Format {
     DataFlashText,
     Usdlog,
     Blackbox,
+    BlackboxCsv,
+    Tlog,
 }
 
 /// A parsed file.
@@ -183,6 +187,10 @@ pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
         Some(Format::Usdlog)
     } else if bytes.starts_with(blackbox::MAGIC) {
         Some(Format::Blackbox)
+    } else if blackbox::decoded::looks_like(bytes) {
+        Some(Format::BlackboxCsv)
+    } else if tlog::looks_like(bytes) {
+        Some(Format::Tlog)
     } else {
         dataflash_text::looks_like(bytes).then_some(Format::DataFlashText)
     }
@@ -202,8 +210,15 @@ pub(crate) fn parse(
         Format::DataFlashText => dataflash_text::parse(bytes, room),
         Format::Usdlog => usdlog::parse(bytes, accept_damaged, room),
         Format::Blackbox => blackbox::parse(bytes, room),
+        Format::BlackboxCsv => blackbox::decoded::parse(bytes, room),
+        Format::Tlog => tlog::parse(bytes, room),
     }?;
     Ok(log.finish())
+}
+
+/// Parses a CSV of whatever columns, as a mapping says.
+pub(crate) fn parse_table(bytes: &[u8], layout: &csv_table::Layout, most_cells: usize) -> Result<SourceLog, String> {
+    Ok(csv_table::parse(bytes, layout, Room::new(most_cells))?.finish())
 }
 
 /// Bytes taken from the front, never past the end.

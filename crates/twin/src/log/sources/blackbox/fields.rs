@@ -42,7 +42,7 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
 }
 
 /// A group of columns times factors under another name, if all of them are there.
-fn add(stream: &mut RawStream, from: &str, to: &str, factors: &[f64]) {
+pub(super) fn add(stream: &mut RawStream, from: &str, to: &str, factors: &[f64]) {
     let columns: Option<Vec<Vec<f64>>> = (0..factors.len())
         .map(|index| column(stream, &format!("{from}[{index}]")).map(<[f64]>::to_vec))
         .collect();

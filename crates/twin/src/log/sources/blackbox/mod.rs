@@ -9,6 +9,7 @@
 //!
 //! Limits: GPS frames are skipped over by their own definition and not kept; data version 1 (before 2014) is refused.
 
+pub(super) mod decoded;
 mod encoding;
 mod fields;
 mod frame;

@@ -1,0 +1,923 @@
+//! `rotortwin log map`: drafts the mapping of a CSV that somebody else's program wrote.
+//!
+//! ```text
+//! head of the file ─▶ separator, decimal sign, header ─▶ clock ─▶ columns by their names, units by name or by the numbers ─▶ TOML
+//! ```
+//! What the names and numbers say is written down; what they do not is asked in a sentence, above the row that it is about. The draft is
+//! a mapping that the import takes as it is: whoever knows better changes a word.
+//!
+//! Limits: a guess by names; columns in words that are not English, or numbered, stay out. The import's own checks (axes, units, clock)
+//! tell most wrong guesses.
+
+use super::sources::csv_table::{Clock, cells, number, plain};
+use super::{LogError, MAX_COLUMNS, mapping};
+use std::path::Path;
+
+/// Rows that are looked at.
+const ROWS: usize = 5000;
+/// Lines before a header, at most.
+const MOST_PREAMBLE: usize = 50;
+/// Rates beyond this are no rad/s of an ordinary flight.
+const FAST_RAD_S: f64 = 12.0;
+
+/// A drafted mapping.
+#[derive(Debug, Clone)]
+pub struct Draft {
+    /// The mapping file.
+    pub toml: String,
+    /// What only the owner of the log can tell, one sentence each; they stand in the file, too.
+    pub questions: Vec<String>,
+    /// Columns that no row takes.
+    pub left_out: Vec<String>,
+}
+
+/// A column: name as a mapping's row names it, words, unit that the name states, numbers.
+struct Column {
+    name: String,
+    words: Vec<String>,
+    unit: Option<&'static str>,
+    values: Vec<f64>,
+    taken: bool,
+}
+
+impl Column {
+    fn new(header: &str, values: Vec<f64>) -> Self {
+        Self {
+            name: plain(header),
+            words: words(header),
+            unit: unit_in(header),
+            values,
+            taken: false,
+        }
+    }
+
+    fn has(&self, any: &[&str]) -> bool {
+        self.words.iter().any(|word| any.contains(&word.as_str()))
+    }
+
+    fn largest(&self) -> f64 {
+        self.values
+            .iter()
+            .filter(|v| v.is_finite())
+            .fold(0.0, |most, v| v.abs().max(most))
+    }
+
+    fn range(&self) -> (f64, f64) {
+        let finite = self.values.iter().filter(|v| v.is_finite());
+        finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (v.min(a), v.max(b)))
+    }
+
+    fn median(&self) -> f64 {
+        let mut values: Vec<f64> = self.values.iter().copied().filter(|v| v.is_finite()).collect();
+        super::resample::median(&mut values).unwrap_or(0.0)
+    }
+}
+
+/// Lower-case words of a name: parted at signs, at capitals, and between letters and digits.
+fn words(header: &str) -> Vec<String> {
+    let header = header.split(['(', '[']).next().unwrap_or(header);
+    let mut words: Vec<String> = Vec::new();
+    let mut last = ' ';
+    for character in header.chars() {
+        let joins = match (last, character) {
+            (a, b) if a.is_ascii_digit() && b.is_ascii_digit() => true,
+            (a, b) if a.is_alphabetic() && b.is_alphabetic() => !(a.is_lowercase() && b.is_uppercase()),
+            _ => false,
+        };
+        if character.is_alphanumeric() {
+            match words.last_mut().filter(|_| joins) {
+                Some(word) => word.extend(character.to_lowercase()),
+                None => words.push(character.to_lowercase().collect()),
+            }
+        }
+        last = character;
+    }
+    // `gyrox`, `accy`: an axis glued to a word that is known.
+    let glued: Vec<String> = words
+        .iter()
+        .flat_map(|word| {
+            let stem = ["gyro", "gyr", "accel", "acc", "vel", "pos", "omega", "rate", "imu"];
+            let parts = stem.iter().find_map(|stem| {
+                word.strip_prefix(stem)
+                    .filter(|axis| ["x", "y", "z"].contains(axis))
+                    .map(|axis| (*stem, axis))
+            });
+            match parts {
+                Some((stem, axis)) => vec![stem.to_owned(), axis.to_owned()],
+                None => vec![word.clone()],
+            }
+        })
+        .collect();
+    glued
+}
+
+/// The unit that a header states: behind the name in brackets, or as its end.
+fn unit_in(header: &str) -> Option<&'static str> {
+    const SPELLINGS: [(&str, &str); 40] = [
+        ("deg/s", "deg/s"),
+        ("°/s", "deg/s"),
+        ("dps", "deg/s"),
+        ("degpersec", "deg/s"),
+        ("deg_s", "deg/s"),
+        ("rad/s", "rad/s"),
+        ("rad_s", "rad/s"),
+        ("rads", "rad/s"),
+        ("rpm", "rpm"),
+        ("m/s^2", "m/s2"),
+        ("m/s²", "m/s2"),
+        ("m/s2", "m/s2"),
+        ("m/s/s", "m/s2"),
+        ("m_s2", "m/s2"),
+        ("mss", "m/s2"),
+        ("cm/s", "cm/s"),
+        ("mm/s", "mm/s"),
+        ("km/h", "km/h"),
+        ("m/s", "m/s"),
+        ("m_s", "m/s"),
+        ("mps", "m/s"),
+        ("mg", "mg"),
+        ("g", "g"),
+        ("cdeg", "cdeg"),
+        ("degrees", "deg"),
+        ("deg", "deg"),
+        ("°", "deg"),
+        ("radians", "rad"),
+        ("rad", "rad"),
+        ("mv", "mV"),
+        ("volts", "V"),
+        ("volt", "V"),
+        ("v", "V"),
+        ("ma", "mA"),
+        ("amps", "A"),
+        ("a", "A"),
+        ("mm", "mm"),
+        ("cm", "cm"),
+        ("ft", "ft"),
+        ("m", "m"),
+    ];
+    let known = |text: &str| {
+        let text = text.trim().to_lowercase();
+        SPELLINGS
+            .iter()
+            .find(|(spelling, _)| *spelling == text)
+            .map(|(_, unit)| *unit)
+    };
+    if let Some((_, rest)) = header.split_once(['(', '[']) {
+        return known(rest.trim_end_matches([')', ']', ' ']));
+    }
+    // `roll_rate_deg_s`, `alt_m`: the longest end that is a unit. A single letter may be a name (`a`, `v`) and counts behind `_` alone.
+    let lower = header.to_lowercase();
+    let ends = |spelling: &str| {
+        lower
+            .strip_suffix(spelling)
+            .is_some_and(|front| front.ends_with(['_', ' ', '.']))
+    };
+    SPELLINGS
+        .iter()
+        .filter(|(spelling, _)| ends(spelling))
+        .max_by_key(|(spelling, _)| spelling.len())
+        .map(|(_, unit)| *unit)
+}
+
+/// The draft as it grows.
+struct Writer {
+    rows: String,
+    questions: Vec<String>,
+}
+
+impl Writer {
+    fn ask(&mut self, question: String) {
+        self.rows += &format!("\n# QUESTION: {question}");
+        self.questions.push(question);
+    }
+
+    fn row(&mut self, to: &str, from: &[&str], unit: Option<&str>, frame: Option<&str>, more: &str) {
+        let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
+        self.rows += &format!(
+            "\n[[column]]\nto = {}\nfrom = {}\n",
+            quoted(to),
+            quoted(&format!("csv:{}", from.join(",")))
+        );
+        if let Some(unit) = unit {
+            self.rows += &format!("unit = {}\n", quoted(unit));
+        }
+        if let Some(frame) = frame {
+            self.rows += &format!("frame = {}\n", quoted(frame));
+        }
+        self.rows += more;
+    }
+}
+
+/// The table's layout and its columns.
+struct Table {
+    separator: char,
+    decimal: char,
+    skip_lines: usize,
+    columns: Vec<Column>,
+    clock: Option<(String, Clock)>,
+}
+
+/// Drafts the mapping of a CSV.
+///
+/// # Errors
+/// The file is no table of text: one sentence.
+pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
+    if super::sources::detect(bytes).is_some() || bytes.starts_with(b"PAR1") {
+        return Err(LogError::format(
+            path,
+            "this program reads the file as it is; a mapping is for a CSV with columns of its own",
+        ));
+    }
+    let text = std::str::from_utf8(bytes)
+        .map_err(|bad| LogError::format(path, format!("not UTF-8 text ({bad}); a table in CSV was expected")))?;
+    let mut table = table(text.trim_start_matches('\u{feff}')).map_err(|reason| LogError::format(path, reason))?;
+    let mut writer = Writer {
+        rows: String::new(),
+        questions: Vec::new(),
+    };
+    map_columns(&mut table.columns, &mut writer);
+    let mut head = format!(
+        "# Mapping of {}, drafted by `rotortwin log map`: check it, answer the questions, then\n#   rotortwin log import {} --mapping THIS.toml\n",
+        path.display(),
+        path.display()
+    );
+    head += "source = \"csv\"\n\n[csv]\n";
+    let separator = match table.separator {
+        '\t' => "tab".to_owned(),
+        ' ' => "space".to_owned(),
+        other => other.to_string(),
+    };
+    head += &format!("separator = \"{separator}\"\ndecimal = \"{}\"\n", table.decimal);
+    if table.skip_lines > 0 {
+        head += &format!("skip_lines = {} # before the header\n", table.skip_lines);
+    }
+    match &table.clock {
+        Some((name, format)) => {
+            let name = toml::Value::String(name.clone());
+            head += &format!("clock = {name}\nclock_format = \"{}\"\n", format.name());
+        }
+        None => {
+            let question =
+                "no column holds a time that rises: how many rows are there in a second? 100 is written here";
+            head += &format!("# QUESTION: {question}\nrate_hz = 100.0\n");
+            writer.questions.insert(0, question.to_owned());
+        }
+    }
+    let left_out: Vec<String> = table
+        .columns
+        .iter()
+        .filter(|c| !c.taken)
+        .map(|c| c.name.clone())
+        .collect();
+    let mut toml = head + &writer.rows;
+    if !left_out.is_empty() {
+        toml += "\n# No row takes these columns:\n";
+        for name in &left_out {
+            toml += &format!("#   {name}\n");
+        }
+    }
+    mapping::check_draft(&toml)?;
+    Ok(Draft {
+        toml,
+        questions: writer.questions,
+        left_out,
+    })
+}
+
+/// Separator, header and numbers of the first rows.
+fn table(text: &str) -> Result<Table, String> {
+    let lines: Vec<&str> = text.lines().take(MOST_PREAMBLE + ROWS).collect();
+    let count = |line: &str, separator: char| cells(line, separator).len();
+    // The separator that gives most cells to most lines alike.
+    let body = &lines[lines.len() / 2..];
+    let (separator, width) = [',', ';', '\t', ' ']
+        .into_iter()
+        .map(|separator| {
+            let middle = body.first().map_or(0, |line| count(line, separator));
+            let alike = body.iter().filter(|line| count(line, separator) == middle).count();
+            (separator, if 2 * alike > body.len() { middle } else { 0 })
+        })
+        // The first of those that are as good.
+        .fold((',', 0), |best, one| if one.1 > best.1 { one } else { best });
+    if width < 2 {
+        return Err(
+            "no separator (comma, semicolon, tab, space) parts the lines into columns; a table was expected".to_owned(),
+        );
+    }
+    let decimal = if separator == ',' {
+        '.'
+    } else {
+        let commas = body.iter().take(50).any(|line| {
+            cells(line, separator)
+                .iter()
+                .any(|cell| cell.contains(',') && number(cell, ',').is_some())
+        });
+        if commas { ',' } else { '.' }
+    };
+    let is_header = |line: &&str| -> bool {
+        let cells = cells(line.trim_start_matches('#'), separator);
+        cells.len() == width
+            && cells
+                .iter()
+                .filter(|cell| number(cell, decimal).is_none() && !cell.is_empty())
+                .count()
+                * 2
+                > width
+    };
+    let place = lines
+        .iter()
+        .take(MOST_PREAMBLE)
+        .position(is_header)
+        .ok_or("no line at the beginning holds names of the columns; a header line was expected")?;
+    let names = cells(lines[place].trim_start_matches('#'), separator);
+    if names.len() > MAX_COLUMNS {
+        return Err(format!(
+            "more than {MAX_COLUMNS} columns in the header; a flight log was expected"
+        ));
+    }
+    let mut raw: Vec<Vec<&str>> = vec![Vec::new(); width];
+    for line in &lines[place + 1..] {
+        let cells = cells(line, separator);
+        if cells.len() == width {
+            for (column, cell) in raw.iter_mut().zip(cells) {
+                column.push(cell);
+            }
+        }
+    }
+    if raw[0].len() < 2 {
+        return Err("fewer than two rows below the header; a flight log was expected".to_owned());
+    }
+    let mut columns: Vec<Column> = names
+        .iter()
+        .zip(&raw)
+        .map(|(name, cells)| {
+            Column::new(
+                name,
+                cells
+                    .iter()
+                    .map(|cell| number(cell, decimal).unwrap_or(f64::NAN))
+                    .collect(),
+            )
+        })
+        .collect();
+    let clock = clock(&mut columns, &raw, decimal);
+    Ok(Table {
+        separator,
+        decimal,
+        skip_lines: place,
+        columns,
+        clock,
+    })
+}
+
+/// The column that holds the time, and how it is written.
+fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<(String, Clock)> {
+    let named = |column: &Column| {
+        column.has(&[
+            "time",
+            "timestamp",
+            "t",
+            "timer",
+            "clock",
+            "timeus",
+            "timems",
+            "date",
+            "datetime",
+            "seconds",
+            "secs",
+        ])
+    };
+    let mut order: Vec<usize> = (0..columns.len()).collect();
+    order.sort_by_key(|index| !named(&columns[*index]));
+    for index in order {
+        // A counter of rows rises as well; only a time of day or a date is taken from a column of another name.
+        let by_name = named(&columns[index]);
+        for format in Clock::ALL {
+            let of_day = !matches!(
+                format,
+                Clock::Seconds | Clock::Milliseconds | Clock::Microseconds | Clock::Nanoseconds
+            );
+            if !by_name && !of_day {
+                continue;
+            }
+            let times: Vec<f64> = raw[index]
+                .iter()
+                .filter_map(|cell| format.seconds(cell, decimal))
+                .collect();
+            let rising = times.windows(2).filter(|pair| pair[1] > pair[0]).count();
+            if times.len() * 10 < raw[index].len() * 9 || rising * 10 < times.len() * 9 {
+                continue;
+            }
+            let format = if of_day {
+                format
+            } else {
+                unit_of_time(&columns[index], &times)
+            };
+            columns[index].taken = true;
+            return Some((columns[index].name.clone(), format));
+        }
+    }
+    None
+}
+
+/// Seconds, or parts of them, by the name, else by the usual step.
+fn unit_of_time(column: &Column, times: &[f64]) -> Clock {
+    let lower = column.name.to_lowercase();
+    let ends = |any: &[&str]| any.iter().any(|end| lower.ends_with(end));
+    if ends(&["us", "µs", "usec", "us)", "us]", "micros"]) {
+        return Clock::Microseconds;
+    }
+    if ends(&["ms", "msec", "ms)", "ms]", "millis"]) {
+        return Clock::Milliseconds;
+    }
+    if ends(&["ns", "ns)", "ns]", "nanos"]) {
+        return Clock::Nanoseconds;
+    }
+    if ends(&["_s", "(s)", "[s]", "sec", "seconds", "secs"]) {
+        return Clock::Seconds;
+    }
+    let mut steps: Vec<f64> = times
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .filter(|step| *step > 0.0)
+        .collect();
+    let step = super::resample::median(&mut steps).unwrap_or(1.0);
+    // Between 2 Hz and 2 kHz in whichever it is.
+    if step < 0.6 {
+        Clock::Seconds
+    } else if step < 600.0 {
+        Clock::Milliseconds
+    } else if step < 600_000.0 {
+        Clock::Microseconds
+    } else {
+        Clock::Nanoseconds
+    }
+}
+
+const AXES: [[&str; 3]; 4] = [
+    ["x", "y", "z"],
+    ["roll", "pitch", "yaw"],
+    ["p", "q", "r"],
+    ["north", "east", "down"],
+];
+
+/// Three columns along axes whose other words tell what they are; taken at once.
+fn triple(columns: &mut [Column], axes: &[[&str; 3]], what: &[&str], not: &[&str]) -> Option<[usize; 3]> {
+    for names in axes {
+        let find = |axis: &str| {
+            columns.iter().position(|c| {
+                !c.taken
+                    && c.has(&[axis])
+                    && (what.is_empty() || c.has(what))
+                    && !c.has(not)
+                    && c.values.iter().any(|v| v.is_finite())
+            })
+        };
+        if let (Some(a), Some(b), Some(c)) = (find(names[0]), find(names[1]), find(names[2])) {
+            for index in [a, b, c] {
+                columns[index].taken = true;
+            }
+            return Some([a, b, c]);
+        }
+    }
+    None
+}
+
+/// What is not measured but wanted.
+const WANTED: [&str; 16] = [
+    "ref",
+    "reference",
+    "setpoint",
+    "sp",
+    "target",
+    "des",
+    "desired",
+    "cmd",
+    "command",
+    "setp",
+    "bias",
+    "integral",
+    "std",
+    "var",
+    "mag",
+    "error",
+];
+
+fn map_columns(columns: &mut [Column], out: &mut Writer) {
+    let name = |columns: &[Column], index: usize| columns[index].name.clone();
+    let names = |columns: &[Column], found: [usize; 3]| found.map(|i| name(columns, i));
+    // Quaternion before single axes, which its letters resemble.
+    quaternion(columns, out);
+    let mut body = None;
+    if let Some(found) = triple(
+        columns,
+        &AXES[..1],
+        &["acc", "accel", "acceleration", "accelerometer", "force", "a"],
+        &WANTED,
+    ) {
+        let size = {
+            let mut sizes: Vec<f64> = (0..columns[found[0]].values.len())
+                .map(|row| found.map(|i| columns[i].values[row].powi(2)).iter().sum::<f64>().sqrt())
+                .filter(|size| size.is_finite())
+                .collect();
+            super::resample::median(&mut sizes).unwrap_or(0.0)
+        };
+        let unit = columns[found[0]]
+            .unit
+            .filter(|unit| ["m/s2", "g", "mg"].contains(unit))
+            .or(match size {
+                s if (4.0..25.0).contains(&s) => Some("m/s2"),
+                s if (0.4..2.5).contains(&s) => Some("g"),
+                s if (400.0..2500.0).contains(&s) => Some("mg"),
+                _ => None,
+            });
+        let upwards = columns[found[2]].median() > 0.0;
+        let frame = if upwards { "flu" } else { "frd" };
+        body = Some(frame);
+        if unit.is_none() {
+            out.ask(format!(
+                "{} to {}: what is the unit of the accelerometer (m/s2, g, mg)? Its median is {size:.3}; m/s2 is written here, and at rest it must read 9.81",
+                columns[found[0]].name, columns[found[2]].name
+            ));
+        }
+        let [x, y, z] = names(columns, found);
+        out.rows += if upwards {
+            "\n# The z axis reads upwards at rest: body axes forward, left, up.\n"
+        } else {
+            "\n# The z axis reads downwards at rest: body axes forward, right, down.\n"
+        };
+        out.row("accel", &[&x, &y, &z], Some(unit.unwrap_or("m/s2")), Some(frame), "");
+    }
+    let gyro = [
+        "gyro",
+        "gyr",
+        "gyroscope",
+        "rate",
+        "rates",
+        "omega",
+        "angvel",
+        "angular",
+        "w",
+        "rollspeed",
+        "bodyrate",
+    ];
+    let found = triple(columns, &AXES[..3], &gyro, &WANTED).or_else(|| triple(columns, &AXES[2..3], &[], &WANTED));
+    if let Some(found) = found {
+        let largest = found.map(|i| columns[i].largest()).into_iter().fold(0.0, f64::max);
+        let stated = columns[found[0]].unit.filter(|unit| ["deg/s", "rad/s"].contains(unit));
+        let unit = stated.unwrap_or(if largest > FAST_RAD_S { "deg/s" } else { "rad/s" });
+        if stated.is_none() {
+            out.ask(format!(
+                "{} to {}: degrees or radians per second? The largest is {largest:.2}, so {unit} is written here",
+                columns[found[0]].name, columns[found[2]].name
+            ));
+        }
+        if body.is_none() {
+            out.ask("which way do the axes of the body point: forward, right, down (frd) or forward, left, up (flu)? frd is written here".to_owned());
+        }
+        let [x, y, z] = names(columns, found);
+        out.row("rates", &[&x, &y, &z], Some(unit), Some(body.unwrap_or("frd")), "");
+    } else {
+        out.ask("no columns for the body rates (gyroscope) were recognised: which ones are they? Without them no torque can be tested".to_owned());
+    }
+    attitude(columns, out);
+    world(columns, out);
+    rotors(columns, out);
+    battery(columns, out);
+}
+
+fn quaternion(columns: &mut [Column], out: &mut Writer) {
+    for axes in [["w", "x", "y", "z"], ["0", "1", "2", "3"]] {
+        let find = |axis: &str| {
+            columns.iter().position(|c| {
+                !c.taken
+                    && !c.has(&WANTED)
+                    && (c.words.iter().any(|word| *word == format!("q{axis}"))
+                        || (c.has(&["q", "quat", "quaternion"]) && c.has(&[axis])))
+                    && c.largest() <= 1.001
+            })
+        };
+        if let [Some(a), Some(b), Some(c), Some(d)] = axes.map(find) {
+            let names: Vec<String> = [a, b, c, d].map(|i| columns[i].name.clone()).to_vec();
+            for index in [a, b, c, d] {
+                columns[index].taken = true;
+            }
+            out.ask(
+                "the quaternion: from which body axes to which world axes (ned-frd, enu-flu, nwu-flu)? ned-frd is written here".to_owned(),
+            );
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            out.row("quaternion", &names, None, Some("ned-frd"), "");
+            return;
+        }
+    }
+}
+
+fn attitude(columns: &mut [Column], out: &mut Writer) {
+    let mut not = WANTED.to_vec();
+    not.extend([
+        "rate",
+        "rates",
+        "speed",
+        "gyro",
+        "vel",
+        "rollspeed",
+        "pid",
+        "torque",
+        "moment",
+        "out",
+    ]);
+    let axes = [
+        ["roll", "pitch", "yaw"],
+        ["roll", "pitch", "heading"],
+        ["phi", "theta", "psi"],
+    ];
+    let Some(found) = triple(columns, &axes, &[], &not) else {
+        return;
+    };
+    let tilt = columns[found[0]].largest().max(columns[found[1]].largest());
+    let turn = columns[found[2]].largest();
+    let stated = columns[found[0]]
+        .unit
+        .filter(|unit| ["deg", "rad", "cdeg"].contains(unit));
+    let unit = stated.unwrap_or(if tilt > 400.0 {
+        "cdeg"
+    } else if tilt > 1.6 || turn > 6.4 {
+        "deg"
+    } else {
+        "rad"
+    });
+    if stated.is_none() {
+        out.ask(format!(
+            "{}: degrees or radians? The largest of roll and pitch is {tilt:.2}, so {unit} is written here",
+            columns[found[0]].name
+        ));
+    }
+    let [roll, pitch, yaw] = found.map(|i| columns[i].name.clone());
+    out.row("attitude", &[&roll, &pitch, &yaw], Some(unit), Some("ned-frd"), "");
+}
+
+fn world(columns: &mut [Column], out: &mut Writer) {
+    let mut up_asked = false;
+    for (to, stems, glued, default, units) in [
+        (
+            "velocity",
+            ["vel", "velocity", "v", "speed"],
+            ["vx", "vy", "vz"],
+            "m/s",
+            &["m/s", "cm/s", "mm/s", "km/h"][..],
+        ),
+        (
+            "position",
+            ["pos", "position", "loc", "local"],
+            ["px", "py", "pz"],
+            "m",
+            &["m", "cm", "mm", "ft"][..],
+        ),
+    ] {
+        let down = [["n", "e", "d"], ["north", "east", "down"]];
+        let mut not = WANTED.to_vec();
+        not.extend(["gyro", "acc", "accel", "rate", "angular", "rc"]);
+        let found = triple(columns, &down, &stems, &not)
+            .map(|found| (found, "ned"))
+            .or_else(|| triple(columns, &[glued], &[], &not).map(|found| (found, "")))
+            .or_else(|| triple(columns, &AXES[..1], &stems, &not).map(|found| (found, "")))
+            .or_else(|| {
+                let bare = to == "position";
+                triple(columns, &AXES[..1], &[], &not)
+                    .filter(|found| bare && found.iter().all(|i| columns[*i].words.len() == 1))
+                    .map(|found| (found, ""))
+            });
+        let Some((found, frame)) = found else { continue };
+        let stated = columns[found[0]].unit.filter(|unit| units.contains(unit));
+        if stated.is_none() {
+            out.ask(format!(
+                "{} to {}: what is the unit of the {to} ({})? {default} is written here",
+                columns[found[0]].name,
+                columns[found[2]].name,
+                units.join(", ")
+            ));
+        }
+        if frame.is_empty() && !up_asked {
+            up_asked = true;
+            let (low, high) = columns[found[2]].range();
+            out.ask(format!(
+                "which way do the axes of {to} point: north, east, down (ned), east, north, up (enu) or north, west, up (nwu)? {} is {low:.2} to {high:.2}; ned is written here",
+                columns[found[2]].name
+            ));
+        }
+        let [x, y, z] = found.map(|i| columns[i].name.clone());
+        out.row(to, &[&x, &y, &z], Some(stated.unwrap_or(default)), Some("ned"), "");
+    }
+}
+
+/// Motor outputs and rotor speeds: the longest run of numbered columns of one name.
+fn rotors(columns: &mut [Column], out: &mut Writer) {
+    for (to, stems) in [
+        ("rotor_speed", &["rpm", "erpm", "omega"][..]),
+        (
+            "duty",
+            &[
+                "motor", "motors", "mot", "m", "pwm", "esc", "servo", "rcou", "output", "out", "duty", "throttle",
+                "actuator", "u",
+            ][..],
+        ),
+    ] {
+        let mut best: Vec<usize> = Vec::new();
+        for stem in stems {
+            let numbered: Vec<(u32, usize)> = columns
+                .iter()
+                .enumerate()
+                .filter(|(_, c)| !c.taken && c.has(&[stem]) && c.values.iter().any(|v| v.is_finite()))
+                .filter(|(_, c)| to == "rotor_speed" || !c.has(&["rpm", "erpm"]))
+                .filter_map(|(i, c)| Some((c.words.iter().find_map(|word| word.parse().ok())?, i)))
+                .collect();
+            let first = numbered.iter().map(|(number, _)| *number).min().unwrap_or(0);
+            let run: Vec<usize> = (first..)
+                .map_while(|wanted| numbered.iter().find(|(number, _)| *number == wanted).map(|(_, i)| *i))
+                .collect();
+            if run.len() > best.len() {
+                best = run;
+            }
+        }
+        if best.len() < 3 {
+            if to == "duty" {
+                out.ask("no columns for the motor outputs were recognised: which ones are they? Without them nothing can be predicted".to_owned());
+            }
+            continue;
+        }
+        for index in &best {
+            columns[*index].taken = true;
+        }
+        let names: Vec<String> = best.iter().map(|i| columns[*i].name.clone()).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        if to == "rotor_speed" {
+            out.row(
+                "rotor_speed",
+                &names,
+                Some(columns[best[0]].unit.filter(|u| *u == "rad/s").unwrap_or("rpm")),
+                None,
+                "",
+            );
+            continue;
+        }
+        let (low, high) = best
+            .iter()
+            .map(|i| columns[*i].range())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let (from, until) = match high {
+            most if most <= 1.001 => (0.0, 1.0),
+            most if most <= 100.5 => (0.0, 100.0),
+            most if most <= 255.0 => (0.0, 255.0),
+            most if most <= 1000.5 => (0.0, 1000.0),
+            most if low >= 800.0 && most <= 2200.0 => (1000.0, 2000.0),
+            most if most <= 2047.5 => (48.0, 2047.0),
+            _ => (0.0, 65_535.0),
+        };
+        out.ask(format!(
+            "{}: which number is no throttle and which is full? They reach from {low} to {high}, so {from} and {until} are written here",
+            names.join(", ")
+        ));
+        out.row(
+            "duty",
+            &names,
+            None,
+            None,
+            &format!("low = {from:?}\nhigh = {until:?}\n"),
+        );
+    }
+}
+
+fn battery(columns: &mut [Column], out: &mut Writer) {
+    for (to, words, units, plausible) in [
+        (
+            "battery_voltage_v",
+            &["volt", "voltage", "vbat", "vbatt", "batteryvoltage", "v"][..],
+            [("V", 1.0), ("cV", 0.01), ("mV", 0.001)],
+            2.0..65.0,
+        ),
+        (
+            "battery_current_a",
+            &["curr", "current", "amp", "amps", "amperage", "ibat"][..],
+            [("A", 1.0), ("cA", 0.01), ("mA", 0.001)],
+            0.01..400.0,
+        ),
+    ] {
+        let Some(found) = columns
+            .iter()
+            .position(|c| !c.taken && c.has(words) && !c.has(&["cell", "tot", "ref"]))
+        else {
+            continue;
+        };
+        columns[found].taken = true;
+        let median = columns[found].median();
+        let stated = columns[found]
+            .unit
+            .filter(|unit| units.iter().any(|(name, _)| name == unit));
+        let likely = units
+            .iter()
+            .find(|(_, factor)| plausible.contains(&(median * factor)))
+            .map_or(units[0].0, |(name, _)| *name);
+        if stated.is_none() {
+            out.ask(format!(
+                "{}: which unit ({})? Its median is {median:.3}, so {likely} is written here",
+                columns[found].name,
+                units.map(|(name, _)| name).join(", ")
+            ));
+        }
+        let name = columns[found].name.clone();
+        out.row(to, &[&name], Some(stated.unwrap_or(likely)), None, "");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::{FlightLog, ReadOptions};
+
+    /// A logger's file: semicolons, decimal commas, a clock of the day, degrees, axes forward, left, up, PWM.
+    fn strangers() -> String {
+        let mut text = "Logger v2\nTime;Gyro X (deg/s);Gyro Y (deg/s);Gyro Z (deg/s);AccX;AccY;AccZ;Roll;Pitch;Yaw;Motor1;Motor2;Motor3;Motor4;VBat;Mode\n".to_owned();
+        for k in 0..400 {
+            let t = 0.01 * f64::from(k);
+            let roll = 10.0 * libm::sin(2.0 * t);
+            let rate = 20.0 * libm::cos(2.0 * t);
+            let row = format!(
+                "12:00:{:06.3};{rate:.3};0;0;{:.3};0.05;9.79;{roll:.3};-1.0;90.0;{};1510;1490;1505;16.1;AUTO\n",
+                30.0 + t,
+                0.1 * rate.signum(),
+                1500 + k % 40,
+            );
+            text += &row.replace('.', ",");
+        }
+        text
+    }
+
+    #[test]
+    fn val_a_draft_is_taken_by_the_import_and_reads_the_log() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, map) = (folder.path().join("flight.csv"), folder.path().join("map.toml"));
+        let text = strangers();
+        let found = draft(&file, text.as_bytes()).unwrap();
+        assert!(
+            found.questions.iter().any(|q| q.contains("Motor1")),
+            "{:?}",
+            found.questions
+        );
+        assert_eq!(found.left_out, ["Mode"]);
+        std::fs::write(&file, &text).unwrap();
+        std::fs::write(&map, &found.toml).unwrap();
+        let options = ReadOptions {
+            mapping: Some(map),
+            ..ReadOptions::default()
+        };
+        let log = FlightLog::read_with(&file, &options).unwrap();
+        assert!((log.sample_rate_hz() - 100.0).abs() < 0.1);
+        assert_eq!(log.rotor_count(), 4);
+        let degree = std::f64::consts::PI / 180.0;
+        assert!((log.column("roll_rate_rad_s").unwrap()[0] - 20.0 * degree).abs() < 1e-9);
+        // Up in the file, down here.
+        assert!((log.column("accel_z_m_s2").unwrap()[0] + 9.79).abs() < 1e-9);
+        assert!((log.column("duty_1").unwrap()[0] - 0.5).abs() < 1e-9);
+        assert!((log.column("battery_voltage_v").unwrap()[0] - 16.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn val_names_part_into_words_and_units() {
+        assert_eq!(words("GyroX_raw [dps]"), ["gyro", "x", "raw"]);
+        assert_eq!(words("gyrox"), ["gyro", "x"]);
+        assert_eq!(words("motor12"), ["motor", "12"]);
+        assert_eq!(unit_in("Acc (m/s^2)"), Some("m/s2"));
+        assert_eq!(unit_in("roll_rate_deg_s"), Some("deg/s"));
+        assert_eq!(unit_in("a"), None);
+    }
+
+    #[test]
+    fn regress_what_is_no_table_is_refused() {
+        for (text, part) in [
+            ("", "no separator"),
+            ("just words\n", "table"),
+            ("1,2\n3,4\n5,6\n", "header"),
+            ("a,b\n1,2\n", "two rows"),
+        ] {
+            let reason = draft(Path::new("x.csv"), text.as_bytes()).unwrap_err().to_string();
+            assert!(reason.contains(part), "{text:?}: {reason}");
+        }
+    }
+
+    #[test]
+    fn prop_no_text_breaks_the_draft() {
+        let text = strangers();
+        for end in (0..text.len()).step_by(7).filter(|end| text.is_char_boundary(*end)) {
+            drop(draft(Path::new("x.csv"), &text.as_bytes()[..end]));
+        }
+        for text in [
+            "\"",
+            "a,\"b\n1,2\n3,4\n",
+            "x=,']\n1,2\n2,3\n",
+            "t;t;t\n1;2;3\n2;3;4\n",
+            "\u{feff}a b\n1 2\n2 3\n",
+        ] {
+            drop(draft(Path::new("x.csv"), text.as_bytes()));
+        }
+    }
+}
