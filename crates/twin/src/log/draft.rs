@@ -732,7 +732,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
                 .filter_map(|(i, c)| Some((c.words.iter().find_map(|word| word.parse().ok())?, i)))
                 .collect();
             let first = numbered.iter().map(|(number, _)| *number).min().unwrap_or(0);
-            let run: Vec<usize> = (first..)
+            let run: Vec<usize> = (first..=u32::MAX)
                 .map_while(|wanted| numbered.iter().find(|(number, _)| *number == wanted).map(|(_, i)| *i))
                 .collect();
             if run.len() > best.len() {
