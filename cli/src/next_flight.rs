@@ -505,6 +505,8 @@ fn prove(
         Verdict::Agrees => "agrees",
         Verdict::Missing { .. } => "missing",
         Verdict::CannotTell { .. } => "cannot tell",
+        Verdict::PartlyMissing { .. } => "missing, in part",
+        Verdict::CalibrateFirst { .. } => "calibrate first",
         Verdict::OutsideCatalogue => "outside of the catalogue",
         Verdict::LogFault { .. } => "log fault",
         Verdict::NothingTestable => "nothing testable",

@@ -40,7 +40,7 @@ pub struct Parameter {
 pub struct Kind {
     /// kebab-case.
     pub id: &'static str,
-    /// Number in the catalogue of 54 effects; 0 outside it.
+    /// Number in the catalogue of 56 effects; 0 outside it.
     pub number: u8,
     /// Words.
     pub title: &'static str,
@@ -660,6 +660,24 @@ pub static KINDS: &[Kind] = &[
         per_rotor: true,
         companion: None,
         parameters: &[p("share", "1", 1.0, false, false)],
+    },
+    Kind {
+        id: "thrust-curve-shape",
+        number: 55,
+        title: "Slope of the thrust over the duty",
+        place: Place::Actuator,
+        per_rotor: false,
+        companion: None,
+        parameters: &[p("share", "1", 0.15, true, true)],
+    },
+    Kind {
+        id: "voltage-exponent",
+        number: 56,
+        title: "Another exponent of the battery voltage in the thrust",
+        place: Place::Actuator,
+        per_rotor: false,
+        companion: None,
+        parameters: &[p("exponent", "1", 0.4, true, true)],
     },
     Kind {
         id: "stuck-moment",

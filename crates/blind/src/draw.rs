@@ -39,6 +39,8 @@ pub const GROUPS: [&[&str]; 8] = [
         "voltage-gain",
         "voltage-offset",
         "esc-resistance",
+        "thrust-curve-shape",
+        "voltage-exponent",
         "saturation",
         "ground-effect",
     ],

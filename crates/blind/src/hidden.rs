@@ -227,6 +227,8 @@ pub struct Active {
     /// Largest duty; 0: no limit.
     pub saturation: f64,
     pub esc_resistance: f64,
+    pub curve_shape: f64,
+    pub voltage_exponent: f64,
     pub gyroscopic: f64,
     pub reaction: f64,
     pub moment_ratio: f64,
@@ -368,6 +370,8 @@ impl Active {
             "dead-zone" => self.dead_zone += value("duty"),
             "saturation" => self.saturation = 1.0 - value("lost_duty"),
             "esc-resistance" => self.esc_resistance += value("resistance_ohm"),
+            "thrust-curve-shape" => self.curve_shape += value("share"),
+            "voltage-exponent" => self.voltage_exponent += value("exponent"),
             "gyroscopic-torque" => self.gyroscopic += value("inertia_kg_m2"),
             "rotor-reaction" => self.reaction += value("inertia_kg_m2"),
             "moment-ratio" => self.moment_ratio += value("share"),

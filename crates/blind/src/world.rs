@@ -346,6 +346,24 @@ impl World {
         }
     }
 
+    /// Static thrust under another law: T = f_h (T/f_h)^(1+e) (V₀/V)^e (V/V₀)^k with the slope's error e and the exponent k of the
+    /// voltage, about hover and the resting voltage at half charge. By logarithms, another order of operations than the product's.
+    fn thrust_by_law(&self, thrust: f64, active: &Active) -> f64 {
+        if (active.curve_shape == 0.0 && active.voltage_exponent == 0.0) || thrust <= 0.0 {
+            return thrust;
+        }
+        let chart = &self.vehicle.open_circuit_voltage;
+        let (middle, odd) = (chart.len() / 2, chart.len() % 2 == 1);
+        let resting = if odd {
+            chart[middle]
+        } else {
+            0.5 * (chart[middle - 1] + chart[middle])
+        };
+        let slope = libm::log(thrust / self.vehicle.hover_thrust());
+        let volts = libm::log(self.voltage / resting);
+        thrust * libm::exp(active.curve_shape * (slope - volts) + active.voltage_exponent * volts)
+    }
+
     /// Advances the rotor thrusts by one sub-step and returns the thrusts at its middle.
     fn advance_rotors(&mut self, sub: usize, active: &Active, h: f64) -> Vec<f64> {
         let mut middle = Vec::with_capacity(self.rotors.len());
@@ -385,7 +403,8 @@ impl World {
                     gain *= 1.0 - loss;
                 }
             }
-            let target = (self.vehicle.static_thrust(duty, voltage) * gain + self.biases[i]).max(0.0);
+            let lift = self.thrust_by_law(self.vehicle.static_thrust(duty, voltage), active);
+            let target = (lift * gain + self.biases[i]).max(0.0);
             let state = &mut self.rotors[i];
             let before = state.thrust;
             let direction = if target >= before { -1.0 } else { 1.0 };

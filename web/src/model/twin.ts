@@ -132,7 +132,7 @@ export interface Unseen {
 }
 export interface Diagnosis {
   model: { name: string; hash: string };
-  verdict: { kind: "agrees" | "missing" | "cannot-tell" | "outside-catalogue" | "log-fault" | "nothing-testable"; effects?: string[]; group?: string[] };
+  verdict: { kind: "agrees" | "missing" | "partly-missing" | "cannot-tell" | "calibrate-first" | "outside-catalogue" | "log-fault" | "nothing-testable"; effects?: string[]; group?: string[] };
   sentence: string;
   effects: Finding[];
   sensor_or_timing: Finding[];

@@ -19,8 +19,10 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         (-0.15, 0.15),
         0.08,
         -0.06,
-    )],
+    )
+    .correcting("rotors.thrust_level", CorrectionScale::Share)],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::LINEAR,
     excited_by: "always; manoeuvres tell it from the mass",

@@ -21,6 +21,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         0.15,
     )],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "climbs, and roll and pitch rates (it damps them)",

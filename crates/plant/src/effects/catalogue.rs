@@ -5,8 +5,8 @@ use super::{
     accelerometer, air_density, attitude_offset, axial_inflow, battery, ceiling_wall, centre_of_mass, cold_battery,
     drag_centre, esc, flapping_moment, frame_flex, ground_effect, gusts, gyroscope, imu_mounting, inertia, latency,
     linear_friction, mass, moment_ratio, motor_lag, quadratic_drag, rotational_damping, rotor_drag, rotor_inertia,
-    rotor_interference, rotor_lift_bias, rotor_thrust_scale, rotor_tilt, slung_load, translational_lift, vibration,
-    vortex_ring, wind, wiring,
+    rotor_interference, rotor_lift_bias, rotor_thrust_scale, rotor_tilt, slung_load, thrust_curve, translational_lift,
+    vibration, vortex_ring, wind, wiring,
 };
 
 static CATALOGUE: &[&EffectDeclaration] = &[
@@ -73,6 +73,8 @@ static CATALOGUE: &[&EffectDeclaration] = &[
     &attitude_offset::HEADING,
     &attitude_offset::LEVEL,
     &vibration::DECLARATION,
+    &thrust_curve::SHAPE,
+    &thrust_curve::VOLTAGE_EXPONENT,
 ];
 
 /// Every effect of this crate, in the order of the catalogue's rows.

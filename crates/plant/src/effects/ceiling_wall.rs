@@ -33,6 +33,7 @@ pub(super) static CEILING: EffectDeclaration = EffectDeclaration {
         ),
     ],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::by(Strategy::Shapes(Shapes::Above { height: "height_m" })).requiring(&[Requirement::Position]),
     excited_by: "flight within two rotor radii of the ceiling",
@@ -84,6 +85,7 @@ pub(super) static WALL: EffectDeclaration = EffectDeclaration {
         ),
     ],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::by(Strategy::Shapes(Shapes::Beside {
         distance: "distance_m",

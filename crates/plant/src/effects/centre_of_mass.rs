@@ -12,7 +12,8 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     places: &[Place::MassProperties],
     channels: &[MOMENT],
     parameters: &[
-        ParameterDeclaration::size("forward_m", "c_x", "m", "offset forward", (-0.02, 0.02), 0.008, 0.008),
+        ParameterDeclaration::size("forward_m", "c_x", "m", "offset forward", (-0.02, 0.02), 0.008, 0.008)
+            .correcting("body.centre_of_mass_m[0]", CorrectionScale::Whole),
         ParameterDeclaration::size(
             "right_m",
             "c_y",
@@ -21,9 +22,11 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
             (-0.02, 0.02),
             0.008,
             -0.005,
-        ),
+        )
+        .correcting("body.centre_of_mass_m[1]", CorrectionScale::Whole),
     ],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR.in_trim(TrimChange::Balance),
     excited_by: "always",

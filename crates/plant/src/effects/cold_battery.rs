@@ -31,6 +31,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         ),
     ],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::by(Strategy::BatteryState(AtBattery::Inside)).requiring(&[Requirement::BatteryVoltage]),
     excited_by: "a cold start and a flight of minutes",

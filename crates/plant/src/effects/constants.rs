@@ -9,6 +9,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 use super::readings::Readings;
 use super::wrench::Wrench;
 use crate::error::Refusal;
+use crate::powertrain::battery::Battery;
 use crate::vector::{Vector3, cross};
 use crate::vehicle::model::{SpinDirection, VehicleModel};
 
@@ -73,6 +74,8 @@ pub struct Constants {
     /// Resistance of ESC and motor in series, Ω: the rotor sees V − R I_i.
     pub esc_resistance_ohm: f64,
 
+    /// V₀: resting voltage of the nominal battery at half charge, V, to which laws of the voltage refer.
+    pub reference_voltage_v: f64,
     /// R_in of the pack, Ω.
     pub internal_resistance_ohm: f64,
     /// R₁ of a Thevenin pair, Ω.
@@ -159,6 +162,7 @@ impl Constants {
             dead_zone: 0.0,
             duty_limit: 1.0,
             esc_resistance_ohm: 0.0,
+            reference_voltage_v: Battery::new(&vehicle.battery).open_circuit_voltage(0.5),
             internal_resistance_ohm: vehicle.battery.internal_resistance_ohm,
             rc_resistance_ohm: 0.0,
             rc_time_s: 1.0,
@@ -399,6 +403,12 @@ impl Constants {
                     "expected a lag from 0.005 to 1 s, the effects together make it {lag} s ({name})"
                 ));
             }
+        }
+        if !(self.linear_drag_kg_s >= 0.0 && self.linear_drag_kg_s.is_finite()) {
+            return refuse(format!(
+                "expected a linear drag of 0 or more, the effects together make it {} kg/s",
+                self.linear_drag_kg_s
+            ));
         }
         if !(self.capacity_ah > 0.0 && self.capacity_ah.is_finite()) {
             return refuse(format!(

@@ -160,6 +160,31 @@ pub struct ParameterDeclaration {
     pub clutter: f64,
     /// Value of an ordinary case, for examples and tests.
     pub typical: f64,
+    /// The constant of the vehicle document that this parameter is an error of, if it is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corrects: Option<Correction>,
+}
+
+/// A parameter as the error of a constant of the vehicle document: how well the constant is known is how large the parameter may be
+/// without anything being missing.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Correction {
+    /// Key of the constant, as an identified vehicle lists its intervals: `body.mass_kg`.
+    pub key: &'static str,
+    /// How the parameter counts.
+    pub scale: CorrectionScale,
+}
+
+/// How a parameter counts the error of a constant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CorrectionScale {
+    /// (true − written)/written.
+    Share,
+    /// true − written, in the unit of the constant.
+    Difference,
+    /// The constant itself: the vehicle document has no place for it and takes it as 0.
+    Whole,
 }
 
 /// Share of the plausible size that counts as clutter.
@@ -187,7 +212,14 @@ impl ParameterDeclaration {
             size,
             clutter: CLUTTER_SHARE * size,
             typical,
+            corrects: None,
         }
+    }
+
+    /// A size that is an error of a constant of the vehicle document.
+    pub const fn correcting(mut self, key: &'static str, scale: CorrectionScale) -> Self {
+        self.corrects = Some(Correction { key, scale });
+        self
     }
 
     /// A size with another clutter: timing errors of 1 ms to 2 ms are in every log.
@@ -216,6 +248,7 @@ impl ParameterDeclaration {
             size: 0.5 * (range.1 - range.0),
             clutter: 0.0,
             typical,
+            corrects: None,
         }
     }
 
@@ -282,6 +315,8 @@ pub struct EffectDeclaration {
     pub parameters: &'static [ParameterDeclaration],
     /// One instance belongs to one rotor.
     pub per_rotor: bool,
+    /// It can begin in mid-flight, as a broken blade or a wind does; a resistance, a density or an inertia is there from the start.
+    pub may_set_in: bool,
     /// Effects of which one must be there for this one to act: wind acts through drag.
     pub needs: &'static [&'static str],
     /// How a diagnosis searches for it, and what that requires of a log.

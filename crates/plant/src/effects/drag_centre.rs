@@ -21,6 +21,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         0.04,
     )],
     per_rotor: false,
+    may_set_in: false,
     needs: &["rotor-drag", "quadratic-drag", "linear-friction"],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "translation",

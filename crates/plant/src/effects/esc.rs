@@ -20,8 +20,10 @@ pub(super) static DELAY: EffectDeclaration = EffectDeclaration {
         0.01,
         0.01,
     )
-    .with_clutter(0.001)],
+    .with_clutter(0.001)
+    .correcting("motor.delay_s", CorrectionScale::Whole)],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::by(Strategy::Secants(&[0.5, 1.0, 1.5])).requiring(&[Requirement::Command]),
     excited_by: "fast commands",
@@ -47,8 +49,10 @@ pub(super) static DEAD_ZONE: EffectDeclaration = EffectDeclaration {
         (0.0, 0.05),
         0.02,
         0.02,
-    )],
+    )
+    .correcting("rotors.dead_zone", CorrectionScale::Whole)],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::Duty]),
     excited_by: "a wide range of duty",
@@ -74,8 +78,10 @@ pub(super) static SATURATION: EffectDeclaration = EffectDeclaration {
         (0.0, 0.3),
         0.15,
         0.15,
-    )],
+    )
+    .correcting("rotors.lost_duty", CorrectionScale::Whole)],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::by(Strategy::Secants(&[0.5, 1.0, 2.0])).requiring(&[Requirement::Duty]),
     excited_by: "full-throttle climbs",
@@ -101,8 +107,10 @@ pub(super) static RESISTANCE: EffectDeclaration = EffectDeclaration {
         (0.0, 0.1),
         0.04,
         0.04,
-    )],
+    )
+    .correcting("rotors.esc_resistance_ohm", CorrectionScale::Whole)],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::Duty]),
     excited_by: "a wide range of duty",

@@ -28,6 +28,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         ParameterDeclaration::shape("damping", "ζ", "", "damping ratio", (0.005, 0.5), 0.05),
     ],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::by(Strategy::Shapes(Shapes::Range(&["frequency_hz"]))),
     excited_by: "steps of the torque",

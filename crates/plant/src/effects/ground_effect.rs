@@ -24,6 +24,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         1.0,
     )],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::HeightAboveGround]),
     excited_by: "passes or landings below 0.6 m",

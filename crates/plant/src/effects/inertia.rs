@@ -22,6 +22,7 @@ const fn moment<const AXIS: usize>(
         channels: &[MOMENT],
         parameters,
         per_rotor: false,
+        may_set_in: false,
         needs: &[],
         search: Search::LINEAR,
         excited_by: "angular acceleration about this axis",
@@ -55,6 +56,7 @@ const fn product<const A: usize, const B: usize>(
         channels: &[MOMENT],
         parameters,
         per_rotor: false,
+        may_set_in: false,
         needs: &[],
         search: Search::LINEAR,
         excited_by: "angular acceleration and rates about two axes at once",
@@ -89,7 +91,7 @@ pub(super) static ROLL: EffectDeclaration = moment::<0>(
     "inertia-roll",
     "Roll inertia",
     "J_x → J_x (1 + d)",
-    &const { [share(0.15)] },
+    &const { [share(0.15).correcting("body.inertia_body_kg_m2[0]", CorrectionScale::Share)] },
     OF_TILTING,
 );
 
@@ -97,7 +99,7 @@ pub(super) static PITCH: EffectDeclaration = moment::<1>(
     "inertia-pitch",
     "Pitch inertia",
     "J_y → J_y (1 + d)",
-    &const { [share(0.15)] },
+    &const { [share(0.15).correcting("body.inertia_body_kg_m2[1]", CorrectionScale::Share)] },
     OF_TILTING,
 );
 
@@ -105,7 +107,7 @@ pub(super) static YAW: EffectDeclaration = moment::<2>(
     "inertia-yaw",
     "Yaw inertia",
     "J_z → J_z (1 + d)",
-    &const { [share(0.2)] },
+    &const { [share(0.2).correcting("body.inertia_body_kg_m2[2]", CorrectionScale::Share)] },
     &["moment-ratio", "rotor-reaction"],
 );
 

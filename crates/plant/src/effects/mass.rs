@@ -11,16 +11,12 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     equation: "m → m (1 + d)",
     places: &[Place::MassProperties],
     channels: &[FORCE],
-    parameters: &[ParameterDeclaration::size(
-        "share",
-        "d",
-        "",
-        "relative error of the mass",
-        (-0.2, 0.3),
-        0.1,
-        0.1,
-    )],
+    parameters: &[
+        ParameterDeclaration::size("share", "d", "", "relative error of the mass", (-0.2, 0.3), 0.1, 0.1)
+            .correcting("body.mass_kg", CorrectionScale::Share),
+    ],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::LINEAR.in_trim(TrimChange::Weight),
     excited_by: "always",

@@ -54,6 +54,7 @@ mod set;
 mod slung_load;
 #[cfg(test)]
 mod tests;
+mod thrust_curve;
 mod translational_lift;
 mod user;
 mod vibration;
@@ -65,7 +66,8 @@ mod wrench;
 pub use catalogue::catalogue;
 pub use constants::{Allocation, Constants};
 pub use declaration::{
-    Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, ParameterKind, Place, Setup,
+    Build, ChannelGroup, Correction, CorrectionScale, EffectClass, EffectDeclaration, ParameterDeclaration,
+    ParameterKind, Place, Setup,
 };
 pub use hooks::{ActiveEffect, Hooks, Moment};
 pub use instance::{Catalogue, EffectInstance};

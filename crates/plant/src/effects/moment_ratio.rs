@@ -11,16 +11,12 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     equation: "c_D/c_L → (1 + d) c_D/c_L",
     places: &[Place::MassProperties],
     channels: &[MOMENT],
-    parameters: &[ParameterDeclaration::size(
-        "share",
-        "d",
-        "",
-        "relative error of c_D/c_L",
-        (-0.4, 0.4),
-        0.2,
-        0.2,
-    )],
+    parameters: &[
+        ParameterDeclaration::size("share", "d", "", "relative error of c_D/c_L", (-0.4, 0.4), 0.2, 0.2)
+            .correcting("rotors.moment_ratio_m", CorrectionScale::Share),
+    ],
     per_rotor: false,
+    may_set_in: false,
     needs: &[],
     search: Search::LINEAR,
     excited_by: "yaw",

@@ -112,6 +112,11 @@ fn entry_text(entry: &EffectDeclaration) -> String {
     if !entry.needs.is_empty() {
         write!(out, " Needs one of: {}.", ids(entry.needs)).expect(put);
     }
+    let corrected = entry.parameters.iter().filter_map(|p| p.corrects);
+    let corrected: Vec<String> = corrected.map(|c| format!("`{}`", c.key)).collect();
+    if !corrected.is_empty() {
+        write!(out, " Error of: {}.", corrected.join(", ")).expect(put);
+    }
     writeln!(out, " Source: {}.", entry.source).expect(put);
     out
 }

@@ -3,7 +3,7 @@
 pub(super) use super::changes::Changes;
 pub(super) use super::constants::Constants;
 pub(super) use super::declaration::{
-    Build, ChannelGroup, EffectClass, EffectDeclaration, ParameterDeclaration, Place, Setup,
+    Build, ChannelGroup, CorrectionScale, EffectClass, EffectDeclaration, ParameterDeclaration, Place, Setup,
 };
 pub(super) use super::hooks::{ActiveEffect, Hooks, Moment};
 pub(super) use super::readings::Readings;

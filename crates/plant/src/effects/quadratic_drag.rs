@@ -21,6 +21,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         0.03,
     )],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "speeds above 3 m/s, several of them",

@@ -21,6 +21,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         0.01,
     )],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR,
     excited_by: "body rates",

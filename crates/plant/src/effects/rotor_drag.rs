@@ -19,8 +19,10 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         (0.0, 0.5),
         0.25,
         0.25,
-    )],
+    )
+    .correcting("body.linear_drag_kg_s", CorrectionScale::Difference)],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "translation; several speeds tell it from quadratic drag, climbs from linear friction",

@@ -22,6 +22,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     )
     .with_clutter(0.0031)],
     per_rotor: true,
+    may_set_in: false,
     needs: &[],
     search: Search::by(Strategy::Nuisance),
     excited_by: "always",

@@ -19,8 +19,10 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         (-0.3, 0.1),
         0.05,
         -0.05,
-    )],
+    )
+    .correcting("rotors.thrust_scale", CorrectionScale::Whole)],
     per_rotor: true,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR.in_trim(TrimChange::RotorThrust),
     excited_by: "always",

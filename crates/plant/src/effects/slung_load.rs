@@ -31,6 +31,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         ParameterDeclaration::shape("damping_1_s", "c", "1/s", "damping of the swing", (0.0, 1.0), 0.2),
     ],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::by(Strategy::Shapes(Shapes::Range(&["length_m"]))),
     excited_by: "accelerations; shows at √(g/L)",

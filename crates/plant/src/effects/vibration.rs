@@ -23,6 +23,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         0.25,
     )],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR,
     excited_by: "changes of throttle",

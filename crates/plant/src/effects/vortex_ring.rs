@@ -24,6 +24,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         0.7,
     )],
     per_rotor: false,
+    may_set_in: true,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "descents above 2.5 m/s",

@@ -32,6 +32,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         ),
     ],
     per_rotor: false,
+    may_set_in: true,
     needs: &["rotor-drag", "quadratic-drag", "linear-friction"],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "any flight outdoors; a yaw turn tells it from biases that turn with the vehicle",

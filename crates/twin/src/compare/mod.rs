@@ -150,6 +150,7 @@ pub fn compare(logs: &[FlightLog], models: &[NamedModel]) -> Result<(Comparison,
                 excluded: excluded(&into.time_s, &evaluated.residuals.mask),
                 models: Vec::new(),
             });
+            entry.notes.extend(model.version.guesses());
             entry.models.push(evaluated.result);
             into.models.push(evaluated.residuals);
         }

@@ -3,7 +3,7 @@
 use rotortwin_plant::effects::{ChannelGroup, ParameterDeclaration, ParameterKind};
 
 use super::named::{Named, RivalFit, UNTOLD_GAP};
-use super::result::{Diagnosis, Finding, Outcome, Rival, Verdict};
+use super::result::{Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
 use super::strategies::covariance;
 use crate::estimation::candidates::{Candidate, Library};
 use crate::estimation::columns::Active;
@@ -36,7 +36,8 @@ fn can_be(entry: &Candidate, finding: &Finding) -> bool {
         let margin = BEYOND * (p.plausible_high - p.plausible_low);
         (p.plausible_low - margin..=p.plausible_high + margin).contains(&value)
     };
-    sizes.clone().all(|(p, found)| within(p, found.value))
+    // A guess may turn out to be anything.
+    (entry.guess.is_some() || sizes.clone().all(|(p, found)| within(p, found.value)))
         && (sizes.peek().is_none() || sizes.any(|(_, found)| found.value.abs() > found.deviation))
 }
 
@@ -151,6 +152,7 @@ pub(crate) fn weather_finding(problem: &Problem, found: &covariance::Gusts) -> O
         rotor: None,
         columns: vec![None; declared.parameters.len()],
         limits: declared.parameters.iter().map(|p| p.accepted()).collect(),
+        guess: None,
     };
     let values = [found.rms_m_s, found.correlation_s];
     Some(Finding {
@@ -215,6 +217,12 @@ pub(crate) fn verdict(diagnosis: &Diagnosis) -> Verdict {
     let unexplained = !diagnosis.goodness.unexplained.is_empty();
     let share = diagnosis.goodness.explained_share;
     if unexplained && (nothing || share.is_some_and(|share| share < LEAST_SHARE)) {
+        // What unseen blocks prove stands, whatever the rest is.
+        if !diagnosis.effects.is_empty() && diagnosis.held_out.iter().any(HeldOutError::falls) {
+            return Verdict::PartlyMissing {
+                effects: ids(&diagnosis.effects),
+            };
+        }
         return Verdict::OutsideCatalogue;
     }
     if nothing {

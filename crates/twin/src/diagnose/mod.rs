@@ -19,6 +19,7 @@
 //!
 //! Gusts are noise, not a column: where forces stay unexplained beside a drag, their covariance is tried (`strategies/covariance.rs`).
 
+mod calibration;
 mod considered;
 mod findings;
 mod named;
@@ -31,6 +32,7 @@ mod state;
 mod strategies;
 mod words;
 
+pub use calibration::Calibration;
 pub use result::{
     ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotConsidered, NotTestable, Picture,
     PictureBin, Ranked, Rival, Timing, Verdict,
@@ -104,7 +106,8 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     } else {
         Some(baseline::trim(logs, &options.baseline, model)?)
     };
-    let mut diagnosis = search::search(predictors, &catalogue, &instances, options, start)?;
+    let mut diagnosis = search::search(predictors, &catalogue, &instances, &model.constant, options, start)?;
+    diagnosis.notes.extend(model.guesses());
     if diagnosis.verdict == Verdict::OutsideCatalogue {
         diagnosis.proposal = Some(propose::propose(logs, model)?);
     }

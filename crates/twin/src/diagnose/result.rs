@@ -4,6 +4,7 @@ use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectInstance};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::calibration::Calibration;
 use super::named::Quantity;
 use crate::baseline::Trim;
 use crate::estimation::parameters::FittedParameter;
@@ -26,6 +27,16 @@ pub enum Verdict {
     CannotTell {
         /// Ids of the effects, best first.
         group: Vec<String>,
+    },
+    /// Physics is missing and explains a part of the error on blocks that no fit has seen; the rest is not in the catalogue.
+    PartlyMissing {
+        /// Ids of the effects.
+        effects: Vec<String>,
+    },
+    /// Constants of the vehicle were guessed, and the flights want other values: nothing is called missing before they are known.
+    CalibrateFirst {
+        /// Keys of the constants.
+        constants: Vec<String>,
     },
     /// The error is real and not, or not wholly, explained by the catalogue.
     OutsideCatalogue,
@@ -62,10 +73,25 @@ pub struct HeldOutError {
 /// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
 const RISEN: f64 = 3.0;
 
+/// Least share of a mean square error that makes a part of it explained.
+const WORTH_NAMING: f64 = 0.1;
+
 impl HeldOutError {
     /// True if the effects found make the error larger, by more than the blocks scatter and more than a trace of the noise.
     pub fn rises(&self) -> bool {
         self.after - self.before > (RISEN * self.change_deviation).max(self.negligible)
+    }
+
+    /// Share of the mean square that the effects found explain; below 0 where they make it worse.
+    pub fn explained_share(&self) -> f64 {
+        let ratio = self.after / self.before;
+        if ratio.is_finite() { 1.0 - ratio * ratio } else { 0.0 }
+    }
+
+    /// True if the effects found make the error smaller, by more than the blocks scatter, and by a part that is worth its name.
+    pub fn falls(&self) -> bool {
+        let less = self.before - self.after;
+        less > (RISEN * self.change_deviation).max(self.negligible) && self.explained_share() > WORTH_NAMING
     }
 }
 
@@ -311,6 +337,9 @@ pub struct Diagnosis {
     pub effects: Vec<Finding>,
     /// Faults of sensors and clocks of the log.
     pub sensor_or_timing: Vec<Finding>,
+    /// Constants of the vehicle that were guessed and that the flights want to have another value.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub calibrate: Vec<Calibration>,
     /// All candidates about the given model, best first.
     pub ranking: Vec<Ranked>,
     /// What this flight cannot show.

@@ -22,6 +22,7 @@ use super::{Options, THRESHOLD, THRESHOLD_AT_REST, words};
 use crate::estimation::candidates::Library;
 use crate::estimation::columns::LogState;
 use crate::estimation::problem::Problem;
+use crate::model::ConstantInterval;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor};
 
 /// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
@@ -49,11 +50,12 @@ pub(crate) fn search(
     predictors: Vec<Predictor>,
     catalogue: &Catalogue,
     model: &[EffectInstance],
+    constants: &[ConstantInterval],
     options: &Options<'_>,
     began_s: f64,
 ) -> Result<Diagnosis, PredictError> {
     let testable = predictors.iter().any(|p| (0..CHANNELS).any(|c| p.has(c)));
-    let mut state = begin(predictors, catalogue, model, options, began_s);
+    let mut state = begin(predictors, catalogue, (model, constants), options, began_s);
     if testable {
         for (share, pass) in PASSES {
             state.progress(&pass.name().to_lowercase(), share);
@@ -72,7 +74,7 @@ pub(crate) fn search(
 fn begin<'a>(
     predictors: Vec<Predictor>,
     catalogue: &Catalogue,
-    model: &[EffectInstance],
+    (model, constants): (&[EffectInstance], &[ConstantInterval]),
     options: &'a Options<'a>,
     began_s: f64,
 ) -> State<'a> {
@@ -80,6 +82,7 @@ fn begin<'a>(
     let mut library = Library::new(catalogue, rotors, &predictors[0].vehicle_size());
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
+    library.take_priors(constants);
     library.tighten(|one| {
         predictors[0]
             .effect_set(&Nuisances::default(), std::slice::from_ref(one))
@@ -96,6 +99,7 @@ fn begin<'a>(
         sentence: String::new(),
         effects: Vec::new(),
         sensor_or_timing: Vec::new(),
+        calibrate: Vec::new(),
         ranking: Vec::new(),
         not_testable: Vec::new(),
         not_considered: Vec::new(),

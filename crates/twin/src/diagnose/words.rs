@@ -2,6 +2,7 @@
 
 use rotortwin_plant::effects::EffectClass;
 
+use super::calibration::{self, Calibration};
 use super::named::Quantity;
 use super::result::{Diagnosis, Finding, NotConsidered, Outcome, Reason, Rival, Verdict};
 use super::state::Doubt;
@@ -212,6 +213,42 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             "The model agrees with this flight: no effect of the catalogue is missing at a size that would show.".into()
         }
         Verdict::NothingTestable => "Nothing of this log can be held against the model.".into(),
+        Verdict::PartlyMissing { .. } => {
+            let falling = diagnosis.held_out.iter().filter(|e| e.falls()).map(|e| {
+                format!(
+                    "{:.0} % of the {} error on unseen blocks explained ({} → {} m{})",
+                    100.0 * e.explained_share(),
+                    e.quantity,
+                    number(1e3 * e.before),
+                    number(1e3 * e.after),
+                    e.unit
+                )
+            });
+            format!(
+                "Missing, in part: {}; {}. The rest is real and not in the catalogue: {}. While it is there, take the intervals for too narrow. \
+                 Also compatible: {}.",
+                named(&diagnosis.effects),
+                falling.collect::<Vec<_>>().join(", "),
+                diagnosis.goodness.unexplained.join(", "),
+                names(&rivals)
+            )
+        }
+        Verdict::CalibrateFirst { .. } => {
+            let constants: Vec<String> = diagnosis.calibrate.iter().map(Calibration::sentence).collect();
+            let part = if found.is_empty() {
+                String::new()
+            } else {
+                format!(
+                    " A part of the error looks like {}, which is not told from the guesses before that.",
+                    named(&found)
+                )
+            };
+            format!(
+                "Calibrate first ({}): {}.{part}",
+                calibration::COMMAND,
+                constants.join("; and ")
+            )
+        }
         Verdict::OutsideCatalogue => {
             let unexplained = diagnosis.goodness.unexplained.join(", ");
             let part = if found.is_empty() {

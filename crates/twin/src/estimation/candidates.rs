@@ -4,6 +4,7 @@ use rotortwin_plant::effects::{
     Catalogue, EffectClass, EffectDeclaration, EffectInstance, ParameterDeclaration, ParameterKind, Strategy,
 };
 
+use crate::model::ConstantInterval;
 use crate::predict::VehicleSize;
 
 /// Spike of a shape over its plausible range: fixed as long as its effect is not open.
@@ -22,6 +23,8 @@ pub(crate) struct Candidate {
     pub(crate) columns: Vec<Option<usize>>,
     /// Range of each parameter: what documents accept, or less where that makes no vehicle ([`Library::tighten`]).
     pub(crate) limits: Vec<(f64, f64)>,
+    /// The parameter that is the error of a constant that is a guess, and that constant.
+    pub(crate) guess: Option<(usize, ConstantInterval)>,
 }
 
 impl Candidate {
@@ -147,6 +150,7 @@ impl Library {
                         })
                         .collect(),
                     parameters: parameters.clone(),
+                    guess: None,
                 });
             }
         }

@@ -17,6 +17,7 @@ pub(crate) mod normal;
 pub(crate) mod nuisances;
 pub mod parameters;
 pub(crate) mod posterior;
+pub(crate) mod priors;
 pub(crate) mod problem;
 pub(crate) mod rate_noise;
 pub(crate) mod scores;

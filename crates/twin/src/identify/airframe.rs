@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::class::{self, Class};
-use super::estimate::{Estimate, Source};
+use super::estimate::{Estimate, Source, Z95};
 use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
@@ -208,6 +208,18 @@ pub(crate) struct Findings<'a> {
     pub(crate) rotors: usize,
 }
 
+/// Deviation of the thrust level's logarithm where the accelerometer reads what it should: scale of an ordinary one.
+const LEVEL_LOG_DEVIATION: f64 = 0.01;
+/// Deviation of the centre of mass over the arm.
+const CENTRE_DEVIATION: f64 = 0.01;
+/// Deviation of a healthy rotor's thrust: seven healthy flights of CrazyPAD.
+const EVENNESS_DEVIATION: f64 = 0.03;
+
+/// Deviation of the thrust at full duty, relative, where the curve only extrapolates.
+const TOP_DEVIATION: f64 = 0.05;
+/// Deviation of a dead zone, duty.
+const DEAD_ZONE_DEVIATION: f64 = 0.01;
+
 /// Whose the value is, by how much the log narrows the prior's deviation.
 fn whose(data: f64, prior: f64) -> Source {
     if data < 0.5 * prior {
@@ -233,6 +245,7 @@ impl Findings<'_> {
         let drag = self.drag(&mut values, notes);
         self.thrust(&mut values, notes);
         let battery = self.battery(&mut values);
+        self.assumed(&mut values, battery.1, battery.4);
         let scale = self.grids.iter().find_map(|grid| grid.accel_scale);
         if let Some(scale) = scale {
             values.push(
@@ -499,6 +512,17 @@ impl Findings<'_> {
         let lag_deviation = covariance[(LAG, LAG)].sqrt();
         values.push(
             Estimate::log_normal(
+                "rotors.thrust_level",
+                "thrust of a rotor at the mean duty",
+                "N",
+                curve.hover * self.request.mass_kg,
+                LEVEL_LOG_DEVIATION.hypot(if measured { level.max(0.5).ln() } else { 0.0 }),
+                Source::Log,
+            )
+            .how("mean specific force in the air; as good as the accelerometer's scale, and relative to the mass entered"),
+        );
+        values.push(
+            Estimate::log_normal(
                 "motor.lag_s",
                 "motor lag, τ",
                 "s",
@@ -524,17 +548,77 @@ impl Findings<'_> {
         let variance = (fitted.lag_s * lag_deviation).powi(2)
             + covariance[(DELAY, DELAY)]
             + 2.0 * fitted.lag_s * covariance[(LAG, DELAY)];
+        let mut both = Estimate::normal(
+            "rotors.thrust_lag_s",
+            "lag and delay together",
+            "s",
+            sum,
+            variance.max(0.0).sqrt(),
+            whose(fitted.data_deviation[LAG], class::LAG_LOG_DEVIATION),
+        )
+        .how("the vehicle document has no delay: τ + d");
+        // The effect of the delay is another one: without it the lag is τ.
+        both.low = both.low.min(fitted.lag_s / (Z95 * lag_deviation).exp());
+        values.push(both);
+    }
+
+    /// What the document takes for granted.
+    fn assumed(&self, values: &mut Vec<Estimate>, voltage: f64, power: f64) {
+        let centre = CENTRE_DEVIATION * self.request.arm_m;
+        for (axis, name) in ["centre of mass, forward", "centre of mass, to the right"]
+            .into_iter()
+            .enumerate()
+        {
+            let key = format!("body.centre_of_mass_m[{axis}]");
+            values.push(
+                Estimate::normal(&key, name, "m", 0.0, centre, Source::Assumed)
+                    .how("amid the rotors, to 1 % of the arm"),
+            );
+        }
         values.push(
             Estimate::normal(
-                "rotors.thrust_lag_s",
-                "lag and delay together",
-                "s",
-                sum,
-                variance.max(0.0).sqrt(),
-                whose(fitted.data_deviation[LAG], class::LAG_LOG_DEVIATION),
+                "rotors.thrust_scale",
+                "thrust of one rotor over the mean of all, less 1",
+                "",
+                0.0,
+                EVENNESS_DEVIATION,
+                Source::Assumed,
             )
-            .how("the vehicle document has no delay: τ + d"),
+            .how("healthy rotors vary by 3 %"),
         );
+        // Punches and idling are beyond the duties that the curve was fitted to: what it lacks there looks like these three.
+        let full = self.full_thrust(voltage);
+        let current = power * full.powf(1.5) / voltage;
+        let resistance = TOP_DEVIATION * voltage / (class::VOLTAGE_SLOPE * current);
+        for (key, name, unit, deviation) in [
+            (
+                "rotors.lost_duty",
+                "duty at the top that gains nothing",
+                "",
+                TOP_DEVIATION / self.class.slope,
+            ),
+            (
+                "rotors.esc_resistance_ohm",
+                "resistance of ESC and motor",
+                "Ω",
+                resistance,
+            ),
+            ("rotors.dead_zone", "duty that does nothing", "", DEAD_ZONE_DEVIATION),
+        ] {
+            values.push(
+                Estimate::normal(key, name, unit, 0.0, deviation, Source::Assumed)
+                    .how("none; the thrust curve extrapolates beyond the duties that were flown"),
+            );
+        }
+    }
+
+    /// Thrust of a rotor at full duty by the curve, N.
+    fn full_thrust(&self, voltage: f64) -> f64 {
+        let curve = &self.fitted.curve;
+        curve
+            .blade(curve.hover * self.request.mass_kg, voltage, self.voltage_slope.0)
+            .lift(1.0, voltage)
+            .max(0.01)
     }
 
     /// Cells, mean voltage in the air, capacity, resistance, k_P.

@@ -1,10 +1,11 @@
 //! One identified quantity: value, interval, where it came from.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Where a value came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schema(as = ConstantSource)]
 pub enum Source {
     /// The user said it.
     Entered,
@@ -16,6 +17,9 @@ pub enum Source {
     Parameter,
     /// Typical of vehicles of this size: a guess with a wide interval.
     Class,
+    /// What every vehicle document of this kind takes for granted and no flight is asked about: equal rotors, the centre of mass
+    /// amid them.
+    Assumed,
 }
 
 impl Source {
@@ -27,7 +31,13 @@ impl Source {
             Self::LogAndClass => "log + class default",
             Self::Parameter => "parameter in the log",
             Self::Class => "CLASS DEFAULT",
+            Self::Assumed => "assumed",
         }
+    }
+
+    /// True where a better log, or none but a bench, would give another value: the class has a say in it.
+    pub fn is_guess(self) -> bool {
+        matches!(self, Self::Class | Self::LogAndClass)
     }
 }
 

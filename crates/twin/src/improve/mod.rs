@@ -10,8 +10,8 @@
 //!   without clutter. The deviations are those of the diagnosis, which has the clutter in them.
 //! * The oracle is a model with the truth; its row is what no fit can beat but by chance.
 //!
-//! Limits: what a diagnosis calls a fault of the log is never put into a model, and neither is an effect named while a part of
-//! the error stays unexplained.
+//! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays unexplained, an effect
+//! is added only if blocks that no fit has seen prove its part.
 
 pub mod from_diagnosis;
 pub mod refit;
@@ -101,6 +101,8 @@ pub enum End {
     Agrees,
     /// Sensors or clocks of a log are at fault.
     LogFault,
+    /// Constants of the vehicle are guesses that the flights contradict.
+    CalibrateFirst,
     /// The error is real and not in the catalogue.
     OutsideCatalogue,
     /// These flights cannot tell.
@@ -204,10 +206,11 @@ pub fn improve(
         end = match &diagnosis.verdict {
             Verdict::Agrees => Some(End::Agrees),
             Verdict::LogFault { .. } => Some(End::LogFault),
+            Verdict::CalibrateFirst { .. } => Some(End::CalibrateFirst),
             Verdict::OutsideCatalogue => Some(End::OutsideCatalogue),
             Verdict::CannotTell { .. } => Some(End::CannotTell),
             Verdict::NothingTestable => Some(End::NothingTestable),
-            Verdict::Missing { .. } => None,
+            Verdict::Missing { .. } | Verdict::PartlyMissing { .. } => None,
         };
         if end.is_some() {
             break;
@@ -377,9 +380,9 @@ fn reason(end: End, label: &str, diagnosis: Option<&Diagnosis>) -> String {
         End::OutsideCatalogue => {
             let proposal = diagnosis.and_then(|d| d.proposal.as_ref());
             let proposal = proposal.map_or_else(String::new, |p| format!(" {}", p.sentence()));
-            format!("Ended, nothing was added. {sentence}{proposal}")
+            format!("Ended at {label}, nothing is added to it. {sentence}{proposal}")
         }
-        End::CannotTell => format!("Ended, nothing was added. {sentence}"),
+        End::CannotTell | End::CalibrateFirst => format!("Ended at {label}, nothing is added to it. {sentence}"),
         End::NothingTestable => format!("Ended. {sentence}"),
         End::Declined => format!("Ended at {label}: the next step was declined."),
         End::MostRounds => {

@@ -17,7 +17,8 @@
 //! [vehicle]                    # inline, or  [vehicle_file] path = "…", hash = "…"
 //! ```
 //!
-//! A file without `model_format` is read as a vehicle document: version 0, named after the file.
+//! A file without `model_format` is read as a vehicle document: version 0, named after the file. If `NAME.intervals.toml` stands
+//! beside it, as `rotortwin vehicle from-log` writes it, the version holds its intervals ([`ModelVersion::constant`]).
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -31,7 +32,7 @@ use rotortwin_scenario::VehicleDocuments;
 use rotortwin_scenario::toml_document::Document;
 use serde::Deserialize;
 
-use super::{Correlation, ModelEffect, ModelVersion};
+use super::{ConstantInterval, Correlation, ModelEffect, ModelVersion, constants};
 
 /// The only format so far.
 pub const FORMAT: u32 = 1;
@@ -52,6 +53,8 @@ struct File {
     correlation: Vec<Correlation>,
     #[serde(default)]
     effect_document: Vec<EffectDocument>,
+    #[serde(default)]
+    constant: Vec<ConstantInterval>,
     vehicle_file: Option<VehicleFile>,
     vehicle: Option<VehicleModel>,
     blades: Option<BladeSet>,
@@ -83,7 +86,9 @@ impl ModelVersion {
             let stem = path
                 .file_stem()
                 .map_or_else(|| "model".into(), |stem| stem.to_string_lossy());
-            return Ok(Self::first(plain_name(&stem), VehicleDocuments::load(path)?));
+            let mut version = Self::first(plain_name(&stem), VehicleDocuments::load(path)?);
+            version.constant = constants::beside(path, &version.vehicle)?;
+            return Ok(version);
         }
         // Told by the parser where it is not TOML at all.
         document.parse::<toml::Table>()?;
@@ -145,6 +150,7 @@ impl ModelVersion {
             effect: file.effect,
             correlation: file.correlation,
             effect_document: file.effect_document,
+            constant: file.constant,
             vehicle: documents.vehicle,
             blades: documents.blades,
         };
@@ -189,6 +195,9 @@ impl ModelVersion {
                 let reason = format!("expected each effect once, {} is given twice", effect.label());
                 return Err(Refusal::new(format!("{under}.effect"), reason));
             }
+        }
+        for (place, constant) in self.constant.iter().enumerate() {
+            constant.check().map_err(|r| r.under(&format!("constant[{place}]")))?;
         }
         for (place, correlation) in self.correlation.iter().enumerate() {
             let under = format!("correlation[{place}]");
@@ -282,6 +291,20 @@ impl ModelVersion {
             put(
                 text,
                 format_args!("\n# Effects of this model that the catalogue lacks.\n{toml}"),
+            );
+        }
+        if !self.constant.is_empty() {
+            #[derive(serde::Serialize)]
+            struct Known<'a> {
+                constant: &'a [ConstantInterval],
+            }
+            let known = Known {
+                constant: &self.constant,
+            };
+            let toml = toml::to_string(&known).expect("intervals hold nothing that TOML cannot");
+            put(
+                text,
+                format_args!("\n# How well the vehicle's constants are known, with 95 % intervals.\n{toml}"),
             );
         }
         out

@@ -17,6 +17,7 @@
 //! Limits: parameters are normal about their value ([`ModelEffect::deviations`], [`Correlation`]); nothing else about their
 //! distribution is kept. Nuisances of a flight (rotor biases, charge at take-off) belong to the log and are not part of a version.
 
+pub mod constants;
 pub mod detector;
 pub mod difference;
 pub mod document;
@@ -33,6 +34,7 @@ use rotortwin_plant::vehicle::model::VehicleModel;
 use rotortwin_scenario::VehicleDocuments;
 use serde::{Deserialize, Serialize};
 
+pub use constants::ConstantInterval;
 pub use difference::Difference;
 pub use store::{ModelStore, StoreError};
 
@@ -57,6 +59,9 @@ pub struct ModelVersion {
     /// Effects of users that [`ModelVersion::effect`] may name besides those of the catalogue.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effect_document: Vec<EffectDocument>,
+    /// How well the constants of the vehicle are known, where that was estimated; a constant without an entry is taken as exact.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub constant: Vec<ConstantInterval>,
     /// The nominal vehicle.
     pub vehicle: VehicleModel,
     /// The blades of its rotors.
@@ -194,6 +199,7 @@ impl ModelVersion {
             effect: Vec::new(),
             correlation: Vec::new(),
             effect_document: Vec::new(),
+            constant: Vec::new(),
             vehicle: documents.vehicle,
             blades: documents.blades,
         }
@@ -243,6 +249,22 @@ impl ModelVersion {
             }
         }
         next
+    }
+
+    /// Says which constants are guesses of the vehicle's class; `None` if there are none.
+    pub fn guesses(&self) -> Option<String> {
+        let guessed = self
+            .constant
+            .iter()
+            .filter(|c| c.source == crate::identify::Source::Class);
+        let names: Vec<&str> = guessed.map(|c| c.name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "{}: guessed from vehicles of this class, not measured: {}",
+                self.name,
+                names.join("; ")
+            )
+        })
     }
 
     /// Number of rotors.

@@ -65,6 +65,7 @@ impl Sensitivity {
                 .iter()
                 .all(|m| m.effect != c.declaration.id || m.rotor != c.rotor)
         });
+        library.take_priors(&model.constant);
         let nothing = Nuisances::default();
         let base_set = predictor.effect_set(&nothing, &[])?;
         let base = predictor.predict(&base_set, Source::Smooth, None);

@@ -16,6 +16,8 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   agrees: { words: "The model agrees with the flight.", kind: "good" },
   missing: { words: "Physics is missing, and named.", kind: "warn" },
   "cannot-tell": { words: "Physics is missing, and this flight cannot tell which of these.", kind: "warn" },
+  "partly-missing": { words: "Physics is missing, and named; it explains a part of the error, the rest is not in the catalogue.", kind: "warn" },
+  "calibrate-first": { words: "Constants of this vehicle are guesses that the flight contradicts: calibrate it first.", kind: "warn" },
   "outside-catalogue": { words: "The error is real, and not in the catalogue of effects.", kind: "warn" },
   "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },

@@ -448,3 +448,31 @@ fn val_cold_battery_warms() {
         0.01 * (0.037 * 25.0 / std::f64::consts::E).exp(),
     );
 }
+
+#[test]
+fn val_the_law_of_the_thrust() {
+    let lifts = |id: &str, sizes: &[(&str, f64)]| {
+        let (constants, mut effect) = (f550(), effect(id, sizes));
+        let rotors = Rotors::distinct(&constants);
+        let mut lift = rotors.thrust;
+        effect.static_lift(&instant(&constants, &rotors), &mut lift);
+        lift
+    };
+    near("reference voltage", f550().reference_voltage_v, 15.36);
+    near(
+        "shape of the curve",
+        lifts("thrust-curve-shape", &[("share", 0.15)])[0],
+        1.9275959465255228,
+    );
+    near(
+        "exponent of the voltage",
+        lifts("voltage-exponent", &[("exponent", 0.4)])[5],
+        3.010907737300087,
+    );
+    // Nothing turns where nothing turned.
+    let constants = f550();
+    let rotors = Rotors::distinct(&constants);
+    let mut lift = [0.0; 6];
+    effect("thrust-curve-shape", &[("share", -0.4)]).static_lift(&instant(&constants, &rotors), &mut lift);
+    assert_eq!(lift, [0.0; 6]);
+}

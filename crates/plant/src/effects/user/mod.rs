@@ -490,6 +490,7 @@ impl EffectDocument {
             channels: Box::leak(channels.into_boxed_slice()),
             parameters: Box::leak(parameters.into_boxed_slice()),
             per_rotor: self.per_rotor,
+            may_set_in: true,
             needs: if wind {
                 &["rotor-drag", "quadratic-drag", "linear-friction"]
             } else {

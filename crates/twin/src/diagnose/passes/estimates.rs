@@ -4,7 +4,7 @@ use rotortwin_plant::effects::EffectClass;
 
 use super::Pass;
 use crate::diagnose::state::{Doubt, State};
-use crate::diagnose::{findings, picture};
+use crate::diagnose::{calibration, findings, picture};
 use crate::estimation::settle::averaged;
 use crate::predict::PredictError;
 
@@ -25,6 +25,7 @@ impl Pass for Estimates {
         };
         let named = std::mem::take(&mut state.named);
         let (mut found, impossible) = findings::findings(&state.problem, named, &posterior);
+        (found, state.diagnosis.calibrate) = calibration::set_apart(found, &state.problem.library);
         let gusts = state.weather.as_ref();
         found.extend(gusts.and_then(|gusts| findings::weather_finding(&state.problem, gusts)));
         let (physics, faults) = found

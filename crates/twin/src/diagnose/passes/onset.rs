@@ -2,7 +2,7 @@
 
 use super::Pass;
 use crate::diagnose::state::State;
-use crate::diagnose::strategies::onset::ONSET_GAIN;
+use crate::diagnose::strategies::onset::least_gain;
 use crate::estimation::problem::Problem;
 use crate::estimation::settle::move_to;
 use crate::predict::PredictError;
@@ -31,7 +31,7 @@ fn doubt_onsets(problem: &mut Problem) -> Result<(), PredictError> {
         let mut from_the_start = problem.active.clone();
         from_the_start[place].onset_s = None;
         let (with, without) = (problem.fit(&problem.active)?, problem.fit(&from_the_start)?);
-        if with.log_evidence - without.log_evidence < ONSET_GAIN {
+        if with.log_evidence - without.log_evidence < least_gain(problem, problem.active[place].candidate) {
             move_to(problem, &without)?;
         }
     }

@@ -4,7 +4,6 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use crate::diagnose::named::{Named, Quantity, RivalFit};
-use crate::diagnose::strategies::onset::ONSET_GAIN;
 use crate::diagnose::strategies::start::{Trial, plain};
 use crate::diagnose::strategies::trials::Trials;
 use crate::diagnose::strategies::{battery, discrete, onset};
@@ -160,7 +159,8 @@ fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>
     if trial.charge.is_some() || problem.library.candidates[only.candidate].is_log_fault() {
         return Ok(tried);
     }
-    if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > ONSET_GAIN) {
+    let least = onset::least_gain(problem, only.candidate);
+    if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > least) {
         let mut open = problem.active.clone();
         open.push(Active {
             onset_s: Some(onset_s),
@@ -170,7 +170,7 @@ fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>
             tried.push(Tried {
                 opened: vec![only.candidate],
                 // The scan chose the time among all; the gain must pay for that.
-                gain: fitted.log_evidence - null.log_evidence - ONSET_GAIN,
+                gain: fitted.log_evidence - null.log_evidence - least,
                 fitted,
             });
         }
@@ -242,7 +242,7 @@ fn possible(
     for &(candidate, gain) in late.iter().take(2) {
         let known = chosen.iter().any(|t| t.open.iter().any(|a| a.candidate == candidate));
         let over = evidence(candidate).unwrap_or(0.0);
-        if !known && gain > least.max(over + ONSET_GAIN) {
+        if !known && gain > least.max(over + onset::least_gain(problem, candidate)) {
             chosen.extend(
                 scored
                     .iter()

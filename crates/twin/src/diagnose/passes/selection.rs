@@ -28,7 +28,7 @@ impl Pass for ForwardSelection {
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let mut looked_again = false;
         let mut to_rank = true;
-        for round in 0..=state.options.most_effects {
+        for round in 0..=most_effects(state) {
             match next(state, round, std::mem::take(&mut to_rank))? {
                 Round::Named => {}
                 Round::Nothing => return Ok(()),
@@ -46,6 +46,11 @@ impl Pass for ForwardSelection {
     }
 }
 
+/// Effects that are looked for; what turns out to be a guess of a constant leaves room for what is missing.
+fn most_effects(state: &State<'_>) -> usize {
+    state.options.most_effects + state.problem.library.guesses()
+}
+
 /// How a round ended.
 enum Round {
     /// With another effect.
@@ -59,7 +64,8 @@ enum Round {
 /// One round about the present point; with `rank` its tables go into the diagnosis.
 fn next(state: &mut State<'_>, round: usize, rank: bool) -> Result<Round, PredictError> {
     let (options, threshold) = (state.options, state.threshold);
-    let (last, rounds) = (options.most_effects, (options.most_effects + 1) as f64);
+    let last = most_effects(state);
+    let rounds = (last + 1) as f64;
     let done = BEGINS + ROUNDS * round as f64 / rounds;
     let text = if round == 0 {
         "sensitivities of the library"

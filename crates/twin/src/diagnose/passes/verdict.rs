@@ -20,7 +20,11 @@ impl Pass for FinalVerdict {
         if state.left > LEFT_FACTOR * state.threshold && unexplained.is_empty() {
             unexplained.push(words::doubt(&Doubt::StretchedClutter));
         }
-        diagnosis.verdict = if state.doubts.is_empty() {
+        diagnosis.verdict = if !diagnosis.calibrate.is_empty() {
+            Verdict::CalibrateFirst {
+                constants: diagnosis.calibrate.iter().map(|one| one.key.clone()).collect(),
+            }
+        } else if state.doubts.is_empty() {
             findings::verdict(diagnosis)
         } else {
             Verdict::OutsideCatalogue

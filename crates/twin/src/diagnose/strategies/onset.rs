@@ -11,7 +11,20 @@ use crate::estimation::problem::Problem;
 use crate::predict::CHANNELS;
 
 /// Gain of ln evidence from which an onset is believed.
-pub(crate) const ONSET_GAIN: f64 = 8.0;
+const ONSET_GAIN: f64 = 8.0;
+
+/// The same for an effect that cannot set in: a density or a resistance is there from the start, so that something else is more
+/// likely to have begun. Odds of one in 10¹³.
+const ONSET_GAIN_OF_LASTING: f64 = 38.0;
+
+/// Gain of ln evidence from which an onset of a candidate is believed.
+pub(crate) fn least_gain(problem: &Problem, candidate: usize) -> f64 {
+    if problem.library.candidates[candidate].declaration.may_set_in {
+        ONSET_GAIN
+    } else {
+        ONSET_GAIN_OF_LASTING
+    }
+}
 
 /// Fine grid of the search, s.
 const GRID_S: f64 = 0.25;

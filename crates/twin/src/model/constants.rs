@@ -1,0 +1,183 @@
+//! How well the constants of a vehicle are known: intervals that an identification wrote beside the vehicle document.
+//!
+//! `rotortwin vehicle from-log` writes `NAME.toml` and `NAME.intervals.toml`; who loads the first gets the second with it, and every
+//! version that is made from it keeps them as `[[constant]]`. A constant that was edited since is taken as exact: whoever typed a
+//! number knows it.
+//!
+//! In: the file beside a vehicle. Out: [`ConstantInterval`]s, which comparison and diagnosis take as priors.
+
+use std::path::Path;
+
+use rotortwin_plant::error::Refusal;
+use rotortwin_plant::vehicle::model::VehicleModel;
+use rotortwin_scenario::ConfigError;
+use rotortwin_scenario::toml_document::Document;
+use serde::{Deserialize, Serialize};
+
+use crate::identify::Source;
+
+/// A constant of a vehicle document with its 95 % interval.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ConstantInterval {
+    /// Key of the vehicle document (`body.mass_kg`), or a name of its own for what the document has no key for.
+    pub key: String,
+    /// In words.
+    pub name: String,
+    /// SI unit; empty for a ratio.
+    pub unit: String,
+    /// As the document has it.
+    pub value: f64,
+    /// Lower end of the 95 % interval.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// Where it came from.
+    pub source: Source,
+    /// How it was found.
+    pub how: String,
+    /// What would make it better; empty where nothing is needed.
+    pub better: String,
+}
+
+/// `NAME.intervals.toml`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[expect(
+        dead_code,
+        reason = "for people: the intervals stand beside the vehicle that they belong to"
+    )]
+    vehicle: String,
+    #[expect(dead_code, reason = "for people")]
+    logs: Vec<String>,
+    #[serde(default)]
+    value: Vec<ConstantInterval>,
+}
+
+/// Relative difference between a document and its intervals up to which they mean the same number: documents have four digits.
+const SAME: f64 = 1e-3;
+
+impl ConstantInterval {
+    /// Refuses what is no interval.
+    pub(super) fn check(&self) -> Result<(), Refusal> {
+        let ordered = self.low <= self.value && self.value <= self.high;
+        if ordered && self.low.is_finite() && self.high.is_finite() {
+            return Ok(());
+        }
+        let (low, value, high) = (self.low, self.value, self.high);
+        let reason = format!("expected finite numbers with low ≤ value ≤ high, got {low}, {value} and {high}");
+        Err(Refusal::new("value", reason))
+    }
+}
+
+/// The intervals beside the vehicle document at `path`, without those of constants that were edited since; none if there is no file.
+///
+/// # Errors
+/// A file that is there is not what it should be: one sentence with file, line and key.
+pub(super) fn beside(path: &Path, vehicle: &VehicleModel) -> Result<Vec<ConstantInterval>, ConfigError> {
+    let path = path.with_extension("intervals.toml");
+    if !path.is_file() {
+        return Ok(Vec::new());
+    }
+    let document = Document::read(&path)?;
+    let mut values = document.parse::<File>()?.value;
+    for (place, value) in values.iter().enumerate() {
+        let under = format!("value[{place}]");
+        value
+            .check()
+            .map_err(|refusal| document.refuse(refusal.under(&under)))?;
+    }
+    values.retain(|value| {
+        written(vehicle, &value.key).is_none_or(|now| (now - value.value).abs() <= SAME * value.value.abs())
+    });
+    Ok(values)
+}
+
+/// What the vehicle document has for a key; `None` for what it has no single number for.
+fn written(vehicle: &VehicleModel, key: &str) -> Option<f64> {
+    let (body, battery) = (&vehicle.body, &vehicle.battery);
+    match key {
+        "body.mass_kg" => Some(body.mass_kg),
+        "body.inertia_body_kg_m2[0]" => Some(body.inertia_body_kg_m2[0]),
+        "body.inertia_body_kg_m2[1]" => Some(body.inertia_body_kg_m2[1]),
+        "body.inertia_body_kg_m2[2]" => Some(body.inertia_body_kg_m2[2]),
+        "body.linear_drag_kg_s" => Some(body.linear_drag_kg_s),
+        "rotors.thrust_lag_s" => Some(vehicle.rotors.thrust_lag_s),
+        "rotors.moment_ratio_m" => vehicle.rotors.layout.placements().first().map(|p| p.moment_ratio),
+        "battery.capacity_ah" => Some(battery.capacity_ah),
+        "battery.internal_resistance_ohm" => Some(battery.internal_resistance_ohm),
+        "battery.power_coefficient_w_per_n15" => Some(battery.power_coefficient_w_per_n15),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ModelVersion;
+
+    const INTERVALS: &str = r#"
+vehicle = "own.toml"
+logs = ["a.bin"]
+
+[[value]]
+key = "body.inertia_body_kg_m2[0]"
+name = "inertia, roll"
+unit = "kg·m²"
+value = 2.66001e-2
+low = 2.0e-2
+high = 3.5e-2
+source = "class"
+how = ""
+better = ""
+
+[[value]]
+key = "rotors.thrust_lag_s"
+name = "lag and delay together"
+unit = "s"
+value = 3.0e-2
+low = 2.0e-2
+high = 4.0e-2
+source = "log"
+how = ""
+better = ""
+"#;
+
+    /// The F550 with these intervals beside it.
+    fn with(intervals: &str) -> Result<ModelVersion, ConfigError> {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
+        let folder = tempfile::tempdir().unwrap();
+        let vehicle = std::fs::read_to_string(config.join("vehicles/f550.toml")).unwrap();
+        let blades = config.join("blades").canonicalize().unwrap();
+        let vehicle = vehicle.replace("../blades", &blades.to_string_lossy());
+        std::fs::write(folder.path().join("own.toml"), vehicle).unwrap();
+        std::fs::write(folder.path().join("own.intervals.toml"), intervals).unwrap();
+        ModelVersion::load(folder.path().join("own.toml"))
+    }
+
+    #[test]
+    fn regress_intervals_beside_a_vehicle_come_with_it_and_stay_in_its_versions() {
+        let version = with(INTERVALS).unwrap();
+        // The lag of the F550 is 50 ms: whoever changed it from 30 ms knows it.
+        let keys: Vec<&str> = version.constant.iter().map(|c| c.key.as_str()).collect();
+        assert_eq!(keys, ["body.inertia_body_kg_m2[0]"]);
+        let back = ModelVersion::parse("own", &version.to_toml(), Path::new("")).unwrap();
+        assert_eq!(back, version);
+        let plain = ModelVersion {
+            constant: Vec::new(),
+            ..version.clone()
+        };
+        assert_ne!(plain.hash(), version.hash());
+    }
+
+    #[test]
+    fn regress_an_interval_that_is_none_is_refused_with_its_place() {
+        let error = with(&INTERVALS.replace("low = 2.0e-2\nhigh = 3.5e-2", "low = 3.0e-2\nhigh = 3.5e-2"));
+        let text = error.unwrap_err().to_string();
+        assert!(
+            text.contains("own.intervals.toml") && text.contains("low ≤ value ≤ high"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,223 @@
+//! A stranger's vehicle: identified from one flight, diagnosed on another. What was measured is a prior and no missing physics; what
+//! was guessed is told as a guess; what is missing beside both is still named.
+//!
+//! The vehicles are drawn at random, off the class defaults, and flown by the foreign simulator.
+
+#![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
+
+mod development_data;
+
+use std::path::Path;
+
+use development_data::shared;
+use rotortwin_blind::flight::{FlightPlan, Row, fly};
+use rotortwin_blind::hidden::Hidden;
+use rotortwin_blind::script::Script;
+use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_plant::effects::{CorrectionScale, catalogue};
+use rotortwin_twin::diagnose::{Diagnosis, Options, Verdict, diagnose};
+use rotortwin_twin::identify::{Request, Source, files, identify};
+use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::model::ModelVersion;
+
+const ARM_M: f64 = 0.275;
+
+/// A hexarotor of the F550's frame whose mass, inertia and lag are those of no document, with some friction.
+fn stranger() -> Vehicle {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml");
+    let mut vehicle = Vehicle::load(&path).unwrap();
+    vehicle.mass = 1.72;
+    vehicle.inertia = [0.0325, 0.0281, 0.0560];
+    vehicle.thrust_lag = 0.037;
+    vehicle
+}
+
+fn flown(vehicle: &Vehicle, flight: &str, seconds: f64, seed: u64, effects: &[&str]) -> FlightLog {
+    let plan = FlightPlan {
+        vehicle: vehicle.clone(),
+        script: Script::built_in(flight, seed).unwrap(),
+        duration: seconds,
+        seed,
+        effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
+        clutter: Vec::new(),
+        noise_scale: 1.0,
+        disturbance: 1.0,
+        state_of_charge: None,
+    };
+    let (rows, _) = fly(&plan).unwrap();
+    let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
+    let mut columns = Vec::new();
+    for (axis, [velocity, attitude, rate, accel]) in [
+        ["velocity_north_m_s", "roll_rad", "roll_rate_rad_s", "accel_x_m_s2"],
+        ["velocity_east_m_s", "pitch_rad", "pitch_rate_rad_s", "accel_y_m_s2"],
+        ["velocity_down_m_s", "yaw_rad", "yaw_rate_rad_s", "accel_z_m_s2"],
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        columns.push((velocity.to_owned(), of(&|r| r.velocity[axis])));
+        columns.push((attitude.to_owned(), of(&|r| r.euler[axis])));
+        columns.push((rate.to_owned(), of(&|r| r.rates[axis])));
+        columns.push((accel.to_owned(), of(&|r| r.accel[axis])));
+    }
+    for output in 0..vehicle.rotors.len() {
+        columns.push((format!("duty_{}", output + 1), of(&|r| r.duties[output])));
+    }
+    columns.push(("battery_voltage_v".to_owned(), of(&|r| r.voltage)));
+    FlightLog::from_columns(&format!("{flight} {seed}"), of(&|r| r.time), columns).unwrap()
+}
+
+/// The vehicle as `vehicle from-log` writes it from one flight, read back from its files.
+fn identified(vehicle: &Vehicle, log: &FlightLog) -> ModelVersion {
+    let request = Request {
+        mass_kg: vehicle.mass,
+        arm_m: ARM_M,
+        frame: Some("hexa-x".to_owned()),
+        capacity_ah: None,
+        cells: None,
+    };
+    read_back(log, &request)
+}
+
+fn read_back(log: &FlightLog, request: &Request) -> ModelVersion {
+    let found = files(&identify(std::slice::from_ref(log), request).unwrap(), "own");
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in [
+        ("own.toml", &found.vehicle),
+        ("own.blades.toml", &found.blades),
+        ("own.intervals.toml", &found.intervals),
+    ] {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    ModelVersion::load(folder.path().join("own.toml")).unwrap()
+}
+
+fn said(log: FlightLog, model: &ModelVersion) -> Diagnosis {
+    let found = diagnose(&[log], model, &Options::default()).unwrap();
+    println!("{}", found.sentence);
+    found
+}
+
+/// The model with the roll inertia as a guess of the class, at `factor` times its value and known to 30 %.
+fn guessed_inertia(model: &ModelVersion, key: &str, factor: f64) -> ModelVersion {
+    let mut model = model.clone();
+    let constant = model.constant.iter_mut().find(|c| c.key == key).unwrap();
+    constant.value *= factor;
+    (constant.low, constant.high) = (0.55 * constant.value, 1.8 * constant.value);
+    constant.source = Source::Class;
+    model.vehicle.body.inertia_body_kg_m2[0] *= factor;
+    model
+}
+
+#[test]
+fn val_measured_constants_are_priors_and_guesses_are_told_as_such() {
+    let vehicle = stranger();
+    let model = identified(&vehicle, &flown(&vehicle, "excitation", 60.0, 71, &[]));
+    assert!(model.constant.len() > 10);
+
+    // Another flight of the same vehicle: nothing is missing, whatever a guess may be off by.
+    let found = said(flown(&vehicle, "excitation", 60.0, 72, &[]), &model);
+    assert!(found.effects.is_empty(), "{}", found.sentence);
+    assert!(
+        matches!(found.verdict, Verdict::Agrees | Verdict::CalibrateFirst { .. }),
+        "{}",
+        found.sentence
+    );
+
+    // A constant that was guessed, and wrongly: its name, its value, and no effect.
+    const KEY: &str = "body.inertia_body_kg_m2[0]";
+    let wrong = guessed_inertia(&model, KEY, 1.35);
+    let found = said(flown(&vehicle, "excitation", 60.0, 74, &[]), &wrong);
+    let Verdict::CalibrateFirst { constants } = &found.verdict else {
+        panic!("{}", found.sentence);
+    };
+    assert!(constants.iter().any(|one| one == KEY), "{}", found.sentence);
+    let wanted = found.calibrate.iter().find(|one| one.key == KEY).unwrap();
+    assert!((wanted.wanted / vehicle.inertia[0] - 1.0).abs() < 0.1, "{wanted:?}");
+    assert!(
+        found.sentence.starts_with("Calibrate first") && found.sentence.contains("vehicle from-log"),
+        "{}",
+        found.sentence
+    );
+    assert!(found.effects.iter().all(|f| f.instance.effect != "inertia-roll"));
+}
+
+#[test]
+fn val_what_is_missing_is_named_beside_priors() {
+    let vehicle = stranger();
+    let model = identified(&vehicle, &flown(&vehicle, "excitation", 60.0, 71, &[]));
+    // The same constants taken as exact would call a healthy vehicle ill; with them as priors a damaged rotor is still told.
+    let log = flown(
+        &vehicle,
+        "excitation",
+        60.0,
+        75,
+        &["rotor-thrust-scale:rotor=3,share=-0.3"],
+    );
+    let found = said(log, &model);
+    let named: Vec<_> = found
+        .effects
+        .iter()
+        .map(|f| (f.instance.effect.as_str(), f.instance.rotor))
+        .collect();
+    assert!(named.contains(&("rotor-thrust-scale", Some(3))), "{}", found.sentence);
+}
+
+/// No finding says of a measured constant what its interval allows anyway, and none has a size that cannot be.
+fn check_against_intervals(found: &Diagnosis, model: &ModelVersion) {
+    for finding in &found.effects {
+        let declaration = catalogue().iter().find(|entry| entry.id == finding.instance.effect);
+        for p in declaration.map_or(&[][..], |entry| entry.parameters) {
+            let Some(correction) = p.corrects else { continue };
+            let Some(constant) = model.constant.iter().find(|c| c.key == correction.key) else {
+                continue;
+            };
+            let value = finding.instance.parameters[p.name];
+            let implied = match correction.scale {
+                CorrectionScale::Share => constant.value * (1.0 + value),
+                CorrectionScale::Difference => constant.value + value,
+                CorrectionScale::Whole => value,
+            };
+            assert!(
+                constant.low == constant.high || !(constant.low..=constant.high).contains(&implied),
+                "{} is within what is known: {}",
+                constant.name,
+                found.sentence
+            );
+        }
+        assert!(finding.parameters.iter().all(|p| p.plausible), "{}", found.sentence);
+    }
+}
+
+#[test]
+fn val_real_flights_of_a_strangers_vehicle() {
+    // Mass and arm as its makers give them; half of the flight to calibrate, the other to diagnose.
+    for (name, first, second) in [
+        ("log10", (4.0, 26.0), (24.0, 40.0)),
+        ("log15", (8.0, 33.0), (30.0, 51.0)),
+    ] {
+        let Some(path) = shared(&format!("data/real/arpl_crazyflie_sysid/{name}")) else {
+            return;
+        };
+        let log = FlightLog::read(&path).unwrap();
+        let request = Request {
+            mass_kg: 0.027,
+            arm_m: 0.0396,
+            frame: None,
+            capacity_ah: None,
+            cells: None,
+        };
+        let model = read_back(&log.slice(first.0, first.1), &request);
+        assert!(model.guesses().is_some());
+        let found = said(log.slice(second.0, second.1), &model);
+        check_against_intervals(&found, &model);
+        // What remains on a real vehicle is said; nothing passes for the whole of it.
+        assert!(!matches!(found.verdict, Verdict::Missing { .. }), "{}", found.sentence);
+        assert!(
+            found
+                .notes
+                .iter()
+                .any(|note| note.contains("guessed from vehicles of this class"))
+        );
+    }
+}
