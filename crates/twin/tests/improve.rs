@@ -55,6 +55,7 @@ fn plan(flight: &str, effects: &[&str], duration: f64, seed: u64) -> FlightPlan 
         noise_scale: 1.0,
         disturbance: 1.0,
         state_of_charge: None,
+        idle_s: None,
     }
 }
 

@@ -39,6 +39,7 @@ fn flight(lacks: impl Fn(&str) -> bool) -> FlightLog {
         noise_scale: 1.0,
         disturbance: 1.0,
         state_of_charge: None,
+        idle_s: None,
     };
     let (rows, _) = fly(&plan).expect("a flight");
     let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();

@@ -43,6 +43,7 @@ fn flown(vehicle: &Vehicle, flight: &str, seconds: f64, seed: u64, effects: &[&s
         noise_scale: 1.0,
         disturbance: 1.0,
         state_of_charge: None,
+        idle_s: None,
     };
     let (rows, _) = fly(&plan).unwrap();
     let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();

@@ -35,6 +35,7 @@ fn said(flight: &str, seed: u64, effect: &str) -> Diagnosis {
         noise_scale: 1.0,
         disturbance: 1.0,
         state_of_charge: None,
+        idle_s: None,
     };
     let (rows, _) = fly(&plan).unwrap();
     let folder = tempfile::tempdir().unwrap();

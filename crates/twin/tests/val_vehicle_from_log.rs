@@ -77,6 +77,7 @@ fn tried(
         noise_scale: 1.0,
         disturbance: 1.0,
         state_of_charge: None,
+        idle_s: None,
     };
     let (rows, _) = fly(&plan)?;
     let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
