@@ -4,43 +4,9 @@
 //! effect; it calls for a calibration, and what else it seems to lack is told once that is made.
 
 use rotortwin_plant::effects::CorrectionScale;
-use serde::Serialize;
-use utoipa::ToSchema;
 
-use super::result::Finding;
-use super::words::quantity;
+use super::result::{Calibration, Finding};
 use crate::estimation::candidates::Library;
-use crate::identify::Source;
-
-/// A constant of the vehicle that is a guess, and the value that the flights want.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = ConstantToCalibrate)]
-pub struct Calibration {
-    /// Key of the vehicle document, or a name of its own.
-    pub key: String,
-    /// In words.
-    pub name: String,
-    /// SI unit; empty for a ratio.
-    pub unit: String,
-    /// As the vehicle has it.
-    pub value: f64,
-    /// Lower end of the 95 % interval of the guess.
-    pub low: f64,
-    /// Upper end.
-    pub high: f64,
-    /// Whether the class alone has said it, or a log has narrowed it.
-    pub source: Source,
-    /// What the flights want.
-    pub wanted: f64,
-    /// Half width of its 95 % interval, everything else as it is.
-    pub wanted_interval_95: f64,
-    /// ln of the Bayes factor against the value as it is.
-    pub ln_bayes_factor: f64,
-    /// Why it was guessed.
-    pub how: String,
-    /// What would make it better.
-    pub better: String,
-}
 
 /// Takes the findings that are errors of guessed constants out of the others. Of several that are errors of one constant the first
 /// is told.
@@ -90,33 +56,3 @@ fn calibration(finding: &Finding, library: &Library) -> Option<Calibration> {
         better: constant.better.clone(),
     })
 }
-
-impl Calibration {
-    /// What is guessed, and what the flights want.
-    pub fn sentence(&self) -> String {
-        let what = if self.source == Source::Class {
-            "is a guess of its class"
-        } else {
-            "is known from its class as much as from a log"
-        };
-        let number = |value: f64| quantity(value, &self.unit);
-        let better = if self.better.is_empty() {
-            String::new()
-        } else {
-            format!("; what tells it: {}", self.better)
-        };
-        format!(
-            "{} {what} ({}, 95 % {} to {}), these flights want {} ± {}{better}",
-            self.name,
-            number(self.value),
-            number(self.low),
-            number(self.high),
-            number(self.wanted),
-            number(self.wanted_interval_95)
-        )
-    }
-}
-
-/// How a vehicle is calibrated, with what a user has to give.
-pub(crate) const COMMAND: &str =
-    "`rotortwin vehicle from-log LOG… --mass KG --arm M --out NAME.toml`, or type what is known into the vehicle";

@@ -32,10 +32,9 @@ mod state;
 mod strategies;
 mod words;
 
-pub use calibration::Calibration;
 pub use result::{
-    ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotConsidered, NotTestable, Picture,
-    PictureBin, Ranked, Rival, Timing, Verdict,
+    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotConsidered,
+    NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
 };
 
 use rotortwin_plant::effects::EffectDocument;

@@ -4,10 +4,10 @@ use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectInstance};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::calibration::Calibration;
 use super::named::Quantity;
 use crate::baseline::Trim;
 use crate::estimation::parameters::FittedParameter;
+use crate::model::constants::Source;
 use crate::propose::Proposal;
 use crate::schema;
 
@@ -366,4 +366,34 @@ pub struct Diagnosis {
     /// Seconds; absent from results that must not depend on the machine.
     #[serde(skip)]
     pub timing: Timing,
+}
+
+/// A constant of the vehicle that is a guess, and the value that the flights want.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = ConstantToCalibrate)]
+pub struct Calibration {
+    /// Key of the vehicle document, or a name of its own.
+    pub key: String,
+    /// In words.
+    pub name: String,
+    /// SI unit; empty for a ratio.
+    pub unit: String,
+    /// As the vehicle has it.
+    pub value: f64,
+    /// Lower end of the 95 % interval of the guess.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// Whether the class alone has said it, or a log has narrowed it.
+    pub source: Source,
+    /// What the flights want.
+    pub wanted: f64,
+    /// Half width of its 95 % interval, everything else as it is.
+    pub wanted_interval_95: f64,
+    /// ln of the Bayes factor against the value as it is.
+    pub ln_bayes_factor: f64,
+    /// Why it was guessed.
+    pub how: String,
+    /// What would make it better.
+    pub better: String,
 }

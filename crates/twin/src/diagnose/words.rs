@@ -2,12 +2,12 @@
 
 use rotortwin_plant::effects::EffectClass;
 
-use super::calibration::{self, Calibration};
 use super::named::Quantity;
-use super::result::{Diagnosis, Finding, NotConsidered, Outcome, Reason, Rival, Verdict};
+use super::result::{Calibration, Diagnosis, Finding, NotConsidered, Outcome, Reason, Rival, Verdict};
 use super::state::Doubt;
 use crate::estimation::parameters::FittedParameter;
 use crate::log::names::duty_rotor;
+use crate::model::constants::Source;
 
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
@@ -245,7 +245,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             };
             format!(
                 "Calibrate first ({}): {}.{part}",
-                calibration::COMMAND,
+                HOW_TO_CALIBRATE,
                 constants.join("; and ")
             )
         }
@@ -290,3 +290,33 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         }
     }
 }
+
+impl Calibration {
+    /// What is guessed, and what the flights want.
+    pub fn sentence(&self) -> String {
+        let what = if self.source == Source::Class {
+            "is a guess of its class"
+        } else {
+            "is known from its class as much as from a log"
+        };
+        let number = |value: f64| quantity(value, &self.unit);
+        let better = if self.better.is_empty() {
+            String::new()
+        } else {
+            format!("; what tells it: {}", self.better)
+        };
+        format!(
+            "{} {what} ({}, 95 % {} to {}), these flights want {} ± {}{better}",
+            self.name,
+            number(self.value),
+            number(self.low),
+            number(self.high),
+            number(self.wanted),
+            number(self.wanted_interval_95)
+        )
+    }
+}
+
+/// How a vehicle is calibrated, with what a user has to give.
+const HOW_TO_CALIBRATE: &str =
+    "`rotortwin vehicle from-log LOG… --mass KG --arm M --out NAME.toml`, or type what is known into the vehicle";

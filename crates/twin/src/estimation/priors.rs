@@ -18,8 +18,8 @@ use rotortwin_plant::effects::{CorrectionScale, ParameterDeclaration};
 
 use super::candidates::Library;
 use super::parameters::QUANTILE_95;
-use crate::identify::Source;
 use crate::model::ConstantInterval;
+use crate::model::constants::Source;
 
 /// Least slab over the spike: an effect of a constant that is known well must lie clearly outside of its interval.
 const SLAB: f64 = 3.0;

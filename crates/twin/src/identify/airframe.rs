@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::class::{self, Class};
-use super::estimate::{Estimate, Source, Z95};
+use super::estimate::{Estimate, Z95};
 use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
@@ -12,6 +12,7 @@ use super::yaw::Yaw;
 use super::{Numbers, Request, slow};
 use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, SourceKind};
+use crate::model::constants::Source;
 
 /// Where the rotors are.
 #[derive(Debug, Clone, Serialize)]

@@ -30,9 +30,10 @@ mod yaw;
 
 use serde::Serialize;
 
+pub use crate::model::constants::Source;
 pub use airframe::{Airframe, known_rotor_places};
 pub use class::Class;
-pub use estimate::{Estimate, Source};
+pub use estimate::Estimate;
 pub use filters::Band;
 pub use held_out::{HeldOut, Score, held_out};
 pub use wiring::Wiring;

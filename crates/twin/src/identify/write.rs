@@ -5,9 +5,9 @@ use std::fmt::Write as _;
 use rotortwin_plant::vehicle::model::SpinDirection;
 use rotortwin_scenario::VehicleDocuments;
 
-use super::estimate::Source;
 use super::slow::CELL_CHART;
 use super::{Estimate, Identified, lever_unit};
+use crate::model::constants::Source;
 
 /// Texts of the files; the vehicle names the blades by `BLADES_NAME`.
 #[derive(Debug, Clone)]

@@ -14,7 +14,44 @@ use rotortwin_scenario::ConfigError;
 use rotortwin_scenario::toml_document::Document;
 use serde::{Deserialize, Serialize};
 
-use crate::identify::Source;
+/// Where a value came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schema(as = ConstantSource)]
+pub enum Source {
+    /// The user said it.
+    Entered,
+    /// Estimated from the measurements of the log.
+    Log,
+    /// The log narrows the class default; neither alone decides.
+    LogAndClass,
+    /// A parameter of the autopilot, stored in the log.
+    Parameter,
+    /// Typical of vehicles of this size: a guess with a wide interval.
+    Class,
+    /// What every vehicle document of this kind takes for granted and no flight is asked about: equal rotors, the centre of mass
+    /// amid them.
+    Assumed,
+}
+
+impl Source {
+    /// In words, for people.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Entered => "entered",
+            Self::Log => "log",
+            Self::LogAndClass => "log + class default",
+            Self::Parameter => "parameter in the log",
+            Self::Class => "CLASS DEFAULT",
+            Self::Assumed => "assumed",
+        }
+    }
+
+    /// True where a better log, or none but a bench, would give another value: the class has a say in it.
+    pub fn is_guess(self) -> bool {
+        matches!(self, Self::Class | Self::LogAndClass)
+    }
+}
 
 /// A constant of a vehicle document with its 95 % interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

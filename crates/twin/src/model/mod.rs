@@ -253,10 +253,7 @@ impl ModelVersion {
 
     /// Says which constants are guesses of the vehicle's class; `None` if there are none.
     pub fn guesses(&self) -> Option<String> {
-        let guessed = self
-            .constant
-            .iter()
-            .filter(|c| c.source == crate::identify::Source::Class);
+        let guessed = self.constant.iter().filter(|c| c.source == constants::Source::Class);
         let names: Vec<&str> = guessed.map(|c| c.name.as_str()).collect();
         (!names.is_empty()).then(|| {
             format!(
