@@ -182,8 +182,8 @@ impl Drop for Slurm {
     fn drop(&mut self) {
         for child in self.nodes.iter_mut().flatten().chain(self.daemons.iter_mut().rev()) {
             // It may be gone already.
-            let _ = child.kill();
-            let _ = child.wait();
+            drop(child.kill());
+            drop(child.wait());
         }
     }
 }
