@@ -43,6 +43,8 @@ pub(crate) struct DeclaredEffect {
     parameters: Vec<DeclaredParameter>,
     /// One instance belongs to one rotor.
     per_rotor: bool,
+    /// It can begin in mid-flight; `false`: what it is an error of does not change by itself.
+    may_set_in: bool,
     /// Effects of which one must be there for this one to act.
     needs: Vec<String>,
     /// What a flight must contain for it to show.
@@ -76,6 +78,18 @@ pub(crate) struct DeclaredParameter {
     clutter: f64,
     /// Value of an ordinary case.
     typical: f64,
+    /// The constant of the vehicle that it is an error of; absent if there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    corrects: Option<CorrectedConstant>,
+}
+
+/// A constant of a vehicle that a parameter is an error of.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct CorrectedConstant {
+    /// Key of the vehicle document, or a name of its own.
+    key: String,
+    /// `share`, `difference` or `whole`: how the parameter counts the error.
+    scale: String,
 }
 
 impl DeclaredEffect {
@@ -106,10 +120,18 @@ impl DeclaredEffect {
                         size: parameter.size,
                         clutter: parameter.clutter,
                         typical: parameter.typical,
+                        corrects: match &parameter.corrects {
+                            Some(correction) => Some(CorrectedConstant {
+                                key: correction.key.to_owned(),
+                                scale: word(&correction.scale)?,
+                            }),
+                            None => None,
+                        },
                     })
                 })
                 .collect::<Result<_, Problem>>()?,
             per_rotor: entry.per_rotor,
+            may_set_in: entry.may_set_in,
             needs: texts(entry.needs),
             excited_by: entry.excited_by.to_owned(),
             confused_with: texts(entry.confused_with),
