@@ -180,6 +180,18 @@ const CHANNEL_WORDS: Record<string, string> = {
   v: "battery voltage",
 };
 
+const CHANNEL_STRIPS: Record<string, string> = {
+  fx: "force forward", fy: "force sideways", fz: "force vertical",
+  mx: "torque roll", my: "torque pitch", mz: "torque yaw",
+  kv_north: "velocity north", kv_east: "velocity east", kv_down: "velocity down",
+  ka_roll: "attitude roll", ka_pitch: "attitude pitch", ka_yaw: "attitude yaw",
+  kp_north: "position north", kp_east: "position east", kp_down: "position down",
+  v: "voltage",
+};
+
+/** In two words, for the rows of a heat strip. */
+export const channelStrip = (channel: string) => CHANNEL_STRIPS[channel] ?? channel;
+
 /** `forward specific force (fx)`. */
 export const channelTitle = (channel: string) => (CHANNEL_WORDS[channel] ? `${CHANNEL_WORDS[channel]} (${channel})` : channel);
 

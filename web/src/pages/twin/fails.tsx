@@ -1,7 +1,7 @@
 /** Step 4: where the model fails: the sentence, heat strips, one channel measured against model, worst moments. */
 import { For, Show, createMemo, createSignal } from "solid-js";
 import { short } from "../../format";
-import { type LogComparison, type ModelOnLog, channelTitle, worstChannel } from "../../model/twin";
+import { type LogComparison, type ModelOnLog, channelStrip, channelTitle, worstChannel } from "../../model/twin";
 import { JobProgress } from "../../parts/job";
 import { Chart } from "../../plots/chart";
 import { Heat } from "../../plots/heat";
@@ -109,7 +109,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; twin: Twin; view:
           <Heat
             title="chi²/N of each channel in blocks of 5 s"
             axis="time, s"
-            rows={rows().map((one) => ({ name: one.channel, cells: one.strip, where: (place) => `${place * BLOCK_S} – ${(place + 1) * BLOCK_S} s` }))}
+            rows={rows().map((one) => ({ name: channelStrip(one.channel), cells: one.strip, where: (place) => `${place * BLOCK_S} – ${(place + 1) * BLOCK_S} s` }))}
             tick={(place) => (place % 4 === 0 ? String(place * BLOCK_S) : "")}
             chosen={cell() === undefined ? undefined : { row: rows().findIndex((one) => one.channel === channel()), cell: cell() ?? 0 }}
             onPick={pickTime}
@@ -125,7 +125,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; twin: Twin; view:
           <Heat
             title={`chi²/N of each channel by ${title()?.title ?? "condition"}`}
             axis={title()?.unit || "value"}
-            rows={rows().map((one, row) => ({ name: one.channel, cells: bins(row).map((bin) => bin.chi2), where: (place) => `${title()?.title} ${short(bins(row)[place]?.at)} ${title()?.unit}` }))}
+            rows={rows().map((one, row) => ({ name: channelStrip(one.channel), cells: bins(row).map((bin) => bin.chi2), where: (place) => `${title()?.title} ${short(bins(row)[place]?.at)} ${title()?.unit}` }))}
             tick={(place) => {
               const longest = rows().map((_, row) => bins(row)).reduce((a, b) => (b.length > a.length ? b : a), []);
               return place % 2 === 0 ? short(longest[place]?.at, 2) : "";
