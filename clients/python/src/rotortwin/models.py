@@ -282,6 +282,8 @@ class FdiWindow:
     network: Json
     #: The detector that decides over time, the one to act on: also `probability`, `thrust_loss`, `suspect_rotors`, `hypotheses`.
     sequential: Json
+    #: Why the verdicts are `cannot_judge`: on the ground, upset, or the model does not explain the motion.
+    cannot_judge: Json | None = None
 
 
 @dataclass(frozen=True)
@@ -319,11 +321,15 @@ class FdiState:
     rejected_samples: int
     #: Lost steps that were coasted over.
     bridged_steps: int
+    #: Steps on the ground, just off it, or upset: the detectors waited.
+    paused_steps: int
     #: Calibrations begun again after longer gaps.
     restarts: int
     #: Each change of the sequential detector's verdict; the latest 1000.
     changes: list[Json]
     #: It ends when nothing is asked of it for so long, s.
     idle_limit_s: float
+    #: Why there are no verdicts now.
+    cannot_judge: Json | None = None
     #: The last window.
     last: FdiWindow | None = None
