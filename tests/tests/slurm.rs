@@ -69,7 +69,7 @@ fn scenario_an_array_survives_the_death_of_a_node() {
         whole.is_file() && slurm.say("squeue", &["-h"]).trim().is_empty()
     });
     assert!(there.is_some(), "no result: {}\n{}", log("merge.log"), slurm.logs());
-    let again = slurm.logs().matches("Requeue").count();
+    let again = slurm.logs().matches("requeue job").count();
     assert!(
         again >= 1,
         "no task was queued again, the node died too late:\n{}",

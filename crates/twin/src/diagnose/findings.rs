@@ -1,6 +1,6 @@
 //! What a search found as its result has it: findings with final values, how their rivals fared, and the verdict.
 
-use rotortwin_plant::effects::{ChannelGroup, ParameterDeclaration, ParameterKind};
+use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterDeclaration, ParameterKind};
 
 use super::named::{Named, RivalFit, UNTOLD_GAP};
 use super::result::{Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
@@ -217,8 +217,14 @@ pub(crate) fn verdict(diagnosis: &Diagnosis) -> Verdict {
     let unexplained = !diagnosis.goodness.unexplained.is_empty();
     let share = diagnosis.goodness.explained_share;
     if unexplained && (nothing || share.is_some_and(|share| share < LEAST_SHARE)) {
-        // What unseen blocks prove stands, whatever the rest is.
-        if !diagnosis.effects.is_empty() && diagnosis.held_out.iter().any(HeldOutError::falls) {
+        // What unseen blocks prove stands, whatever the rest is; but noise such as gusts takes up any error, and proves nothing.
+        let can_be = |finding: &Finding| {
+            finding.class == EffectClass::Physics && finding.parameters.iter().all(|parameter| parameter.plausible)
+        };
+        if !diagnosis.effects.is_empty()
+            && diagnosis.effects.iter().all(can_be)
+            && diagnosis.held_out.iter().any(HeldOutError::falls)
+        {
             return Verdict::PartlyMissing {
                 effects: ids(&diagnosis.effects),
             };
