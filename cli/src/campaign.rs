@@ -7,7 +7,7 @@ use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
-use rotortwin_campaign::study::folder::{CampaignFolder, SHARD_FLIGHTS, write_whole};
+use rotortwin_campaign::study::folder::{CampaignFolder, shards_of, write_whole};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
 use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
@@ -132,15 +132,8 @@ impl FlightArgs {
 pub(crate) fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Result<(), String> {
     let folder = CampaignFolder::open(path, campaign)?;
     let totals = results::collect(campaign, &folder)?;
-    let flown = Flown {
-        end: RunEnd::Complete,
-        flights: 0,
-        steps: 0,
-        threads: NonZeroUsize::MIN,
-        start: Instant::now(),
-    };
     let go_on = command_line(&args.campaign, args.out.as_deref());
-    print_text(campaign, &folder, &totals, &flown, &go_on);
+    print_text(campaign, &folder, &totals, &Flown::nothing(), &go_on);
     Ok(())
 }
 
@@ -186,7 +179,7 @@ fn described_as_json(campaign: &Campaign) -> serde_json::Value {
         "name": document.name,
         "description": document.description,
         "flights": campaign.flights(),
-        "shards": campaign.flights().div_ceil(SHARD_FLIGHTS),
+        "shards": shards_of(campaign.flights()),
         "seed": document.seed,
     })
 }
@@ -222,18 +215,9 @@ fn merge(args: &MergeArgs) -> ExitCode {
             return output::bad_input(sentence);
         }
     }
-    let missing: Vec<u64> = (0..folder.shard_count())
-        .filter(|shard| !folder.has_shard(*shard))
-        .collect();
+    let missing = runner::missing(&folder, 0..folder.shard_count());
     let go_on = command_line(&args.campaign, Some(folder.path()));
-    let flown = Flown {
-        end: RunEnd::Complete,
-        flights: 0,
-        steps: 0,
-        threads: NonZeroUsize::MIN,
-        start: Instant::now(),
-    };
-    if let Err(sentence) = summed_up(&campaign, &folder, &flown, args.json, &go_on) {
+    if let Err(sentence) = summed_up(&campaign, &folder, &Flown::nothing(), args.json, &go_on) {
         return destination::failed_at(folder.path(), sentence);
     }
     if missing.is_empty() {
@@ -288,6 +272,19 @@ struct Flown {
     steps: u64,
     threads: NonZeroUsize,
     start: Instant,
+}
+
+impl Flown {
+    /// What is there was flown elsewhere.
+    fn nothing() -> Self {
+        Self {
+            end: RunEnd::Complete,
+            flights: 0,
+            steps: 0,
+            threads: NonZeroUsize::MIN,
+            start: Instant::now(),
+        }
+    }
 }
 
 fn fly_missing(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder) -> Result<Flown, String> {

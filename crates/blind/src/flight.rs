@@ -54,6 +54,24 @@ pub struct FlightPlan {
     pub idle_s: Option<f64>,
 }
 
+impl FlightPlan {
+    /// A healthy flight in the air, with ordinary noise and a charge that is drawn.
+    pub fn new(vehicle: Vehicle, script: Script, duration: f64, seed: u64) -> Self {
+        Self {
+            vehicle,
+            script,
+            duration,
+            seed,
+            effects: Vec::new(),
+            clutter: Vec::new(),
+            noise_scale: 1.0,
+            disturbance: 1.0,
+            state_of_charge: None,
+            idle_s: None,
+        }
+    }
+}
+
 /// What nobody tells the diagnosis.
 #[derive(Debug, Clone)]
 pub struct Nuisances {

@@ -17,17 +17,11 @@ fn vehicle() -> Vehicle {
 }
 
 fn plan(flight: &str, duration: f64, effects: Vec<Hidden>) -> FlightPlan {
+    let script = Script::built_in(flight, 5).expect("a built-in flight");
     FlightPlan {
-        vehicle: vehicle(),
-        script: Script::built_in(flight, 5).expect("a built-in flight"),
-        duration,
-        seed: 5,
         effects,
-        clutter: Vec::new(),
-        noise_scale: 1.0,
-        disturbance: 1.0,
         state_of_charge: Some(0.8),
-        idle_s: None,
+        ..FlightPlan::new(vehicle(), script, duration, 5)
     }
 }
 

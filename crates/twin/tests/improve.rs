@@ -45,17 +45,10 @@ fn flown_at(
 }
 
 fn plan(flight: &str, effects: &[&str], duration: f64, seed: u64) -> FlightPlan {
+    let vehicle = Vehicle::load(&vehicle_path()).unwrap();
     FlightPlan {
-        vehicle: Vehicle::load(&vehicle_path()).unwrap(),
-        script: Script::built_in(flight, seed).unwrap(),
-        duration,
-        seed,
         effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
-        clutter: Vec::new(),
-        noise_scale: 1.0,
-        disturbance: 1.0,
-        state_of_charge: None,
-        idle_s: None,
+        ..FlightPlan::new(vehicle, Script::built_in(flight, seed).unwrap(), duration, seed)
     }
 }
 

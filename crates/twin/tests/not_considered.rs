@@ -29,19 +29,9 @@ fn model() -> ModelVersion {
 
 /// A healthy flight of 20 s some metres over the ground, without the columns for which `lacks` holds.
 fn flight(lacks: impl Fn(&str) -> bool) -> FlightLog {
-    let plan = FlightPlan {
-        vehicle: Vehicle::load(&vehicle_path()).expect("the F550"),
-        script: Script::built_in("excitation", 3).expect("a built-in script"),
-        duration: 20.0,
-        seed: 3,
-        effects: Vec::new(),
-        clutter: Vec::new(),
-        noise_scale: 1.0,
-        disturbance: 1.0,
-        state_of_charge: None,
-        idle_s: None,
-    };
-    let (rows, _) = fly(&plan).expect("a flight");
+    let vehicle = Vehicle::load(&vehicle_path()).expect("the F550");
+    let script = Script::built_in("excitation", 3).expect("a built-in script");
+    let (rows, _) = fly(&FlightPlan::new(vehicle, script, 20.0, 3)).expect("a flight");
     let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
     let mut columns = vec![("battery_voltage_v".to_owned(), of(&|r| r.voltage))];
     for axis in 0..3 {

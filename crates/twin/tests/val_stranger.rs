@@ -6,11 +6,13 @@
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 
 mod development_data;
+mod foreign_log;
 
 use std::path::Path;
 
 use development_data::shared;
-use rotortwin_blind::flight::{FlightPlan, Row, fly};
+use foreign_log::foreign_log;
+use rotortwin_blind::flight::FlightPlan;
 use rotortwin_blind::hidden::Hidden;
 use rotortwin_blind::script::Script;
 use rotortwin_blind::vehicle::Vehicle;
@@ -34,38 +36,11 @@ fn stranger() -> Vehicle {
 
 fn flown(vehicle: &Vehicle, flight: &str, seconds: f64, seed: u64, effects: &[&str]) -> FlightLog {
     let plan = FlightPlan {
-        vehicle: vehicle.clone(),
-        script: Script::built_in(flight, seed).unwrap(),
-        duration: seconds,
-        seed,
         effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
-        clutter: Vec::new(),
-        noise_scale: 1.0,
-        disturbance: 1.0,
-        state_of_charge: None,
-        idle_s: None,
+        ..FlightPlan::new(vehicle.clone(), Script::built_in(flight, seed).unwrap(), seconds, seed)
     };
-    let (rows, _) = fly(&plan).unwrap();
-    let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
-    let mut columns = Vec::new();
-    for (axis, [velocity, attitude, rate, accel]) in [
-        ["velocity_north_m_s", "roll_rad", "roll_rate_rad_s", "accel_x_m_s2"],
-        ["velocity_east_m_s", "pitch_rad", "pitch_rate_rad_s", "accel_y_m_s2"],
-        ["velocity_down_m_s", "yaw_rad", "yaw_rate_rad_s", "accel_z_m_s2"],
-    ]
-    .into_iter()
-    .enumerate()
-    {
-        columns.push((velocity.to_owned(), of(&|r| r.velocity[axis])));
-        columns.push((attitude.to_owned(), of(&|r| r.euler[axis])));
-        columns.push((rate.to_owned(), of(&|r| r.rates[axis])));
-        columns.push((accel.to_owned(), of(&|r| r.accel[axis])));
-    }
-    for output in 0..vehicle.rotors.len() {
-        columns.push((format!("duty_{}", output + 1), of(&|r| r.duties[output])));
-    }
-    columns.push(("battery_voltage_v".to_owned(), of(&|r| r.voltage)));
-    FlightLog::from_columns(&format!("{flight} {seed}"), of(&|r| r.time), columns).unwrap()
+    let order: Vec<usize> = (0..vehicle.rotors.len()).collect();
+    foreign_log(&format!("{flight} {seed}"), &plan, &order).unwrap()
 }
 
 /// The vehicle as `vehicle from-log` writes it from one flight, read back from its files.

@@ -25,17 +25,10 @@ fn setting(name: &str, default: u64) -> u64 {
 }
 
 fn said(flight: &str, seed: u64, effect: &str) -> Diagnosis {
+    let vehicle = Vehicle::load(&f550()).unwrap();
     let plan = FlightPlan {
-        vehicle: Vehicle::load(&f550()).unwrap(),
-        script: Script::built_in(flight, seed).unwrap(),
-        duration: 90.0,
-        seed,
         effects: vec![Hidden::parse(effect).unwrap()],
-        clutter: Vec::new(),
-        noise_scale: 1.0,
-        disturbance: 1.0,
-        state_of_charge: None,
-        idle_s: None,
+        ..FlightPlan::new(vehicle, Script::built_in(flight, seed).unwrap(), 90.0, seed)
     };
     let (rows, _) = fly(&plan).unwrap();
     let folder = tempfile::tempdir().unwrap();

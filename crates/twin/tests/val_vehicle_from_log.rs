@@ -6,10 +6,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 
+mod foreign_log;
+
 use std::path::Path;
 
+use foreign_log::foreign_log;
 use nalgebra::Vector3;
-use rotortwin_blind::flight::{FlightPlan, Row, fly};
+use rotortwin_blind::flight::FlightPlan;
 use rotortwin_blind::random::Stream;
 use rotortwin_blind::script::Script;
 use rotortwin_blind::vehicle::{Rotor, Vehicle};
@@ -67,39 +70,9 @@ fn tried(
     seed: u64,
     order: &[usize],
 ) -> Result<FlightLog, rotortwin_blind::error::BlindError> {
-    let plan = FlightPlan {
-        vehicle: vehicle.clone(),
-        script: Script::built_in(flight, seed).unwrap(),
-        duration: seconds,
-        seed,
-        effects: Vec::new(),
-        clutter: Vec::new(),
-        noise_scale: 1.0,
-        disturbance: 1.0,
-        state_of_charge: None,
-        idle_s: None,
-    };
-    let (rows, _) = fly(&plan)?;
-    let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
-    let mut columns = Vec::new();
-    for (axis, [velocity, attitude, rate, accel]) in [
-        ["velocity_north_m_s", "roll_rad", "roll_rate_rad_s", "accel_x_m_s2"],
-        ["velocity_east_m_s", "pitch_rad", "pitch_rate_rad_s", "accel_y_m_s2"],
-        ["velocity_down_m_s", "yaw_rad", "yaw_rate_rad_s", "accel_z_m_s2"],
-    ]
-    .into_iter()
-    .enumerate()
-    {
-        columns.push((velocity.to_owned(), of(&|r| r.velocity[axis])));
-        columns.push((attitude.to_owned(), of(&|r| r.euler[axis])));
-        columns.push((rate.to_owned(), of(&|r| r.rates[axis])));
-        columns.push((accel.to_owned(), of(&|r| r.accel[axis])));
-    }
-    for (output, rotor) in order.iter().enumerate() {
-        columns.push((format!("duty_{}", output + 1), of(&|r| r.duties[*rotor])));
-    }
-    columns.push(("battery_voltage_v".to_owned(), of(&|r| r.voltage)));
-    Ok(FlightLog::from_columns(&format!("{flight} {seed}"), of(&|r| r.time), columns).unwrap())
+    let script = Script::built_in(flight, seed).unwrap();
+    let plan = FlightPlan::new(vehicle.clone(), script, seconds, seed);
+    foreign_log(&format!("{flight} {seed}"), &plan, order)
 }
 
 fn request(vehicle: &Vehicle, arm: f64) -> Request {

@@ -1,8 +1,8 @@
 /** The detectors as a service: a log that is judged, and one's sessions as they stand. */
 import { For, Show, createSignal, onCleanup } from "solid-js";
+import { createAttempt } from "../api/attempt";
 import { type Schemas, address, ask, get, upload } from "../api/client";
 import { createLoad } from "../api/load";
-import { sentenceOf } from "../api/problem";
 import { percent, plusMinus, short } from "../format";
 import { Figures, Panel, Problem, Progress } from "../parts/bits";
 import { Lanes } from "../plots/lanes";
@@ -31,22 +31,18 @@ function Judge() {
   const [vehicle, setVehicle] = createSignal("f550");
   const [log, setLog] = createSignal(route().query.get("log") ?? "");
   const [share, setShare] = createSignal<number>();
-  const [busy, setBusy] = createSignal(false);
+  const { busy, problem, attempt } = createAttempt();
   const [report, setReport] = createSignal<Report>();
-  const [problem, setProblem] = createSignal<string>();
   const [over, setOver] = createSignal(false);
-  const judge = async (what: () => Promise<Report>) => {
-    setProblem(undefined);
+  const judge = (what: () => Promise<Report>) => {
     setReport(undefined);
-    setBusy(true);
-    try {
-      setReport(await what());
-    } catch (error) {
-      setProblem(sentenceOf(error));
-    } finally {
-      setBusy(false);
-      setShare(undefined);
-    }
+    return attempt(async () => {
+      try {
+        setReport(await what());
+      } finally {
+        setShare(undefined);
+      }
+    });
   };
   const send = (file: File | undefined) => {
     if (file) void judge(() => upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle() } }), file, setShare));

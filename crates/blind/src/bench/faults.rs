@@ -551,16 +551,9 @@ fn fly_case(case: &FaultCase, log: &Path) -> Result<()> {
             script
         };
         let plan = FlightPlan {
-            vehicle: vehicle.clone(),
-            script,
-            duration: case.duration_s,
-            seed,
             effects: case.effects.clone(),
-            clutter: Vec::new(),
-            noise_scale: 1.0,
-            disturbance: 1.0,
-            state_of_charge: None,
             idle_s: case.idle_s,
+            ..FlightPlan::new(vehicle.clone(), script, case.duration_s, seed)
         };
         match fly(&plan) {
             Ok((rows, _)) => return log_file::write(log, &rows),

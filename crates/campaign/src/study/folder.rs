@@ -22,6 +22,11 @@ use std::path::{Path, PathBuf};
 /// Flights of a shard.
 pub const SHARD_FLIGHTS: u64 = 32;
 
+/// Shards of so many flights.
+pub fn shards_of(flights: u64) -> u64 {
+    flights.div_ceil(SHARD_FLIGHTS)
+}
+
 const MANIFEST: &str = "campaign.json";
 const LOCK: &str = "campaign.lock";
 const SHARDS: &str = "shards";
@@ -166,7 +171,7 @@ impl CampaignFolder {
 
     /// Shards of the whole campaign.
     pub fn shard_count(&self) -> u64 {
-        self.flights.div_ceil(SHARD_FLIGHTS)
+        shards_of(self.flights)
     }
 
     /// Flights of a shard.

@@ -59,6 +59,11 @@ pub struct Plan {
     pub present_flights: u64,
 }
 
+/// Of these shards, those that are not there, in order.
+pub fn missing(folder: &CampaignFolder, shards: std::ops::Range<u64>) -> Vec<u64> {
+    shards.filter(|shard| !folder.has_shard(*shard)).collect()
+}
+
 /// What is to be done.
 pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
     let all = folder.shard_count();
@@ -68,7 +73,7 @@ pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
     let asked = options.shards.clone().unwrap_or(0..all);
     let shards = asked.start.min(end)..asked.end.min(end);
     let size = |shard: u64| folder.shard_range(shard).end - folder.shard_range(shard).start;
-    let missing: Vec<u64> = shards.clone().filter(|shard| !folder.has_shard(*shard)).collect();
+    let missing = missing(folder, shards.clone());
     let wanted: u64 = shards.map(size).sum();
     Plan {
         present_flights: wanted - missing.iter().map(|shard| size(*shard)).sum::<u64>(),

@@ -1,8 +1,8 @@
 /** In step 3: a vehicle of one's own from the flight, mass and arm; each value with its interval and source; kept under a name. */
-import { For, Show, createEffect, createSignal } from "solid-js";
+import { For, Show, createEffect } from "solid-js";
+import { createAttempt } from "../../api/attempt";
 import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
-import { sentenceOf } from "../../api/problem";
 import { short } from "../../format";
 import { type Identification, FRAMES, adviceOf, adviceText, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
 import { Problem } from "../../parts/bits";
@@ -27,8 +27,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
   const [capacity, setCapacity] = createTyped("vehicle.capacity");
   const [halves, setHalves] = createTyped("vehicle.halves");
   const [typedName, setName] = createTyped("vehicle.name");
-  const [problem, setProblem] = createSignal<string>();
-  const [busy, setBusy] = createSignal(false);
+  const { busy, problem, setProblem, attempt } = createAttempt();
 
   const way = () => LENGTHS.find((one) => one.key === measure()) ?? LENGTHS[0];
   const name = () => typedName().trim() || nameFrom(props.twin.log.job()?.name ?? "mine");
@@ -44,20 +43,16 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
     const { mass: kg, length: reach, cells: series, capacity: charge } = numbers();
     setProblem(wrong().join(" ") || undefined);
     if (kg.value === undefined || reach.value === undefined || wrong().length > 0) return;
-    setBusy(true);
-    try {
+    const [heavy, wide] = [kg.value, reach.value];
+    await attempt(async () => {
       const made = await ask<JobView>("POST", "/api/v1/identifications", {
-        name: name(), flights: props.twin.flights(), mass_kg: kg.value, arm_m: way().toArm(reach.value), held_out: halves() === "yes",
+        name: name(), flights: props.twin.flights(), mass_kg: heavy, arm_m: way().toArm(wide), held_out: halves() === "yes",
         ...(frame().trim() ? { frame: frame().trim() } : {}),
         ...(series.value !== undefined ? { cells: series.value } : {}),
         ...(charge.value !== undefined ? { capacity_ah: charge.value } : {}),
       }, { headers: { "idempotency-key": freshKey() } });
       props.twin.identify(made.id);
-    } catch (error) {
-      setProblem(sentenceOf(error));
-    } finally {
-      setBusy(false);
-    }
+    });
   };
 
   return (
@@ -116,25 +111,16 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
   const it = () => props.found.identified;
   const name = () => props.job?.name ?? "";
   const rotors = () => rotorsOf(props.found.vehicle);
-  const [problem, setProblem] = createSignal<string>();
-  const [busy, setBusy] = createSignal(false);
+  const { busy, problem, attempt } = createAttempt();
   const kept = () => props.twin.made() === props.id;
   let head: HTMLHeadingElement | undefined;
   // The answer comes where one waits for it, also for those who do not see it.
   createEffect(() => props.found && head?.focus({ preventScroll: true }));
-  const keep = async () => {
-    setProblem(undefined);
-    setBusy(true);
-    try {
-      const answer = await ask<{ vehicle: string }>("POST", `/api/v1/identifications/${props.id}/keep`);
-      props.onKept();
-      props.twin.chooseMade(answer.vehicle, props.id);
-    } catch (error) {
-      setProblem(sentenceOf(error));
-    } finally {
-      setBusy(false);
-    }
-  };
+  const keep = () => attempt(async () => {
+    const answer = await ask<{ vehicle: string }>("POST", `/api/v1/identifications/${props.id}/keep`);
+    props.onKept();
+    props.twin.chooseMade(answer.vehicle, props.id);
+  });
   return (
     <div class="card found" aria-label="The identified vehicle" role="group">
       <div class="row">

@@ -1,8 +1,8 @@
 /** In step 5, where a flight cannot tell two effects apart: the manoeuvre that does, flown in the simulator, and as a file for the field. */
 import { For, Show, createSignal } from "solid-js";
+import { createAttempt } from "../../api/attempt";
 import { ask, freshKey, putDocument, text as fetchText } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
-import { sentenceOf } from "../../api/problem";
 import { short } from "../../format";
 import { type Manoeuvre, candidatesOf, withVehicle } from "../../model/next-flight";
 import type { Diagnosis } from "../../model/twin";
@@ -19,21 +19,9 @@ export function NextFlight(props: { twin: Twin; found: Diagnosis }) {
   const candidates = () => candidatesOf(props.found);
   const [first, setFirst] = createSignal(0);
   const [second, setSecond] = createSignal(1);
-  const [problem, setProblem] = createSignal<string>();
-  const [busy, setBusy] = createSignal(false);
+  const { busy, problem, attempt } = createAttempt();
   const job = createJob<Manoeuvre[]>("next-flights", () => props.twin.nextFlight());
-  const act = async (what: () => Promise<void>) => {
-    setProblem(undefined);
-    setBusy(true);
-    try {
-      await what();
-    } catch (error) {
-      setProblem(sentenceOf(error));
-    } finally {
-      setBusy(false);
-    }
-  };
-  const find = () => act(async () => {
+  const find = () => attempt(async () => {
     const [a, b] = [candidates()[first()], candidates()[second()]];
     const made = await ask<JobView>("POST", "/api/v1/next-flights", { model: { model: `${props.twin.model()}@v${props.twin.line().at(-1)?.version}` }, between: [a?.id, b?.id] }, { headers: { "idempotency-key": freshKey() } });
     props.twin.proposeFlight(made.id);
@@ -72,22 +60,13 @@ function Proposed(props: { twin: Twin; list: readonly Manoeuvre[]; job: JobView 
   const label = (place: 0 | 1) => props.labels.find((one) => one.id === between()[place])?.label ?? between()[place];
   const worth = () => Math.min(best()?.first.against_other ?? 0, best()?.second.against_other ?? 0);
   const file = () => `/api/v1/next-flights/${props.id}/artifacts/${FILE}`;
-  const [problem, setProblem] = createSignal<string>();
+  const { busy, problem, attempt } = createAttempt();
   const [said, setSaid] = createSignal("");
-  const [busy, setBusy] = createSignal(false);
   const [name, setName] = createTyped("next-flight.name", "next-flight");
   const flown = createJob<unknown>("runs", () => props.twin.flown());
-  const act = async (what: () => Promise<void>) => {
-    setProblem(undefined);
+  const act = (what: () => Promise<void>) => {
     setSaid("");
-    setBusy(true);
-    try {
-      await what();
-    } catch (error) {
-      setProblem(sentenceOf(error));
-    } finally {
-      setBusy(false);
-    }
+    return attempt(what);
   };
   const version = () => `${props.twin.model()}@v${props.twin.line().at(-1)?.version}`;
   // What the server wrote names a file of its own.

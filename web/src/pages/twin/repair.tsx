@@ -1,9 +1,9 @@
 /** In step 2: the same file read again otherwise, by choosing what its columns really are. */
 import { For, Show, createEffect, createMemo, createSignal, on } from "solid-js";
+import { createAttempt } from "../../api/attempt";
 import { ask } from "../../api/client";
 import type { JobView } from "../../api/job";
 import { createLoad } from "../../api/load";
-import { sentenceOf } from "../../api/problem";
 import {
   type Axes, type Choice, type Finding, type GroupKey, type SourceName, AS_IS, GROUPS, adviceFor, axesText, isChosen, mappingOf, orderOf, sameAxes, sourceOfFile, suggestionOf,
   suggestionOfRefusal,
@@ -38,8 +38,7 @@ export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusa
   const [order, setOrder] = createSignal("");
   const [time, setTime] = createSignal("");
   const [typed, setTyped] = createSignal<string>();
-  const [problem, setProblem] = createSignal<string>();
-  const [busy, setBusy] = createSignal(false);
+  const { busy, problem, setProblem, attempt } = createAttempt();
   const suggestion = createMemo(() => (props.refusal === undefined ? suggestionOf(props.findings, rotors()) : suggestionOfRefusal(props.refusal)));
   createEffect(on(suggestion, (found) => {
     setChoice({ axes: { ...found.axes }, units: { ...found.units } });
@@ -66,18 +65,10 @@ export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusa
     if (time().trim() !== "" && !(Number(time()) > 0)) return `Time stamps: '${time()}' is no number above 0.`;
     return undefined;
   };
-  const again = async (how: Record<string, unknown>) => {
-    setProblem(undefined);
-    setBusy(true);
-    try {
-      const job = await ask<JobView>("POST", `/api/v1/logs/${props.twin.logs()[0]}/import`, how);
-      props.twin.reread(job.id);
-    } catch (error) {
-      setProblem(sentenceOf(error));
-    } finally {
-      setBusy(false);
-    }
-  };
+  const again = (how: Record<string, unknown>) => attempt(async () => {
+    const job = await ask<JobView>("POST", `/api/v1/logs/${props.twin.logs()[0]}/import`, how);
+    props.twin.reread(job.id);
+  });
   const submit = (event: SubmitEvent) => {
     event.preventDefault();
     setProblem(wrong());
