@@ -13,6 +13,7 @@ use std::ffi::OsString;
 use std::io::Read as _;
 use std::path::Path;
 use std::process::Command;
+use std::time::Instant;
 
 /// All values of a run's file, read row by row: no code of the server's.
 fn recorded(data: &Path, id: &str) -> BTreeMap<String, Vec<f64>> {
@@ -199,15 +200,21 @@ fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
         (&json!("start"), &json!(50.0)),
         "{start}"
     );
+    let begun = Instant::now();
     let messages = live.rest();
+    let most = begun.elapsed().as_secs_f64() * 50.0 + 2.0;
     let (end, samples) = messages.split_last().expect("an end");
     assert_eq!((&end["type"], &end["status"]), (&json!("end"), &json!("done")), "{end}");
     assert_eq!(
         (end["samples"].as_u64(), &end["lost"]),
         (Some(samples.len() as u64), &json!(0))
     );
-    // 50 a second for 3 s; how many depends on the machine, and that they are not all of them was asked for.
-    assert!((10..=151).contains(&samples.len()), "{}", samples.len());
+    // 50 a second, with one at either end; how many depends on the machine.
+    assert!(
+        samples.len() >= 10 && samples.len() as f64 <= most,
+        "{} of at most {most}",
+        samples.len()
+    );
     let file = recorded(&data, &id);
     let mut last = None;
     for sample in samples {

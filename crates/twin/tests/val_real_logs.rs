@@ -77,7 +77,7 @@ fn val_a_slung_load_of_grams_is_among_what_is_missing() {
         .unwrap_or_else(|| panic!("{}", found.sentence));
     let value = |name: &str| load.parameters.iter().find(|p| p.name == name).expect(name).value;
     // Payload over vehicle 0.16 by its makers' motion capture, the rope 0.51 m. Much else of this log is unexplained, so that the fit's
-    // own intervals (0.25 ± 0.02, 0.47 ± 0.01 m) are too narrow, and the answer says that it must not be trusted.
-    assert!((value("mass_kg") / 0.032 - 0.16).abs() < 0.1, "{}", found.sentence);
+    // own intervals (0.16 ± 0.02, 0.42 ± 0.02 m) are too narrow.
+    assert!((value("mass_kg") / 0.032 - 0.16).abs() < 0.08, "{}", found.sentence);
     assert!((value("length_m") - 0.51).abs() < 0.1, "{}", found.sentence);
 }

@@ -230,7 +230,7 @@ pub(crate) async fn live(
         selection,
         sent: 0,
         lost: 0,
-        due: Instant::now(),
+        due: None,
         // Nothing is before the start.
         seen_s: wish
             .from_s
@@ -255,8 +255,8 @@ struct Watcher {
     selection: Selection,
     sent: u64,
     lost: u64,
-    /// Earlier samples are passed over.
-    due: Instant,
+    /// Earlier samples are passed over; the first one that comes starts the clock.
+    due: Option<Instant>,
     /// For a client that wants no hole: the simulated time up to which it has everything, s.
     seen_s: Option<f64>,
 }
@@ -339,13 +339,14 @@ impl Watcher {
 
     async fn pass_on(&mut self, socket: &mut WebSocket, sample: &LiveSample) -> Result<(), Gone> {
         let now = Instant::now();
-        if now < self.due {
+        let due = self.due.unwrap_or(now);
+        if now < due {
             return Ok(());
         }
         let period = Duration::from_secs_f64(1.0 / self.selection.rate_hz);
         // In step with the rate; samples that come late and all at once are passed on as if they had come in time.
         let earliest = now.checked_sub(CREDIT).unwrap_or(now);
-        self.due = self.due.max(earliest) + period;
+        self.due = Some(due.max(earliest) + period);
         self.sent += 1;
         self.seen_s = self.seen_s.map(|_| sample.sim_time_s);
         send(socket, &self.selection.sample(sample)).await
@@ -355,7 +356,7 @@ impl Watcher {
         let wish = serde_json::from_str::<Subscription>(text).map_err(|error| error.to_string());
         match wish.and_then(|wish| self.selection.change(&wish)) {
             Ok(()) => {
-                self.due = Instant::now();
+                self.due = None;
                 send(socket, &self.selection.start(&self.run)).await
             }
             Err(detail) => send(socket, &json!({ "type": "error", "detail": detail })).await,
