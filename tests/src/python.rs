@@ -16,6 +16,14 @@ pub fn client_folder() -> PathBuf {
 /// # Panics
 /// The folder `target` cannot be written.
 pub fn environment(name: &str, packages: &[&str]) -> Option<PathBuf> {
+    environment_of("python3", name, packages)
+}
+
+/// [`environment`] of a certain Python.
+///
+/// # Panics
+/// The folder `target` cannot be written.
+pub fn environment_of(python: &str, name: &str, packages: &[&str]) -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target");
     let folder = target.join(name);
     std::fs::create_dir_all(&target).expect("target/ can be made");
@@ -28,7 +36,7 @@ pub fn environment(name: &str, packages: &[&str]) -> Option<PathBuf> {
     if std::fs::read_to_string(&stamp).is_ok_and(|there| there == wanted) {
         return Some(folder.join("bin"));
     }
-    let made = run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder)).and_then(|()| {
+    let made = run(Command::new(python).args(["-m", "venv", "--clear"]).arg(&folder)).and_then(|()| {
         let options = ["install", "--quiet", "--disable-pip-version-check", "--retries", "1"];
         run(Command::new(folder.join("bin/pip")).args(options).args(packages))
     });

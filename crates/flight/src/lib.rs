@@ -1,7 +1,7 @@
 //! Flights: the closed loop of one flight, whatever carries its messages, and what identifies its result.
 //!
 //! * [`lockstep`]: the loop between the plant and its two peers. * [`sample`]: what leaves it, step by step.
-//! * [`batch`]: many flights side by side, with the same results.
+//! * [`stepped`]: the same flight in the hands of a caller. * [`batch`]: many flights side by side, with the same results.
 //! * [`run_hash`]: one hash over all samples of a run; the same scenario and seed give the same one over every link.
 //! * [`pace`]: as fast as possible, or 400 Hz of wall clock with a report of jitter and missed deadlines.
 //! * [`setup`]: what the peers of a flight are told before it.
@@ -13,3 +13,4 @@ pub mod pace;
 pub mod run_hash;
 pub mod sample;
 pub mod setup;
+pub mod stepped;

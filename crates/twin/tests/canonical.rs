@@ -238,3 +238,17 @@ fn val_a_mapping_that_does_not_fit_a_canonical_file_is_refused() {
         "{refused}"
     );
 }
+
+/// An empty accelerometer must not take the place of the force that follows from the velocity.
+#[test]
+fn regress_a_column_without_a_value_is_no_column() {
+    let folder = Folder::new();
+    let path = folder.write(
+        "flight.csv",
+        "time_s,roll_rad,accel_x_m_s2\n0,0.1,\n0.1,,\n0.2,0.1,\n0.3,0.1,\n",
+    );
+    let log = FlightLog::read(&path).expect("it is a log");
+    assert!(log.column("accel_x_m_s2").is_none() && log.column("roll_rad").is_some());
+    let unused = &log.report.unused_columns;
+    assert!(unused.len() == 1 && unused[0].column == "accel_x_m_s2", "{unused:?}");
+}

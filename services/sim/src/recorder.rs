@@ -154,8 +154,8 @@ impl FlightObserver for Recorder<'_> {
     }
 }
 
-/// One sample as a row of telemetry.
-fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, sensor_faults): ([i32; MAX_ROTORS], u32)) {
+/// One sample as a row of telemetry; the conditions are [`ConditionSchedule::at`] its step.
+pub fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, sensor_faults): ([i32; MAX_ROTORS], u32)) {
     let Sample {
         sensors,
         command,

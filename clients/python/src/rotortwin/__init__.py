@@ -1,4 +1,9 @@
-"""Client of the rotortwin server: submit flights, watch them, fetch results.
+"""rotortwin from Python: flights and the twin in this process, and the client of a server.
+
+    import rotortwin
+
+    flight = rotortwin.Simulation("hover", seed=1).run()    # here: rotortwin.simulation, rotortwin.gym
+    found = rotortwin.diagnose("flight.ulg", "my-vehicle.toml")    # here: rotortwin.analysis
 
     from rotortwin import Client
 
@@ -7,6 +12,9 @@
         run = client.runs.wait(run.id, progress=True, check=True)
         frame = client.runs.telemetry_frame(run.id)
 """
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from ._aio_resource import AsyncResource
 from ._resource import Resource
@@ -46,6 +54,24 @@ from .models import (
 )
 from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
+if TYPE_CHECKING:
+    from .analysis import IdentifiedVehicle, Improved, Result, compare, diagnose, improve, vehicle_from_log
+    from .simulation import FlightError, Flights, InputError, Scenario, Simulation, SimulationBatch, Verdict, fly
+
+#: What runs in this process, by module: found when it is asked for, as the client of a server needs neither NumPy nor the native module.
+_HERE = {
+    "analysis": ("IdentifiedVehicle", "Improved", "Result", "compare", "diagnose", "improve", "vehicle_from_log"),
+    "simulation": ("FlightError", "Flights", "InputError", "Scenario", "Simulation", "SimulationBatch", "Verdict", "fly"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HERE.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
 __all__ = [
     "Artifact",
     "AsyncBlindBenches",
@@ -68,10 +94,10 @@ __all__ = [
     "BlindBenches",
     "Campaigns",
     "Channel",
-    "Complaint",
     "Classifiers",
     "Client",
     "Comparisons",
+    "Complaint",
     "Conflict",
     "ConnectionLost",
     "Diagnoses",
@@ -82,7 +108,12 @@ __all__ = [
     "FdiSession",
     "FdiState",
     "FdiWindow",
+    "FlightError",
+    "Flights",
+    "IdentifiedVehicle",
+    "Improved",
     "Improvements",
+    "InputError",
     "Job",
     "JobFailed",
     "Jobs",
@@ -92,16 +123,26 @@ __all__ = [
     "NotFound",
     "Problem",
     "Resource",
+    "Result",
     "RotortwinError",
     "Run",
     "Runs",
     "Sample",
+    "Scenario",
     "Scenarios",
+    "Simulation",
+    "SimulationBatch",
     "Ticket",
     "Unauthorized",
     "Unavailable",
     "UnexpectedAnswer",
     "Unprocessable",
     "Validation",
+    "Verdict",
     "Verification",
+    "compare",
+    "diagnose",
+    "fly",
+    "improve",
+    "vehicle_from_log",
 ]

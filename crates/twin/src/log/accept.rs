@@ -27,7 +27,8 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         refuse_cells(&path, &column)?;
         if column.name == names::TIME {
             time = Some(column.values);
-        } else if column.bad_cells > 0 && column.values.iter().all(|value| value.is_nan()) {
+        } else if !column.values.is_empty() && column.values.iter().all(|value| value.is_nan()) {
+            // A column that is there without a value would take the place of what can be computed from others: a force without an accelerometer.
             report.unused_columns.push(UnusedColumn {
                 column: column.name,
                 reason: "no number in it".to_owned(),

@@ -30,6 +30,11 @@ impl<C: ControllerPeer, F: FdiPeer> InProcessLink<C, F> {
         }
     }
 
+    /// The controller.
+    pub fn controller_mut(&mut self) -> &mut C {
+        &mut self.controller
+    }
+
     /// The two peers, for instance to look at their state after the run.
     pub fn into_peers(self) -> (C, F) {
         (self.controller, self.fdi)

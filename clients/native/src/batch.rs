@@ -1,0 +1,286 @@
+//! Many flights at once: in the hands of a caller ([`SimulationBatch`]), or from start to end side by side in vector lanes ([`fly`]).
+
+use crate::columns::{Recording, bytes, singles};
+use crate::flight::{motion, observed};
+use crate::refusal::input;
+use crate::scenario::Scenario;
+use pyo3::prelude::*;
+use pyo3::types::{PyByteArray, PyDict};
+use rayon::prelude::*;
+use rotortwin_flight::batch::{BatchFlight, fly_batch};
+use rotortwin_flight::lockstep::{FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::sample::Sample;
+use rotortwin_flight::stepped::SteppedFlight;
+use rotortwin_plant::vector_units::Dispatch;
+use std::sync::Arc;
+
+/// Flights that one thread takes at a time: as many as keep its lanes full for long.
+const FLIGHTS_OF_A_PART: usize = 32;
+
+/// A flight and how it fares.
+struct Seat {
+    scenario: Arc<rotortwin_scenario::Scenario>,
+    seed: u64,
+    flight: SteppedFlight,
+    /// Why it cannot go on.
+    failure: Option<String>,
+}
+
+impl Seat {
+    fn new(scenario: Arc<rotortwin_scenario::Scenario>, seed: u64) -> Result<Self, String> {
+        let flight = SteppedFlight::new(&scenario, seed)?;
+        Ok(Self {
+            scenario,
+            seed,
+            flight,
+            failure: None,
+        })
+    }
+
+    fn step(&mut self, duty: Option<&[f32]>, steps: u32) {
+        for _ in 0..steps {
+            if self.failure.is_some() || self.flight.done() {
+                return;
+            }
+            if let Err(failure) = self.flight.step(duty) {
+                self.failure = Some(failure.sentence);
+            }
+        }
+    }
+}
+
+/// Flights of vehicles with the same number of rotors, stepped together on all cores.
+#[pyclass(module = "rotortwin._native")]
+pub(crate) struct SimulationBatch {
+    seats: Vec<Seat>,
+    rotor_count: usize,
+}
+
+#[pymethods]
+impl SimulationBatch {
+    #[new]
+    fn new(py: Python<'_>, scenarios: Vec<Py<Scenario>>, seeds: Vec<u64>) -> PyResult<Self> {
+        if scenarios.is_empty() || scenarios.len() != seeds.len() {
+            return Err(input(format!(
+                "expected as many seeds as scenarios and at least one, got {} and {}",
+                seeds.len(),
+                scenarios.len()
+            )));
+        }
+        let scenarios: Vec<_> = scenarios
+            .iter()
+            .map(|scenario| Arc::clone(&scenario.get().inner))
+            .collect();
+        let seats = py.detach(|| {
+            scenarios
+                .into_par_iter()
+                .zip(seeds)
+                .map(|(scenario, seed)| Seat::new(scenario, seed))
+                .collect::<Result<Vec<_>, _>>()
+        });
+        let seats = seats.map_err(input)?;
+        let rotor_count = seats[0].flight.rotor_count();
+        if let Some(other) = seats
+            .iter()
+            .map(|seat| seat.flight.rotor_count())
+            .find(|count| *count != rotor_count)
+        {
+            return Err(input(format!(
+                "expected vehicles of the same number of rotors, got {rotor_count} and {other}"
+            )));
+        }
+        Ok(Self { seats, rotor_count })
+    }
+
+    fn __len__(&self) -> usize {
+        self.seats.len()
+    }
+
+    #[getter]
+    fn rotor_count(&self) -> usize {
+        self.rotor_count
+    }
+
+    #[getter]
+    fn hover_duty(&self) -> Vec<f32> {
+        self.seats.iter().map(|seat| seat.flight.hover_duty()).collect()
+    }
+
+    /// Begins the flights at `places` again, with new seeds and, where they are given, other scenarios.
+    #[pyo3(signature = (places, seeds, scenarios = None))]
+    fn reset(&mut self, places: Vec<usize>, seeds: Vec<u64>, scenarios: Option<Vec<Py<Scenario>>>) -> PyResult<()> {
+        if places.len() != seeds.len() || scenarios.as_ref().is_some_and(|list| list.len() != places.len()) {
+            return Err(input("expected as many seeds, and scenarios, as places"));
+        }
+        for (number, (&place, seed)) in places.iter().zip(seeds).enumerate() {
+            let count = self.seats.len();
+            let seat = self
+                .seats
+                .get_mut(place)
+                .ok_or_else(|| input(format!("expected places below {count}, got {place}")))?;
+            let scenario = match &scenarios {
+                Some(list) => Arc::clone(&list[number].get().inner),
+                None => Arc::clone(&seat.scenario),
+            };
+            let begun = Seat::new(scenario, seed).map_err(input)?;
+            if begun.flight.rotor_count() != self.rotor_count {
+                return Err(input(format!(
+                    "expected a vehicle of {} rotors, got one of {}",
+                    self.rotor_count,
+                    begun.flight.rotor_count()
+                )));
+            }
+            *seat = begun;
+        }
+        Ok(())
+    }
+
+    /// Holds one row of duties for each flight over `steps` steps, or lets our controllers fly.
+    #[pyo3(signature = (duty = None, steps = 1))]
+    fn step(&mut self, py: Python<'_>, duty: Option<&[u8]>, steps: u32) -> PyResult<()> {
+        let duty = duty.map(singles);
+        let (flights, rotors) = (self.seats.len(), self.rotor_count);
+        if let Some(duty) = &duty
+            && duty.len() != flights * rotors
+        {
+            return Err(input(format!(
+                "expected duties of shape ({flights}, {rotors}), got {} numbers",
+                duty.len()
+            )));
+        }
+        py.detach(|| {
+            self.seats.par_iter_mut().enumerate().for_each(|(place, seat)| {
+                let own = duty.as_ref().map(|duty| &duty[place * rotors..(place + 1) * rotors]);
+                seat.step(own, steps);
+            });
+        });
+        Ok(())
+    }
+
+    #[getter]
+    fn observation<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
+        let numbers = self.seats.iter().flat_map(|seat| observed(seat.flight.sensors()));
+        bytes(py, numbers.map(f32::to_ne_bytes))
+    }
+
+    #[getter]
+    fn motion<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
+        let numbers = self.seats.iter().flat_map(|seat| motion(seat.flight.truth()));
+        bytes(py, numbers.map(f64::to_ne_bytes))
+    }
+
+    #[getter]
+    fn done(&self) -> Vec<bool> {
+        self.seats.iter().map(|seat| seat.flight.done()).collect()
+    }
+
+    /// A sentence for each flight that cannot go on.
+    #[getter]
+    fn failures(&self) -> Vec<Option<String>> {
+        self.seats.iter().map(|seat| seat.failure.clone()).collect()
+    }
+
+    #[getter]
+    fn seeds(&self) -> Vec<u64> {
+        self.seats.iter().map(|seat| seat.seed).collect()
+    }
+
+    #[getter]
+    fn run_hashes(&self) -> Vec<String> {
+        self.seats.iter().map(|seat| seat.flight.run_hash()).collect()
+    }
+}
+
+/// Keeps every so many rows of some columns.
+struct Keeper {
+    every: u64,
+    recording: Recording,
+}
+
+impl FlightObserver for Keeper {
+    fn sample(&mut self, sample: &Sample) -> Result<(), String> {
+        if sample.truth.step.is_multiple_of(self.every) {
+            self.recording.push(sample);
+        }
+        Ok(())
+    }
+
+    fn stop_requested(&mut self) -> Option<StopReason> {
+        None
+    }
+}
+
+/// A flown flight.
+struct Flown {
+    keeper: Keeper,
+    run_hash: String,
+    failure: Option<String>,
+}
+
+/// Flies `scenario` with each seed from start to end, side by side, with our controller; some columns of every so many steps.
+///
+/// Gives (flights × rows) doubles by name, padded with NaN where a flight ended early, the run hashes and the failures.
+#[pyfunction]
+#[pyo3(signature = (scenario, seeds, columns, every = 1))]
+pub(crate) fn fly<'py>(
+    py: Python<'py>,
+    scenario: &Scenario,
+    seeds: Vec<u64>,
+    columns: Vec<String>,
+    every: u64,
+) -> PyResult<(Bound<'py, PyDict>, Vec<String>, Vec<Option<String>>)> {
+    if every == 0 {
+        return Err(input("expected `every` from 1 on, got 0"));
+    }
+    let scenario = Arc::clone(&scenario.inner);
+    let rotor_count = scenario.vehicle().rotor_count();
+    let names = Recording::new(&scenario, rotor_count, &columns)?.names();
+    let flown = py.detach(|| {
+        seeds
+            .par_chunks(FLIGHTS_OF_A_PART)
+            .map(|part| side_by_side(&scenario, rotor_count, part, &columns, every))
+            .collect::<Result<Vec<_>, _>>()
+    });
+    let flown: Vec<Flown> = flown.map_err(input)?.into_iter().flatten().collect();
+    let rows = usize::try_from(scenario.duration_steps().div_ceil(every)).map_err(input)?;
+    let arrays = PyDict::new(py);
+    for (place, name) in names.iter().enumerate() {
+        let mut values = vec![f64::NAN; flown.len() * rows];
+        for (flight, row) in flown.iter().zip(values.chunks_mut(rows.max(1))) {
+            let kept = &flight.keeper.recording.values[place];
+            row[..kept.len()].copy_from_slice(kept);
+        }
+        arrays.set_item(name, bytes(py, values.into_iter().map(f64::to_ne_bytes)))?;
+    }
+    let (hashes, failures) = flown
+        .into_iter()
+        .map(|flight| (flight.run_hash, flight.failure))
+        .unzip();
+    Ok((arrays, hashes, failures))
+}
+
+fn side_by_side(
+    scenario: &rotortwin_scenario::Scenario,
+    rotor_count: usize,
+    seeds: &[u64],
+    columns: &[String],
+    every: u64,
+) -> Result<Vec<Flown>, String> {
+    let flights: Vec<BatchFlight<'_>> = seeds.iter().map(|&seed| BatchFlight { scenario, seed }).collect();
+    let keeper = |_| Keeper {
+        every,
+        recording: Recording::new(scenario, rotor_count, columns).expect("these columns were there before"),
+    };
+    let (outcomes, _) = fly_batch(&flights, Dispatch::default(), keeper)?;
+    Ok(outcomes
+        .into_iter()
+        .map(|flown| Flown {
+            keeper: flown.observer,
+            run_hash: flown.outcome.run_hash,
+            failure: match flown.outcome.end {
+                FlightEnd::Failed(failure) => Some(failure.sentence),
+                FlightEnd::Done | FlightEnd::Canceled => None,
+            },
+        })
+        .collect())
+}

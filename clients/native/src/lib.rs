@@ -1,0 +1,31 @@
+//! `rotortwin._native`: what the Python package computes in its own process, without a server.
+//!
+//! * [`scenario`]: what is flown. * [`flight`]: one flight, a step at a time. * [`batch`]: many at once. * [`twin`]: logs against models.
+//! * [`columns`]: telemetry as NumPy arrays.
+//!
+//! Python sees it through `clients/python/src/rotortwin/{simulation,twin_local,gym}.py`, which documents units, frames and shapes. Whatever
+//! takes longer than a step runs without Python's lock.
+
+use pyo3::prelude::*;
+
+mod batch;
+mod columns;
+mod flight;
+mod refusal;
+mod scenario;
+mod twin;
+
+/// See the crate.
+#[pymodule]
+mod _native {
+    #[pymodule_export]
+    use super::batch::{SimulationBatch, fly};
+    #[pymodule_export]
+    use super::flight::Simulation;
+    #[pymodule_export]
+    use super::refusal::{FlightError, InputError};
+    #[pymodule_export]
+    use super::scenario::Scenario;
+    #[pymodule_export]
+    use super::twin::{compare, diagnose, identify, improve};
+}

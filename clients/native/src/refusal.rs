@@ -1,0 +1,27 @@
+//! What goes wrong, as Python sees it: one sentence each.
+
+use pyo3::PyErr;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+
+pyo3::create_exception!(
+    rotortwin,
+    InputError,
+    PyValueError,
+    "A name, file, value or log that cannot be used: what, where, and what was expected."
+);
+pyo3::create_exception!(
+    rotortwin,
+    FlightError,
+    PyRuntimeError,
+    "A flight that cannot go on: the step, and which number of it is none."
+);
+
+/// Bad input.
+pub(crate) fn input(sentence: impl std::fmt::Display) -> PyErr {
+    InputError::new_err(sentence.to_string())
+}
+
+/// A flight has ended against everybody's will.
+pub(crate) fn flight(sentence: impl std::fmt::Display) -> PyErr {
+    FlightError::new_err(sentence.to_string())
+}

@@ -1,0 +1,200 @@
+//! The twin on files and on columns of this process. Results are the JSON of the commands of the same name.
+
+use crate::columns::doubles;
+use crate::refusal::input;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rotortwin_scenario::effect_documents;
+use rotortwin_twin::compare::NamedModel;
+use rotortwin_twin::diagnose::{Diagnosis, Finding, Options};
+use rotortwin_twin::identify::files;
+use rotortwin_twin::improve::{Guide, Request, Row};
+use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::model::{ModelStore, ModelVersion};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Column that holds the time of a table.
+const TIME: &str = "time_s";
+
+/// A log: the path of a file, run folder or part of one, or the name of a table and its columns.
+#[derive(FromPyObject)]
+pub(crate) enum Log<'py> {
+    /// `flight.ulg`, `flight.ulg@35:65`.
+    Path(PathBuf),
+    /// Canonical names, as in a file, with the bytes of doubles.
+    Table(String, Bound<'py, PyDict>),
+}
+
+fn read(log: &Log<'_>) -> PyResult<FlightLog> {
+    match log {
+        Log::Path(path) => FlightLog::read_part(path).map_err(input),
+        Log::Table(name, columns) => {
+            let mut time_s = None;
+            let mut others = Vec::with_capacity(columns.len());
+            for (key, values) in columns.iter() {
+                let key: String = key.extract()?;
+                let values = doubles(values.extract()?);
+                if key == TIME {
+                    time_s = Some(values);
+                } else {
+                    others.push((key, values));
+                }
+            }
+            let time_s = time_s.ok_or_else(|| input(format!("{name}: expected a column '{TIME}', in s")))?;
+            FlightLog::from_columns(name, time_s, others).map_err(input)
+        }
+    }
+}
+
+/// Reads logs that are to be held against `model`.
+fn read_for(logs: &[Log<'_>], model: &ModelVersion) -> PyResult<Vec<FlightLog>> {
+    let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
+    match logs.iter().find_map(|log| log.refusal_before_diagnosis(&model.vehicle)) {
+        Some(sentence) => Err(input(sentence)),
+        None => Ok(logs),
+    }
+}
+
+fn model(store: &Path, name: &str) -> PyResult<NamedModel> {
+    let found = ModelStore::new(store).find(name).map_err(input)?;
+    Ok(NamedModel {
+        label: name.to_owned(),
+        version: found.version,
+    })
+}
+
+fn json(value: &impl serde::Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(input)
+}
+
+/// Models against logs.
+#[pyfunction]
+pub(crate) fn compare(py: Python<'_>, logs: Vec<Log<'_>>, models: Vec<String>, store: PathBuf) -> PyResult<String> {
+    let models = models
+        .iter()
+        .map(|name| model(&store, name))
+        .collect::<PyResult<Vec<_>>>()?;
+    let first = models
+        .first()
+        .ok_or_else(|| input("expected at least one model, got none"))?;
+    let logs = read_for(&logs, &first.version)?;
+    let result = py.detach(|| rotortwin_twin::compare::compare(&logs, &models));
+    json(&result.map_err(input)?.0)
+}
+
+/// What a model lacks.
+#[pyfunction]
+pub(crate) fn diagnose(
+    py: Python<'_>,
+    logs: Vec<Log<'_>>,
+    model_name: &str,
+    store: PathBuf,
+    effects: Vec<PathBuf>,
+    baseline: Vec<Log<'_>>,
+) -> PyResult<String> {
+    let model = model(&store, model_name)?.version;
+    let logs = read_for(&logs, &model)?;
+    let baseline = read_for(&baseline, &model)?;
+    let effects = effects
+        .iter()
+        .map(effect_documents::load)
+        .collect::<Result<Vec<_>, _>>();
+    let effects = effects.map_err(input)?;
+    let result = py.detach(|| {
+        let start = Instant::now();
+        let options = Options {
+            effects,
+            baseline,
+            clock: &|| start.elapsed().as_secs_f64(),
+            ..Options::default()
+        };
+        rotortwin_twin::diagnose::diagnose(&logs, &model, &options)
+    });
+    json(&result.map_err(input)?)
+}
+
+/// Takes every step; versions are kept nowhere but in the result.
+struct Eager {
+    name: String,
+    number: u32,
+}
+
+impl Guide for Eager {
+    fn compared(&mut self, _: &Row) -> Result<bool, String> {
+        Ok(true)
+    }
+
+    fn proposed(
+        &mut self,
+        _: &ModelVersion,
+        _: &ModelVersion,
+        _: &Finding,
+        _: &Diagnosis,
+    ) -> Result<Option<String>, String> {
+        self.number += 1;
+        Ok(Some(format!("{}@v{}", self.name, self.number)))
+    }
+}
+
+/// Adds what is missing until the model agrees or the reason why it does not is known: the result, and the last version's file.
+#[pyfunction]
+pub(crate) fn improve(
+    py: Python<'_>,
+    logs: Vec<Log<'_>>,
+    held_out: Vec<Log<'_>>,
+    model_name: &str,
+    store: PathBuf,
+) -> PyResult<(String, String)> {
+    let model = model(&store, model_name)?;
+    let logs = read_for(&logs, &model.version)?;
+    let held_out = read_for(&held_out, &model.version)?;
+    let result = py.detach(|| {
+        let start = Instant::now();
+        let options = Options {
+            clock: &|| start.elapsed().as_secs_f64(),
+            ..Options::default()
+        };
+        let request = Request {
+            model: &model,
+            fitted: &logs,
+            held_out: &held_out,
+            oracle: None,
+        };
+        let mut guide = Eager {
+            name: model.version.name.clone(),
+            number: 0,
+        };
+        rotortwin_twin::improve::improve(&request, &options, &mut guide)
+    });
+    let result = result.map_err(input)?;
+    Ok((json(&result)?, result.model.to_toml()))
+}
+
+/// A vehicle from logs: what was found, and the three files of it (vehicle, blades, intervals).
+#[pyfunction]
+#[pyo3(signature = (logs, mass_kg, arm_m, name, frame = None, capacity_ah = None, cells = None))]
+pub(crate) fn identify(
+    py: Python<'_>,
+    logs: Vec<Log<'_>>,
+    mass_kg: f64,
+    arm_m: f64,
+    name: &str,
+    frame: Option<String>,
+    capacity_ah: Option<f64>,
+    cells: Option<u32>,
+) -> PyResult<(String, [String; 3])> {
+    let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
+    let request = rotortwin_twin::identify::Request {
+        mass_kg,
+        arm_m,
+        frame,
+        capacity_ah,
+        cells,
+    };
+    let found = py
+        .detach(|| rotortwin_twin::identify::identify(&logs, &request))
+        .map_err(input)?;
+    let texts = files(&found, name);
+    Ok((json(&found)?, [texts.vehicle, texts.blades, texts.intervals]))
+}

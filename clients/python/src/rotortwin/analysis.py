@@ -1,0 +1,167 @@
+"""The twin in this process, without a server: logs from files or data frames against models.
+
+    import pandas
+    import rotortwin
+
+    log = pandas.read_csv("flight.csv")                     # canonical columns: docs/logs.md
+    found = rotortwin.diagnose(log, "f550")
+    print(found.sentence)
+
+A log is the path of a file of any format that `rotortwin compare` reads (`"flight.ulg"`, `"flight.bin@35:65"`), a run folder, or a table:
+a data frame of pandas, polars or arrow, or a dict of arrays. A model is a vehicle's name or file, or `MODEL@v2` of a folder of models.
+Results hold what the commands of the same name print with `--json`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._here import native
+
+_native = native()
+
+#: A path, a table, or a table with the name that answers call it by.
+Log = Any
+
+
+class Result(dict[str, Any]):
+    """The answer as the command gives it with `--json`."""
+
+    @property
+    def sentence(self) -> str:
+        """The answer in one sentence; empty for a comparison, which has a row for each channel."""
+        return str(self.get("sentence") or self.get("reason") or "")
+
+    def __repr__(self) -> str:
+        return self.sentence or super().__repr__()
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<p>{escape(self.sentence)}</p>" if self.sentence else f"<pre>{escape(json.dumps(self, indent=1)[:4000])}</pre>"
+
+
+def _log(log: Log, number: int) -> Any:
+    if isinstance(log, (str, PathLike)):
+        return fspath(log)
+    name = f"table {number}"
+    if isinstance(log, tuple):
+        name, log = log
+    columns = log if isinstance(log, Mapping) else {str(key): log[key] for key in _names(log)}
+    return str(name), {str(key): _doubles(name, key, values) for key, values in columns.items()}
+
+
+def _names(table: Any) -> Sequence[str]:
+    # Arrow's `columns` are the columns, not their names.
+    names = getattr(table, "column_names", None)
+    names = getattr(table, "columns", None) if names is None else names
+    if names is None:
+        raise _native.InputError(f"expected a path, a data frame or a dict of arrays as a log, got {type(table).__name__}")
+    return list(names)
+
+
+def _doubles(name: str, key: object, values: Any) -> bytes:
+    try:
+        return np.ascontiguousarray(values, dtype=np.float64).tobytes()
+    except (TypeError, ValueError) as error:
+        raise _native.InputError(f"{name}, column '{key}': expected numbers ({error})") from error
+
+
+def _logs(logs: Log | Sequence[Log]) -> list[Any]:
+    several = logs if isinstance(logs, list) else [logs]
+    return [_log(log, number) for number, log in enumerate(several, start=1)]
+
+
+def compare(
+    logs: Log | list[Log], models: str | PathLike[str] | list[str | PathLike[str]], *, store: str | PathLike[str] = "models"
+) -> Result:
+    """Holds models against logs: the error of each channel against its noise, by flight condition, with the worst moments."""
+    names = models if isinstance(models, list) else [models]
+    return Result(json.loads(_native.compare(_logs(logs), [fspath(name) for name in names], fspath(store))))
+
+
+def diagnose(
+    logs: Log | list[Log],
+    model: str | PathLike[str],
+    *,
+    effects: Sequence[str | PathLike[str]] = (),
+    baseline: list[Log] | None = None,
+    store: str | PathLike[str] = "models",
+) -> Result:
+    """Which physical effect the model lacks, with its parameters and their intervals; or that none does, or that none can be told.
+
+    `effects`: documents of effects of one's own; `baseline`: three healthy flights of the same vehicle at least.
+    """
+    found = _native.diagnose(_logs(logs), fspath(model), fspath(store), [fspath(path) for path in effects], _logs(baseline or []))
+    return Result(json.loads(found))
+
+
+@dataclass(frozen=True)
+class Improved:
+    """What `improve` gives."""
+
+    result: Result
+    #: The last version as a file that `--model` takes.
+    model_toml: str
+
+    @property
+    def sentence(self) -> str:
+        return self.result.sentence
+
+    def write(self, path: str | PathLike[str]) -> None:
+        """Writes the last version."""
+        Path(path).write_text(self.model_toml, encoding="utf-8")
+
+
+def improve(
+    logs: Log | list[Log],
+    model: str | PathLike[str],
+    *,
+    held_out: list[Log] | None = None,
+    store: str | PathLike[str] = "models",
+) -> Improved:
+    """Diagnoses and adds what is missing until the model agrees or the reason why it does not is known; `held_out` logs are seen by no fit.
+
+    Nothing is written into the folder of models.
+    """
+    result, text = _native.improve(_logs(logs), _logs(held_out or []), fspath(model), fspath(store))
+    return Improved(Result(json.loads(result)), text)
+
+
+@dataclass(frozen=True)
+class IdentifiedVehicle:
+    """What `vehicle_from_log` gives: every value with its interval and source, and the files of the vehicle."""
+
+    result: Result
+    name: str
+    #: Texts of NAME.toml, NAME.blades.toml, NAME.intervals.toml.
+    files: tuple[str, str, str]
+
+    def write(self, folder: str | PathLike[str] = ".") -> Path:
+        """Writes the three files; the path of the vehicle's, which `--model` and `diagnose` take."""
+        paths = [Path(folder) / f"{self.name}{ending}" for ending in (".toml", ".blades.toml", ".intervals.toml")]
+        for path, text in zip(paths, self.files, strict=True):
+            path.write_text(text, encoding="utf-8")
+        return paths[0]
+
+
+def vehicle_from_log(
+    logs: Log | list[Log],
+    *,
+    mass_kg: float,
+    arm_m: float,
+    name: str = "my-vehicle",
+    frame: str | None = None,
+    capacity_ah: float | None = None,
+    cells: int | None = None,
+) -> IdentifiedVehicle:
+    """A vehicle from a log, a scale (mass with battery) and a ruler (centre to the furthest rotor)."""
+    found, files = _native.identify(_logs(logs), mass_kg, arm_m, name, frame, capacity_ah, cells)
+    return IdentifiedVehicle(Result(json.loads(found)), name, (files[0], files[1], files[2]))

@@ -1,0 +1,72 @@
+"""The twin in this process: the same answers from files, frames and dicts."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rotortwin
+
+DRAG = {"effect": "rotor-drag", "parameters": {"drag_n_s_m": 0.25}}
+MEASURED = (
+    "time_s", "position_", "velocity_", "roll_rad", "pitch_rad", "yaw_rad", "roll_rate", "pitch_rate", "yaw_rate", "duty_",
+    "battery_voltage_v",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def log() -> dict[str, Any]:
+    """What a vehicle with a drag that the F550's file does not have would have logged."""
+    settings = {"duration_s": 40.0, "fault": [], "effect": [DRAG]}
+    kept = rotortwin.Simulation("helix-2", seed=4, set=settings).run().telemetry()
+    return {name: values for name, values in kept.items() if name.startswith(MEASURED)}
+
+
+def test_val_a_hidden_drag_is_named_from_any_table(log: dict[str, Any], tmp_path: Path) -> None:
+    found = rotortwin.diagnose(log, "f550")
+    assert found.sentence.startswith("Missing: rotor drag")
+    [effect] = found["effects"]
+    [drag] = effect["parameters"]
+    assert abs(drag["value"] - 0.25) < 4 * drag["deviation"] + 0.002
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame(log)
+    frame.to_csv(tmp_path / "flight.csv", index=False)
+    others: list[Any] = [frame, ("flight", frame), tmp_path / "flight.csv"]
+    if polars := pytest.importorskip("polars"):
+        others.append(polars.DataFrame(log))
+    others.append(pytest.importorskip("pyarrow").Table.from_pandas(frame))
+    for other in others:
+        assert rotortwin.diagnose(other, "f550").sentence.startswith("Missing: rotor drag, k_d = 0.250")
+    assert "rotor drag" in repr(found) and "rotor drag" in found._repr_html_()
+
+
+def test_val_the_error_falls_once_the_effect_is_added(log: dict[str, Any], tmp_path: Path) -> None:
+    improved = rotortwin.improve(log, "f550")
+    improved.write(tmp_path / "better.toml")
+    before, after = (rotortwin.compare(log, model)["verdict"] for model in ("f550", tmp_path / "better.toml"))
+    assert "agrees" not in before and "agrees" in after
+    assert rotortwin.diagnose(log, tmp_path / "better.toml")["verdict"]["kind"] == "agrees"
+
+
+def test_regress_an_empty_column_is_none(log: dict[str, Any]) -> None:
+    import numpy as np
+
+    empty = np.full(len(log["time_s"]), np.nan)
+    with_empty = {**log, "accel_x_m_s2": empty, "accel_y_m_s2": empty, "accel_z_m_s2": empty}
+    assert rotortwin.diagnose(with_empty, "f550").sentence.startswith("Missing: rotor drag")
+
+
+def test_regress_bad_logs_are_one_sentence(log: dict[str, Any]) -> None:
+    without_time = {name: values for name, values in log.items() if name != "time_s"}
+    for bad, words in [
+        (without_time, "time_s"),
+        ({**log, "roll_rad": ["level"] * len(log["time_s"])}, "roll_rad"),
+        ("nowhere.csv", "nowhere.csv"),
+        (7, "expected a path"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            rotortwin.diagnose(bad, "f550")
+    with pytest.raises(ValueError, match="f550"):
+        rotortwin.diagnose(log, "f55")
+    with pytest.raises(ValueError, match="mass"):
+        rotortwin.vehicle_from_log(log, mass_kg=-1.0, arm_m=0.3)

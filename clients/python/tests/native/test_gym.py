@@ -1,0 +1,53 @@
+"""The environments of Gymnasium."""
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+
+import rotortwin.gym  # noqa: E402
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+IDS = [f"rotortwin/{name}-v0" for name in ("Hover", "Trajectory", "DamagedBlade", "LowBattery")]
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.filterwarnings("ignore:.*Box observation space")
+def test_val_gymnasiums_own_checks_pass(name: str) -> None:
+    check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
+
+
+def test_val_a_blade_breaks_on_the_rotor_that_the_seed_draws() -> None:
+    # Our own controller flies, through the environment's actions.
+    env = rotortwin.gym.FlightEnv("damaged-blade", duration_s=12.0)
+    _, info = env.reset(seed=4)
+    assert info["faulty_rotors"] == ()
+    cut = False
+    while not cut:
+        flight = env._flight
+        assert flight is not None
+        action = (flight.controller_duty - flight.hover_duty) / rotortwin.gym.REACH
+        observation, reward, terminated, cut, info = env.step(action.astype(np.float32))
+        assert env.observation_space.contains(observation) and not terminated and reward <= 1.0
+    assert len(info["faulty_rotors"]) == 1
+
+
+def test_scenario_episodes_of_a_vector_end_and_begin_one_by_one() -> None:
+    many = gymnasium.make_vec("rotortwin/Hover-v0", num_envs=3, duration_s=1.0)
+    first, _ = many.reset(seed=1)
+    again, _ = many.reset(seed=1)
+    assert np.array_equal(first, again) and first.shape == many.observation_space.shape
+    # The third motor group is stopped: this one falls out of its box before the others are cut.
+    action = np.zeros((3, 6), np.float32)
+    action[2] = -1.0
+    ends = np.zeros(3, int)
+    for _ in range(250):
+        _, reward, terminated, truncated, _ = many.step(action)
+        assert np.isfinite(reward).all()
+        ends += terminated | truncated
+    assert (ends[:2] == 2).all() and ends[2] >= 2
+
+
+def test_regress_an_unknown_task_is_named() -> None:
+    with pytest.raises(ValueError, match="damaged-blade"):
+        rotortwin.gym.FlightEnv("hoover")

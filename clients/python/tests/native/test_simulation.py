@@ -1,0 +1,111 @@
+"""Flights in this process."""
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotortwin
+from rotortwin.simulation import MOTION, OBSERVATION, STEP_S
+
+PROGRAM = os.environ.get("ROTORTWIN_PROGRAM", "rotortwin")
+
+
+def test_regress_a_flight_has_the_hash_of_the_command(tmp_path: Path) -> None:
+    flown = subprocess.run(
+        [PROGRAM, "fly", "short-hover", "--seed", "11", "--set", "duration_s=4", "--out", str(tmp_path / "run")],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    flight = rotortwin.Simulation("short-hover", seed=11, set={"duration_s": 4.0}).run()
+    assert flight.done and flight.time_s == 4.0
+    assert flight.run_hash in flown.stdout and flight.run_hash in json.dumps(summary)
+
+
+def test_val_a_lost_share_of_thrust_is_named_with_an_interval_that_holds_it() -> None:
+    fault = {"time_s": 12.0, "rotor": 2, "thrust_loss_percent": 10.0}
+    flight = rotortwin.Simulation("hover", seed=5, set={"duration_s": 20.0, "fault": [fault]}).run()
+    verdict = flight.verdict
+    assert verdict.rotors == (2,) == tuple(flight.truth["faulty_rotors"])
+    assert verdict.loss_low <= 0.1 <= verdict.loss_high and "rotor 2 lost" in str(verdict)
+
+
+def test_val_steps_by_hand_fly_what_they_are_given() -> None:
+    flight = rotortwin.Simulation("short-hover", seed=1)
+    sensed = flight.observation
+    assert sensed.shape == (len(OBSERVATION),) and sensed.dtype == np.float32
+    assert flight.motion.shape == (len(MOTION),)
+    full = np.ones(flight.rotor_count)
+    for _ in range(100):
+        flight.step(full)
+    kept = flight.telemetry()
+    assert (kept["duty_1"] == 1.0).all() and kept["time_s"][-1] == pytest.approx(99 * STEP_S)
+    assert flight.motion[5] < -0.5, "it climbs"
+    again = rotortwin.Simulation("short-hover", seed=1)
+    again.step(full, steps=100)
+    assert again.run_hash == flight.run_hash
+    assert flight.reset().tolist() == sensed.tolist()
+
+
+def test_val_our_controllers_duty_given_back_is_our_controllers_flight() -> None:
+    own = rotortwin.Simulation("short-hover", seed=2, set={"duration_s": 1.0}).run()
+    by_hand = rotortwin.Simulation("short-hover", seed=2, set={"duration_s": 1.0})
+    while not by_hand.done:
+        by_hand.step(by_hand.controller_duty)
+    assert np.array_equal(by_hand.telemetry()["true_position_down_m"], own.telemetry()["true_position_down_m"])
+
+
+def test_regress_flights_side_by_side_are_those_one_by_one() -> None:
+    scenario = rotortwin.Scenario("short-hover", set={"duration_s": 2.0})
+    flown = rotortwin.fly(scenario, range(5), columns=["roll_rad"], every=100)
+    assert flown["roll_rad"].shape == (5, 8) and flown.failures == (None,) * 5
+    batch = rotortwin.SimulationBatch(scenario, range(5))
+    while not batch.done.all():
+        batch.step(steps=50)
+    alone = [rotortwin.Simulation(scenario, seed=seed).run() for seed in range(5)]
+    hashes = [flight.run_hash for flight in alone]
+    assert list(flown.run_hashes) == hashes == batch.run_hashes
+    assert np.array_equal(flown["roll_rad"][3], alone[3].telemetry()["roll_rad"][::100].astype(float))
+
+
+def test_scenario_a_flight_that_breaks_off_leaves_the_others() -> None:
+    batch = rotortwin.SimulationBatch(rotortwin.Scenario("short-hover"), [1, 2])
+    duty = np.full((2, batch.rotor_count), 0.4)
+    duty[0] = np.nan
+    batch.step(duty)
+    assert batch.failures[0] is not None and "duty" in batch.failures[0] and batch.failures[1] is None
+    batch.reset([0], [3])
+    assert batch.failures == [None, None]
+
+
+def test_regress_bad_input_is_one_sentence() -> None:
+    cases: list[tuple[Callable[[], object], str]] = [
+        (lambda: rotortwin.Simulation("hovr"), "did you mean 'hover'"),
+        (lambda: rotortwin.Simulation("hover", set={"duraton_s": 1.0}), "duraton_s"),
+        (lambda: rotortwin.Simulation("hover", set={"duration_s": object()}), "expected a number"),
+        (lambda: rotortwin.Simulation("hover", record=["rol_rad"]), "roll_rad"),
+        (lambda: rotortwin.fly("hover", [1], every=0), "from 1 on"),
+        (lambda: rotortwin.SimulationBatch(rotortwin.Scenario("hover"), []), "at least one"),
+    ]
+    for make, words in cases:
+        with pytest.raises(ValueError, match=words):
+            make()
+    flight = rotortwin.Simulation("short-hover", set={"duration_s": 0.1})
+    with pytest.raises(rotortwin.FlightError, match="expected 6 duties"):
+        flight.step([0.5])
+    flight.run()
+    with pytest.raises(rotortwin.FlightError, match="over"):
+        flight.step()
+
+
+def test_scenario_a_flight_is_a_frame_and_a_plot() -> None:
+    pytest.importorskip("matplotlib").use("Agg")
+    flight = rotortwin.Simulation("short-hover", set={"duration_s": 1.0}).run()
+    assert len(flight.frame()) == 400
+    assert len(flight.plot().axes) == 3

@@ -1,0 +1,231 @@
+//! One flight, a step at a time, for a caller that holds the loop: the environment of a learner, a notebook.
+//!
+//! ```text
+//!  sensors() ─▶ the caller chooses duties, or leaves it to our controller ─▶ step() ─▶ a complete sample, the next sensors()
+//! ```
+//! Samples and run hash are those of [`crate::lockstep::fly`] where our controller flies.
+
+use crate::lockstep::Failure;
+use crate::run_hash::RunHasher;
+use crate::sample::Sample;
+use crate::setup::run_setup;
+use rotortwin_plant::{Simulation, TruthSample};
+use rotortwin_proto::ControllerSetup;
+use rotortwin_scenario::Scenario;
+use rotortwin_wire::frames::{CommandFrame, SensorFrame, Stamp};
+use rotortwin_wire::link::in_process::InProcessLink;
+use rotortwin_wire::link::{ControllerPeer, PlantLink as _, RunSetup};
+use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
+
+/// Run id of a flight that nothing but this process sees.
+const RUN_ID: u64 = 1;
+
+/// A flight in the hands of a caller.
+pub struct SteppedFlight {
+    simulation: Simulation,
+    link: InProcessLink<Steered, FdiEnginePeer>,
+    hasher: RunHasher,
+    sensors: SensorFrame,
+    specific_force_m_s2: Option<[f32; 3]>,
+    steps: u64,
+}
+
+impl SteppedFlight {
+    /// A flight before its first step.
+    ///
+    /// # Errors
+    /// One sentence: the scenario cannot be flown.
+    pub fn new(scenario: &Scenario, seed: u64) -> Result<Self, String> {
+        let simulation = scenario.simulation(seed).map_err(|error| error.to_string())?;
+        let setup: RunSetup = run_setup(scenario, &simulation, RUN_ID);
+        let mut link = InProcessLink::new(Steered::default(), FdiEnginePeer::default());
+        link.open(&setup).map_err(|error| error.to_string())?;
+        let mut flight = Self {
+            hasher: RunHasher::new(simulation.rotor_count()),
+            simulation,
+            link,
+            sensors: SensorFrame::default(),
+            specific_force_m_s2: None,
+            steps: 0,
+        };
+        flight.sense();
+        Ok(flight)
+    }
+
+    fn sense(&mut self) {
+        let sensed = self.simulation.sense();
+        let stamp = Stamp {
+            run_id: RUN_ID,
+            step: sensed.step,
+            sim_time_ns: sensed.sim_time_ns,
+        };
+        self.sensors = SensorFrame::new(stamp, &sensed.nav, &sensed.reference, sensed.battery_voltage);
+        self.specific_force_m_s2 = sensed.specific_force_m_s2;
+    }
+
+    /// What was sensed at the start of the step to come; after the last one, at its end.
+    pub fn sensors(&self) -> &SensorFrame {
+        &self.sensors
+    }
+
+    /// The truth at the same moment.
+    pub fn truth(&self) -> &TruthSample {
+        self.simulation.truth()
+    }
+
+    /// Rotors of the vehicle.
+    pub fn rotor_count(&self) -> usize {
+        self.simulation.rotor_count()
+    }
+
+    /// Duty, fraction, at which the nominal vehicle hovers at the initial charge.
+    pub fn hover_duty(&self) -> f32 {
+        self.simulation.hover_duty()
+    }
+
+    /// Complete samples.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// All steps of the scenario were flown.
+    pub fn done(&self) -> bool {
+        self.simulation.done()
+    }
+
+    /// Hash over all complete samples.
+    pub fn run_hash(&self) -> String {
+        self.hasher.digest()
+    }
+
+    /// What our controller answers to [`Self::sensors`]; it is asked at most once a step.
+    pub fn controller_command(&mut self) -> CommandFrame {
+        let sensors = self.sensors.canonical();
+        self.link.controller_mut().own(&sensors)
+    }
+
+    /// Flies one step with `duty`, fraction by rotor, or with our controller's. A controller that is not asked in a step does not see it:
+    /// its integrators stand still.
+    ///
+    /// # Errors
+    /// The flight is over, a duty is no number, or the state of the plant is none any more; the flight cannot go on then.
+    pub fn step(&mut self, duty: Option<&[f32]>) -> Result<Sample, Failure> {
+        if let Some(duty) = duty {
+            if duty.len() != self.rotor_count() {
+                let sentence = format!("expected {} duties, got {}", self.rotor_count(), duty.len());
+                return Err(Failure::of("controller", sentence));
+            }
+            let mut command = CommandFrame::default();
+            command.duty[..duty.len()].copy_from_slice(duty);
+            self.link.controller_mut().chosen = Some(command);
+        }
+        let truth = *self.simulation.truth();
+        let command = self
+            .link
+            .exchange(&self.sensors)
+            .map_err(|error| Failure::from(&error))?;
+        self.simulation
+            .advance(&command.command())
+            .map_err(|error| Failure::of("plant", error.to_string()))?;
+        let report = match self.link.next_report(true) {
+            Ok(Some(report)) => report,
+            Ok(None) => return Err(Failure::of("fdi", "the FDI engine gave no report")),
+            Err(error) => return Err(Failure::from(&error)),
+        };
+        let sample = Sample {
+            sensors: self.sensors,
+            command,
+            report,
+            truth,
+            specific_force_m_s2: self.specific_force_m_s2,
+        };
+        self.hasher.update(&sample);
+        self.steps += 1;
+        self.sense();
+        Ok(sample)
+    }
+}
+
+/// The caller's command where there is one, else our controller's.
+#[derive(Default)]
+struct Steered {
+    own: PidPeer,
+    /// Our controller's answer to the step that its stamp names.
+    answered: Option<CommandFrame>,
+    /// The caller's, for the next step.
+    chosen: Option<CommandFrame>,
+}
+
+impl Steered {
+    fn own(&mut self, sensors: &SensorFrame) -> CommandFrame {
+        match self.answered {
+            Some(answer) if answer.stamp == sensors.stamp => answer,
+            _ => *self.answered.insert(self.own.step(sensors)),
+        }
+    }
+}
+
+impl ControllerPeer for Steered {
+    fn setup(&mut self, parameters: &ControllerSetup) -> Result<(), String> {
+        self.own.setup(parameters)
+    }
+
+    fn step(&mut self, sensors: &SensorFrame) -> CommandFrame {
+        match self.chosen.take() {
+            Some(command) => command,
+            None => self.own(sensors),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lockstep::{NoObserver, fly};
+    use crate::pace::Pace;
+
+    fn scenario() -> Scenario {
+        let path = format!("{}/../../config/scenarios/short-hover.toml", env!("CARGO_MANIFEST_DIR"));
+        Scenario::load_with(path, &["duration_s=2"]).expect("a good scenario")
+    }
+
+    #[test]
+    fn regress_a_flight_by_steps_has_the_hash_of_the_loop() {
+        let scenario = scenario();
+        let mut simulation = scenario.simulation(3).expect("it flies");
+        let setup = run_setup(&scenario, &simulation, 77);
+        let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
+        let whole = fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
+
+        let mut flight = SteppedFlight::new(&scenario, 3).expect("it flies");
+        while !flight.done() {
+            // Asking first, or giving the same back, changes nothing.
+            if flight.steps() % 3 == 0 {
+                let duty = flight.controller_command().duty;
+                assert_eq!(flight.controller_command().duty, duty);
+            }
+            flight.step(None).expect("a step");
+        }
+        assert_eq!((flight.steps(), flight.run_hash()), (whole.steps, whole.run_hash));
+        assert!(
+            flight
+                .step(None)
+                .is_err_and(|failure| failure.sentence.contains("over"))
+        );
+    }
+
+    #[test]
+    fn val_the_callers_duties_are_flown() {
+        let mut flight = SteppedFlight::new(&scenario(), 3).expect("it flies");
+        let full = vec![1.0; flight.rotor_count()];
+        for _ in 0..200 {
+            let sample = flight.step(Some(&full)).expect("a step");
+            assert_eq!(sample.command.duty[..full.len()], full[..]);
+        }
+        assert!(flight.truth().velocity_ned_m_s[2] < -1.0, "it climbs");
+        for (duty, words) in [(vec![0.5], "expected 6 duties"), (vec![f32::NAN; 6], "duty")] {
+            let failure = flight.step(Some(&duty)).expect_err("it is refused");
+            assert!(failure.sentence.contains(words), "{}", failure.sentence);
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! `cargo xtask dist`: what people install who do not build: an archive, a Debian package, a Python wheel.
+//!
+//! ```text
+//!  target/release/rotortwin ─▶ stripped ─┬─▶ rotortwin-V-x86_64-linux.tar.gz   program, completions, manual pages
+//!  lib_native.so ────────────▶ stripped ─┤─▶ rotortwin_V_amd64.deb             the same where Debian puts them
+//!  clients/python ───────────▶ its wheel ┴─▶ rotortwin-V-cp310-abi3-….whl      the command, the native module and the client
+//! ```
+//! The oldest glibc that they run on is that of the newest symbol which they use; it names the wheel and is what the package asks for.
+
+use crate::command;
+use anyhow::{Context as _, Result, bail};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const SHELLS: [(&str, &str); 3] = [
+    ("bash", "usr/share/bash-completion/completions/rotortwin"),
+    ("zsh", "usr/share/zsh/vendor-completions/_rotortwin"),
+    ("fish", "usr/share/fish/vendor_completions.d/rotortwin.fish"),
+];
+
+/// Makes all packages in `target/dist`.
+pub(crate) fn run(root: &Path) -> Result<()> {
+    command::build(root, &["--bin", "rotortwin", "--lib"])?;
+    let out = root.join("target/dist");
+    if out.exists() {
+        fs::remove_dir_all(&out).with_context(|| format!("emptying {}", out.display()))?;
+    }
+    let stage = out.join("stage");
+    fs::create_dir_all(&stage)?;
+    let program = stripped(&root.join("target/release/rotortwin"), &stage.join("rotortwin"))?;
+    let module = stripped(
+        &root.join("target/release/lib_native.so"),
+        &stage.join("_native.abi3.so"),
+    )?;
+    let glibc = newest_glibc(&program)?.max(newest_glibc(&module)?);
+    let version = version(root)?;
+    let tree = installed(root, &program, &stage.join("root"))?;
+    archive(root, &tree, &out, &version)?;
+    debian(&tree, &out, &version, glibc)?;
+    wheel(root, &program, &module, &out, &version, glibc)?;
+    fs::remove_dir_all(&stage)?;
+    sums(&out)
+}
+
+fn version(root: &Path) -> Result<String> {
+    let text = fs::read_to_string(root.join("Cargo.toml"))?;
+    let line = text.lines().find_map(|line| line.strip_prefix("version = \""));
+    let version = line.and_then(|rest| rest.split('"').next());
+    Ok(version
+        .context("Cargo.toml: expected `version` of the workspace")?
+        .to_owned())
+}
+
+fn stripped(from: &Path, to: &Path) -> Result<PathBuf> {
+    command::run(
+        &format!("strip {}", from.display()),
+        Command::new("strip").arg("-o").arg(to).arg(from),
+    )?;
+    Ok(to.to_owned())
+}
+
+/// The newest version of glibc of which a symbol is used.
+fn newest_glibc(file: &Path) -> Result<(u32, u32)> {
+    let said = Command::new("objdump")
+        .arg("-T")
+        .arg(file)
+        .output()
+        .context("starting objdump (binutils)")?;
+    let text = String::from_utf8_lossy(&said.stdout);
+    let versions = text.split("GLIBC_").skip(1).filter_map(|rest| {
+        let end = rest
+            .find(|c: char| !(c.is_ascii_digit() || c == '.'))
+            .unwrap_or(rest.len());
+        let (major, minor) = rest[..end].split_once('.')?;
+        Some((major.parse().ok()?, minor.split('.').next()?.parse().ok()?))
+    });
+    versions
+        .max()
+        .with_context(|| format!("{} uses no glibc", file.display()))
+}
+
+/// The program, its completions and manual pages as they lie below `/`.
+fn installed(root: &Path, program: &Path, tree: &Path) -> Result<PathBuf> {
+    let bin = tree.join("usr/bin");
+    let manual = tree.join("usr/share/man/man1");
+    let about = tree.join("usr/share/doc/rotortwin");
+    for folder in [&bin, &manual, &about] {
+        fs::create_dir_all(folder)?;
+    }
+    fs::copy(program, bin.join("rotortwin"))?;
+    for (shell, place) in SHELLS {
+        let said = Command::new(program).args(["completions", shell]).output()?;
+        if !said.status.success() {
+            bail!(
+                "rotortwin completions {shell}: {}",
+                String::from_utf8_lossy(&said.stderr)
+            );
+        }
+        let place = tree.join(place);
+        fs::create_dir_all(place.parent().context("a file lies in a folder")?)?;
+        fs::write(place, said.stdout)?;
+    }
+    command::run(
+        "manual pages",
+        Command::new(program).args(["man", "--out"]).arg(&manual),
+    )?;
+    for name in ["README.md", "CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT"] {
+        fs::copy(root.join(name), about.join(name))?;
+    }
+    fs::write(
+        about.join("copyright"),
+        "rotortwin: MIT or Apache-2.0, see LICENSE-MIT and LICENSE-APACHE beside this file.\n",
+    )?;
+    Ok(tree.to_owned())
+}
+
+fn archive(root: &Path, tree: &Path, out: &Path, version: &str) -> Result<()> {
+    let name = format!("rotortwin-{version}-{}-linux", std::env::consts::ARCH);
+    let mut tar = Command::new("tar");
+    tar.current_dir(root)
+        .args([
+            "--create",
+            "--gzip",
+            "--sort=name",
+            "--owner=0",
+            "--group=0",
+            "--numeric-owner",
+        ])
+        .arg(format!("--transform=s,^usr,{name},"))
+        .arg("--file")
+        .arg(out.join(format!("{name}.tar.gz")))
+        .arg("--directory")
+        .arg(tree)
+        .arg("usr");
+    command::run("archive", &mut tar)
+}
+
+fn debian(tree: &Path, out: &Path, version: &str, (major, minor): (u32, u32)) -> Result<()> {
+    if Command::new("dpkg-deb").arg("--version").output().is_err() {
+        println!("-- no Debian package: there is no dpkg-deb here");
+        return Ok(());
+    }
+    let architecture = match std::env::consts::ARCH {
+        "x86_64" => "amd64",
+        "aarch64" => "arm64",
+        other => bail!("no name of Debian's for {other}"),
+    };
+    let control = tree.join("DEBIAN");
+    fs::create_dir_all(&control)?;
+    let text = format!(
+        "Package: rotortwin\nVersion: {version}\nArchitecture: {architecture}\nMaintainer: rotortwin\nSection: science\nPriority: optional\n\
+         Depends: libc6 (>= {major}.{minor}), libgcc-s1\n\
+         Description: co-simulation of multirotors with propeller faults, and a twin of measurements\n \
+         Plant, controller and fault detection as processes in lockstep, a server for jobs,\n \
+         and a model that is compared with flight logs.\n"
+    );
+    fs::write(control.join("control"), text)?;
+    let file = out.join(format!("rotortwin_{version}_{architecture}.deb"));
+    let mut build = Command::new("dpkg-deb");
+    build
+        .args(["--root-owner-group", "-Zxz", "-z3", "--build"])
+        .arg(tree)
+        .arg(file);
+    command::run("Debian package", &mut build)?;
+    fs::remove_dir_all(control)?;
+    Ok(())
+}
+
+/// The client's wheel with the native module, the command, and the name of the platform.
+fn wheel(
+    root: &Path,
+    program: &Path,
+    module: &Path,
+    out: &Path,
+    version: &str,
+    (major, minor): (u32, u32),
+) -> Result<()> {
+    let stage = out.join("stage");
+    let environment = root.join("target/dist-python");
+    let python = environment.join("bin/python");
+    if !environment.join("complete.txt").exists() {
+        let mut make = Command::new("python3");
+        command::run(
+            "Python environment",
+            make.args(["-m", "venv", "--clear"]).arg(&environment),
+        )?;
+        let mut install = Command::new(&python);
+        command::run(
+            "its packages",
+            install.args(["-m", "pip", "install", "--quiet", "wheel>=0.42", "hatchling>=1.24"]),
+        )?;
+        fs::write(environment.join("complete.txt"), "")?;
+    }
+    let pure = stage.join("pure");
+    let mut build = Command::new(&python);
+    build.args([
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--wheel-dir",
+    ]);
+    command::run("wheel of the client", build.arg(&pure).arg(root.join("clients/python")))?;
+    let file = fs::read_dir(&pure)?.next().context("pip made no wheel")??.path();
+    let mut unpack = Command::new(&python);
+    command::run(
+        "unpack it",
+        unpack.args(["-m", "wheel", "unpack", "--dest"]).arg(&stage).arg(file),
+    )?;
+
+    let folder = stage.join(format!("rotortwin-{version}"));
+    let scripts = folder.join(format!("rotortwin-{version}.data/scripts"));
+    fs::create_dir_all(&scripts)?;
+    fs::copy(program, scripts.join("rotortwin"))?;
+    fs::copy(module, folder.join("rotortwin/_native.abi3.so"))?;
+    let about = folder.join(format!("rotortwin-{version}.dist-info"));
+    edit(
+        &about.join("METADATA"),
+        "Requires-Dist: httpx",
+        "Requires-Dist: numpy>=1.24\nRequires-Dist: httpx",
+    )?;
+    let tag = format!("cp310-abi3-manylinux_{major}_{minor}_{}", std::env::consts::ARCH);
+    edit(&about.join("WHEEL"), "Root-Is-Purelib: true", "Root-Is-Purelib: false")?;
+    edit(&about.join("WHEEL"), "Tag: py3-none-any", &format!("Tag: {tag}"))?;
+    let mut pack = Command::new(&python);
+    command::run(
+        "wheel of the platform",
+        pack.args(["-m", "wheel", "pack", "--dest-dir"]).arg(out).arg(folder),
+    )
+}
+
+/// Replaces the first of a text that has to be there.
+fn edit(file: &Path, from: &str, to: &str) -> Result<()> {
+    let text = fs::read_to_string(file)?;
+    if !text.contains(from) {
+        bail!("{}: expected '{from}'", file.display());
+    }
+    Ok(fs::write(file, text.replacen(from, to, 1))?)
+}
+
+/// `SHA256SUMS`, and what there is with its size.
+fn sums(out: &Path) -> Result<()> {
+    let mut names: Vec<String> = fs::read_dir(out)?
+        .map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()))
+        .collect::<Result<_>>()?;
+    names.sort();
+    let said = Command::new("sha256sum")
+        .current_dir(out)
+        .args(&names)
+        .output()
+        .context("starting sha256sum")?;
+    fs::write(out.join("SHA256SUMS"), said.stdout)?;
+    for name in names {
+        let bytes = fs::metadata(out.join(&name))?.len();
+        println!("{:>6.1} MB  target/dist/{name}", bytes as f64 / 1e6);
+    }
+    Ok(())
+}
