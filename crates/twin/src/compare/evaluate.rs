@@ -8,7 +8,8 @@ use super::NuisanceValues;
 use super::conditions::{self, Condition, Dependence};
 use super::open_loop::{self, OpenLoopError};
 use super::statistics::{InputTest, LjungBox, block_means, mean_square, standardised_blocks};
-use crate::estimation::nuisances;
+use crate::estimation::columns::LogState;
+use crate::estimation::nuisances::{self, Reach};
 use crate::predict::channels::{F, M, group};
 use crate::predict::{CHANNELS, ChannelResiduals, Covariance, NAMES, Nuisances, PredictError, Predictor, UNITS};
 
@@ -165,7 +166,7 @@ pub struct Evaluated {
 /// # Errors
 /// The model's effects together make no vehicle.
 pub fn evaluate(model: &str, predictor: &Predictor, conditions: &[Condition]) -> Result<Evaluated, PredictError> {
-    let fitted = nuisances::fit(predictor)?;
+    let fitted = nuisances::fit(&LogState::new(predictor.clone()), &[], Reach::Plausible)?;
     let residuals = predictor.residuals(&fitted, &[])?;
     let step = predictor.series().step_s;
     let covariances = predictor.noise().covariances(step);

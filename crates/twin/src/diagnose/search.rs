@@ -122,10 +122,7 @@ fn begin<'a>(
     };
     let logs: Vec<LogState> = predictors
         .into_iter()
-        .map(|predictor| LogState {
-            predictor,
-            nuisances: Nuisances::default(),
-        })
+        .map(LogState::new)
         .collect();
     State {
         problem: Problem {
@@ -166,9 +163,118 @@ fn at_rest(predictor: &Predictor) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
+    use std::path::{Path, PathBuf};
+
+    use rotortwin_blind::flight::{FlightPlan, Row, fly};
+    use rotortwin_blind::hidden::Hidden;
+    use rotortwin_blind::script::Script;
+    use rotortwin_blind::vehicle::Vehicle;
 
     use super::*;
+    use crate::compare::{NamedModel, compare};
+    use crate::log::FlightLog;
+    use crate::model::ModelVersion;
+
+    #[expect(unreachable_pub, reason = "public in the crate that the file is of")]
+    #[path = "../../../../../tests/src/skip.rs"]
+    mod skip;
+
+    fn vehicle_file(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/vehicles/{name}.toml"))
+    }
+
+    /// A flight of the foreign simulator with something hidden.
+    fn simulated(flight: &str, hidden: &str) -> FlightLog {
+        let vehicle = Vehicle::load(&vehicle_file("f550")).unwrap();
+        let plan = FlightPlan {
+            effects: vec![Hidden::parse(hidden).unwrap()],
+            ..FlightPlan::new(vehicle, Script::built_in(flight, 5).unwrap(), 20.0, 5)
+        };
+        let (rows, _) = fly(&plan).unwrap();
+        let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
+        let mut columns = vec![("battery_voltage_v".to_owned(), of(&|r| r.voltage))];
+        for (axis, names) in [
+            ["velocity_north_m_s", "roll_rad", "roll_rate_rad_s", "accel_x_m_s2"],
+            ["velocity_east_m_s", "pitch_rad", "pitch_rate_rad_s", "accel_y_m_s2"],
+            ["velocity_down_m_s", "yaw_rad", "yaw_rate_rad_s", "accel_z_m_s2"],
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let series = [
+                of(&|r| r.velocity[axis]),
+                of(&|r| r.euler[axis]),
+                of(&|r| r.rates[axis]),
+                of(&|r| r.accel[axis]),
+            ];
+            columns.extend(names.map(str::to_owned).into_iter().zip(series));
+        }
+        columns.extend((0..6).map(|rotor| (format!("duty_{}", rotor + 1), of(&|r| r.duties[rotor]))));
+        FlightLog::from_columns(hidden, of(&|r| r.time), columns).unwrap()
+    }
+
+    /// A log of the development data, if they are there.
+    fn shared(path: &str) -> Option<FlightLog> {
+        let folder = std::env::var_os("ROTORTWIN_SHARED").map_or_else(
+            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared"),
+            PathBuf::from,
+        );
+        let file = folder.join(path);
+        if !file.exists() {
+            skip::skip(&format!("{path} is not beside the repository (ROTORTWIN_SHARED)"));
+            return None;
+        }
+        Some(FlightLog::read(&file).unwrap())
+    }
+
+    /// What a diagnosis fits to a log before all else, and what a comparison shows: biases (N) and charge at the start.
+    fn both(log: &FlightLog, model: &ModelVersion) -> [(Vec<f64>, f64); 2] {
+        let catalogue = model.catalogue().unwrap();
+        let predictor = Predictor::new(&model.documents(), &model.instances(), &catalogue, log).unwrap();
+        let options = Options::default();
+        let instances = model.instances();
+        let mut state = begin(vec![predictor], &catalogue, (&instances, &model.constant), &options, 0.0);
+        NuisanceFit.run(&mut state).unwrap();
+        let fitted = &state.problem.logs[0];
+        let charge = fitted.predictor.initial_charge() + fitted.nuisances.charge;
+        let diagnosed = (fitted.nuisances.rotor_bias_n[..model.documents().vehicle.rotor_count()].to_vec(), charge);
+        let named = NamedModel {
+            label: "m".to_owned(),
+            version: model.clone(),
+        };
+        let (comparison, _) = compare(std::slice::from_ref(log), &[named]).unwrap();
+        let shown = &comparison.logs[0].models[0].nuisances;
+        [diagnosed, (shown.rotor_bias_n.clone(), shown.charge_at_start)]
+    }
+
+    #[test]
+    fn val_comparison_and_diagnosis_of_a_flight_start_from_the_same_nuisances() {
+        let f550 = ModelVersion::load(vehicle_file("f550")).unwrap();
+        let crazyflie = ModelVersion::load(vehicle_file("crazyflie-lee")).unwrap();
+        let logs = [
+            // A wrong mass pushes the biases against their bound.
+            (Some(simulated("waypoint", "mass:share=0.1")), &f550),
+            (Some(simulated("excitation", "rotor-drag")), &f550),
+            (shared("data/hidden_effect/log05.parquet"), &f550),
+            (shared("data/real/crazyswarm2_slung_load/logs/log184"), &crazyflie),
+        ];
+        for (log, model) in logs.into_iter().filter_map(|(log, model)| Some((log?, model))) {
+            let [diagnosed, compared] = both(&log, model);
+            assert_eq!(diagnosed, compared, "{}", log.name);
+            assert!(diagnosed.0.iter().any(|bias| *bias != 0.0) && diagnosed.1 > 0.0, "{diagnosed:?}");
+        }
+    }
+
+    #[test]
+    fn val_no_bias_goes_beyond_what_real_rotors_have() {
+        let f550 = ModelVersion::load(vehicle_file("f550")).unwrap();
+        let [(biases, _), _] = both(&simulated("waypoint", "mass:share=0.1"), &f550);
+        let body = f550.documents().vehicle.body;
+        let most = 0.006 * body.mass_kg * body.gravity_m_s2 / 6.0;
+        // 10 % of the weight is asked of all rotors, and none gives more than its bound.
+        assert!(biases.iter().all(|bias| bias.abs() <= most * (1.0 + 1e-9)), "{biases:?}");
+        assert!(biases.iter().any(|bias| bias.abs() > 0.99 * most), "{biases:?}");
+    }
 
     /// The numbered list of docs/diagnose.md: name and file of each entry.
     fn documented() -> Vec<(String, String)> {

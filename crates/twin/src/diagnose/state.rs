@@ -21,7 +21,7 @@ pub(crate) struct State<'a> {
     pub(crate) named: Vec<Named>,
     /// Evidence of the best candidate that was not named, nats.
     pub(crate) left: f64,
-    /// Nuisances of the given model, as far as they are plausible.
+    /// Nuisances of the given model: those that a comparison shows.
     pub(crate) plain: Vec<Nuisances>,
     /// Fits of the given model.
     pub(crate) before: Fits,

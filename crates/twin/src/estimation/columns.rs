@@ -37,6 +37,14 @@ pub(crate) struct LogState {
 }
 
 impl LogState {
+    /// Before anything is fitted.
+    pub(crate) fn new(predictor: Predictor) -> Self {
+        Self {
+            predictor,
+            nuisances: Nuisances::default(),
+        }
+    }
+
     /// Rotor biases and the charge; no charge without a voltage.
     pub(crate) fn nuisance_count(&self) -> usize {
         self.predictor.series().rotors + 1
@@ -59,26 +67,24 @@ impl LogState {
         }
     }
 
-    /// The nuisances as far as they are plausible: rotor biases within two deviations. Beyond, they stand in for an effect.
-    pub(crate) fn plain_nuisances(&self) -> Nuisances {
-        let mut plain = self.nuisances;
-        for (i, bias) in plain
-            .rotor_bias_n
-            .iter_mut()
-            .enumerate()
-            .take(self.predictor.series().rotors)
-        {
-            let most = 2.0 * self.nuisance_size(i);
-            *bias = bias.clamp(-most, most);
-        }
-        plain
-    }
-
     pub(crate) fn set_nuisance(&mut self, which: usize, value: f64) {
         if which < self.predictor.series().rotors {
             self.nuisances.rotor_bias_n[which] = value;
         } else {
             self.nuisances.charge = value;
+        }
+    }
+
+    /// Where the nuisances stand, in prior deviations.
+    pub(crate) fn position(&self) -> Vec<f64> {
+        let of = |which| self.nuisance(which) / self.nuisance_size(which);
+        (0..self.nuisance_count()).map(of).collect()
+    }
+
+    /// Moves the nuisances there.
+    pub(crate) fn move_to(&mut self, position: &[f64]) {
+        for (which, x) in position.iter().enumerate() {
+            self.set_nuisance(which, x * self.nuisance_size(which));
         }
     }
 }
@@ -113,19 +119,15 @@ pub(crate) struct Base {
 }
 
 impl LogState {
-    pub(crate) fn base(&self, library: &Library, active: &[Active]) -> Result<Base, PredictError> {
-        let set = self
-            .predictor
-            .effect_set(&self.nuisances, &instances(library, active))?;
+    pub(crate) fn base(&self, effects: &[EffectInstance]) -> Result<Base, PredictError> {
+        let set = self.predictor.effect_set(&self.nuisances, effects)?;
         let prediction = self.predictor.predict(&set, Source::Smooth, None);
         Ok(Base { set, prediction })
     }
 
     /// Whitened residual at a point.
-    pub(crate) fn residual(&self, library: &Library, active: &[Active]) -> Result<PerChannel, PredictError> {
-        let set = self
-            .predictor
-            .effect_set(&self.nuisances, &instances(library, active))?;
+    pub(crate) fn residual(&self, effects: &[EffectInstance]) -> Result<PerChannel, PredictError> {
+        let set = self.predictor.effect_set(&self.nuisances, effects)?;
         Ok(self
             .predictor
             .whitened(&self.predictor.predict(&set, Source::Raw, None)))
@@ -150,8 +152,7 @@ impl LogState {
     /// Column of a nuisance, per prior deviation.
     pub(crate) fn nuisance_column(
         &self,
-        library: &Library,
-        active: &[Active],
+        effects: &[EffectInstance],
         base: &Base,
         which: usize,
     ) -> Result<Column, PredictError> {
@@ -167,18 +168,17 @@ impl LogState {
         } else {
             moved.charge += step;
         }
-        let set = self.predictor.effect_set(&moved, &instances(library, active))?;
+        let set = self.predictor.effect_set(&moved, effects)?;
         Ok(self.column(base, &set, Hooks::CONSTANTS, size / step))
     }
 
     /// Columns of all nuisances.
     pub(crate) fn nuisance_columns(
         &self,
-        library: &Library,
-        active: &[Active],
+        effects: &[EffectInstance],
         base: &Base,
     ) -> Result<Vec<Column>, PredictError> {
-        let column = |which| self.nuisance_column(library, active, base, which);
+        let column = |which| self.nuisance_column(effects, base, which);
         in_order((0..self.nuisance_count()).into_par_iter().map(column))
     }
 

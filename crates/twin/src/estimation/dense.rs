@@ -60,6 +60,11 @@ impl Matrix {
 
     /// The lower factor L of M = L Lᵀ; `None` if M is not positive definite.
     pub(crate) fn cholesky(&self) -> Option<Cholesky> {
+        self.cholesky_above(0.0)
+    }
+
+    /// The same; `None` also where a pivot is not above `least` of its diagonal.
+    pub(crate) fn cholesky_above(&self, least: f64) -> Option<Cholesky> {
         let n = self.size;
         let mut l = self.entries.clone();
         for i in 0..n {
@@ -73,7 +78,7 @@ impl Matrix {
                 };
                 let rest = own[j] - sum;
                 if i == j {
-                    if rest.is_nan() || rest <= 0.0 {
+                    if rest.is_nan() || rest <= least * own[j] {
                         return None;
                     }
                     tail[j] = rest.sqrt();

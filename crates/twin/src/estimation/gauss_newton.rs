@@ -5,12 +5,11 @@
 
 use rayon::prelude::*;
 
-use super::columns::{Active, Column, LogState, in_order};
+use super::columns::{Active, Column, LogState, in_order, instances};
 use super::gram::{column_product, residual_product};
-use super::linearisation::empty;
 use super::normal::{Normal, Posterior};
 use super::problem::{Problem, in_pairs, position_of};
-use crate::predict::{CHANNELS, Nuisances, PredictError};
+use crate::predict::{Nuisances, PredictError};
 
 /// Most Gauss–Newton steps.
 const STEPS: usize = 8;
@@ -269,10 +268,11 @@ impl Problem {
         let weights = &self.weights[l];
         let charge = own - 1;
         let moved: Vec<usize> = std::iter::once(charge).chain(free.iter().map(|j| own + j)).collect();
+        let effects = instances(&self.library, active);
         let anew = || {
-            let base = log.base(&self.library, active)?;
+            let base = log.base(&effects)?;
             let column = |&place: &usize| match place.checked_sub(own) {
-                None => log.nuisance_column(&self.library, active, &base, place),
+                None => log.nuisance_column(&effects, &base, place),
                 Some(j) => {
                     let column = &self.library.columns[j];
                     log.parameter_column(&self.library, active, &base, column.candidate, column.parameter)
@@ -280,7 +280,7 @@ impl Problem {
             };
             in_order(moved.par_iter().map(column))
         };
-        let (anew, residual) = rayon::join(anew, || log.residual(&self.library, active));
+        let (anew, residual) = rayon::join(anew, || log.residual(&effects));
         let (anew, residual) = (anew?, residual?);
         let mut columns: Vec<Column> = self.linear[l].columns.clone();
         for (&place, column) in moved.iter().zip(anew) {
@@ -313,49 +313,6 @@ impl Problem {
         for (log, nuisances) in self.logs.iter_mut().zip(&fitted.nuisances) {
             log.nuisances = *nuisances;
         }
-    }
-
-    /// Nuisances alone, before anything else is linearised: two Gauss–Newton steps with their own columns only.
-    pub(crate) fn fit_nuisances(&mut self) -> Result<(), PredictError> {
-        let fitted = in_pairs(&self.logs, |_, log| self.own_nuisances(log));
-        for (log, own) in self.logs.iter_mut().zip(fitted) {
-            log.nuisances = own?;
-        }
-        Ok(())
-    }
-
-    fn own_nuisances(&self, log: &LogState) -> Result<Nuisances, PredictError> {
-        let mut log = log.clone();
-        let mut columns: Vec<Column> = Vec::new();
-        for step in 0..2 {
-            let base = log.base(&self.library, &self.active)?;
-            // The biases are linear; the charge is not: the chart of the open-circuit voltage has kinks.
-            let charge = log.nuisance_count() - 1;
-            if step == 0 {
-                columns = log.nuisance_columns(&self.library, &self.active, &base)?;
-            } else {
-                columns[charge] = log.nuisance_column(&self.library, &self.active, &base, charge)?;
-            }
-            let residual = log.residual(&self.library, &self.active)?;
-            let mut normal = empty(columns.len());
-            for (i, a) in columns.iter().enumerate() {
-                for (j, b) in columns.iter().enumerate().take(i + 1) {
-                    let product = column_product(a, b, &[1.0; CHANNELS]);
-                    *normal.matrix.at_mut(i, j) = product;
-                    *normal.matrix.at_mut(j, i) = product;
-                }
-                normal.gradient[i] =
-                    residual_product(a, &residual, &[1.0; CHANNELS]) - log.nuisance(i) / log.nuisance_size(i);
-            }
-            let Some(posterior) = Posterior::new(&normal, &vec![1.0; columns.len()]) else {
-                return Err(PredictError("the log holds numbers that make no fit".into()));
-            };
-            for (i, step) in posterior.mean.iter().enumerate() {
-                let value = log.nuisance(i) + step * log.nuisance_size(i);
-                log.set_nuisance(i, value);
-            }
-        }
-        Ok(log.nuisances)
     }
 }
 

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::candidates::Library;
-use super::columns::{Active, Column, LogState};
+use super::columns::{Active, Column, LogState, instances};
 use super::dense::Matrix;
 use super::gram::{gram, gram_wide, mixed_dot};
 use super::normal::Normal;
@@ -48,9 +48,10 @@ impl LogState {
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Linear, PredictError> {
         let done = AtomicUsize::new(0);
+        let effects = instances(library, active);
         let all_columns = || {
-            let base = self.base(library, active)?;
-            let mut columns = self.nuisance_columns(library, active, &base)?;
+            let base = self.base(&effects)?;
+            let mut columns = self.nuisance_columns(&effects, &base)?;
             columns.par_extend(library.columns.par_iter().map(|column| {
                 let made = self.parameter_column(library, active, &base, column.candidate, column.parameter);
                 let done = 1 + done.fetch_add(1, Ordering::Relaxed);
@@ -62,7 +63,7 @@ impl LogState {
             }));
             Ok::<_, PredictError>(columns)
         };
-        let (columns, residual) = rayon::join(all_columns, || self.residual(library, active));
+        let (columns, residual) = rayon::join(all_columns, || self.residual(&effects));
         let (columns, residual) = (columns?, residual?);
         let blocks = self.blocks(&columns, &residual);
         Ok(Linear {

@@ -12,6 +12,7 @@ pub(crate) mod columns;
 pub(crate) mod dense;
 pub(crate) mod gauss_newton;
 pub(crate) mod gram;
+pub(crate) mod least_squares;
 pub(crate) mod linearisation;
 pub(crate) mod normal;
 pub(crate) mod nuisances;

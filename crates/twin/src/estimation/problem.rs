@@ -5,9 +5,10 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::candidates::Library;
-use super::columns::{Active, LogState};
+use super::columns::{Active, LogState, instances};
 use super::linearisation::{Linear, accumulate, empty};
 use super::normal::Normal;
+use super::nuisances::{self, Reach};
 use crate::predict::{CHANNELS, PerChannel, PredictError};
 
 /// Everything that a fit needs.
@@ -88,6 +89,16 @@ impl Problem {
         Ok(())
     }
 
+    /// The nuisances alone, log by log, under the effects at work.
+    pub(crate) fn fit_nuisances(&mut self, reach: Reach) -> Result<(), PredictError> {
+        let effects = instances(&self.library, &self.active);
+        let fitted = in_pairs(&self.logs, |_, log| nuisances::fit(log, &effects, reach));
+        for (log, own) in self.logs.iter_mut().zip(fitted) {
+            log.nuisances = own?;
+        }
+        Ok(())
+    }
+
     /// Moves nuisances and effects by a mean of the linear parameters.
     pub(crate) fn advance(&mut self, mean: &[f64]) {
         let mut at = 0;
@@ -121,7 +132,7 @@ pub(crate) fn in_pairs<T: Send>(logs: &[LogState], each: impl Fn(usize, &LogStat
 pub(crate) fn position_of(library: &Library, logs: &[LogState], open: &[Active]) -> Vec<f64> {
     let mut position = Vec::new();
     for log in logs {
-        position.extend((0..log.nuisance_count()).map(|i| log.nuisance(i) / log.nuisance_size(i)));
+        position.extend(log.position());
     }
     for column in &library.columns {
         let value = open.iter().find(|a| a.candidate == column.candidate).map_or(0.0, |a| {

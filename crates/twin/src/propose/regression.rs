@@ -7,7 +7,8 @@
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::candidate::Candidate;
-use crate::estimation::nuisances;
+use crate::estimation::columns::LogState;
+use crate::estimation::nuisances::{self, Reach};
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
 
 /// Length of a mean, s.
@@ -43,7 +44,7 @@ pub(super) struct Regression {
 
 impl Regression {
     pub(super) fn new(predictor: Predictor) -> Result<Self, PredictError> {
-        let fitted = nuisances::fit(&predictor)?;
+        let fitted = nuisances::fit(&LogState::new(predictor.clone()), &[], Reach::Plausible)?;
         let residuals = predictor.residuals(&fitted, &[])?;
         let step_s = predictor.series().step_s;
         let rows = ((MEAN_S / step_s).round() as usize).max(1);

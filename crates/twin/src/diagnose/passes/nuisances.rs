@@ -2,7 +2,7 @@
 
 use super::Pass;
 use crate::diagnose::state::State;
-use crate::estimation::columns::LogState;
+use crate::estimation::nuisances::Reach;
 use crate::predict::PredictError;
 
 pub(crate) struct NuisanceFit;
@@ -13,8 +13,8 @@ impl Pass for NuisanceFit {
     }
 
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
-        state.problem.fit_nuisances()?;
-        state.plain = state.problem.logs.iter().map(LogState::plain_nuisances).collect();
+        state.problem.fit_nuisances(Reach::Plausible)?;
+        state.plain = state.problem.logs.iter().map(|log| log.nuisances).collect();
         Ok(())
     }
 }

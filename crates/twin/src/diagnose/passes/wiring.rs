@@ -5,6 +5,7 @@ use crate::diagnose::named::Named;
 use crate::diagnose::state::State;
 use crate::diagnose::strategies::discrete::{excess, fitted, likeliest, without_nuisances};
 use crate::estimation::columns::Active;
+use crate::estimation::nuisances::Reach;
 use crate::estimation::problem::Problem;
 use crate::predict::PredictError;
 
@@ -38,7 +39,7 @@ impl Pass for WiringTest {
             together: false,
         });
         state.problem.active.push(active);
-        state.problem.fit_nuisances()
+        state.problem.fit_nuisances(Reach::Plausible)
     }
 }
 

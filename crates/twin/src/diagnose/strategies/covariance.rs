@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
 
 use super::gust_filter::{Filtered, Log, MEAN_S, Mean, SEEN, filter};
-use crate::estimation::columns::{Active, Column, LogState};
+use crate::estimation::columns::{Active, Column, LogState, instances};
 use crate::estimation::dense::dot;
 use crate::estimation::linearisation::empty;
 use crate::estimation::normal::{Normal, Posterior};
@@ -78,7 +78,7 @@ fn channel_of(seen: usize) -> usize {
 
 /// What a steady wind along each axis does beside some effects.
 fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<Vec<Column>, PredictError> {
-    let base = log.base(&problem.library, active)?;
+    let base = log.base(&instances(&problem.library, active))?;
     (0..3)
         .map(|axis| log.wind_column(&problem.library, active, &base, axis))
         .collect()

@@ -9,6 +9,7 @@ use rotortwin_plant::effects::{EffectDeclaration, Strategy, Wiring};
 use super::start::Trial;
 use crate::estimation::candidates::Candidate;
 use crate::estimation::columns::{Active, instances};
+use crate::estimation::nuisances::Reach;
 use crate::estimation::problem::Problem;
 use crate::predict::channels::{F, KA, KV, M};
 use crate::predict::{Nuisances, Prediction, Source, Stages};
@@ -100,7 +101,7 @@ pub(crate) fn without_nuisances(problem: &Problem) -> Problem {
 pub(crate) fn fitted(problem: &Problem, active: &[Active]) -> Option<Explained> {
     let mut wired = problem.clone();
     wired.active = active.to_vec();
-    wired.fit_nuisances().ok()?;
+    wired.fit_nuisances(Reach::Anywhere).ok()?;
     let mut explained = excess(&wired, active, None)?;
     for log in &wired.logs {
         let rotors = 0..log.predictor.series().rotors;

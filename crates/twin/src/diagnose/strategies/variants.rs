@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 use rotortwin_plant::effects::ParameterKind;
 
-use crate::estimation::columns::{Active, Base, Column, LogState};
+use crate::estimation::columns::{Active, Base, Column, LogState, instances};
 use crate::estimation::dense::Matrix;
 use crate::estimation::gram::{column_product, residual_product};
 use crate::estimation::normal::Posterior;
@@ -96,7 +96,7 @@ impl Products {
 /// Products of every variant in one log; `None` where it makes no vehicle. Log by log, because the predictions that secants start from
 /// are large.
 fn products_in(problem: &Problem, l: usize, log: &LogState, variants: &[Variant]) -> Vec<Option<Products>> {
-    let Ok(present) = log.base(&problem.library, &problem.active) else {
+    let Ok(present) = log.base(&instances(&problem.library, &problem.active)) else {
         return variants.iter().map(|_| None).collect();
     };
     let mut companions: Vec<&Active> = variants.iter().filter_map(|v| v.companion.as_ref()).collect();
@@ -107,7 +107,7 @@ fn products_in(problem: &Problem, l: usize, log: &LogState, variants: &[Variant]
         .map(|one| {
             let mut active = problem.active.clone();
             active.push(one.clone());
-            (one.candidate, log.base(&problem.library, &active).ok())
+            (one.candidate, log.base(&instances(&problem.library, &active)).ok())
         })
         .collect();
     variants
