@@ -10,12 +10,21 @@
 //! up to a constant. A candidate's parameters have normal priors; the evidence is Laplace's about the mode,
 //! which iteratively reweighted least squares find.
 
-use crate::estimation::dense::Matrix;
+use std::convert::Infallible;
+
+use crate::estimation::least_squares::{Control, LeastSquares, Unknown, minimise};
+use crate::estimation::normal::Normal;
 
 /// Least spread, relative: no two flights are known to be more alike.
 const LEAST_SPREAD: f64 = 0.005;
 /// Iterations of the reweighted least squares.
-const STEPS: usize = 30;
+const CONTROL: Control = Control {
+    steps: 30,
+    dampings: 12,
+    damping: 0.0,
+    least_fall: 1e-12,
+    least_share: 0.0,
+};
 /// Step of the differences in prior deviations.
 const STEP: f64 = 0.01;
 
@@ -100,61 +109,85 @@ fn product(a: &[f64], b: &[f64], (common, rest): (f64, f64)) -> f64 {
     common * n * mean_a * mean_b + rest * inner
 }
 
-/// Fits a candidate whose parameters have prior deviations `sizes`.
-pub(super) fn weigh(data: &[f64], spread: &Spread, sizes: &[f64], signature: &dyn Fn(&[f64]) -> Vec<f64>) -> Weighed {
-    let count = sizes.len();
-    let residual = |at: &[f64]| -> Vec<f64> {
-        let values: Vec<f64> = at.iter().zip(sizes).map(|(x, s)| x * s).collect();
-        data.iter().zip(signature(&values)).map(|(z, m)| z - m).collect()
-    };
-    let log_posterior = |at: &[f64], r: &[f64]| spread.log_likelihood(r) - 0.5 * at.iter().map(|x| x * x).sum::<f64>();
-    let mut at = vec![0.0; count];
-    let mut r = residual(&at);
-    let mut precision = Matrix::zero(count);
-    for _ in 0..STEPS {
-        let weights = spread.precisions(&r);
+/// A candidate on the data; its parameters in prior deviations.
+struct Explanation<'a> {
+    data: &'a [f64],
+    spread: &'a Spread,
+    sizes: &'a [f64],
+    signature: &'a dyn Fn(&[f64]) -> Vec<f64>,
+}
+
+impl Explanation<'_> {
+    fn values(&self, at: &[f64]) -> Vec<f64> {
+        at.iter().zip(self.sizes).map(|(x, s)| x * s).collect()
+    }
+
+    fn residual(&self, at: &[f64]) -> Vec<f64> {
+        let explained = (self.signature)(&self.values(at));
+        self.data.iter().zip(explained).map(|(z, m)| z - m).collect()
+    }
+}
+
+impl LeastSquares for Explanation<'_> {
+    type Error = Infallible;
+
+    /// −2 ln p.
+    fn cost(&mut self, at: &[f64]) -> Result<f64, Infallible> {
+        Ok(-2.0 * self.spread.log_likelihood(&self.residual(at)))
+    }
+
+    /// With the weights of the normal distribution whose gradient is the same at this residual.
+    fn linearise(&mut self, at: &[f64]) -> Result<Normal, Infallible> {
+        let r = self.residual(at);
+        let weights = self.spread.precisions(&r);
+        let count = at.len();
         let columns: Vec<Vec<f64>> = (0..count)
             .map(|j| {
-                let mut moved = at.clone();
+                let mut moved = at.to_vec();
                 moved[j] += STEP;
-                r.iter().zip(residual(&moved)).map(|(a, b)| (a - b) / STEP).collect()
+                let there = self.residual(&moved);
+                r.iter().zip(there).map(|(a, b)| (a - b) / STEP).collect()
             })
             .collect();
-        let mut gradient = vec![0.0; count];
+        let mut normal = Normal::zero(count);
+        normal.square_sum = self.cost(at)?;
         for i in 0..count {
-            gradient[i] = product(&columns[i], &r, weights) - at[i];
+            normal.gradient[i] = product(&columns[i], &r, weights);
             for j in 0..count {
-                *precision.at_mut(i, j) = product(&columns[i], &columns[j], weights) + if i == j { 1.0 } else { 0.0 };
+                *normal.matrix.at_mut(i, j) = product(&columns[i], &columns[j], weights);
             }
         }
-        let Some(factor) = precision.cholesky() else { break };
-        let step = factor.solve(&gradient);
-        let now = log_posterior(&at, &r);
-        let mut share = 1.0;
-        loop {
-            let trial: Vec<f64> = at.iter().zip(&step).map(|(x, s)| x + share * s).collect();
-            let left = residual(&trial);
-            if log_posterior(&trial, &left) >= now {
-                (at, r) = (trial, left);
-                break;
-            }
-            share *= 0.5;
-            if share < 1e-6 {
-                break;
-            }
-        }
-        if share < 1e-6 || step.iter().all(|s| (share * s).abs() < 1e-9) {
-            break;
-        }
+        Ok(normal)
     }
-    let (log_determinant, covariance) = precision
-        .cholesky()
-        .map_or((0.0, Matrix::zero(count)), |f| (f.log_determinant(), f.inverse()));
+}
+
+/// Fits a candidate whose parameters have prior deviations `sizes`.
+pub(super) fn weigh(data: &[f64], spread: &Spread, sizes: &[f64], signature: &dyn Fn(&[f64]) -> Vec<f64>) -> Weighed {
+    let mut explanation = Explanation {
+        data,
+        spread,
+        sizes,
+        signature,
+    };
+    let unknowns = vec![Unknown::unit(f64::INFINITY); sizes.len()];
+    let Ok(minimum) = minimise(&mut explanation, &unknowns, &vec![0.0; sizes.len()], &CONTROL);
+    let at = &minimum.at;
+    let log_posterior = spread.log_likelihood(&explanation.residual(at)) - 0.5 * at.iter().map(|x| x * x).sum::<f64>();
+    let (log_determinant, deviations) = match minimum.precision(&unknowns).cholesky() {
+        Some(factor) => {
+            let covariance = factor.inverse();
+            let deviation = |(i, size): (usize, &f64)| covariance.at(i, i).max(0.0).sqrt() * size;
+            (
+                factor.log_determinant(),
+                sizes.iter().enumerate().map(deviation).collect(),
+            )
+        }
+        // Numbers that are not finite: told by the evidence, which is none.
+        None => (f64::INFINITY, vec![f64::INFINITY; sizes.len()]),
+    };
     Weighed {
-        values: at.iter().zip(sizes).map(|(x, s)| x * s).collect(),
-        deviations: (0..count)
-            .map(|i| covariance.at(i, i).max(0.0).sqrt() * sizes[i])
-            .collect(),
-        log_evidence: log_posterior(&at, &r) - 0.5 * log_determinant,
+        values: explanation.values(at),
+        deviations,
+        log_evidence: log_posterior - 0.5 * log_determinant,
     }
 }

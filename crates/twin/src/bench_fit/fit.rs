@@ -1,7 +1,11 @@
 //! Nonlinear least squares with intervals, and what a fit reports.
 //!
-//! Levenberg–Marquardt with a finite-difference Jacobian on scaled parameters; covariance s² (JᵀJ)⁻¹; 95 % by the normal quantile.
+//! Least squares of [`crate::estimation`] with a finite-difference Jacobian on scaled parameters; covariance s² (JᵀJ)⁻¹; 95 % by the
+//! normal quantile.
 //! Residuals whose lag-one correlation leaves its own 95 % band are resampled in blocks instead (200 draws, fixed seed).
+
+use crate::estimation::least_squares::{Control, LeastSquares, Minimum, Unknown, minimise};
+use crate::estimation::normal::Normal;
 
 /// Draws of the block bootstrap.
 const DRAWS: usize = 200;
@@ -110,125 +114,92 @@ pub struct Structure<'a> {
     pub bounds: Vec<[f64; 2]>,
 }
 
-/// Solves A x = b, A symmetric positive definite, row-major; `None` if it is not.
-fn solve(a: &[f64], b: &[f64]) -> Option<Vec<f64>> {
-    let n = b.len();
-    let mut l = vec![0.0; n * n];
-    for i in 0..n {
-        for j in 0..=i {
-            let sum: f64 = a[i * n + j] - (0..j).map(|k| l[i * n + k] * l[j * n + k]).sum::<f64>();
-            l[i * n + j] = if i == j {
-                if sum <= 1e-14 * a[i * n + i].abs() {
-                    return None;
+/// How a fit goes on and ends: start values may be far off, so that it begins damped.
+const CONTROL: Control = Control {
+    steps: 200,
+    dampings: 12,
+    damping: 1e-3,
+    least_fall: 0.0,
+    least_share: 1e-12,
+};
+
+/// A structure on its data, its parameters over their start values; `weight` is 0 for points that are held out.
+struct Scaled<'a> {
+    structure: &'a Structure<'a>,
+    y: &'a [f64],
+    weight: &'a [f64],
+    scale: &'a [f64],
+}
+
+impl Scaled<'_> {
+    fn parameters(&self, at: &[f64]) -> Vec<f64> {
+        let scaled = at.iter().zip(self.scale).zip(&self.structure.bounds);
+        scaled.map(|((x, s), [low, high])| (x * s).clamp(*low, *high)).collect()
+    }
+
+    fn at(&self, parameters: &[f64]) -> Vec<f64> {
+        parameters.iter().zip(self.scale).map(|(p, s)| p / s).collect()
+    }
+
+    fn unknowns(&self) -> Vec<Unknown> {
+        let bounds = self.structure.bounds.iter().zip(self.scale);
+        bounds
+            .map(|([low, high], s)| Unknown::within(low / s, high / s))
+            .collect()
+    }
+
+    fn minimise(&mut self, start: &[f64]) -> Result<Minimum, NotFinite> {
+        let (unknowns, at) = (self.unknowns(), self.at(start));
+        minimise(self, &unknowns, &at, &CONTROL)
+    }
+
+    fn weighted(&self, fitted: &[f64]) -> Result<f64, NotFinite> {
+        let squares = fitted.iter().zip(self.y).zip(self.weight);
+        let sum: f64 = squares.map(|((f, y), w)| w * (y - f) * (y - f)).sum();
+        if sum.is_finite() { Ok(sum) } else { Err(NotFinite) }
+    }
+}
+
+/// A structure that predicts no numbers at some parameters.
+#[derive(Debug, Clone, Copy)]
+struct NotFinite;
+
+impl LeastSquares for Scaled<'_> {
+    type Error = NotFinite;
+
+    fn cost(&mut self, at: &[f64]) -> Result<f64, NotFinite> {
+        self.weighted(&(self.structure.predict)(&self.parameters(at)))
+    }
+
+    fn linearise(&mut self, at: &[f64]) -> Result<Normal, NotFinite> {
+        const STEP: f64 = 1e-6;
+        let predict = &self.structure.predict;
+        let n = at.len();
+        let p = self.parameters(at);
+        let base = predict(&p);
+        let mut normal = Normal::zero(n);
+        normal.square_sum = self.weighted(&base)?;
+        let columns: Vec<Vec<f64>> = (0..n)
+            .map(|k| {
+                let mut moved = p.clone();
+                moved[k] = p[k] + STEP * self.scale[k];
+                let up = predict(&moved);
+                moved[k] = p[k] - STEP * self.scale[k];
+                let down = predict(&moved);
+                up.iter().zip(&down).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
+            })
+            .collect();
+        for i in 0..self.y.len() {
+            let (r, weight) = (self.y[i] - base[i], self.weight[i]);
+            for a in 0..n {
+                normal.gradient[a] += weight * columns[a][i] * r;
+                for b in 0..n {
+                    *normal.matrix.at_mut(a, b) += weight * columns[a][i] * columns[b][i];
                 }
-                sum.sqrt()
-            } else {
-                sum / l[j * n + j]
-            };
-        }
-    }
-    let mut x = b.to_vec();
-    for i in 0..n {
-        x[i] = (x[i] - (0..i).map(|k| l[i * n + k] * x[k]).sum::<f64>()) / l[i * n + i];
-    }
-    for i in (0..n).rev() {
-        x[i] = (x[i] - (i + 1..n).map(|k| l[k * n + i] * x[k]).sum::<f64>()) / l[i * n + i];
-    }
-    Some(x)
-}
-
-/// Scaled normal matrix, gradient and cost over the points in use.
-struct Normal {
-    matrix: Vec<f64>,
-    gradient: Vec<f64>,
-    cost: f64,
-}
-
-fn cost(structure: &Structure<'_>, y: &[f64], weight: &[f64], p: &[f64]) -> f64 {
-    let fitted = (structure.predict)(p);
-    let sum: f64 = fitted
-        .iter()
-        .zip(y)
-        .zip(weight)
-        .map(|((f, y), w)| w * (y - f) * (y - f))
-        .sum();
-    if sum.is_finite() { sum } else { f64::INFINITY }
-}
-
-fn normal(structure: &Structure<'_>, y: &[f64], weight: &[f64], p: &[f64], scale: &[f64]) -> Normal {
-    let n = p.len();
-    let base = (structure.predict)(p);
-    let columns: Vec<Vec<f64>> = (0..n)
-        .map(|k| {
-            let step = 1e-6 * scale[k];
-            let mut up = p.to_vec();
-            let mut down = p.to_vec();
-            up[k] += step;
-            down[k] -= step;
-            let (up, down) = ((structure.predict)(&up), (structure.predict)(&down));
-            up.iter()
-                .zip(&down)
-                .map(|(a, b)| (a - b) / (2.0 * step) * scale[k])
-                .collect()
-        })
-        .collect();
-    let mut result = Normal {
-        matrix: vec![0.0; n * n],
-        gradient: vec![0.0; n],
-        cost: 0.0,
-    };
-    for i in 0..y.len() {
-        let r = y[i] - base[i];
-        result.cost += weight[i] * r * r;
-        for a in 0..n {
-            result.gradient[a] += weight[i] * columns[a][i] * r;
-            for b in 0..n {
-                result.matrix[a * n + b] += weight[i] * columns[a][i] * columns[b][i];
             }
         }
+        Ok(normal)
     }
-    result
-}
-
-/// Least-squares parameters from a start; `weight` is 0 for points that are held out.
-fn minimise(structure: &Structure<'_>, y: &[f64], weight: &[f64], start: &[f64]) -> Vec<f64> {
-    let n = start.len();
-    let scale: Vec<f64> = structure
-        .start
-        .iter()
-        .map(|s| if *s == 0.0 { 1.0 } else { s.abs() })
-        .collect();
-    let mut p = start.to_vec();
-    let mut damping = 1e-3;
-    for _ in 0..200 {
-        let normal = normal(structure, y, weight, &p, &scale);
-        let mut improved = false;
-        for _ in 0..12 {
-            let mut matrix = normal.matrix.clone();
-            for k in 0..n {
-                matrix[k * n + k] += damping * (normal.matrix[k * n + k] + 1e-12);
-            }
-            let Some(step) = solve(&matrix, &normal.gradient) else {
-                damping *= 10.0;
-                continue;
-            };
-            let next: Vec<f64> = (0..n)
-                .map(|k| (p[k] + scale[k] * step[k]).clamp(structure.bounds[k][0], structure.bounds[k][1]))
-                .collect();
-            let cost = cost(structure, y, weight, &next);
-            if cost < normal.cost {
-                improved = normal.cost - cost > 1e-12 * normal.cost;
-                p = next;
-                damping = (damping * 0.2).max(1e-12);
-                break;
-            }
-            damping *= 6.0;
-        }
-        if !improved {
-            break;
-        }
-    }
-    p
 }
 
 fn lag_one(residuals: &[f64]) -> f64 {
@@ -257,36 +228,38 @@ pub fn fit(structure: &Structure<'_>, y: &[f64], held_out_by: HeldOut) -> Option
         return None;
     }
     let all = vec![1.0; count];
-    let p = minimise(structure, y, &all, &structure.start);
-    let fitted = (structure.predict)(&p);
-    let residuals: Vec<f64> = y.iter().zip(&fitted).map(|(y, f)| y - f).collect();
-    let sum: f64 = residuals.iter().map(|r| r * r).sum();
-    if !sum.is_finite() {
-        return None;
-    }
     let scale: Vec<f64> = structure
         .start
         .iter()
         .map(|s| if *s == 0.0 { 1.0 } else { s.abs() })
         .collect();
-    let normal = normal(structure, y, &all, &p, &scale);
+    let mut whole = Scaled {
+        structure,
+        y,
+        weight: &all,
+        scale: &scale,
+    };
+    let minimum = whole.minimise(&structure.start).ok()?;
+    let unknowns = whole.unknowns();
+    let p = whole.parameters(&minimum.at);
+    let fitted = (structure.predict)(&p);
+    let residuals: Vec<f64> = y.iter().zip(&fitted).map(|(y, f)| y - f).collect();
+    let sum: f64 = residuals.iter().map(|r| r * r).sum();
     let variance = sum / (count - n) as f64;
     let mut notes = Vec::new();
-    let mut deviation = vec![f64::INFINITY; n];
-    let mut told = true;
-    for k in 0..n {
-        let unit: Vec<f64> = (0..n).map(|j| f64::from(u8::from(j == k))).collect();
-        match solve(&normal.matrix, &unit) {
-            Some(column) => deviation[k] = (variance * column[k]).sqrt() * scale[k],
-            None => told = false,
-        }
-    }
+    let covariance = minimum.covariance(&unknowns);
+    let deviation: Vec<f64> = (0..n)
+        .map(|k| {
+            let own = covariance.as_ref().map_or(f64::INFINITY, |c| c.at(k, k));
+            (variance * own).sqrt() * scale[k]
+        })
+        .collect();
+    let told = covariance.is_some();
     if !told {
         notes.push("the data cannot tell all parameters apart: intervals are unbounded".to_owned());
     }
     for k in 0..n {
-        let [low, high] = structure.bounds[k];
-        if p[k] <= low || p[k] >= high {
+        if minimum.at[k] <= unknowns[k].low || minimum.at[k] >= unknowns[k].high {
             notes.push(format!("{} ended at its bound {}", structure.names[k], p[k]));
         }
     }
@@ -294,7 +267,7 @@ pub fn fit(structure: &Structure<'_>, y: &[f64], held_out_by: HeldOut) -> Option
     let mut intervals: Vec<[f64; 2]> = p.iter().zip(&deviation).map(|(p, d)| [p - Z * d, p + Z * d]).collect();
     let mut origin = "Gauss–Newton covariance";
     if told && count >= 60 && correlation.abs() > Z / (count as f64).sqrt() {
-        intervals = bootstrap(structure, &fitted, &residuals, &p);
+        intervals = bootstrap(structure, &fitted, &residuals, &p, &scale)?;
         origin = "block bootstrap, 200 draws";
     }
     let folds = if count < 30 { count } else { 10 };
@@ -306,7 +279,14 @@ pub fn fit(structure: &Structure<'_>, y: &[f64], held_out_by: HeldOut) -> Option
             HeldOut::Interleaved => i % folds == fold,
         };
         let weight: Vec<f64> = (0..count).map(|i| f64::from(u8::from(!out(i)))).collect();
-        let without = (structure.predict)(&minimise(structure, y, &weight, &p));
+        let mut without = Scaled {
+            structure,
+            y,
+            weight: &weight,
+            scale: &scale,
+        };
+        let minimum = without.minimise(&p).ok()?;
+        let without = (structure.predict)(&without.parameters(&minimum.at));
         held_out += (0..count)
             .filter(|i| out(*i))
             .map(|i| (y[i] - without[i]) * (y[i] - without[i]))
@@ -344,7 +324,13 @@ pub fn fit(structure: &Structure<'_>, y: &[f64], held_out_by: HeldOut) -> Option
 }
 
 /// Refits on the fit plus residuals resampled in blocks of count^(1/3), at least 5.
-fn bootstrap(structure: &Structure<'_>, fitted: &[f64], residuals: &[f64], p: &[f64]) -> Vec<[f64; 2]> {
+fn bootstrap(
+    structure: &Structure<'_>,
+    fitted: &[f64],
+    residuals: &[f64],
+    p: &[f64],
+    scale: &[f64],
+) -> Option<Vec<[f64; 2]>> {
     let count = residuals.len();
     let block = ((count as f64).cbrt() as usize).max(5).min(count);
     let mut draw = Draw(1);
@@ -358,17 +344,22 @@ fn bootstrap(structure: &Structure<'_>, fitted: &[f64], residuals: &[f64], p: &[
                 y.push(fitted[y.len()] + residuals[start + i]);
             }
         }
-        for (k, value) in minimise(structure, &y, &all, p).into_iter().enumerate() {
+        let mut resampled = Scaled {
+            structure,
+            y: &y,
+            weight: &all,
+            scale,
+        };
+        let minimum = resampled.minimise(p).ok()?;
+        for (k, value) in resampled.parameters(&minimum.at).into_iter().enumerate() {
             values[k].push(value);
         }
     }
-    values
-        .into_iter()
-        .map(|mut values| {
-            values.sort_by(f64::total_cmp);
-            [values[DRAWS * 25 / 1000], values[DRAWS * 975 / 1000 - 1]]
-        })
-        .collect()
+    let intervals = values.into_iter().map(|mut values| {
+        values.sort_by(f64::total_cmp);
+        [values[DRAWS * 25 / 1000], values[DRAWS * 975 / 1000 - 1]]
+    });
+    Some(intervals.collect())
 }
 
 #[cfg(test)]

@@ -120,10 +120,7 @@ fn begin<'a>(
         threshold,
         timing: Timing::default(),
     };
-    let logs: Vec<LogState> = predictors
-        .into_iter()
-        .map(LogState::new)
-        .collect();
+    let logs: Vec<LogState> = predictors.into_iter().map(LogState::new).collect();
     State {
         problem: Problem {
             weights: vec![[1.0; CHANNELS]; logs.len()],
@@ -162,6 +159,11 @@ fn at_rest(predictor: &Predictor) -> bool {
 }
 
 #[cfg(test)]
+#[expect(unreachable_pub, reason = "public in the crate that the file is of")]
+#[path = "../../../../tests/src/skip.rs"]
+mod skip;
+
+#[cfg(test)]
 mod tests {
     use std::path::{Path, PathBuf};
 
@@ -174,10 +176,6 @@ mod tests {
     use crate::compare::{NamedModel, compare};
     use crate::log::FlightLog;
     use crate::model::ModelVersion;
-
-    #[expect(unreachable_pub, reason = "public in the crate that the file is of")]
-    #[path = "../../../../../tests/src/skip.rs"]
-    mod skip;
 
     fn vehicle_file(name: &str) -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/vehicles/{name}.toml"))
@@ -233,11 +231,20 @@ mod tests {
         let predictor = Predictor::new(&model.documents(), &model.instances(), &catalogue, log).unwrap();
         let options = Options::default();
         let instances = model.instances();
-        let mut state = begin(vec![predictor], &catalogue, (&instances, &model.constant), &options, 0.0);
+        let mut state = begin(
+            vec![predictor],
+            &catalogue,
+            (&instances, &model.constant),
+            &options,
+            0.0,
+        );
         NuisanceFit.run(&mut state).unwrap();
         let fitted = &state.problem.logs[0];
         let charge = fitted.predictor.initial_charge() + fitted.nuisances.charge;
-        let diagnosed = (fitted.nuisances.rotor_bias_n[..model.documents().vehicle.rotor_count()].to_vec(), charge);
+        let diagnosed = (
+            fitted.nuisances.rotor_bias_n[..model.documents().vehicle.rotor_count()].to_vec(),
+            charge,
+        );
         let named = NamedModel {
             label: "m".to_owned(),
             version: model.clone(),
@@ -261,7 +268,10 @@ mod tests {
         for (log, model) in logs.into_iter().filter_map(|(log, model)| Some((log?, model))) {
             let [diagnosed, compared] = both(&log, model);
             assert_eq!(diagnosed, compared, "{}", log.name);
-            assert!(diagnosed.0.iter().any(|bias| *bias != 0.0) && diagnosed.1 > 0.0, "{diagnosed:?}");
+            assert!(
+                diagnosed.0.iter().any(|bias| *bias != 0.0) && diagnosed.1 > 0.0,
+                "{diagnosed:?}"
+            );
         }
     }
 
@@ -272,7 +282,10 @@ mod tests {
         let body = f550.documents().vehicle.body;
         let most = 0.006 * body.mass_kg * body.gravity_m_s2 / 6.0;
         // 10 % of the weight is asked of all rotors, and none gives more than its bound.
-        assert!(biases.iter().all(|bias| bias.abs() <= most * (1.0 + 1e-9)), "{biases:?}");
+        assert!(
+            biases.iter().all(|bias| bias.abs() <= most * (1.0 + 1e-9)),
+            "{biases:?}"
+        );
         assert!(biases.iter().any(|bias| bias.abs() > 0.99 * most), "{biases:?}");
     }
 

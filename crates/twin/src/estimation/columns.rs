@@ -9,11 +9,15 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{EffectInstance, EffectSet, Hooks};
 
 use super::candidates::Library;
-use super::nuisances::{BIAS_SHARE, CHARGE_DEVIATION};
 use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Prediction, Predictor, Source, Stages};
 
+/// Prior deviation of a rotor's lift error over its hover thrust: uniform in ±10.756 mN (§6) on 2.534 N.
+pub(crate) const BIAS_SHARE: f64 = 0.002_45;
+/// Prior deviation of the charge at the start, fraction.
+pub(crate) const CHARGE_DEVIATION: f64 = 0.25;
+
 /// Step of the differences in plausible sizes.
-const STEP: f64 = 0.02;
+pub(crate) const STEP: f64 = 0.02;
 
 /// Step of the wind, m/s.
 const WIND_STEP_M_S: f64 = 0.2;
@@ -105,7 +109,7 @@ pub(crate) fn instances(library: &Library, active: &[Active]) -> Vec<EffectInsta
 }
 
 /// Hooks of an effect alone; all if it sets in late, because then its constants are not there at the start.
-fn hooks_of(predictor: &Predictor, instance: &EffectInstance) -> Result<Hooks, PredictError> {
+pub(crate) fn hooks_of(predictor: &Predictor, instance: &EffectInstance) -> Result<Hooks, PredictError> {
     if instance.onset_s.is_some() {
         return Ok(Hooks::VARYING_CONSTANTS);
     }
@@ -133,7 +137,8 @@ impl LogState {
             .whitened(&self.predictor.predict(&set, Source::Raw, None)))
     }
 
-    fn column(&self, base: &Base, set: &EffectSet, hooks: Hooks, per: f64) -> Column {
+    /// Change of the whitened prediction from `base` to the vehicle with `set`, times `per`; `hooks` are those that differ.
+    pub(crate) fn column(&self, base: &Base, set: &EffectSet, hooks: Hooks, per: f64) -> Column {
         let stages = Stages::between(base.set.constants(), set.constants(), hooks);
         let moved = self
             .predictor

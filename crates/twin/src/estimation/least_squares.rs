@@ -80,10 +80,11 @@ pub(crate) trait LeastSquares {
     /// Why a point cannot be evaluated.
     type Error;
 
-    /// rᵀr at a point. A point that cannot be evaluated is not gone to.
+    /// rᵀr at a point, or what stands for it: twice the negative logarithm of a likelihood. A point that cannot be evaluated is not gone
+    /// to.
     fn cost(&mut self, at: &[f64]) -> Result<f64, Self::Error>;
 
-    /// JᵀJ, Jᵀr and rᵀr about a point: always one whose cost was taken just before, but for the first.
+    /// JᵀJ, Jᵀr and the cost about a point: always one whose cost was taken just before, but for the first.
     fn linearise(&mut self, at: &[f64]) -> Result<Normal, Self::Error>;
 }
 
@@ -96,10 +97,14 @@ pub(crate) struct Minimum {
 }
 
 impl Minimum {
+    /// H + P⁻¹.
+    pub(crate) fn precision(&self, unknowns: &[Unknown]) -> Matrix {
+        with_priors(&self.normal, unknowns)
+    }
+
     /// (H + P⁻¹)⁻¹; `None` if the data and the priors cannot tell all unknowns apart.
     pub(crate) fn covariance(&self, unknowns: &[Unknown]) -> Option<Matrix> {
-        let whole = with_priors(&self.normal, unknowns);
-        Some(whole.cholesky_above(LEAST_PIVOT)?.inverse())
+        Some(self.precision(unknowns).cholesky_above(LEAST_PIVOT)?.inverse())
     }
 }
 
@@ -181,13 +186,7 @@ fn within(at: &[f64], unknowns: &[Unknown]) -> Vec<f64> {
 }
 
 /// The damped step within the bounds; `None` where a pivot is nothing but rounding. What the data do not touch stays where it is.
-fn bounded_step(
-    matrix: &Matrix,
-    gradient: &[f64],
-    unknowns: &[Unknown],
-    at: &[f64],
-    damping: f64,
-) -> Option<Vec<f64>> {
+fn bounded_step(matrix: &Matrix, gradient: &[f64], unknowns: &[Unknown], at: &[f64], damping: f64) -> Option<Vec<f64>> {
     let n = at.len();
     let mut held: Vec<Option<f64>> = (0..n).map(|i| (matrix.at(i, i) <= 0.0).then_some(0.0)).collect();
     loop {
@@ -326,7 +325,11 @@ mod tests {
         let minimum = minimise(&mut problem, &unknowns, &[0.0, 0.0], &LINEAR).unwrap();
         let sxx: f64 = x.iter().map(|x| x * x).sum();
         let slope = x.iter().zip(&y).map(|(x, y)| x * (y - 1.5)).sum::<f64>() / sxx;
-        assert!(minimum.at[0] == 1.5 && (minimum.at[1] - slope).abs() < 1e-6, "{:?}", minimum.at);
+        assert!(
+            minimum.at[0] == 1.5 && (minimum.at[1] - slope).abs() < 1e-6,
+            "{:?}",
+            minimum.at
+        );
     }
 
     #[test]
@@ -341,7 +344,11 @@ mod tests {
         let free = [Unknown::within(-50.0, 50.0); 2];
         let control = Control { steps: 60, ..LINEAR };
         let minimum = minimise(&mut problem, &free, &[1.0, 9.0], &control).unwrap();
-        assert!((minimum.at[0] - 3.0).abs() < 1e-4 && (minimum.at[1] - 2.0).abs() < 1e-4, "{:?}", minimum.at);
+        assert!(
+            (minimum.at[0] - 3.0).abs() < 1e-4 && (minimum.at[1] - 2.0).abs() < 1e-4,
+            "{:?}",
+            minimum.at
+        );
     }
 
     #[test]

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use super::candidates::Library;
 use super::columns::{Active, Column, LogState, instances};
-use super::dense::Matrix;
 use super::gram::{gram, gram_wide, mixed_dot};
 use super::normal::Normal;
 use crate::predict::channels::{KA, M};
@@ -165,15 +164,5 @@ pub(crate) fn accumulate(
             normal.square_sum += weight * block.square_sum;
             normal.samples += block.samples;
         }
-    }
-}
-
-/// An empty problem.
-pub(crate) fn empty(size: usize) -> Normal {
-    Normal {
-        matrix: Matrix::zero(size),
-        gradient: vec![0.0; size],
-        square_sum: 0.0,
-        samples: 0.0,
     }
 }

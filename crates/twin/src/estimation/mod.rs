@@ -2,10 +2,13 @@
 //!
 //! ```text
 //! candidates ─▶ columns, gram ─▶ linearisation ─▶ normal equations ─▶ posterior, scores
-//!                                     │                                  │
-//!                                     └──────────▶ gauss_newton ◀────────┘ settle: until the point stands
+//!                     │               │                                  │
+//!                     │               └──────────▶ gauss_newton ◀────────┘ settle: until the point stands
+//!                     └─▶ least_squares (priors, bounds, damping, pivots, covariance) ◀─ nuisances
+//!                              ▲ refits of a model, bench fits, trims against healthy flights
 //! ```
-//! All fits of the twin to flights are made of these.
+//! `least_squares` is the iteration of small fits; `gauss_newton` that of effects beside the clutter of the whole library, whose steps are
+//! judged by their evidence. What has iterations of its own, and why: docs/decisions/0047.
 
 pub(crate) mod candidates;
 pub(crate) mod columns;

@@ -9,7 +9,7 @@
 //! and half a sample of delay is enough. All other parameters are integrated out once; a candidate then costs a matrix of its own
 //! one to three parameters: with the posterior (m, C) under spikes, H' = C_AA⁻¹ − P_A⁻¹ and g' = C_AA⁻¹ m_A.
 
-use super::dense::Matrix;
+use super::dense::{Cholesky, Matrix};
 
 /// Normal matrix of a linearised problem.
 #[derive(Debug, Clone)]
@@ -36,6 +36,16 @@ pub(crate) struct Posterior {
 }
 
 impl Normal {
+    /// Nothing summed yet.
+    pub(crate) fn zero(size: usize) -> Self {
+        Self {
+            matrix: Matrix::zero(size),
+            gradient: vec![0.0; size],
+            square_sum: 0.0,
+            samples: 0.0,
+        }
+    }
+
     /// With priors that pull towards 0, when it was taken about `position`: the pull joins the gradient, its penalty the square sum.
     pub(crate) fn pulled(mut self, position: &[f64], prior: &[f64]) -> Self {
         let mut penalty = 0.0;
@@ -48,31 +58,45 @@ impl Normal {
     }
 }
 
-impl Posterior {
-    /// Under independent normal priors about 0 with these deviations. `None` if H is not a sum of squares (NaN in the data).
-    pub(crate) fn new(normal: &Normal, deviations: &[f64]) -> Option<Self> {
-        let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
-        let factor = normal.matrix.clone().plus_diagonal(&precision).cholesky()?;
-        let mean = factor.solve(&normal.gradient);
-        let fit: f64 = mean.iter().zip(&normal.gradient).map(|(m, g)| m * g).sum();
-        let log_prior: f64 = deviations.iter().map(|d| d.ln()).sum();
-        Some(Self {
-            log_evidence: 0.5 * fit - 0.5 * factor.log_determinant() - log_prior,
-            mean,
-            covariance: factor.inverse(),
-        })
-    }
+/// ln Z up to −½ rᵀr, and what it is made of.
+pub(crate) struct Weighed {
+    /// ln Z.
+    pub log_evidence: f64,
+    /// (H + P⁻¹)⁻¹ g.
+    pub mean: Vec<f64>,
+    /// H + P⁻¹.
+    pub factor: Cholesky,
+}
+
+/// Evidence of a normal matrix under independent normal priors about 0 with these deviations. `None` if H is not a sum of squares (NaN in
+/// the data).
+pub(crate) fn weigh(matrix: &Matrix, gradient: &[f64], deviations: &[f64]) -> Option<Weighed> {
+    let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
+    let factor = matrix.clone().plus_diagonal(&precision).cholesky()?;
+    let mean = factor.solve(gradient);
+    let fit: f64 = mean.iter().zip(gradient).map(|(m, g)| m * g).sum();
+    let log_prior: f64 = deviations.iter().map(|d| d.ln()).sum();
+    Some(Weighed {
+        log_evidence: 0.5 * fit - 0.5 * factor.log_determinant() - log_prior,
+        mean,
+        factor,
+    })
 }
 
 impl Posterior {
+    /// Under independent normal priors about 0 with these deviations. `None` if H is not a sum of squares (NaN in the data).
+    pub(crate) fn new(normal: &Normal, deviations: &[f64]) -> Option<Self> {
+        let weighed = weigh(&normal.matrix, &normal.gradient, deviations)?;
+        Some(Self {
+            log_evidence: weighed.log_evidence,
+            mean: weighed.mean,
+            covariance: weighed.factor.inverse(),
+        })
+    }
+
     /// ln Z alone, without the covariance.
     pub(crate) fn log_evidence_of(normal: &Normal, deviations: &[f64]) -> Option<f64> {
-        let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
-        let factor = normal.matrix.clone().plus_diagonal(&precision).cholesky()?;
-        let mean = factor.solve(&normal.gradient);
-        let fit: f64 = mean.iter().zip(&normal.gradient).map(|(m, g)| m * g).sum();
-        let log_prior: f64 = deviations.iter().map(|d| d.ln()).sum();
-        Some(0.5 * fit - 0.5 * factor.log_determinant() - log_prior)
+        weigh(&normal.matrix, &normal.gradient, deviations).map(|weighed| weighed.log_evidence)
     }
 }
 
@@ -113,20 +137,12 @@ pub(crate) fn open(
     for (g, shift) in gradient.iter_mut().zip(information.times(offset)) {
         *g += shift;
     }
-    let evaluate = |deviations: &[f64]| {
-        let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
-        let factor = information.clone().plus_diagonal(&precision).cholesky()?;
-        let estimate = factor.solve(&gradient);
-        let fit: f64 = estimate.iter().zip(&gradient).map(|(m, g)| m * g).sum();
-        let log_prior: f64 = deviations.iter().map(|d| d.ln()).sum();
-        Some((0.5 * fit - 0.5 * factor.log_determinant() - log_prior, estimate, factor))
-    };
-    let (closed, ..) = evaluate(spikes)?;
-    let (opened, estimate, factor) = evaluate(slabs)?;
+    let closed = weigh(&information, &gradient, spikes)?;
+    let opened = weigh(&information, &gradient, slabs)?;
     Some(Opened {
-        log_bayes_factor: opened - closed,
-        estimate,
-        covariance: factor.inverse(),
+        log_bayes_factor: opened.log_evidence - closed.log_evidence,
+        estimate: opened.mean,
+        covariance: opened.factor.inverse(),
         information,
     })
 }

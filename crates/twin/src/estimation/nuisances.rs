@@ -6,20 +6,15 @@
 
 use rotortwin_plant::effects::EffectInstance;
 
-use super::columns::{Column, LogState};
+use super::columns::{BIAS_SHARE, Column, LogState};
 use super::gram::{column_product, residual_product};
 use super::least_squares::{Control, LeastSquares, Unknown, minimise};
-use super::linearisation::empty;
 use super::normal::Normal;
 use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError};
 
-/// Prior deviation of a rotor's lift error over its hover thrust: uniform in ±10.756 mN (§6) on 2.534 N.
-pub(crate) const BIAS_SHARE: f64 = 0.002_45;
 /// No lift error goes beyond this, over hover thrust (§6: 0.00424). Long flights overrule any prior; without a bound the biases of all
 /// rotors together would hide a wrong mass.
 const LARGEST_BIAS: f64 = 0.006;
-/// Prior deviation of the charge at the start, fraction.
-pub(crate) const CHARGE_DEVIATION: f64 = 0.25;
 
 /// The biases are linear, and the voltage nearly so in the charge but for the kinks of the chart. A square sum that falls by less than
 /// this moves no value by more than a twentieth of its deviation.
@@ -99,7 +94,7 @@ impl LeastSquares for Flight<'_> {
             self.columns[charge] = self.log.nuisance_column(self.effects, &base, charge)?;
         }
         let weights = [1.0; CHANNELS];
-        let mut normal = empty(self.columns.len());
+        let mut normal = Normal::zero(self.columns.len());
         for (i, a) in self.columns.iter().enumerate() {
             for (j, b) in self.columns.iter().enumerate().take(i + 1) {
                 let product = column_product(a, b, &weights);

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::candidates::Library;
 use super::columns::{Active, LogState, instances};
-use super::linearisation::{Linear, accumulate, empty};
+use super::linearisation::{Linear, accumulate};
 use super::normal::Normal;
 use super::nuisances::{self, Reach};
 use crate::predict::{CHANNELS, PerChannel, PredictError};
@@ -51,7 +51,7 @@ impl Problem {
 
     /// The same with other weights.
     pub(crate) fn normal_with(&self, weights: &[[f64; CHANNELS]], take: impl Fn(usize) -> bool) -> Normal {
-        let mut normal = empty(self.size());
+        let mut normal = Normal::zero(self.size());
         for (log, linear) in self.linear.iter().enumerate() {
             accumulate(
                 &mut normal,

@@ -1,5 +1,5 @@
-//! The joint fit of a version's effects to the logs that they were found on: Gauss–Newton on the whitened residuals, nuisances of each
-//! log included, without clutter.
+//! The joint fit of a version's effects to the logs that they were found on: least squares on the whitened residuals
+//! ([`crate::estimation`]), nuisances of each log included, without clutter.
 //!
 //! The diagnosis fits with clutter on every other parameter of its library, which is right for deciding and for intervals. The model
 //! that is handed on has no clutter; its values are the best without.
@@ -8,15 +8,23 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectInstance, ParameterKind};
 
-use crate::estimation::nuisances::{BIAS_SHARE, CHARGE_DEVIATION};
+use crate::estimation::columns::{Base, Column, LogState, STEP, hooks_of};
+use crate::estimation::gram::{column_product, residual_product};
+use crate::estimation::least_squares::{Control, LeastSquares, Unknown, minimise};
+use crate::estimation::normal::Normal;
+use crate::estimation::nuisances::{self, Reach};
 use crate::log::FlightLog;
 use crate::model::{ModelVersion, Source};
-use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source as Kinematics};
+use crate::predict::{CHANNELS, PerChannel, PredictError, Predictor};
 
-/// Rounds; the last changes nothing that shows.
-const ROUNDS: usize = 4;
-/// Step of the differences in plausible sizes.
-const STEP: f64 = 0.02;
+/// The last step changes nothing that shows.
+const CONTROL: Control = Control {
+    steps: 4,
+    dampings: 4,
+    damping: 0.0,
+    least_fall: 2e-3,
+    least_share: 0.0,
+};
 
 /// A free parameter: place of its effect, name, size, accepted range.
 struct Free {
@@ -26,44 +34,18 @@ struct Free {
     range: (f64, f64),
 }
 
-struct OneLog {
-    predictor: Predictor,
-    nuisances: Nuisances,
+/// Logs whose nuisances move, and effects whose free parameters do. Unknowns are the parameters in plausible sizes, then the nuisances
+/// of each log in prior deviations.
+struct Flights {
+    logs: Vec<LogState>,
+    effects: Vec<EffectInstance>,
+    free: Vec<Free>,
+    /// Whitened residuals of the point whose cost was taken last.
+    residuals: Vec<PerChannel>,
 }
 
-impl OneLog {
-    fn count(&self) -> usize {
-        self.predictor.series().rotors + 1
-    }
-
-    fn size(&self, which: usize) -> f64 {
-        if which + 1 < self.count() {
-            BIAS_SHARE * self.predictor.nominal.hover_thrust_n
-        } else {
-            CHARGE_DEVIATION
-        }
-    }
-}
-
-fn shifted(nuisances: &Nuisances, which: usize, rotors: usize, by: f64) -> Nuisances {
-    let mut moved = *nuisances;
-    if which < rotors {
-        moved.rotor_bias_n[which] += by;
-    } else {
-        moved.charge += by;
-    }
-    moved
-}
-
-fn nuisance(nuisances: &Nuisances, which: usize, rotors: usize) -> f64 {
-    if which < rotors {
-        nuisances.rotor_bias_n[which]
-    } else {
-        nuisances.charge
-    }
-}
-
-/// The version with the effects that a diagnosis of these logs found fitted anew. Values by hand and from other logs stay.
+/// The version with the effects that a diagnosis of these logs found fitted anew. Values by hand and from other logs stay. A parameter
+/// that these logs do not see stays, too.
 ///
 /// # Errors
 /// A log that cannot be held against the model, or effects that together make no vehicle.
@@ -74,43 +56,20 @@ pub fn refit(version: &ModelVersion, logs: &[FlightLog]) -> Result<ModelVersion,
         return Ok(version.clone());
     }
     let documents = version.documents();
-    let mut states = logs
-        .iter()
-        .map(|log| {
-            Ok(OneLog {
-                predictor: Predictor::new(&documents, &[], &catalogue, log)?,
-                nuisances: Nuisances::default(),
-            })
-        })
-        .collect::<Result<Vec<_>, PredictError>>()?;
-    let mut instances = version.instances();
-    let mut cost = None;
-    for _ in 0..ROUNDS {
-        let (step, at) = gauss_newton(&states, &instances, &free)?;
-        let before = *cost.get_or_insert(at);
-        // Half steps until the cost falls.
-        let mut share = 1.0;
-        loop {
-            let (trial, nuisances) = moved(&states, &instances, &free, &step, share);
-            match total_cost(&states, &nuisances, &trial) {
-                Ok(after) if after <= before => {
-                    instances = trial;
-                    for (state, own) in states.iter_mut().zip(nuisances) {
-                        state.nuisances = own;
-                    }
-                    cost = Some(after);
-                    break;
-                }
-                _ if share < 0.1 => break,
-                _ => share *= 0.5,
-            }
-        }
-        if cost.is_some_and(|after| before - after < 1e-3) {
-            break;
-        }
-    }
+    let mut flights = Flights {
+        logs: logs
+            .iter()
+            .map(|log| Predictor::new(&documents, &[], &catalogue, log).map(LogState::new))
+            .collect::<Result<_, _>>()?,
+        effects: version.instances(),
+        free,
+        residuals: Vec::new(),
+    };
+    let (unknowns, start) = (flights.unknowns(), flights.position());
+    let minimum = minimise(&mut flights, &unknowns, &start, &CONTROL)?;
+    flights.move_to(&minimum.at);
     let mut fitted = version.clone();
-    for (effect, instance) in fitted.effect.iter_mut().zip(&instances) {
+    for (effect, instance) in fitted.effect.iter_mut().zip(&flights.effects) {
         effect.parameters.clone_from(&instance.parameters);
     }
     Ok(fitted)
@@ -140,157 +99,99 @@ fn free_parameters(version: &ModelVersion, logs: &[FlightLog], catalogue: &Catal
     free
 }
 
-/// Half the sum of squares of one log, priors included.
-fn cost_of(state: &OneLog, nuisances: &Nuisances, instances: &[EffectInstance]) -> Result<f64, PredictError> {
-    let residuals = state.predictor.residuals(nuisances, instances)?;
-    let squares: f64 = residuals.whitened.iter().flatten().map(|r| r * r).sum();
-    let rotors = state.count() - 1;
-    let pull: f64 = (0..state.count())
-        .map(|i| (nuisance(nuisances, i, rotors) / state.size(i)).powi(2))
-        .sum();
-    Ok(0.5 * (squares + pull))
+impl Flights {
+    fn unknowns(&self) -> Vec<Unknown> {
+        let own = self
+            .free
+            .iter()
+            .map(|one| Unknown::within(one.range.0 / one.size, one.range.1 / one.size));
+        let nuisances = self
+            .logs
+            .iter()
+            .flat_map(|log| nuisances::unknowns(log, Reach::Plausible));
+        own.chain(nuisances).collect()
+    }
+
+    fn value(&self, one: &Free) -> f64 {
+        self.effects[one.effect]
+            .parameters
+            .get(&one.name)
+            .copied()
+            .unwrap_or(0.0)
+    }
+
+    fn position(&self) -> Vec<f64> {
+        let own = self.free.iter().map(|one| self.value(one) / one.size);
+        own.chain(self.logs.iter().flat_map(LogState::position)).collect()
+    }
+
+    fn move_to(&mut self, position: &[f64]) {
+        let (own, mut rest) = position.split_at(self.free.len());
+        for (one, x) in self.free.iter().zip(own) {
+            let value = (x * one.size).clamp(one.range.0, one.range.1);
+            self.effects[one.effect].parameters.insert(one.name.clone(), value);
+        }
+        for log in &mut self.logs {
+            let mine;
+            (mine, rest) = rest.split_at(log.nuisance_count());
+            log.move_to(mine);
+        }
+    }
+
+    /// Column of a free parameter in one log, per plausible size.
+    fn column(&self, log: &LogState, base: &Base, one: &Free) -> Result<Column, PredictError> {
+        let value = self.value(one);
+        let step = STEP * one.size;
+        let step = if value + step > one.range.1 { -step } else { step };
+        let mut moved = self.effects.clone();
+        moved[one.effect].parameters.insert(one.name.clone(), value + step);
+        let hooks = hooks_of(&log.predictor, &moved[one.effect])?;
+        let set = log.predictor.effect_set(&log.nuisances, &moved)?;
+        Ok(log.column(base, &set, hooks, one.size / step))
+    }
 }
 
-fn total_cost(states: &[OneLog], nuisances: &[Nuisances], instances: &[EffectInstance]) -> Result<f64, PredictError> {
-    let costs = states
-        .iter()
-        .zip(nuisances)
-        .map(|(state, own)| cost_of(state, own, instances));
-    costs.sum()
-}
+impl LeastSquares for Flights {
+    type Error = PredictError;
 
-/// Step of all unknowns in their sizes (parameters first, then the nuisances of each log), and the cost at the present point.
-fn gauss_newton(
-    states: &[OneLog],
-    instances: &[EffectInstance],
-    free: &[Free],
-) -> Result<(Vec<f64>, f64), PredictError> {
-    let size = free.len() + states.iter().map(OneLog::count).sum::<usize>();
-    let mut rows = vec![vec![0.0; size + 1]; size];
-    let mut cost = 0.0;
-    let mut offset = free.len();
-    for state in states {
-        let predictor = &state.predictor;
-        let rotors = state.count() - 1;
-        cost += cost_of(state, &state.nuisances, instances)?;
-        let residual = predictor.residuals(&state.nuisances, instances)?.whitened;
-        let smooth = |nuisances: &Nuisances, instances: &[EffectInstance]| {
-            let set = predictor.effect_set(nuisances, instances)?;
-            Ok::<_, PredictError>(predictor.predict(&set, Kinematics::Smooth, None))
-        };
-        let base = smooth(&state.nuisances, instances)?;
-        let mut columns: Vec<(usize, [Option<Vec<f32>>; CHANNELS])> = Vec::new();
-        let mut push = |place: usize, moved: crate::predict::Prediction, per: f64| {
-            let column = std::array::from_fn(|channel| {
-                let (a, b) = (&moved.channels[channel], &base.channels[channel]);
-                if a == b {
-                    return None;
+    fn cost(&mut self, at: &[f64]) -> Result<f64, PredictError> {
+        self.move_to(at);
+        self.residuals = self
+            .logs
+            .iter()
+            .map(|log| log.residual(&self.effects))
+            .collect::<Result<_, _>>()?;
+        Ok(self.residuals.iter().flatten().flatten().map(|r| r * r).sum())
+    }
+
+    fn linearise(&mut self, at: &[f64]) -> Result<Normal, PredictError> {
+        if self.residuals.is_empty() {
+            self.cost(at)?;
+        }
+        self.move_to(at);
+        let weights = [1.0; CHANNELS];
+        let mut normal = Normal::zero(at.len());
+        let mut offset = self.free.len();
+        for (log, residual) in self.logs.iter().zip(&self.residuals) {
+            let base = log.base(&self.effects)?;
+            let mut columns: Vec<(usize, Column)> = Vec::new();
+            for (place, one) in self.free.iter().enumerate() {
+                columns.push((place, self.column(log, &base, one)?));
+            }
+            columns.extend((offset..).zip(log.nuisance_columns(&self.effects, &base)?));
+            for (n, (i, one)) in columns.iter().enumerate() {
+                for (j, other) in &columns[..=n] {
+                    let product = column_product(one, other, &weights);
+                    *normal.matrix.at_mut(*i, *j) += product;
+                    if i != j {
+                        *normal.matrix.at_mut(*j, *i) += product;
+                    }
                 }
-                predictor
-                    .whitener(channel)
-                    .map(|whitener| whitener.difference(a, b, per))
-            });
-            columns.push((place, column));
-        };
-        for (place, one) in free.iter().enumerate() {
-            let mut trial = instances.to_vec();
-            let value = trial[one.effect].parameters.get(&one.name).copied().unwrap_or(0.0);
-            let mut step = STEP * one.size;
-            if value + step > one.range.1 {
-                step = -step;
+                normal.gradient[*i] += residual_product(one, residual, &weights);
             }
-            trial[one.effect].parameters.insert(one.name.clone(), value + step);
-            push(place, smooth(&state.nuisances, &trial)?, one.size / step);
+            normal.square_sum += residual.iter().flatten().map(|r| r * r).sum::<f64>();
+            offset += log.nuisance_count();
         }
-        for which in 0..state.count() {
-            let step = if which < rotors { 0.5 } else { 0.01 };
-            let trial = shifted(&state.nuisances, which, rotors, step * state.size(which));
-            push(offset + which, smooth(&trial, instances)?, 1.0 / step);
-        }
-        for (i, one) in &columns {
-            for (j, other) in &columns {
-                rows[*i][*j] += (0..CHANNELS)
-                    .filter_map(|c| Some(dot(one[c].as_ref()?, other[c].as_ref()?)))
-                    .sum::<f64>();
-            }
-            rows[*i][size] += (0..CHANNELS)
-                .filter_map(|c| {
-                    Some(
-                        one[c]
-                            .as_ref()?
-                            .iter()
-                            .zip(&residual[c])
-                            .map(|(a, r)| f64::from(*a) * r)
-                            .sum::<f64>(),
-                    )
-                })
-                .sum::<f64>();
-        }
-        for which in 0..state.count() {
-            let i = offset + which;
-            rows[i][i] += 1.0;
-            rows[i][size] -= nuisance(&state.nuisances, which, rotors) / state.size(which);
-        }
-        offset += state.count();
+        Ok(normal)
     }
-    for (i, row) in rows.iter_mut().enumerate().take(free.len()) {
-        // A parameter that these logs do not see stays where it is.
-        row[i] += 1e-6;
-    }
-    Ok((solve(rows), cost))
-}
-
-fn moved(
-    states: &[OneLog],
-    instances: &[EffectInstance],
-    free: &[Free],
-    step: &[f64],
-    share: f64,
-) -> (Vec<EffectInstance>, Vec<Nuisances>) {
-    let mut trial = instances.to_vec();
-    for (one, step) in free.iter().zip(step) {
-        let value = trial[one.effect].parameters.entry(one.name.clone()).or_insert(0.0);
-        *value = (*value + share * step * one.size).clamp(one.range.0, one.range.1);
-    }
-    let mut at = free.len();
-    let nuisances = states
-        .iter()
-        .map(|state| {
-            let rotors = state.count() - 1;
-            let mut own = state.nuisances;
-            for which in 0..state.count() {
-                own = shifted(&own, which, rotors, share * step[at + which] * state.size(which));
-            }
-            at += state.count();
-            own
-        })
-        .collect();
-    (trial, nuisances)
-}
-
-fn dot(a: &[f32], b: &[f32]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| f64::from(*x) * f64::from(*y)).sum()
-}
-
-/// Solves a positive definite system whose right side is the last column.
-fn solve(mut rows: Vec<Vec<f64>>) -> Vec<f64> {
-    let n = rows.len();
-    for i in 0..n {
-        for j in i + 1..n {
-            let factor = rows[j][i] / rows[i][i];
-            if factor == 0.0 {
-                continue;
-            }
-            let (above, below) = rows.split_at_mut(j);
-            for (x, y) in below[0][i..].iter_mut().zip(&above[i][i..]) {
-                *x -= factor * y;
-            }
-        }
-    }
-    let mut x = vec![0.0; n];
-    for i in (0..n).rev() {
-        let known: f64 = (i + 1..n).map(|j| rows[i][j] * x[j]).sum();
-        x[i] = (rows[i][n] - known) / rows[i][i];
-    }
-    x
 }

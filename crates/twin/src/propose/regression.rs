@@ -8,6 +8,7 @@ use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::candidate::Candidate;
 use crate::estimation::columns::LogState;
+use crate::estimation::dense::Matrix;
 use crate::estimation::nuisances::{self, Reach};
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
 
@@ -27,6 +28,8 @@ const NEARLY: f64 = 0.005;
 const LEAST_OF_ALL: f64 = 0.02;
 /// Excess of the means of a channel over noise, in variances, from which it fails.
 const FAILS: f64 = 1.3;
+/// Least share of its square that a term must have beside the others.
+const LEAST_OF_OWN: f64 = 1e-6;
 /// Step of the difference that tells what a term does, in the noise of one mean of the channel where it shows most.
 const STEP_NOISES: f64 = 10.0;
 
@@ -305,7 +308,8 @@ impl Gram {
 
     fn fit(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Option<Fit> {
         let k = chosen.len();
-        let mut rows = vec![vec![0.0; k + 1]; k];
+        let mut matrix = Matrix::zero(k);
+        let mut gradient = vec![0.0; k];
         let mut means = Vec::new();
         for channel in 0..CHANNELS {
             let Sums {
@@ -318,30 +322,14 @@ impl Gram {
             // The offset of the channel is eliminated: products about the means.
             for a in 0..k {
                 for b in 0..k {
-                    rows[a][b] += xx[a][b] - x[a] * x[b] / count;
+                    *matrix.at_mut(a, b) += xx[a][b] - x[a] * x[b] / count;
                 }
-                rows[a][k] += xr[a] - x[a] * r / count;
+                gradient[a] += xr[a] - x[a] * r / count;
             }
             means.push((r / count, x.iter().map(|x| x / count).collect()));
         }
-        let diagonal: Vec<f64> = (0..k).map(|a| rows[a][a]).collect();
-        for i in 0..k {
-            // A term that never moves, or that the others give already.
-            if rows[i][i] <= 1e-6 * diagonal[i] || diagonal[i] <= 0.0 {
-                return None;
-            }
-            for j in i + 1..k {
-                let factor = rows[j][i] / rows[i][i];
-                for c in i..=k {
-                    rows[j][c] -= factor * rows[i][c];
-                }
-            }
-        }
-        let mut factors = vec![0.0; k];
-        for i in (0..k).rev() {
-            let known: f64 = (i + 1..k).map(|j| rows[i][j] * factors[j]).sum();
-            factors[i] = (rows[i][k] - known) / rows[i][i];
-        }
+        // None: a term that never moves, or that the others give already.
+        let factors = matrix.cholesky_above(LEAST_OF_OWN)?.solve(&gradient);
         let offsets = std::array::from_fn(|channel| {
             let (r, x) = &means[channel];
             r - factors.iter().zip(x).map(|(c, x)| c * x).sum::<f64>()

@@ -14,7 +14,6 @@ use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
 use super::gust_filter::{Filtered, Log, MEAN_S, Mean, SEEN, filter};
 use crate::estimation::columns::{Active, Column, LogState, instances};
 use crate::estimation::dense::dot;
-use crate::estimation::linearisation::empty;
 use crate::estimation::normal::{Normal, Posterior};
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::{Problem, fitted_residual};
@@ -245,7 +244,7 @@ fn laws(series: &Series) -> Vec<Vec<[f64; 3]>> {
 /// Normal equations of signals `which` against the residual, after the filter; `channels` says which count.
 fn normal_of(filtered: &[Filtered], which: std::ops::Range<usize>, channels: std::ops::Range<usize>) -> Normal {
     let n = which.len();
-    let mut normal = empty(n);
+    let mut normal = Normal::zero(n);
     for one in filtered.iter().flat_map(|f| &f.innovations) {
         for c in channels.clone() {
             let r = one[0][c];

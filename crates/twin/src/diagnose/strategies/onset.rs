@@ -6,7 +6,7 @@ use crate::estimation::columns::Column;
 use crate::estimation::dense::{Matrix, dot};
 use crate::estimation::gram::mixed_dot;
 use crate::estimation::linearisation::BLOCK_S;
-use crate::estimation::normal::{Normal, Posterior};
+use crate::estimation::normal::{Normal, Posterior, weigh};
 use crate::estimation::problem::Problem;
 use crate::predict::CHANNELS;
 
@@ -82,9 +82,7 @@ fn late_evidence(tail: &Normal, posterior: &Posterior, places: &[usize]) -> Opti
         let diagonal = h.at_mut(a, a);
         *diagonal = diagonal.max(0.0);
     }
-    let factor = h.plus_diagonal(&vec![1.0; k]).cholesky()?;
-    let fit: f64 = factor.solve(&g).iter().zip(&g).map(|(m, g)| m * g).sum();
-    Some(0.5 * fit - 0.5 * factor.log_determinant())
+    weigh(&h, &g, &vec![1.0; k]).map(|weighed| weighed.log_evidence)
 }
 
 /// Best onset of a candidate and its gain of ln evidence over an effect from the start; `None` if the start is best.

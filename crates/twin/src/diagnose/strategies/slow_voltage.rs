@@ -2,13 +2,11 @@
 //!
 //! The open-circuit voltage is a chart with kinks: a step that overshoots one is shortened, and minima are searched over the charge.
 
+use crate::estimation::columns::CHARGE_DEVIATION;
 use crate::estimation::dense::{Matrix, dot};
 
 /// Charges tried.
 pub(crate) const CHARGES: usize = 25;
-
-/// Deviation of the charge at the start from the one that the first voltage suggests.
-const CHARGE_DEVIATION: f64 = 0.25;
 
 /// Most Gauss–Newton steps of a fit, and how many of these move the effect alone.
 const MOST_STEPS: usize = 12;

@@ -9,7 +9,7 @@ use rotortwin_plant::effects::ParameterKind;
 use crate::estimation::columns::{Active, Base, Column, LogState, instances};
 use crate::estimation::dense::Matrix;
 use crate::estimation::gram::{column_product, residual_product};
-use crate::estimation::normal::Posterior;
+use crate::estimation::normal::{Posterior, weigh};
 use crate::estimation::problem::{Problem, in_pairs};
 
 /// What is tried: a candidate about `values` by a secant of `step` plausible sizes, alone or beside a companion through which it acts.
@@ -82,12 +82,10 @@ impl Products {
             let diagonal = h.at_mut(a, a);
             *diagonal = diagonal.max(0.0);
         }
-        let factor = h.clone().plus_diagonal(&vec![1.0; k]).cholesky()?;
-        let estimate = factor.solve(g);
-        let fit: f64 = estimate.iter().zip(g.iter()).map(|(m, g)| m * g).sum();
+        let weighed = weigh(h, g, &vec![1.0; k])?;
         Some(Evidence {
-            log_bayes_factor: 0.5 * fit - 0.5 * factor.log_determinant(),
-            estimate,
+            log_bayes_factor: weighed.log_evidence,
+            estimate: weighed.mean,
             information: h.at(0, 0),
         })
     }
