@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_bridge::address::{AnyLine, BoardAddress};
 use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
+use rotortwin_bridge::autopilot::pilot::{self, Pilot, PilotAddress, Piloted};
 use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::autopilot::{OutputMap, Patience};
 use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
@@ -99,6 +100,10 @@ pub(crate) struct Args {
     /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build flies, which is waited for: ardupilot[:ADDR], px4[:ADDR]
     #[arg(long, value_name = "BOARD|AUTOPILOT", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
     pub(crate) controller: Option<Foreign>,
+    /// With an autopilot: where it takes commands over MAVLink, tcp:IP:PORT or udp:IP:PORT; there it is armed, flown and landed. none:
+    /// somebody else does that [default: ardupilot tcp:127.0.0.1:5760, px4 udp:127.0.0.1:14540]
+    #[arg(long, value_name = "ADDR|none", requires = "controller")]
+    pub(crate) pilot: Option<PilotChoice>,
     /// With --controller: where the FDI engine runs
     #[arg(long, value_enum, default_value_t = FdiPlace::Board, requires = "controller")]
     pub(crate) fdi: FdiPlace,
@@ -146,6 +151,26 @@ impl std::str::FromStr for Foreign {
         text.parse()
             .map(Self::Board)
             .map_err(|sentence: String| format!("{sentence}, or an autopilot: ardupilot[:ADDR], px4[:ADDR]"))
+    }
+}
+
+/// Who commands an autopilot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PilotChoice {
+    /// Somebody else.
+    Nobody,
+    /// We do, there.
+    At(PilotAddress),
+}
+
+impl std::str::FromStr for PilotChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "none" => Ok(Self::Nobody),
+            _ => text.parse().map(Self::At),
+        }
     }
 }
 
@@ -282,14 +307,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         (_, Some(Opened::ArduPilot(mut link, supervisor))) => {
             screen.line(&format!(
                 "Waiting for servo packets of ArduPilot: {}",
-                address_text(link.local_address())
+                address_text(link.autopilot().local_address())
             ));
             fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
         }
         (_, Some(Opened::Px4(mut link, supervisor))) => {
             screen.line(&format!(
                 "Waiting for PX4 to connect: {}",
-                address_text(link.local_address())
+                address_text(link.autopilot().local_address())
             ));
             fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
         }
@@ -517,8 +542,8 @@ fn fly_here(
 /// What stands in the place of the controller, opened.
 enum Opened<'a> {
     Board(&'a BoardAddress, AnyLine),
-    ArduPilot(ArduPilot, Supervisor),
-    Px4(Px4, Supervisor),
+    ArduPilot(Piloted<ArduPilot>, Supervisor),
+    Px4(Piloted<Px4>, Supervisor),
 }
 
 /// An address of this host.
@@ -530,6 +555,11 @@ fn address_text(address: Option<std::net::SocketAddr>) -> String {
 fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -> Result<Opened<'a>, ExitCode> {
     let autopilot = match foreign {
         Foreign::Board(address) => {
+            if args.pilot.is_some() {
+                return Err(output::bad_input(format!(
+                    "--pilot belongs to autopilots, the controller is the board {address}"
+                )));
+            }
             let line = address.open().map_err(output::bad_input)?;
             return Ok(Opened::Board(address, line));
         }
@@ -565,11 +595,21 @@ fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -
         step: Duration::from_millis(args.step_timeout),
         stop: supervisor.stop_flag(),
     };
+    let pilot = match args.pilot {
+        Some(PilotChoice::Nobody) => None,
+        Some(PilotChoice::At(at)) => Some(at),
+        None => Some(pilot::default_address(autopilot.protocol)),
+    };
+    let pilot = pilot
+        .map(|at| Pilot::new(autopilot.protocol, at, pilot::MEET))
+        .transpose()
+        .map_err(output::failed)?;
     match autopilot.protocol {
-        Protocol::ArduPilot => {
-            ArduPilot::listen(autopilot.address, map, patience).map(|link| Opened::ArduPilot(link, supervisor))
+        Protocol::ArduPilot => ArduPilot::listen(autopilot.address, map, patience)
+            .map(|link| Opened::ArduPilot(Piloted::new(link, pilot), supervisor)),
+        Protocol::Px4 => {
+            Px4::listen(autopilot.address, map, patience).map(|link| Opened::Px4(Piloted::new(link, pilot), supervisor))
         }
-        Protocol::Px4 => Px4::listen(autopilot.address, map, patience).map(|link| Opened::Px4(link, supervisor)),
     }
     .map_err(output::failed)
 }
@@ -915,6 +955,7 @@ fn change_line(change: &Change) -> Option<String> {
         Change::HandOver { prelude_s } => Some(format!(
             "t   0.000 s  hand-over   {prelude_s:.1} s after the start of the plant"
         )),
+        Change::Words { plant_time_s, text } => Some(format!("plant {plant_time_s:5.1} s  autopilot   {text}")),
         Change::Ground { sim_time_s, mishap } => {
             let what = match mishap {
                 Mishap::HardLanding { speed_m_s } => format!("hard landing at {speed_m_s:.2} m/s"),

@@ -3,6 +3,7 @@
 //! ```text
 //!  prelude:  instruments ─▶ exchange ─▶ parts of 0.5 ms …  until it holds still near the first point: hand-over
 //!  flight:   the same, and at each step of 2.5 ms: sense, detectors with each rotor's mean duty of the step, hash, observer
+//!  landing:  as the prelude, where the autopilot is commanded from here; nothing of it is hashed
 //! ```
 //! Arming and climb take any time; trajectory, faults and calibration count from the hand-over, which is step 0. Detectors, hash
 //! and telemetry keep 400 Hz whatever the autopilot's rate is. The FDI engine runs in this process.
@@ -14,7 +15,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Simulation;
 use rotortwin_plant::sensing::instruments::{InstrumentModel, Instruments};
 use rotortwin_plant::simulation::parts::PARTS_PER_STEP;
-use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Fix, Readings};
+use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Fix, Readings, Wanted};
 use rotortwin_wire::convert;
 use rotortwin_wire::frames::{CommandFrame, SensorFrame, Stamp};
 use rotortwin_wire::link::{FdiPeer, RunSetup};
@@ -45,6 +46,9 @@ impl Default for HandOver {
     }
 }
 
+/// Longest landing, s of simulated time.
+const LONGEST_LANDING_S: f64 = 120.0;
+
 /// What a flight with an autopilot leaves besides that of any flight.
 #[derive(Clone, Debug)]
 pub struct AutopilotOutcome {
@@ -52,6 +56,8 @@ pub struct AutopilotOutcome {
     pub flight: FlightOutcome,
     /// Simulated time before the hand-over, s.
     pub prelude_s: f64,
+    /// Simulated time from the last step until it stood with its motors off, s; `None`: nobody commanded it to land, or it did not.
+    pub landing_s: Option<f64>,
 }
 
 /// Flies `simulation`, which stands on the ground, with an autopilot to its end.
@@ -71,6 +77,7 @@ pub fn fly(
         hasher: RunHasher::new(simulation.rotor_count()),
         steps: 0,
         prelude_ns: 0,
+        landing_s: None,
     };
     let start = Instant::now();
     let end = match flight.run(simulation, autopilot, setup, hand_over, observer) {
@@ -92,6 +99,7 @@ pub fn fly(
             real_time: None,
         },
         prelude_s: flight.prelude_ns as f64 * 1e-9,
+        landing_s: flight.landing_s,
     }
 }
 
@@ -104,6 +112,7 @@ struct Flight {
     hasher: RunHasher,
     steps: u64,
     prelude_ns: u64,
+    landing_s: Option<f64>,
 }
 
 impl Flight {
@@ -129,7 +138,53 @@ impl Flight {
             stop_if_asked(observer)?;
             self.step(simulation, autopilot, &mut fdi, observer)?;
         }
+        if autopilot.flight_ends() {
+            self.landing(simulation, autopilot, observer)?;
+        }
         Ok(())
+    }
+
+    /// After the last step. A flight that was flown to its end stays so, whatever becomes of the landing, unless somebody cancels it.
+    fn landing(
+        &mut self,
+        simulation: &mut Simulation,
+        autopilot: &mut impl Autopilot,
+        observer: &mut impl FlightObserver,
+    ) -> Result<(), StopReason> {
+        simulation.begin_landing();
+        let begun_ns = simulation.elapsed_ns();
+        loop {
+            stop_if_asked(observer)?;
+            let since_s = (simulation.elapsed_ns() - begun_ns) as f64 * 1e-9;
+            let plant_time_s = simulation.elapsed_ns() as f64 * 1e-9;
+            if autopilot.landed() && simulation.on_ground() {
+                self.landing_s = Some(since_s);
+                let p = simulation.truth().position_ned_m;
+                let text = format!(
+                    "landed, motors off, {since_s:.1} s after the last step, {:.1} m north and {:.1} m east of the origin",
+                    p[0], p[1]
+                );
+                observer.words(plant_time_s, text);
+                return Ok(());
+            }
+            if since_s > LONGEST_LANDING_S {
+                let sentence = format!("it had not landed {LONGEST_LANDING_S} s after the last step");
+                observer.words(plant_time_s, sentence);
+                return Ok(());
+            }
+            for _ in 0..PARTS_PER_STEP {
+                match self.part(simulation, autopilot) {
+                    Ok(()) => {}
+                    Err(StopReason::Canceled) => return Err(StopReason::Canceled),
+                    Err(StopReason::Failed(failure)) => {
+                        observer.words(plant_time_s, format!("the landing ended early: {}", failure.sentence));
+                        return Ok(());
+                    }
+                }
+            }
+            report_mishaps(simulation, observer);
+            pass_on_words(simulation, autopilot, observer);
+        }
     }
 
     fn prelude(
@@ -140,12 +195,22 @@ impl Flight {
         observer: &mut impl FlightObserver,
     ) -> Result<(), StopReason> {
         let (mut still_ns, mut last_ns) = (0, 0);
+        autopilot.steer(&Wanted {
+            position_ned_m: simulation.first_point(),
+            velocity_ned_m_s: [0.0; 3],
+            yaw_rad: simulation.first_yaw(),
+        });
         loop {
             stop_if_asked(observer)?;
             for _ in 0..PARTS_PER_STEP {
-                self.part(simulation, autopilot)?;
+                let parts = self.part(simulation, autopilot);
+                if parts.is_err() {
+                    pass_on_words(simulation, autopilot, observer);
+                }
+                parts?;
             }
             report_mishaps(simulation, observer);
+            pass_on_words(simulation, autopilot, observer);
             self.prelude_ns = simulation.elapsed_ns();
             let away = distance_and_speed(simulation);
             let near = away.0 < hand_over.radius_m && away.1 < hand_over.speed_m_s && !simulation.on_ground();
@@ -189,6 +254,11 @@ impl Flight {
         };
         let sensors = SensorFrame::new(stamp, &sensed.nav, &sensed.reference, sensed.battery_voltage).canonical();
         let truth = *simulation.truth();
+        autopilot.steer(&Wanted {
+            position_ned_m: sensed.reference.position_ned.to_array().map(f64::from),
+            velocity_ned_m_s: sensed.reference.velocity_ned.to_array().map(f64::from),
+            yaw_rad: f64::from(sensed.reference.yaw),
+        });
         let mut sum = [0.0; MAX_ROTORS];
         for _ in 0..PARTS_PER_STEP {
             self.part(simulation, autopilot)?;
@@ -211,6 +281,7 @@ impl Flight {
         report.stamp = stamp;
         convert::check_report(&report, rotors).map_err(|error| nonsense("fdi", error))?;
         report_mishaps(simulation, observer);
+        pass_on_words(simulation, autopilot, observer);
         let sample = Sample {
             sensors,
             command,
@@ -269,6 +340,12 @@ fn report_mishaps(simulation: &mut Simulation, observer: &mut impl FlightObserve
     let time_s = simulation.truth().sim_time_ns as f64 * 1e-9;
     for event in simulation.take_ground_events() {
         observer.mishap(time_s, event);
+    }
+}
+
+fn pass_on_words(simulation: &Simulation, autopilot: &mut impl Autopilot, observer: &mut impl FlightObserver) {
+    while let Some(text) = autopilot.words() {
+        observer.words(simulation.elapsed_ns() as f64 * 1e-9, text);
     }
 }
 

@@ -38,6 +38,9 @@ pub trait FlightObserver {
 
     /// An autopilot has handed over after `prelude_s` of simulated time: step 0 follows.
     fn handed_over(&mut self, _prelude_s: f64) {}
+
+    /// An autopilot, or its pilot, said something, `plant_time_s` after the start of the plant.
+    fn words(&mut self, _plant_time_s: f64, _text: String) {}
 }
 
 impl<O: FlightObserver> FlightObserver for &mut O {
@@ -59,6 +62,10 @@ impl<O: FlightObserver> FlightObserver for &mut O {
 
     fn handed_over(&mut self, prelude_s: f64) {
         (**self).handed_over(prelude_s);
+    }
+
+    fn words(&mut self, plant_time_s: f64, text: String) {
+        (**self).words(plant_time_s, text);
     }
 }
 

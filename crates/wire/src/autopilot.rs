@@ -51,11 +51,24 @@ pub struct Fix {
     pub velocity_ned_m_s: [f64; 3],
 }
 
+/// Where the vehicle is wanted: the reference of the scenario, before the flight its first point.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wanted {
+    /// m, NED.
+    pub position_ned_m: [f64; 3],
+    /// m/s, NED.
+    pub velocity_ned_m_s: [f64; 3],
+    /// rad.
+    pub yaw_rad: f64,
+}
+
 /// What an autopilot is, for the record of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     /// For example "ArduPilot at 127.0.0.1:40112".
     pub peer: String,
+    /// For example "ArduPilot 4.7.0 dev (2598e9d4)"; `None`: it did not say.
+    pub version: Option<String>,
     /// It waits for us in each of its steps.
     pub lockstep: bool,
 }
@@ -117,8 +130,27 @@ pub trait Autopilot {
     /// Who it is, as far as known.
     fn identity(&self) -> Identity;
 
+    /// Where it is wanted from now on; told at each step of 2.5 ms, before, during and after the flight. One that is flown by somebody else
+    /// does not listen.
+    fn steer(&mut self, _wanted: &Wanted) {}
+
+    /// A line of what it said, or what was said to it, since the last call.
+    fn words(&mut self) -> Option<String> {
+        None
+    }
+
     /// The hand-over: a restart of it would no longer be the same flight.
     fn flight_begins(&mut self) {}
+
+    /// The last step of the flight is over. True: it lands now, and is to be asked on until [`Autopilot::landed`].
+    fn flight_ends(&mut self) -> bool {
+        false
+    }
+
+    /// True when it has landed and stopped its motors.
+    fn landed(&self) -> bool {
+        false
+    }
 
     /// The run is over.
     fn finish(&mut self) {}

@@ -90,6 +90,13 @@ pub enum Change {
         /// Simulated time that it took, s.
         prelude_s: f64,
     },
+    /// An autopilot, or the pilot that commands it, says something.
+    Words {
+        /// Since the start of the plant, prelude included, s.
+        plant_time_s: f64,
+        /// One line.
+        text: String,
+    },
     /// Something happened on the ground.
     Ground {
         /// End of the step in which it happened, s.

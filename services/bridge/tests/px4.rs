@@ -3,8 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
 mod autopilots;
+mod links;
 
-use autopilots::{Pilot, Watch, flown, outputs, patience, scenario, sentence};
+use autopilots::{Watch, scenario, sentence};
+use links::{Pilot, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::mavlink::frame::{Decoder, encode};

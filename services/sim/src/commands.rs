@@ -4,7 +4,7 @@
 //! exchange, prelude included, the duty of each rotor as f64.
 
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Identity, Readings};
+use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Identity, Readings, Wanted};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -73,8 +73,24 @@ impl<A: Autopilot> Autopilot for Recording<'_, A> {
         self.autopilot.identity()
     }
 
+    fn steer(&mut self, wanted: &Wanted) {
+        self.autopilot.steer(wanted);
+    }
+
+    fn words(&mut self) -> Option<String> {
+        self.autopilot.words()
+    }
+
     fn flight_begins(&mut self) {
         self.autopilot.flight_begins();
+    }
+
+    fn flight_ends(&mut self) -> bool {
+        self.autopilot.flight_ends()
+    }
+
+    fn landed(&self) -> bool {
+        self.autopilot.landed()
     }
 
     fn finish(&mut self) {
@@ -150,6 +166,7 @@ impl Autopilot for Recorded {
     fn identity(&self) -> Identity {
         Identity {
             peer: format!("the recorded commands in {}", self.path.display()),
+            version: None,
             lockstep: true,
         }
     }

@@ -152,6 +152,10 @@ impl FlightObserver for Recorder<'_> {
     fn handed_over(&mut self, prelude_s: f64) {
         (self.emit)(RunEvent::Change(Change::HandOver { prelude_s }));
     }
+
+    fn words(&mut self, plant_time_s: f64, text: String) {
+        (self.emit)(RunEvent::Change(Change::Words { plant_time_s, text }));
+    }
 }
 
 /// One sample as a row of telemetry; the conditions are [`ConditionSchedule::at`] its step.

@@ -20,6 +20,7 @@ use rotortwin_wire::events::RunEvent;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -73,8 +74,11 @@ pub fn fly(
     emit: &mut dyn FnMut(RunEvent),
     stop: &mut dyn FnMut() -> Option<StopReason>,
 ) -> Result<Summary, StoreError> {
-    recorded(scenario, config, folder, emit, stop, |simulation, setup, recorder| {
+    let fly = |simulation: &mut Simulation, setup: &RunSetup, recorder: &mut Recorder<'_>| {
         lockstep::fly(simulation, link, setup, config.pace, recorder)
+    };
+    recorded(scenario, config, folder, (emit, stop), fly, &|| {
+        config.link_name.clone()
     })
 }
 
@@ -89,7 +93,8 @@ pub fn fly_autopilot(
 ) -> Result<Summary, StoreError> {
     let instruments = scenario.document().instruments.clone().unwrap_or_default();
     let rotors = scenario.vehicle().rotor_count();
-    recorded(scenario, config, folder, emit, stop, |simulation, setup, recorder| {
+    let version = RefCell::new(None);
+    let fly = |simulation: &mut Simulation, setup: &RunSetup, recorder: &mut Recorder<'_>| {
         let failed = |sentence| FlightEnd::Failed(lockstep::Failure::of("plant", sentence));
         let instruments = (&instruments, config.seed);
         let mut recording = match Recording::new(autopilot, folder.path(), rotors) {
@@ -98,11 +103,18 @@ pub fn fly_autopilot(
         };
         let hand_over = HandOver::default();
         let mut outcome = autopilot::fly(simulation, &mut recording, setup, instruments, hand_over, recorder).flight;
+        *version.borrow_mut() = recording.identity().version;
         if let Err(sentence) = recording.close() {
             outcome.end = failed(sentence);
         }
         outcome
-    })
+    };
+    // Which version flew is known afterwards.
+    let link_name = || match version.borrow().as_ref() {
+        Some(version) => format!("{}, {version}", config.link_name),
+        None => config.link_name.clone(),
+    };
+    recorded(scenario, config, folder, (emit, stop), fly, &link_name)
 }
 
 /// True if an autopilot of its own clock flew the run: to fly it again takes its commands.
@@ -140,14 +152,14 @@ pub fn replay_autopilot(
     }
 }
 
-/// Records what `flown` flies.
+/// Records what `flown` flies; who flew, `link_name` says afterwards.
 fn recorded(
     scenario: &Scenario,
     config: &SessionConfig,
     folder: &RunFolder,
-    emit: &mut dyn FnMut(RunEvent),
-    stop: &mut dyn FnMut() -> Option<StopReason>,
+    (emit, stop): (&mut dyn FnMut(RunEvent), &mut dyn FnMut() -> Option<StopReason>),
     flown: impl FnOnce(&mut Simulation, &RunSetup, &mut Recorder<'_>) -> FlightOutcome,
+    link_name: &dyn Fn() -> String,
 ) -> Result<Summary, StoreError> {
     let mut simulation = scenario
         .simulation(config.seed)
@@ -170,7 +182,9 @@ fn recorded(
     let outcome = flown(&mut simulation, &setup, &mut recorder);
     recorder.finish()?;
     emit(RunEvent::Recording { steps: outcome.steps });
-    let summary = finalise(folder, summary_of(scenario, config, &outcome))?;
+    let mut summary = summary_of(scenario, config, &outcome);
+    summary.link = link_name();
+    let summary = finalise(folder, summary)?;
     emit(RunEvent::Finished);
     Ok(summary)
 }

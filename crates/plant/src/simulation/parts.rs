@@ -52,6 +52,11 @@ impl Simulation {
         self.record_truth(0);
     }
 
+    /// Lets time run on after the last step, until the vehicle stands: nothing of it counts, and faults stay as they are.
+    pub fn begin_landing(&mut self) {
+        self.parts.prelude = true;
+    }
+
     /// True if the next part is the first of a step.
     pub fn step_begins(&self) -> bool {
         self.parts.done == 0
@@ -97,6 +102,11 @@ impl Simulation {
     /// First point of the trajectory, m, NED.
     pub fn first_point(&self) -> [f64; 3] {
         self.reference.trajectory().pose(0.0).0
+    }
+
+    /// Yaw at the first point, rad.
+    pub fn first_yaw(&self) -> f64 {
+        self.reference.trajectory().pose(0.0).1
     }
 
     /// What instruments say now.
@@ -186,6 +196,25 @@ mod tests {
         }
         assert_eq!((sim.step(), sim.elapsed_ns()), (400, 11_000_000_000));
         assert_eq!(sim.truth().faulty_rotors, 0b10, "the fault counts from the hand-over");
+    }
+
+    #[test]
+    fn val_time_runs_on_after_the_last_step() {
+        let mut sim = Simulation::new(&config(), 1).unwrap();
+        sim.begin_prelude().unwrap();
+        sim.hand_over();
+        let idle = [0.0; MAX_ROTORS];
+        while !sim.done() {
+            sim.advance_part(&idle).unwrap();
+        }
+        let step = sim.step();
+        assert!(sim.advance_part(&idle).is_err(), "the flight is over");
+        sim.begin_landing();
+        for _ in 0..400 * PARTS_PER_STEP {
+            sim.advance_part(&idle).unwrap();
+        }
+        assert_eq!((sim.step(), sim.elapsed_ns()), (step, 3_000_000_000));
+        assert!(sim.on_ground());
     }
 
     #[test]

@@ -317,6 +317,7 @@ impl Autopilot for ArduPilot {
     fn identity(&self) -> Identity {
         Identity {
             peer: self.name(),
+            version: None,
             lockstep: true,
         }
     }

@@ -4,11 +4,13 @@
 //! * [`ardupilot`]: JSON backend over UDP, lockstep by frame number.
 //! * [`servo_packet`]: the bytes of that protocol.
 //! * [`px4`]: MAVLink over TCP, lockstep by the time of our samples.
+//! * [`pilot`]: arms them, flies the scenario with them, lands them.
 //!
 //! All wait with time-outs that name the peer and its last frame; none takes a step of its own accord.
 
 pub mod address;
 pub mod ardupilot;
+pub mod pilot;
 pub mod px4;
 pub mod servo_packet;
 

@@ -393,6 +393,7 @@ impl Autopilot for Px4 {
     fn identity(&self) -> Identity {
         Identity {
             peer: self.name(),
+            version: None,
             lockstep: true,
         }
     }

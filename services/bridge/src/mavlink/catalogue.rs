@@ -2,14 +2,22 @@
 
 /// HEARTBEAT.
 pub const HEARTBEAT: u32 = 0;
+/// LOCAL_POSITION_NED.
+pub const LOCAL_POSITION_NED: u32 = 32;
 /// COMMAND_LONG.
 pub const COMMAND_LONG: u32 = 76;
+/// COMMAND_ACK.
+pub const COMMAND_ACK: u32 = 77;
+/// SET_POSITION_TARGET_LOCAL_NED.
+pub const SET_POSITION_TARGET_LOCAL_NED: u32 = 84;
 /// HIL_ACTUATOR_CONTROLS.
 pub const HIL_ACTUATOR_CONTROLS: u32 = 93;
 /// HIL_SENSOR.
 pub const HIL_SENSOR: u32 = 107;
 /// HIL_GPS.
 pub const HIL_GPS: u32 = 113;
+/// AUTOPILOT_VERSION.
+pub const AUTOPILOT_VERSION: u32 = 148;
 /// STATUSTEXT.
 pub const STATUSTEXT: u32 = 253;
 
@@ -17,10 +25,14 @@ pub const STATUSTEXT: u32 = 253;
 pub fn crc_extra(message: u32) -> Option<u8> {
     Some(match message {
         HEARTBEAT => 50,
+        LOCAL_POSITION_NED => 185,
         COMMAND_LONG => 152,
+        COMMAND_ACK => 143,
+        SET_POSITION_TARGET_LOCAL_NED => 143,
         HIL_ACTUATOR_CONTROLS => 47,
         HIL_SENSOR => 108,
         HIL_GPS => 124,
+        AUTOPILOT_VERSION => 178,
         STATUSTEXT => 83,
         _ => return None,
     })

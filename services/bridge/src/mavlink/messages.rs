@@ -2,19 +2,7 @@
 
 pub use super::catalogue::{COMMAND_LONG, HEARTBEAT, HIL_ACTUATOR_CONTROLS, HIL_GPS, HIL_SENSOR, STATUSTEXT};
 use super::frame::Frame;
-
-/// Reads little-endian fields one after the other; past the end they are 0, as left-out bytes are.
-struct Reader<'a>(&'a [u8]);
-
-impl Reader<'_> {
-    fn take<const N: usize>(&mut self) -> [u8; N] {
-        let mut field = [0; N];
-        let n = N.min(self.0.len());
-        field[..n].copy_from_slice(&self.0[..n]);
-        self.0 = &self.0[n..];
-        field
-    }
-}
+use super::reader::Reader;
 
 /// HIL_SENSOR: what an inertial unit, a compass and a barometer say.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,7 +58,7 @@ impl HilSensor {
 
     /// Of a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
-        let mut reader = (frame.message == HIL_SENSOR).then_some(Reader(&frame.payload))?;
+        let mut reader = (frame.message == HIL_SENSOR).then_some(Reader::of(frame))?;
         let time_usec = u64::from_le_bytes(reader.take());
         let mut float = || f32::from_le_bytes(reader.take());
         let mut vector = || [float(), float(), float()];
@@ -136,7 +124,7 @@ impl HilGps {
 
     /// Of a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
-        let mut reader = (frame.message == HIL_GPS).then_some(Reader(&frame.payload))?;
+        let mut reader = (frame.message == HIL_GPS).then_some(Reader::of(frame))?;
         let time_usec = u64::from_le_bytes(reader.take());
         let mut long = || i32::from_le_bytes(reader.take());
         let (latitude, longitude, altitude) = (long(), long(), long());
@@ -187,7 +175,7 @@ impl HilActuatorControls {
 
     /// Of a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
-        let mut reader = (frame.message == HIL_ACTUATOR_CONTROLS).then_some(Reader(&frame.payload))?;
+        let mut reader = (frame.message == HIL_ACTUATOR_CONTROLS).then_some(Reader::of(frame))?;
         let (time_usec, flags) = (u64::from_le_bytes(reader.take()), u64::from_le_bytes(reader.take()));
         Some(Self {
             time_usec,

@@ -6,3 +6,5 @@
 pub mod catalogue;
 pub mod frame;
 pub mod messages;
+mod reader;
+pub mod steering;

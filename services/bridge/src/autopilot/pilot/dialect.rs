@@ -1,0 +1,83 @@
+//! What differs between autopilots that are commanded over MAVLink: how they number their modes.
+
+use super::super::address::Protocol;
+use super::line::PilotAddress;
+use std::net::{Ipv4Addr, SocketAddr};
+
+/// One way of numbering modes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Dialect {
+    /// What people call it.
+    pub(super) name: &'static str,
+    /// In its heartbeat.
+    pub(super) autopilot: u8,
+    /// In which it follows positions.
+    pub(super) follow: Mode,
+    /// Before it arms; `None`: any.
+    pub(super) before_arming: Option<Mode>,
+    /// Climbs by a command with a height, or by a mode of its own.
+    pub(super) climb: Option<Mode>,
+    pub(super) land: Mode,
+}
+
+/// Params 2 and 3 of MAV_CMD_DO_SET_MODE, and the mode in a heartbeat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Mode {
+    pub(super) name: &'static str,
+    pub(super) params: [u8; 2],
+    pub(super) custom_mode: u32,
+}
+
+/// ArduCopter: one number.
+const fn ardupilot(name: &'static str, number: u8) -> Mode {
+    Mode {
+        name,
+        params: [number, 0],
+        custom_mode: number as u32,
+    }
+}
+
+/// PX4: a main mode and one below it, in the two upper bytes.
+const fn px4(name: &'static str, main: u8, sub: u8) -> Mode {
+    Mode {
+        name,
+        params: [main, sub],
+        custom_mode: (main as u32) << 16 | (sub as u32) << 24,
+    }
+}
+
+const ARDUPILOT: Dialect = Dialect {
+    name: "ArduPilot",
+    autopilot: 3,
+    follow: ardupilot("GUIDED", 4),
+    before_arming: Some(ardupilot("GUIDED", 4)),
+    climb: None,
+    land: ardupilot("LAND", 9),
+};
+
+const PX4: Dialect = Dialect {
+    name: "PX4",
+    autopilot: 12,
+    follow: px4("OFFBOARD", 6, 0),
+    before_arming: None,
+    climb: Some(px4("AUTO.TAKEOFF", 4, 2)),
+    land: px4("AUTO.LAND", 4, 6),
+};
+
+impl Dialect {
+    pub(super) fn of(protocol: Protocol) -> Self {
+        match protocol {
+            Protocol::ArduPilot => ARDUPILOT,
+            Protocol::Px4 => PX4,
+        }
+    }
+}
+
+/// Where an autopilot takes commands if nothing else is said: ArduPilot's first serial port, PX4's link for a companion computer.
+pub fn default_address(protocol: Protocol) -> PilotAddress {
+    let local = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+    match protocol {
+        Protocol::ArduPilot => PilotAddress::Tcp(local(5760)),
+        Protocol::Px4 => PilotAddress::Udp(local(14540)),
+    }
+}
