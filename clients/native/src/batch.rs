@@ -191,6 +191,9 @@ impl SimulationBatch {
     }
 }
 
+/// Doubles by column, run hashes, a sentence for each flight that ended early.
+type FlownTogether<'py> = (Bound<'py, PyDict>, Vec<String>, Vec<Option<String>>);
+
 /// Keeps every so many rows of some columns.
 struct Keeper {
     every: u64,
@@ -228,7 +231,7 @@ pub(crate) fn fly<'py>(
     seeds: Vec<u64>,
     columns: Vec<String>,
     every: u64,
-) -> PyResult<(Bound<'py, PyDict>, Vec<String>, Vec<Option<String>>)> {
+) -> PyResult<FlownTogether<'py>> {
     if every == 0 {
         return Err(input("expected `every` from 1 on, got 0"));
     }

@@ -172,6 +172,7 @@ pub(crate) fn improve(
 }
 
 /// A vehicle from logs: what was found, and the three files of it (vehicle, blades, intervals).
+#[expect(clippy::too_many_arguments, reason = "Python's keyword arguments")]
 #[pyfunction]
 #[pyo3(signature = (logs, mass_kg, arm_m, name, frame = None, capacity_ah = None, cells = None))]
 pub(crate) fn identify(
