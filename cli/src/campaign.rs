@@ -383,7 +383,7 @@ fn summed_up(
 ) -> Result<(), String> {
     let totals = results::collect(campaign, folder)?;
     results::write_summary(campaign, folder, &totals)?;
-    let page = report::render(campaign, &totals, rotortwin_store::REPORT_CSS);
+    let page = report::render(campaign, &totals);
     write_whole(&folder.path().join(results::REPORT_FILE), page.as_bytes())?;
     if json {
         println!("{:#}", results::summary(campaign, &totals));

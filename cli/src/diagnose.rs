@@ -7,6 +7,7 @@ use crate::output;
 use crate::progress::Progress;
 use crate::versions::store_failed;
 use clap::Parser;
+use rotortwin_page::Report;
 use rotortwin_plant::effects::EffectDocument;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
@@ -40,7 +41,7 @@ pub(crate) struct Args {
     /// Healthy flights of the same vehicle, three at least: what changed against them, by the thrust that each rotor is asked for
     #[arg(long, num_args = 1.., value_name = "LOG")]
     pub(crate) baseline: Vec<PathBuf>,
-    /// Write diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml where the error is in no catalogue; must not exist or
+    /// Write report.html, diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml where the error is in no catalogue; must not exist or
     /// be empty
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
@@ -113,7 +114,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     } else {
         print!("{}", output::fitted(&text));
         if let Some(folder) = &args.out {
-            println!("Files        {}", folder.join("diagnosis.json").display());
+            println!("Files        {}", folder.display());
+            println!("             report.html  diagnosis.json  diagnosis.txt");
             if proposed(&diagnosis).is_some() {
                 println!("             {}", folder.join(PROPOSAL_FILE).display());
                 println!(
@@ -138,10 +140,23 @@ fn write(folder: &Path, json: &str, text: &str, diagnosis: &Diagnosis) -> Result
     };
     file("diagnosis.json", &format!("{json}\n"))?;
     file("diagnosis.txt", text)?;
+    file("report.html", &report(text, diagnosis))?;
     match proposed(diagnosis) {
         Some(document) => file(PROPOSAL_FILE, &rotortwin_twin::propose::to_toml(document)),
         None => Ok(()),
     }
+}
+
+/// The diagnosis on a page.
+fn report(text: &str, diagnosis: &Diagnosis) -> String {
+    let page = Report {
+        kind: "diagnosis",
+        title: &format!("Diagnosis · {}", diagnosis.logs.join(", ")),
+        summary: text,
+        program: rotortwin_twin::model::TOOL,
+        data: diagnosis,
+    };
+    page.render().expect("text and numbers are JSON")
 }
 
 /// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.

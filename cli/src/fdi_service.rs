@@ -8,6 +8,7 @@ use rotortwin_fdi::service::FdiSession;
 use rotortwin_fdi::service::topic::{TopicService, is_session_name, measurement_topic, report_topic};
 use rotortwin_links::topics::TopicSession;
 use rotortwin_links::zenoh::ZenohOptions;
+use rotortwin_page::Report;
 use rotortwin_plant::error::Refusal;
 use rotortwin_process::LinkAddress;
 use rotortwin_scenario::template::{TomlFile, set_value};
@@ -89,6 +90,9 @@ pub(crate) struct LogArgs {
     /// With --json: every window of the sequential detector, too
     #[arg(long, requires = "json")]
     windows: bool,
+    /// Write a page that stands alone into this file
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
 }
 
 /// Judges logs; exit code 2 if one is none or lacks what every detector needs.
@@ -109,6 +113,11 @@ pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
             }
             Err(sentence) => return bad_input(sentence),
         }
+    }
+    if let Some(path) = &args.report
+        && let Err(error) = std::fs::write(path, page_of(&args.logs, &reports))
+    {
+        return failed(format!("{}: cannot be written: {error}", path.display()));
     }
     if args.json {
         let text = match reports.as_slice() {
@@ -152,6 +161,32 @@ pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
     } else {
         bad_input(refusals.join("\n"))
     }
+}
+
+/// One log on the page.
+#[derive(serde::Serialize)]
+struct JudgedLog<'a> {
+    file: String,
+    report: &'a LogReport,
+}
+
+/// The logs on a page.
+fn page_of(paths: &[PathBuf], reports: &[LogReport]) -> String {
+    let files = paths.iter().map(|path| path.display().to_string());
+    let logs: Vec<JudgedLog<'_>> = files
+        .zip(reports)
+        .map(|(file, report)| JudgedLog { file, report })
+        .collect();
+    let words = logs.iter().map(|log| format!("{}\n{}", log.file, text_of(log.report)));
+    let names: Vec<&str> = logs.iter().map(|log| log.file.as_str()).collect();
+    let page = Report {
+        kind: "judged",
+        title: &format!("Detectors · {}", names.join(", ")),
+        summary: &words.collect::<Vec<_>>().join("\n\n"),
+        program: concat!("rotortwin ", env!("CARGO_PKG_VERSION")),
+        data: &logs,
+    };
+    page.render().expect("text and numbers are JSON")
 }
 
 /// Why no detector can say anything of a log.

@@ -271,7 +271,6 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
         files.push(path.clone());
     }
     let facts = PageFacts {
-        css: rotortwin_store::REPORT_CSS.to_owned(),
         command: command_line(args),
         program: format!("rotortwin {}", env!("CARGO_PKG_VERSION")),
         files: ["numbers", "confusions", "windows"]

@@ -124,6 +124,12 @@ def loop(browser: Browser) -> None:
     assert page.get_by_role("heading", name="Rotor drag").is_visible()
     diagnosis = api(f"/diagnoses/{query(page, 'diag')}")["result"]
     assert diagnosis["sentence"] in page.locator("#step-5").inner_text(), "the sentence is that of the diagnosis"
+    page.locator("#step-5 summary", has_text="could not be considered").click()
+    unconsidered = page.get_by_role("region", name="What could not be considered").locator("tbody tr").all_inner_texts()
+    assert diagnosis["not_considered"] and unconsidered, "a flight without a height above ground, if nothing else"
+    for one in diagnosis["not_considered"]:
+        testable_by = ", ".join(one["columns"]) or one["setting"] or "–"
+        assert any(all(words in row for words in (one["label"], one["reason"], testable_by)) for row in unconsidered), one
     (parameter,) = diagnosis["effects"][0]["parameters"]
     shown = re.search(r"([\d.]+) ± ([\d.]+) N·s/m", page.locator("#step-5 .facts").inner_text())
     assert abs(float(shown[1]) - parameter["value"]) < 0.51e-4 and abs(float(shown[2]) - parameter["interval_95"]) < 0.51e-4, shown[0]

@@ -5,7 +5,7 @@
 
 use rotortwin_tests::program::program;
 use rotortwin_tests::python::environment;
-use rotortwin_tests::scratch::{Scratch, repository};
+use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::skip;
 use std::path::PathBuf;
@@ -78,6 +78,145 @@ fn passes(scenario: &str) {
         .expect("it starts");
     let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
     assert!(output.status.success(), "{scenario}: {}", words.concat());
+    print!("{}", words.concat());
+}
+
+/// Makes every kind of report, each in a folder with its name, with what it must say beside it.
+fn reports(scratch: &Scratch) {
+    let at = |name: &str| scratch.path(name).display().to_string();
+    let vehicle = repository().join("config/vehicles/f550.toml").display().to_string();
+    let (drag, healthy) = (at("drag.parquet"), at("healthy.parquet"));
+    let rotor = scratch.write("short.toml", short_flight()).display().to_string();
+    let campaign = "name = 'c'\ndescription = 'of <b>the</b> system tests'\nscenario = 'short.toml'\nseed = 5\nflights = 6\n\
+                    [[axis]]\nname = 'rotor'\nkey = 'fault[0].rotor'\nrotors = true\npick = 'any'\n\
+                    [operating_curve]\nevidence_nats = [15.0, 40.0]\n";
+    let campaign = scratch.write("c.toml", campaign).display().to_string();
+    let stand = repository()
+        .join("crates/twin/tests/data/strawson/a1_7.csv")
+        .display()
+        .to_string();
+    std::fs::create_dir(scratch.path("fit")).expect("it can be made");
+    let fit = at("fit/report.html");
+    let (first, last) = (format!("{drag}@0:40"), format!("{drag}@40:60"));
+    let models = at("models");
+    // Name, command, plots at least, words on the page, words without scripts.
+    type Kind<'a> = (&'a str, Vec<&'a str>, usize, &'a [&'a str], &'a str);
+    let kinds: [Kind<'_>; 7] = [
+        (
+            "comparison",
+            vec!["compare", &drag, &healthy, "--model", &vehicle],
+            3,
+            &[
+                "forward specific force (fx)",
+                "How much: drag",
+                "Open loop",
+                "Not visible here",
+            ],
+            "drag: ",
+        ),
+        (
+            "diagnosis",
+            vec!["diagnose", &drag, "--model", &vehicle],
+            1,
+            &["Rotor drag", "held-out", "could not be considered", "ln Bayes factor"],
+            "Not considered",
+        ),
+        (
+            "improvement",
+            vec![
+                "improve",
+                &first,
+                "--held-out",
+                &last,
+                "--model",
+                &vehicle,
+                "--models",
+                &models,
+                "--yes",
+            ],
+            0,
+            &[
+                "Rotor drag",
+                "fitted",
+                "held out: no fit has seen it",
+                "The last diagnosis",
+            ],
+            "the vehicle as given",
+        ),
+        (
+            "run",
+            vec!["fly", &rotor],
+            12,
+            &[
+                "rotor 3",
+                "no network loaded",
+                "Position",
+                "Residuals in numbers",
+                "Normal plot of residual",
+            ],
+            "2400 steps",
+        ),
+        (
+            "campaign",
+            vec!["campaign", &campaign],
+            1,
+            &[
+                "c",
+                "of <b>the</b> system tests",
+                "Confusion matrix, sequential",
+                "hash of all flights",
+            ],
+            "6 of 6 flights",
+        ),
+        (
+            "blind",
+            vec!["blind", "--preset", "singles", "--n", "2", "--duration-s", "40"],
+            0,
+            &["right, or rightly not testable", "Every case", "ln evidence"],
+            "2 cases",
+        ),
+        (
+            "fit",
+            vec!["fit", "thrust", &stand, "--report", &fit],
+            2,
+            &["ΔAICc", "Residual of", "best"],
+            "held out",
+        ),
+    ];
+    for (name, mut words, plots, says, summary) in kinds {
+        let out = at(name);
+        if name != "fit" {
+            words.extend(["--out", &out]);
+        }
+        let output = Command::new(program()).args(&words).output().expect("it starts");
+        assert!(
+            output.status.success(),
+            "{name}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let expected = serde_json::json!({ "says": says, "plots": plots, "summary": summary });
+        std::fs::write(scratch.path(&format!("{name}.json")), expected.to_string()).expect("it can be written");
+    }
+}
+
+#[test]
+fn scenario_every_report_opens_from_the_disk_and_prints() {
+    let Some(chromium) = chromium() else { return };
+    let Some(programs) = environment("web-page", &PACKAGES) else {
+        return;
+    };
+    let scratch = Scratch::new();
+    logs(&scratch);
+    reports(&scratch);
+    let output = Command::new(programs.join("python"))
+        .arg(repository().join("tests/src/report_page.py"))
+        .arg(chromium)
+        .arg(scratch.path(""))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .output()
+        .expect("it starts");
+    let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
+    assert!(output.status.success(), "{}", words.concat());
     print!("{}", words.concat());
 }
 

@@ -1,7 +1,8 @@
-//! The web page: built from `web/` into `web/dist`, which is committed, so that neither building nor running the program needs Node.
+//! The web page and that of reports: built from `web/` into `web/dist` and `web/dist-report`, which are committed, so that neither
+//! building nor running the program needs Node.
 //!
 //! ```text
-//! web/package-lock.json ─ npm ci ─▶ node_modules ─ types of the OpenAPI document, tsc, vitest, vite ─▶ bundle ─ compared ─▶ web/dist
+//! web/package-lock.json ─ npm ci ─▶ node_modules ─ types of the OpenAPI document, tsc, vitest, vite ─▶ bundles ─ compared ─▶ web/dist, web/dist-report
 //! ```
 //! Assumes that the same sources and lock file give the same bytes, on every machine and version of Node from 20.19.
 
@@ -14,6 +15,9 @@ use std::process::{Command, Stdio};
 #[expect(unreachable_pub, reason = "tests of other crates use it from their own module")]
 #[path = "../../tests/src/skip.rs"]
 mod skip;
+
+/// Folders of `web/` that are built, and what Vite is told to build each.
+const BUNDLES: [(&str, &[&str]); 2] = [("dist", &[]), ("dist-report", &["--config", "vite.report.ts"])];
 
 /// Vite 8 asks for it.
 const NODE: (u32, u32) = (20, 19);
@@ -28,7 +32,7 @@ const NO_NETWORK: [&str; 6] = [
     "ENETUNREACH",
 ];
 
-/// Rebuilds `web/dist`.
+/// Rebuilds both.
 pub(crate) fn write(root: &Path) -> Result<()> {
     if let Some(why) = node_is_missing() {
         bail!("the web page: {why}");
@@ -50,29 +54,25 @@ pub(crate) fn check(root: &Path) -> Result<()> {
         None => install(root)?.map(|why| format!("npm ci needs the network: {why}")),
     };
     if let Some(why) = not_here {
-        skip::skip(&format!("web/dist is not compared with what web/ gives: {why}"));
+        skip::skip(&format!(
+            "web/dist and web/dist-report are not compared with what web/ gives: {why}"
+        ));
         return Ok(());
     }
-    let elsewhere = root.join("target/web-dist");
     run("web: types and check", npm(root).args(["run", "check", "--silent"]))?;
     run("web: unit tests", npm(root).args(["run", "test", "--silent"]))?;
-    let mut build = npm(root);
-    build.args([
-        "exec",
-        "--no",
-        "--",
-        "vite",
-        "build",
-        "--logLevel",
-        "warn",
-        "--emptyOutDir",
-        "--outDir",
-    ]);
-    run("web: bundle", build.arg(&elsewhere))?;
-    compare(&files(&root.join("web/dist"))?, &files(&elsewhere)?)
+    for (name, options) in BUNDLES {
+        let elsewhere = root.join("target").join(name);
+        let mut build = npm(root);
+        build.args(["exec", "--no", "--", "vite", "build", "--logLevel", "warn"]);
+        build.args(options).args(["--emptyOutDir", "--outDir"]).arg(&elsewhere);
+        run(&format!("web: {name}"), &mut build)?;
+        compare(name, &files(&root.join("web").join(name))?, &files(&elsewhere)?)?;
+    }
+    Ok(())
 }
 
-fn compare(committed: &BTreeMap<PathBuf, Vec<u8>>, built: &BTreeMap<PathBuf, Vec<u8>>) -> Result<()> {
+fn compare(folder: &str, committed: &BTreeMap<PathBuf, Vec<u8>>, built: &BTreeMap<PathBuf, Vec<u8>>) -> Result<()> {
     let differs = |(name, bytes): &(&PathBuf, &Vec<u8>)| committed.get(*name) != Some(*bytes);
     let new = built.iter().filter(differs).map(|(name, _)| name);
     let old = committed.keys().filter(|name| !built.contains_key(*name));
@@ -81,7 +81,7 @@ fn compare(committed: &BTreeMap<PathBuf, Vec<u8>>, built: &BTreeMap<PathBuf, Vec
         return Ok(());
     }
     bail!(
-        "web/dist is not what web/ gives ({}): run `cargo xtask web` and commit web/dist",
+        "web/{folder} is not what web/ gives ({}): run `cargo xtask web` and commit web/{folder}",
         names.join(", ")
     )
 }
@@ -172,9 +172,9 @@ mod tests {
             entries.iter().map(own).collect()
         };
         let committed = tree(&[("same", "1"), ("changed", "1"), ("old", "1")]);
-        assert!(compare(&committed, &committed).is_ok());
+        assert!(compare("dist", &committed, &committed).is_ok());
         let built = tree(&[("same", "1"), ("changed", "2"), ("new", "1")]);
-        let sentence = compare(&committed, &built).unwrap_err().to_string();
+        let sentence = compare("dist", &committed, &built).unwrap_err().to_string();
         assert!(sentence.contains("(changed, new, old)"), "{sentence}");
     }
 }

@@ -73,6 +73,14 @@ pub enum StoreError {
         /// Version that is read.
         expected: u32,
     },
+    /// The telemetry could not be read for the report.
+    #[error("the report: {source}")]
+    Report {
+        /// The file.
+        path: PathBuf,
+        /// Why; names the file.
+        source: Box<crate::query::QueryError>,
+    },
     /// Parquet could not be written.
     #[error("{}: cannot write Parquet: {source}", path.display())]
     Parquet {

@@ -20,7 +20,6 @@ pub mod export;
 mod figures;
 pub mod files;
 mod mcap;
-pub mod page;
 mod parquet;
 mod plots;
 pub mod query;
@@ -36,9 +35,6 @@ pub use run_folder::{Outputs, RunFolder, finalise};
 pub use spool::{SpoolHeader, SpoolReader, SpoolWriter};
 pub use summary::{Summary, load_summary};
 pub use telemetry::{Column, Kind, TelemetryRow, TruthRow, telemetry_columns};
-
-/// Style sheet of `report.html`, for other pages that are to look like it.
-pub const REPORT_CSS: &str = include_str!("../assets/report.css");
 
 #[cfg(test)]
 extern crate self as rotortwin_store;

@@ -293,8 +293,6 @@ pub(crate) struct Plots {
     pub(crate) residuals: Envelope,
     /// Means of the residuals, the same order.
     pub(crate) residual_means: Means,
-    /// Means of the duty of each rotor, %.
-    pub(crate) duty: Means,
     /// In the order of [`Evaluator::ALL`].
     pub(crate) verdicts: Vec<Verdicts>,
     /// Before the first fault.
@@ -352,9 +350,6 @@ impl Plots {
         let residuals: Vec<Source> = (0..3 * header.rotor_count)
             .map(|component| source(residual_place + component, 1.0))
             .collect();
-        let duty = (0..header.rotor_count)
-            .map(|rotor| source(place("duty_1") + rotor, 100.0))
-            .collect();
         let errors = [(0, 1), (2, 3), (4, 5)].map(|(reference, state)| Source {
             less: Some(place(WIDE[reference].0)),
             ..source(place(WIDE[state].0), 1.0)
@@ -369,7 +364,6 @@ impl Plots {
             wide: Envelope::new(wide, time, rows, WIDE_BUCKETS),
             residuals: Envelope::new(residuals.clone(), time, rows, SMALL_BUCKETS),
             residual_means: Means::new(residuals, time, rows, MEAN_BUCKETS),
-            duty: Means::new(duty, time, rows, MEAN_BUCKETS),
             verdicts: Evaluator::ALL
                 .map(|evaluator| Verdicts {
                     place: place(evaluator.column()),
@@ -398,7 +392,6 @@ impl Plots {
         self.wide.push(chunk);
         self.residuals.push(chunk);
         self.residual_means.push(chunk);
-        self.duty.push(chunk);
         for row in 0..chunk.len {
             let time = chunk.columns[self.time][row];
             if self.in_bucket == 0 {
@@ -437,7 +430,6 @@ impl Plots {
         self.wide.finish(last_s);
         self.residuals.finish(last_s);
         self.residual_means.finish(last_s);
-        self.duty.finish(last_s);
         if self.in_bucket > 0 {
             self.close_verdicts();
         }

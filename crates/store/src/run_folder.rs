@@ -186,7 +186,12 @@ pub fn finalise(folder: &RunFolder, mut summary: Summary) -> Result<Outputs> {
         Some(plots) => write_figures(path, plots, &summary)?,
         None => Vec::new(),
     };
-    let report = write_text(path, REPORT_FILE, &report::render(&summary, plots.as_ref()))?;
+    let drawn_from = telemetry.as_deref().filter(|_| plots.is_some());
+    let report = write_text(
+        path,
+        REPORT_FILE,
+        &report::render(&summary, plots.as_ref(), drawn_from)?,
+    )?;
     let summary_file = write_text(path, SUMMARY_FILE, &summary.to_json())?;
     match std::fs::remove_file(&spool_path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {

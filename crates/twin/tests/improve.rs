@@ -163,8 +163,12 @@ fn scenario_error_falls_to_that_of_the_oracle_version_by_version_also_on_a_log_t
     let folder = tempfile::tempdir().unwrap();
     rotortwin_twin::improve::report::write(folder.path(), &done).unwrap();
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
-    assert!(page.contains("held out: no fit has seen it") && page.contains("<svg"));
-    assert!(!page.contains("{{"));
+    let (_, rest) = page.split_once("id=\"report\">").unwrap();
+    let inside: serde_json::Value = serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap();
+    assert_eq!(inside["kind"], "improvement");
+    assert_eq!(inside["data"]["rows"].as_array().unwrap().len(), done.rows.len());
+    assert_eq!(inside["data"]["rows"][0]["logs"][1]["held_out"], true);
+    assert!(page.contains(&done.reason));
 }
 
 #[test]

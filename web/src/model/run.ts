@@ -6,7 +6,12 @@ import type { Values } from "../plots/series";
 import type { Track } from "../replay/motion";
 
 export interface Score {
+  not_ready: number;
   right: number;
+  healthy: number;
+  unknown: number;
+  other_rotor: number;
+  right_at_end?: boolean;
   share_right: number | null;
   isolated_after_s: number | null;
   false_alarm_events: number;
@@ -15,8 +20,14 @@ export interface Score {
 export interface Interval {
   start_s: number;
   end_s: number;
+  fault_label: number;
+  expected_verdict: number;
+  windows: number;
   description: string;
   sensor_faults?: string[];
+  residuals_from_s?: number;
+  residual_means_nms?: [number, number, number][];
+  residual_deviations_nms?: [number, number, number][];
   severity: { losses: { rotor: number; loss_n: number; interval_n: [number, number]; share: number; interval_share: [number, number] }[] };
   scores: { t_test: Score; sequential: Score; network: Score };
   position_rms_m: number | null;
@@ -24,19 +35,52 @@ export interface Interval {
 /** `summary.json`, as far as the page shows it. */
 export interface Summary {
   status: string;
-  failure?: { sentence: string };
+  run?: string;
+  failure?: { sentence: string; peer: string; step: number; silence_ms: number };
+  seed?: number;
+  link?: string;
+  pace?: string;
+  started_at?: string;
+  model_hash?: string;
   run_hash: string;
   program_version: string;
-  scenario: { name: string; vehicle: string; text: string };
+  scenario: { name: string; vehicle: string; text: string; path?: string };
   wall_s: number;
   real_time?: { jitter_us_p50: number; jitter_us_p99: number; jitter_us_max: number; deadline_misses: number };
   steps: number;
   simulated_s: number;
   steps_per_s: number;
   rotor_count: number;
-  tracking?: { position_rms_m: number | null; position_max_m: number | null };
+  tracking?: { position_rms_m: number | null; position_max_m: number | null; position_rms_ned_m?: (number | null)[]; attitude_rms_rad?: (number | null)[] };
   battery?: { state_of_charge_start: number | null; state_of_charge_end: number | null; voltage_min_v: number | null; charge_ah: number };
   intervals: Interval[];
+}
+
+const HEALTHY = 0;
+const UNKNOWN = -1;
+/** Share of windows from which a verdict on a fault counts as good. */
+const GOOD_SHARE = 0.9;
+
+/** Whether a detector was good, so-so or bad in an interval; empty where it gave no verdict. */
+export function kindOfScore(interval: Interval, score: Score): "good" | "warn" | "bad" | "" {
+  if (score.share_right === null) return "";
+  const healthy = interval.fault_label === HEALTHY;
+  if (healthy) return score.false_alarm_events === 0 ? "good" : "warn";
+  if (score.isolated_after_s === null) return "bad";
+  const held = score.verdict_at_end === interval.expected_verdict || score.right_at_end === true;
+  return held && score.share_right >= GOOD_SHARE ? "good" : "warn";
+}
+
+/** What the windows said that were not right: "3 healthy, 12 calibrating". */
+export function otherwise(interval: Interval, score: Score): string {
+  const healthy = interval.fault_label === HEALTHY;
+  const counts: [number, string][] = [
+    [healthy ? 0 : score.healthy, "healthy"],
+    [interval.expected_verdict === UNKNOWN ? 0 : score.unknown, "unknown"],
+    [score.other_rotor, healthy ? "named a rotor" : "other rotor"],
+    [score.not_ready, "no verdict yet"],
+  ];
+  return counts.filter(([count]) => count > 0).map(([count, what]) => `${count.toLocaleString("en")} ${what}`).join(", ");
 }
 
 export interface Samples extends Track {

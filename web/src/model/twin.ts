@@ -37,6 +37,8 @@ export interface ChannelResult {
   low_frequency: number | null;
   conditions: { condition: string; title: string; unit: string; explained: number; bins: Bin[] }[];
   strip: (number | null)[];
+  ljung_box: { p_value: number | null } | null;
+  inputs: { input: string; correlation: number | null; lag_s: number; band_99: number | null }[];
 }
 export interface QuantityError {
   quantity: string;
@@ -59,10 +61,12 @@ export interface LogComparison {
   duration_s: number;
   rate_hz: number;
   notes: string[];
+  noise: Record<"position_m" | "velocity_m_s" | "attitude_rad" | "rates_rad_s" | "accel_m_s2" | "voltage_v", number | null>;
   excluded: { start_s: number; end_s: number }[];
   models: ModelOnLog[];
 }
 export interface Comparison {
+  tool: string;
   verdict: string;
   models: { label: string; hash: string; effects: string[] }[];
   logs: LogComparison[];
@@ -115,7 +119,7 @@ export interface Finding {
   lost: Rival[];
   onset_s: number | null;
   reason: string;
-  picture?: { channel: string; unit: string; regressor: string; regressor_unit: string; bins: { at: number; before: number; after: number; band_95: number; blocks: number }[] } | null;
+  picture?: { channel: string; unit: string; bins: { at: number; before: number; after: number; band_95: number; blocks: number }[] } | null;
 }
 export interface Proposal {
   document: unknown;
@@ -130,6 +134,12 @@ export interface Unseen {
   minimum_size: number | null;
   excited_by: string;
 }
+export interface Unconsidered {
+  label: string;
+  columns: string[];
+  setting: string | null;
+  reason: string;
+}
 export interface Diagnosis {
   model: { name: string; hash: string };
   verdict: { kind: "agrees" | "missing" | "partly-missing" | "cannot-tell" | "calibrate-first" | "outside-catalogue" | "log-fault" | "nothing-testable"; effects?: string[]; group?: string[] };
@@ -138,6 +148,9 @@ export interface Diagnosis {
   sensor_or_timing: Finding[];
   ranking: { label: string; ln_bayes_factor: number; held_out_chi2_change: number }[];
   not_testable: Unseen[];
+  not_considered: Unconsidered[];
+  calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; how: string; better: string }[];
+  trim?: { sentence: string; thrust_change: number[]; spread: [number, number]; smallest_loss: number | null } | null;
   detectable: Unseen[];
   goodness: { explained_share: number | null; unexplained: string[] };
   held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number }[];
@@ -145,6 +158,26 @@ export interface Diagnosis {
   logs: string[];
   notes: string[];
   threshold: number;
+}
+
+/** How an improvement went, version by version. */
+export interface Improvement {
+  tool: string;
+  end: string;
+  reason: string;
+  rows: {
+    version: string;
+    hash: string;
+    added: string | null;
+    parameters: { name: string; symbol: string; unit: string; value: number; interval_95: number }[];
+    ln_bayes_factor: number | null;
+    /** The truth, where it is known. */
+    oracle: boolean;
+    logs: { log: string; held_out: boolean; agrees: boolean; errors: QuantityError[]; open_loop: { horizon_s: number; position_m: number | null }[] }[];
+    remarks: string[];
+  }[];
+  diagnosis: Diagnosis | null;
+  next_flight: string | null;
 }
 
 export interface Version {
@@ -169,6 +202,17 @@ export interface History {
   vehicle: string;
   branches: { name: string; version: number; hash: string }[];
   versions: Version[];
+}
+
+/** Effects that could not be considered, those for the same reason together. */
+export function togetherByReason(all: readonly Unconsidered[]): { labels: string[]; reason: string; columns: string[]; setting: string | null }[] {
+  const rows: { labels: string[]; reason: string; columns: string[]; setting: string | null }[] = [];
+  for (const one of all) {
+    const row = rows.find((other) => other.reason === one.reason && other.setting === one.setting && other.columns.join() === one.columns.join());
+    if (row) row.labels.push(one.label);
+    else rows.push({ labels: [one.label], reason: one.reason, columns: one.columns, setting: one.setting });
+  }
+  return rows;
 }
 
 const CHANNEL_WORDS: Record<string, string> = {

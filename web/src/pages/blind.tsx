@@ -1,44 +1,19 @@
 /** Blind benches: hidden effects, diagnosed and scored. */
-import { For, Show, createMemo, createSignal } from "solid-js";
+import { For, Show, createSignal } from "solid-js";
 import { type Schemas, ask } from "../api/client";
 import { ApiError, sentenceOf } from "../api/problem";
-import { percent, short } from "../format";
-import { confusionOf } from "../model/confusion";
 import { Panel, Problem } from "../parts/bits";
-import { ConfusionTable } from "../parts/confusion";
 import { navigate } from "../router";
+import { type BlindResult, BlindView } from "../shown/blind";
 import { JobList, JobPage } from "./jobs";
 
 const PRESETS = ["singles", "pairs", "clutter", "helix", "null", "null-hover", "null-still", "small", "outside", "onset", "mixed"] as const;
-interface Share {
-  count: number;
-  of: number;
-  share: number;
-  low: number;
-  high: number;
-}
-interface Group {
-  name: string;
-  cases: number;
-  top1: Share;
-  exact: Share;
-  right_or_not_testable: Share;
-  false_alarms: Share;
-  confidently_wrong: Share;
-  coverage: Share;
-  seconds: [number, number];
-}
-interface Result {
-  confusion: [string, string, number][];
-  groups: Group[];
-}
-
 export default function Blind(props: { id: string | undefined }) {
   return (
     <Show when={props.id} fallback={<JobList collection="blind-benches" path="/blind" title="Blind benches" form={(reload) => <NewBench onSubmitted={reload} />} />} keyed>
       {(id) => (
-        <JobPage<Result> collection="blind-benches" path="/blind" id={id} counted="case" total={(facts) => facts["cases"] as number | undefined}>
-          {(result) => <Score result={result} />}
+        <JobPage<BlindResult> collection="blind-benches" path="/blind" id={id} counted="case" total={(facts) => facts["cases"] as number | undefined}>
+          {(result) => <BlindView result={result} />}
         </JobPage>
       )}
     </Show>
@@ -83,35 +58,5 @@ function NewBench(props: { onSubmitted: () => void }) {
         <Problem sentence={refusal()?.sentence} complaints={refusal()?.complaints} />
       </form>
     </Panel>
-  );
-}
-
-const shareText = (share: Share) => (share.of === 0 ? "–" : `${share.count} of ${share.of}: ${percent(share.share)} [${percent(share.low, 0)}, ${percent(share.high, 0)}]`);
-
-function Score(props: { result: Result }) {
-  const confusion = createMemo(() => confusionOf(props.result.confusion));
-  return (
-    <>
-      <Panel title="Score" note="[ ]: 95 % interval">
-        <div class="scroll" tabindex="0" role="region" aria-label="Score by group">
-          <table class="small">
-            <thead><tr><th scope="col">Group</th><th class="r" scope="col">cases</th><th class="r" scope="col">right, or not testable</th><th class="r" scope="col">first place right</th><th class="r" scope="col">exactly right</th><th class="r" scope="col">false alarms</th><th class="r" scope="col">confidently wrong</th><th class="r" scope="col">intervals hold the truth</th><th class="r" scope="col">median, s</th></tr></thead>
-            <tbody>
-              <For each={props.result.groups}>
-                {(group) => (
-                  <tr>
-                    <td>{group.name}</td><td class="r">{group.cases}</td><td class="r">{shareText(group.right_or_not_testable)}</td><td class="r">{shareText(group.top1)}</td><td class="r">{shareText(group.exact)}</td>
-                    <td class="r">{shareText(group.false_alarms)}</td><td class="r">{shareText(group.confidently_wrong)}</td><td class="r">{shareText(group.coverage)}</td><td class="r">{short(group.seconds[0])}</td>
-                  </tr>
-                )}
-              </For>
-            </tbody>
-          </table>
-        </div>
-      </Panel>
-      <Panel title="Confusion matrix" note="row: what was hidden; column: what was named; the diagonal is right">
-        <ConfusionTable confusion={confusion()} corner="hidden / named" />
-      </Panel>
-    </>
   );
 }

@@ -3,15 +3,14 @@ import { For, Show, createSignal, onCleanup } from "solid-js";
 import { createAttempt } from "../api/attempt";
 import { type Schemas, address, ask, get, upload } from "../api/client";
 import { createLoad } from "../api/load";
-import { percent, plusMinus, short } from "../format";
+import { percent, short } from "../format";
 import { Figures, Panel, Problem, Progress } from "../parts/bits";
 import { Lanes } from "../plots/lanes";
-import type { Stretch } from "../plots/series";
 import { route } from "../router";
+import { Judged, changesToStretches, verdictWords } from "../shown/judged";
 
 type Report = Schemas["LogReport"];
 type Session = Schemas["SessionView"];
-type Sequential = Schemas["SequentialView"];
 /** Sessions are looked at so often. */
 const LOOK_MS = 1000;
 
@@ -79,42 +78,6 @@ function Judge() {
       </div>
     </Panel>
   );
-}
-
-function Judged(props: { report: Report }) {
-  const it = () => props.report;
-  const last = () => it().final_window?.sequential;
-  const stretches = (): Stretch[] => changesToStretches(it().timeline, it().log.duration_s);
-  return (
-    <div class="stack">
-      <Show when={last()}>{(word) => <div class={`say sentence ${word().verdict === "healthy" ? "good" : "bad"}`} role="status"><strong>At the end:</strong> {verdictWords(word())}</div>}</Show>
-      <Figures items={[
-        ["rows", it().log.rows.toLocaleString("en")], ["rate", `${short(it().log.rate_hz)} Hz${it().resampled ? ", resampled" : ""}`], ["length", `${short(it().log.duration_s)} s`],
-        ["gaps", String(it().log.gaps)], ["rejected steps", String(it().rejected_steps)], ["calibrated", `${short(it().detectors.calibration_start_s)} – ${short(it().detectors.calibration_end_s)} s`],
-      ]} />
-      <Lanes title="Verdicts of the sequential detector" start={0} end={it().log.duration_s} lanes={[{ name: "sequential", stretches: stretches() }]} />
-      <div class="scroll" tabindex="0" role="region" aria-label="Detectors">
-        <table class="small">
-          <thead><tr><th scope="col">Detector</th><th class="r" scope="col">windows decided</th><th class="r" scope="col">healthy</th><th class="r" scope="col">alarms</th><th class="r" scope="col">first alarm, s</th></tr></thead>
-          <tbody><For each={it().counts}>{(one) => <tr><td>{one.detector.replaceAll("_", " ")}</td><td class="r">{one.decided}</td><td class="r">{one.healthy}</td><td class="r">{one.alarms}</td><td class="r">{short(one.first_alarm_s)}</td></tr>}</For></tbody>
-        </table>
-      </div>
-      <For each={it().suspicions}>{(one) => <div class={`say ${one.blocks ? "bad" : "warn"}`}>{one.finding}</div>}</For>
-      <For each={it().lacks}>{(one) => <div class={`say ${one.prevents_verdicts ? "bad" : "warn"}`}>Missing <code>{one.columns.join(", ")}</code>: {one.rules_out}</div>}</For>
-      <ul class="small"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul>
-    </div>
-  );
-}
-
-function changesToStretches(changes: readonly Schemas["ChangeView"][], end: number): Stretch[] {
-  return changes.map((change, k) => ({ from: change.time_s, to: changes[k + 1]?.time_s ?? end, code: change.sequential.code }));
-}
-
-/** Verdict with probability and losses. */
-function verdictWords(word: Sequential): string {
-  const losses = word.thrust_loss.map((one) => `rotor ${one.rotor} lost ${plusMinus(100 * one.share, 50 * (one.share_high - one.share_low), "%")} of its thrust`);
-  const suspects = word.thrust_loss.length === 0 && word.suspect_rotors.length > 0 ? `; rotors in question: ${word.suspect_rotors.join(", ")}` : "";
-  return `${word.verdict.replaceAll("_", " ")} (probability ${percent(word.probability)})${losses.length > 0 ? `: ${losses.join(", ")}` : suspects}.`;
 }
 
 function Sessions() {

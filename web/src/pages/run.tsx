@@ -12,8 +12,9 @@ import { type Geometry, MOTION_CHANNELS } from "../replay/motion";
 import { Replay } from "../replay/replay";
 import { navigate, route } from "../router";
 import { Overlay } from "./run-overlay";
-import { RunPlots } from "./run-plots";
-import { RunFiles, RunSummary } from "./run-summary";
+import { RunPlots } from "../shown/run-plots";
+import { RunSummary } from "../shown/run-summary";
+import { RunFiles } from "./run-files";
 
 type Run = Schemas["Run"];
 const PLOT_POINTS = 1600;

@@ -18,6 +18,8 @@ export interface Line {
   step?: boolean;
   /** Dots instead of a line. */
   points?: boolean;
+  /** Joined over values that are not there. */
+  joined?: boolean;
 }
 
 /** A shaded area between two series. */
@@ -35,6 +37,8 @@ interface Props {
   x: readonly number[];
   xLabel?: string;
   xUnit?: string;
+  /** x by its logarithm. */
+  xLog?: boolean;
   lines: readonly Line[];
   bands?: readonly Band[];
   view?: View;
@@ -53,12 +57,13 @@ export function Chart(props: Props) {
   const [open, setOpen] = createSignal(false);
   const xLabel = () => props.xLabel ?? "time";
   const xUnit = () => props.xUnit ?? "s";
+  const xHead = () => [xLabel(), xUnit()].filter(Boolean).join(", ");
   const unit = () => (props.unit === "1" ? "" : props.unit);
 
   const structure = createMemo(() =>
     JSON.stringify([
       dark(),
-      props.lines.map((line) => [line.label, line.colour, line.dash, line.width, line.step, line.points]),
+      props.lines.map((line) => [line.label, line.colour, line.dash, line.width, line.step, line.points, line.joined]),
       props.bands?.map((band) => [band.label, band.colour, band.opacity]),
       props.height,
       props.unit,
@@ -170,7 +175,7 @@ export function Chart(props: Props) {
         <summary>Summary and table<span class="sr"> of {props.title}</span></summary>
         <Show when={open()}>
           <p class="sum">{summary()}</p>
-          <Table {...props} xHead={`${xLabel()}, ${xUnit()}`} />
+          <Table {...props} xHead={xHead()} />
         </Show>
       </details>
     </figure>
@@ -215,9 +220,10 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
     width,
     height: props.height ?? 190,
     legend: { show: false },
-    scales: { x: { time: false } },
+    scales: { x: { time: false, ...(props.xLog ? { distr: 3 as const } : {}) } },
     axes: [
-      { ...axis, size: 34, space: 70, values: (_, splits) => splits.map(tickText) },
+      // Time needs no name.
+      { ...axis, ...(props.xLabel ? { label: [xLabel, xUnit].filter(Boolean).join(", "), labelSize: 17, labelGap: 0, labelFont: font } : {}), size: 34, space: 70, values: (_, splits) => splits.map((split) => (split === null ? "" : tickText(split))) },
       { ...axis, size: 62, space: 34, values: (_, splits) => splits.map(tickText) },
     ],
     cursor: {
@@ -239,7 +245,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
           label: line.label,
           stroke: line.points ? "transparent" : colour(line.colour),
           width: line.width ?? 1.4,
-          spanGaps: false,
+          spanGaps: line.joined ?? false,
           points: line.points ? { show: true, size: 5, stroke: colour(line.colour), fill: colour(line.colour) } : { show: false },
         };
         if (line.dash) series.dash = line.dash;

@@ -1,5 +1,5 @@
 /** How an error falls over the versions of a model, with the floor that noise alone gives. */
-import { For } from "solid-js";
+import { For, Show } from "solid-js";
 import { short } from "../format";
 
 export interface Fall {
@@ -13,7 +13,7 @@ export function Falls(props: { fall: Fall }) {
   const most = () => Math.max(1e-12, props.fall.noise ?? 0, ...props.fall.rows.map((row) => row.error ?? 0));
   const share = (value: number | null) => Math.min(100, (100 * (value ?? 0)) / most());
   const words = () =>
-    `${props.fall.title}: ${props.fall.rows.map((row) => `${row.name} ${short(row.error)} ${props.fall.unit}`).join(", ")}; noise alone gives ${short(props.fall.noise)} ${props.fall.unit}`;
+    `${props.fall.title}: ${props.fall.rows.map((row) => `${row.name} ${short(row.error)} ${props.fall.unit}`).join(", ")}${props.fall.noise === null ? "" : `; noise alone gives ${short(props.fall.noise)} ${props.fall.unit}`}`;
   return (
     <figure class="fig" aria-label={words()}>
       <h3>{props.fall.title}, {props.fall.unit}</h3>
@@ -24,15 +24,17 @@ export function Falls(props: { fall: Fall }) {
               <span>{row.name}</span>
               <span class="track" aria-hidden="true">
                 <i classList={{ last: place() > 0 && place() === props.fall.rows.length - 1 }} style={{ width: `${share(row.error)}%` }} />
-                <b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} />
+                <Show when={props.fall.noise !== null}><b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} /></Show>
               </span>
               <span class="num">{short(row.error)}{ratio(row.error, props.fall.noise)}</span>
             </>
           )}
         </For>
-        <span class="muted">noise alone</span>
-        <span class="track" aria-hidden="true"><b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} /></span>
-        <span class="num muted">{short(props.fall.noise)}</span>
+        <Show when={props.fall.noise !== null}>
+          <span class="muted">noise alone</span>
+          <span class="track" aria-hidden="true"><b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} /></span>
+          <span class="num muted">{short(props.fall.noise)}</span>
+        </Show>
       </div>
     </figure>
   );

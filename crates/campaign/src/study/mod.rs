@@ -10,7 +10,6 @@
 //! * [`merge`]: shards that were flown on other machines. * [`hunt`]: flights where the detector fails, shrunk to what matters.
 
 pub mod cell;
-pub mod charts;
 pub mod document;
 pub mod engine;
 pub mod folder;

@@ -1,194 +1,145 @@
-//! `report.html` of a campaign: one file, no script, no network, light and dark, in the style of the report of a run.
+//! `report.html` of a campaign: the components of the web page, and these numbers.
 
-use super::charts;
 use super::folder::program;
 use super::plan::Campaign;
-use super::tables::{alarm_rate, listed_flights, percent, seconds, tables, title};
-use super::totals::Totals;
+use super::results;
+use super::score::severity_name;
+use super::tables::{listed_flights, tables, title};
+use super::totals::{DetectorTotals, Totals};
 use crate::result_table::ResultTable;
-use std::fmt::Write as _;
+use rotortwin_page::Report;
+use serde::Serialize;
+use serde_json::Value;
 
-/// `write!` into a String cannot fail.
-macro_rules! put {
-    ($html:expr, $($part:tt)*) => { write!($html, $($part)*).expect("a String takes everything") };
+/// Curves of the operating chart, at most: more cannot be told apart.
+const MOST_CURVES: usize = 8;
+
+/// What is inside of the page.
+#[derive(Serialize)]
+struct Inside<'a> {
+    name: &'a str,
+    description: &'a str,
+    seed: u64,
+    planned: u64,
+    /// As `summary.json` and the server have it.
+    result: Value,
+    tables: Vec<ResultTable>,
+    delays: Vec<Delays>,
+    operating: Vec<Operating>,
+    facts: Vec<(&'static str, String)>,
+    notes: Vec<String>,
 }
 
-/// The page; `css` is the style sheet of the reports of runs.
-pub fn render(campaign: &Campaign, totals: &Totals, css: &str) -> String {
+/// Delays to isolation of one detector, sorted, and how many flights had been isolated by then.
+#[derive(Serialize)]
+struct Delays {
+    detector: &'static str,
+    fault_flights: u64,
+    delay_s: Vec<f64>,
+    isolated: Vec<u64>,
+}
+
+/// False alarms per hour against the median delay along the thresholds, for one severity.
+#[derive(Serialize)]
+struct Operating {
+    severity: String,
+    level: Vec<f32>,
+    delay_s: Vec<f64>,
+    alarms_per_h: Vec<f64>,
+}
+
+/// The page.
+///
+/// # Panics
+/// Never: text and numbers are JSON.
+pub fn render(campaign: &Campaign, totals: &Totals) -> String {
     let document = campaign.document();
-    let mut html = String::with_capacity(1 << 18);
-    put!(
-        html,
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
-         content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n<meta \
-         http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n\
-         <title>{name} · campaign</title>\n<link rel=\"icon\" href=\"data:,\">\n<style>{css}\n{}</style>\n</head>\n<body>\n<main>\n",
-        charts::CSS,
-        name = escape(&document.name),
+    let mut all = tables(campaign, totals);
+    all.extend(listed_flights(campaign, totals));
+    let summary = format!(
+        "{}: {} of {} flights, {:.2} h flown; {} failed, {} could not be flown; hash {}",
+        document.description,
+        totals.flights,
+        campaign.flights(),
+        totals.flown_h(),
+        totals.failed,
+        totals.refused,
+        totals.hash()
     );
-    let complete = totals.flights == campaign.flights();
-    put!(
-        html,
-        "<header><div class=\"top\"><h1>{}</h1><span class=\"pill {}\">{}</span></div><p class=\"sub\">{} · seed {}</p></header>",
-        escape(&document.name),
-        if complete { "done" } else { "canceled" },
-        if complete { "complete" } else { "in part" },
-        escape(&document.description),
-        document.seed
-    );
-    if !complete {
-        put!(
-            html,
-            "<div class=\"box canceled\"><p>{} of {} flights are there; the same command goes on.</p></div>",
-            totals.flights,
-            campaign.flights()
-        );
-    }
-    tiles(&mut html, totals);
-    let all = tables(campaign, totals);
-    let (first, rest) = all.split_at(2.min(all.len()));
-    first.iter().for_each(|table| result_table(&mut html, table));
-    if let Some(chart) = charts::delay_chart(totals) {
-        put!(
-            html,
-            "<section><div class=\"head\"><h2>Delay to isolation</h2></div><p class=\"about\">Share of the flights with a fault whose \
-             rotor has been named.</p>{chart}</section>"
-        );
-    }
-    html.push_str(
-        "<section><div class=\"head\"><h2>Confusion matrices</h2></div><p class=\"about\">Shares of the windows of each truth, percent; \
-         rotors by number, from 1.</p><div class=\"matrices\">",
-    );
-    for (place, detector) in totals.detectors.iter().enumerate() {
-        if detector.windows.total() > 0 {
-            html.push_str(&charts::confusion_matrix(detector, title(place)));
-        }
-    }
-    html.push_str("</div></section>");
-    for table in rest {
-        result_table(&mut html, table);
-        if table.key == "operating"
-            && let Some(chart) = charts::operating_chart(totals)
-        {
-            html.push_str(&chart);
-        }
-    }
-    listed_flights(campaign, totals)
+    let axes = campaign
+        .axes()
         .iter()
-        .for_each(|table| result_table(&mut html, table));
-    footer(&mut html, campaign, totals);
-    html.push_str("</main>\n</body>\n</html>\n");
-    html
+        .map(|axis| format!("{}: {}", axis.name, axis.words()));
+    let rest = "In the same folder: campaign.parquet and campaign.csv, a row for each flight; summary.json, these numbers. The same command \
+                and program give the same numbers on every machine, with any number of threads.";
+    let inside = Inside {
+        name: &document.name,
+        description: &document.description,
+        seed: document.seed,
+        planned: campaign.flights(),
+        result: results::summary(campaign, totals),
+        tables: all,
+        delays: delays(totals),
+        operating: operating(totals),
+        facts: vec![
+            ("command", format!("rotortwin campaign {}", campaign.path().display())),
+            ("program", program()),
+            ("hash of all flights", totals.hash()),
+        ],
+        notes: axes.chain([rest.to_owned()]).collect(),
+    };
+    Report {
+        kind: "campaign",
+        title: &format!("{} · campaign", document.name),
+        summary: &summary,
+        program: &program(),
+        data: &inside,
+    }
+    .render()
+    .expect("text and numbers are JSON")
 }
 
-fn tiles(html: &mut String, totals: &Totals) {
-    let sequential = &totals.detectors[0];
-    let mut tiles = vec![(
-        "flights",
-        totals.flights.to_string(),
-        format!(
-            "{:.2} h flown; {} failed, {} could not be flown",
-            totals.flown_h(),
-            totals.failed,
-            totals.refused
-        ),
-    )];
-    if sequential.windows.total() > 0 {
-        let interval = sequential.windows.interval().map_or_else(String::new, |[low, high]| {
-            format!("95 %: {} to {} %", percent(Some(low)), percent(Some(high)))
-        });
-        tiles.push((
-            "windows right, sequential",
-            format!("{} <small>%</small>", percent(sequential.windows.share())),
-            interval,
-        ));
-        tiles.push((
-            "false alarms, sequential",
-            sequential.false_alarm_events.to_string(),
-            escape(&alarm_rate(sequential)),
-        ));
-    }
-    if sequential.isolated.total() > 0 {
-        tiles.push((
-            "isolated after, sequential",
-            format!(
-                "{} <small>s, median</small>",
-                seconds(sequential.isolated.quantile_s(0.5))
-            ),
-            format!(
-                "worst {} s; {} of {} flights",
-                seconds(sequential.isolated.quantile_s(1.0)),
-                sequential.isolated.total(),
-                sequential.fault_flights
-            ),
-        ));
-    }
-    html.push_str("<div class=\"tiles\">");
-    for (what, value, more) in tiles {
-        put!(
-            html,
-            "<div class=\"tile\"><div class=\"what\">{what}</div><div class=\"value\">{value}</div><div class=\"more\">{more}</div></div>"
-        );
-    }
-    html.push_str("</div>");
+fn delays(totals: &Totals) -> Vec<Delays> {
+    let shown = totals.detectors.iter().enumerate();
+    shown
+        .filter(|(_, detector)| detector.isolated.total() > 0)
+        .map(|(place, detector)| {
+            let (delay_s, isolated) = detector.isolated.cumulative().unzip();
+            Delays {
+                detector: title(place),
+                fault_flights: detector.fault_flights,
+                delay_s,
+                isolated,
+            }
+        })
+        .collect()
 }
 
-fn result_table(html: &mut String, table: &ResultTable) {
-    put!(
-        html,
-        "<section><div class=\"head\"><h2>{}</h2></div><div class=\"scroll\"><table class=\"small\"><thead><tr>",
-        escape(&table.title)
-    );
-    for column in &table.columns {
-        put!(html, "<th>{}</th>", escape(column));
-    }
-    html.push_str("</tr></thead><tbody>");
-    for row in &table.rows {
-        html.push_str("<tr>");
-        for cell in row {
-            let words = cell.starts_with("rotortwin campaign");
-            put!(
-                html,
-                "<td{}>{}</td>",
-                if words { " class=\"mono l\"" } else { "" },
-                escape(cell)
-            );
+fn operating(totals: &Totals) -> Vec<Operating> {
+    let point = |detector: &DetectorTotals, bin: usize| {
+        let (_, delays) = detector.delay_by_severity.get(&bin)?;
+        Some((delays.quantile_s(0.5)?, detector.false_alarms_per_h()?))
+    };
+    let curves = totals.severities().into_iter().map(|bin| {
+        let points = totals
+            .curve
+            .iter()
+            .filter_map(|(level, detector)| Some((*level, point(detector, bin)?)));
+        let mut curve = Operating {
+            severity: format!("{} lost", severity_name(bin)),
+            level: Vec::new(),
+            delay_s: Vec::new(),
+            alarms_per_h: Vec::new(),
+        };
+        for (level, (delay_s, alarms_per_h)) in points {
+            curve.level.push(level);
+            curve.delay_s.push(delay_s);
+            curve.alarms_per_h.push(alarms_per_h);
         }
-        html.push_str("</tr>");
-    }
-    html.push_str("</tbody></table></div>");
-    if !table.notes.is_empty() {
-        html.push_str("<ul class=\"list\">");
-        for note in &table.notes {
-            put!(html, "<li>{}.</li>", escape(note));
-        }
-        html.push_str("</ul>");
-    }
-    html.push_str("</section>");
-}
-
-fn footer(html: &mut String, campaign: &Campaign, totals: &Totals) {
-    html.push_str("<footer><dl>");
-    for (name, value) in [
-        ("command", format!("rotortwin campaign {}", campaign.path().display())),
-        ("program", program()),
-        ("hash of all flights", totals.hash()),
-    ] {
-        put!(html, "<dt>{name}</dt><dd class=\"mono\">{}</dd>", escape(&value));
-    }
-    html.push_str("</dl>");
-    for axis in campaign.axes() {
-        put!(html, "<p>{}: {}</p>", escape(&axis.name), escape(&axis.words()));
-    }
-    html.push_str(
-        "<p>In the same folder: campaign.parquet and campaign.csv, a row for each flight; summary.json, these numbers. The same command and \
-         program give the same numbers on every machine, with any number of threads.</p></footer>",
-    );
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+        curve
+    });
+    curves
+        .filter(|curve| !curve.level.is_empty())
+        .take(MOST_CURVES)
+        .collect()
 }

@@ -13,7 +13,7 @@ const DRAWS: usize = 200;
 const Z: f64 = 1.959_963_985;
 
 /// One fitted parameter.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(serde::Serialize, Debug, Clone, PartialEq)]
 pub struct FittedParameter {
     /// Name with unit suffix.
     pub name: &'static str,

@@ -1,207 +1,50 @@
-/** Step 4: where the model fails: the sentence, heat strips, one channel measured against model, worst moments. */
-import { For, Show, createMemo, createSignal } from "solid-js";
-import { short } from "../../format";
-import { type LogComparison, type ModelOnLog, channelStrip, channelTitle, worstChannel } from "../../model/twin";
+/** Step 4: where the model fails. */
+import { type Accessor, Show } from "solid-js";
+import { ask } from "../../api/client";
+import { createLoad } from "../../api/load";
+import type { Series } from "../../model/twin";
 import { JobProgress } from "../../parts/job";
-import { Chart } from "../../plots/chart";
-import { Heat } from "../../plots/heat";
-import { type View, createView } from "../../plots/view";
-import { ChannelSeries } from "./series";
+import { ComparisonView, type Looks, type Wanted } from "../../shown/comparison";
+import { Flight } from "./flight";
 import { Step } from "./step";
 import type { Twin } from "./state";
 
-/** Length of a cell over time, s; as the comparison makes them. */
-const BLOCK_S = 5;
+const BUCKETS = 800;
 
 export function Fails(props: { twin: Twin }) {
-  const view = createView();
   const result = () => props.twin.comparison.result();
-  const log = () => result()?.logs[props.twin.logAt()] ?? result()?.logs[0];
-  const [shown, setShown] = createSignal<string>();
-  const model = () => log()?.models.find((one) => one.model === shown()) ?? log()?.models.at(-1);
   const state = () => {
     if (props.twin.comparison.error()) return "problem" as const;
     if (result()) return "done" as const;
     return props.twin.ready() ? ("working" as const) : ("waiting" as const);
   };
+  const series = (wanted: Accessor<Wanted>) =>
+    createLoad(
+      () => {
+        const id = result() && props.twin.comparison.job()?.id;
+        return id ? { id, ...wanted() } : undefined;
+      },
+      ({ id, channel, log, range }, signal) => {
+        const query = new URLSearchParams({ log: String(log), channel, points: String(BUCKETS) });
+        if (range) {
+          query.set("from_s", String(range[0]));
+          query.set("to_s", String(range[1]));
+        }
+        return ask<Series>("GET", `/api/v1/comparisons/${id}/series?${query}`, undefined, { signal });
+      },
+    );
+  const looks: Looks = {
+    logAt: () => props.twin.logAt(),
+    chooseLog: (place) => props.twin.chooseLog(place),
+    channel: () => props.twin.channel(),
+    chooseChannel: (name) => props.twin.chooseChannel(name),
+    series,
+    flight: (view) => <Flight twin={props.twin} view={view} />,
+  };
   return (
     <Step number={4} title="Where it fails" state={state()} note={result() ? "each channel one step ahead, against its noise" : undefined}>
       <JobProgress job={props.twin.comparison} what="Comparing the model with the flight" retry={props.twin.again} />
-      <Show when={result()}>
-        <For each={result()?.logs ?? []}>
-          {(one, place) => (
-            <div class={`say sentence ${one.models.at(-1)?.agrees ? "good" : "warn"}`}>
-              <Show when={(result()?.logs.length ?? 0) > 1}>
-                <button type="button" class="plain" aria-pressed={log() === one} onClick={() => props.twin.chooseLog(place())}>{one.log.name}</button>
-                {" "}
-              </Show>
-              {sentence(one)}
-            </div>
-          )}
-        </For>
-        <Show when={log() && model()}>
-          <div class="row">
-            <label class="row small">
-              version shown
-              <select onChange={(event) => setShown(event.currentTarget.value)}>
-                <For each={log()?.models ?? []}>{(one) => <option value={one.model} selected={one.model === model()?.model}>{one.model}</option>}</For>
-              </select>
-            </label>
-            <span class="small muted">A click on a cell opens the channel at that time.</span>
-          </div>
-          <Where log={log() as LogComparison} model={model() as ModelOnLog} twin={props.twin} view={view} />
-        </Show>
-      </Show>
+      <Show when={result()}>{(found) => <ComparisonView result={found()} looks={looks} />}</Show>
     </Step>
-  );
-}
-
-function sentence(log: LogComparison): string {
-  const model = log.models.at(-1);
-  if (!model) return "";
-  const tested = model.channels.filter((one) => one.verdict !== "not-testable");
-  if (tested.length === 0) return `Nothing of ${model.model} can be tested with this log.`;
-  if (model.agrees) return `${model.model} agrees with this flight: ${tested.length} channels are at their noise (chi²/N ${short(model.chi2)}).`;
-  const failing = tested.filter((one) => one.verdict === "fails").sort((a, b) => (b.low_frequency ?? 0) - (a.low_frequency ?? 0));
-  const parts = failing.slice(0, 4).map((one) => {
-    const ratio = short((one.smoothed_rms ?? NaN) / (one.smoothed_noise ?? NaN));
-    const depends = one.conditions[0];
-    return `${channelTitle(one.channel)}: error ${ratio} × noise${depends && depends.explained > 0.3 ? `, ${(100 * depends.explained).toFixed(0)} % of it explained by ${depends.title}` : ""}`;
-  });
-  return `${model.model} fails in ${parts.join("; ")}${failing.length > 4 ? `; and ${failing.length - 4} more` : ""}.`;
-}
-
-function Where(props: { log: LogComparison; model: ModelOnLog; twin: Twin; view: View }) {
-  const rows = () => props.model.channels.filter((one) => one.verdict !== "not-testable");
-  const channel = () => {
-    const wanted = props.twin.channel();
-    return rows().some((one) => one.channel === wanted) ? (wanted as string) : worstChannel(props.model);
-  };
-  const found = () => rows().find((one) => one.channel === channel());
-  const [cell, setCell] = createSignal<number>();
-  const conditions = createMemo(() => {
-    const all = new Map<string, { title: string; unit: string; most: number }>();
-    for (const one of rows()) {
-      for (const two of one.conditions) {
-        const before = all.get(two.condition);
-        all.set(two.condition, { title: two.title, unit: two.unit, most: Math.max(before?.most ?? 0, two.explained) });
-      }
-    }
-    return [...all.entries()].sort((a, b) => b[1].most - a[1].most);
-  });
-  const [wanted, setWanted] = createSignal<string>();
-  const condition = () => wanted() ?? found()?.conditions[0]?.condition ?? conditions()[0]?.[0];
-  const title = () => conditions().find(([name]) => name === condition())?.[1];
-  const bins = (place: number) => rows()[place]?.conditions.find((one) => one.condition === condition())?.bins ?? [];
-  const curve = () => found()?.conditions.find((one) => one.condition === condition());
-  const pickTime = (row: number, place: number) => {
-    const one = rows()[row];
-    if (!one) return;
-    setCell(place);
-    props.twin.chooseChannel(one.channel);
-    props.view.setRange([Math.max(0, (place - 1) * BLOCK_S), Math.min(props.log.duration_s, (place + 2) * BLOCK_S)]);
-  };
-  return (
-    <>
-      <div class="two">
-        <div class="stack">
-          <h3>Channel over time</h3>
-          <Heat
-            title="chi²/N of each channel in blocks of 5 s"
-            axis="time, s"
-            rows={rows().map((one) => ({ name: channelStrip(one.channel), cells: one.strip, where: (place) => `${place * BLOCK_S} – ${(place + 1) * BLOCK_S} s` }))}
-            tick={(place) => (place % 4 === 0 ? String(place * BLOCK_S) : "")}
-            chosen={cell() === undefined ? undefined : { row: rows().findIndex((one) => one.channel === channel()), cell: cell() ?? 0 }}
-            onPick={pickTime}
-          />
-        </div>
-        <div class="stack">
-          <div class="row">
-            <h3>Channel over</h3>
-            <select aria-label="flight condition" onChange={(event) => setWanted(event.currentTarget.value)}>
-              <For each={conditions()}>{([name, one]) => <option value={name} selected={name === condition()}>{one.title}{one.unit ? `, ${one.unit}` : ""}</option>}</For>
-            </select>
-          </div>
-          <Heat
-            title={`chi²/N of each channel by ${title()?.title ?? "condition"}`}
-            axis={title()?.unit || "value"}
-            rows={rows().map((one, row) => ({ name: channelStrip(one.channel), cells: bins(row).map((bin) => bin.chi2), where: (place) => `${title()?.title} ${short(bins(row)[place]?.at)} ${title()?.unit}` }))}
-            tick={(place) => {
-              const longest = rows().map((_, row) => bins(row)).reduce((a, b) => (b.length > a.length ? b : a), []);
-              return place % 2 === 0 ? short(longest[place]?.at, 2) : "";
-            }}
-            onPick={(row) => { const one = rows()[row]; if (one) props.twin.chooseChannel(one.channel); }}
-          />
-        </div>
-      </div>
-      <label class="row small">
-        channel
-        <select onChange={(event) => props.twin.chooseChannel(event.currentTarget.value)}>
-          <For each={rows()}>{(one) => <option value={one.channel} selected={one.channel === channel()}>{channelTitle(one.channel)}: {one.verdict}</option>}</For>
-        </select>
-      </label>
-      <div class="side">
-        <ChannelSeries twin={props.twin} channel={channel()} model={props.model.model} view={props.view} duration={props.log.duration_s} />
-        <Show when={(curve()?.bins.length ?? 0) > 1}>
-          <Chart
-            title={`Mean residual of ${channel()} by ${curve()?.title ?? ""}`}
-            unit={found()?.unit ?? ""}
-            xLabel={curve()?.title ?? ""}
-            xUnit={curve()?.unit ?? ""}
-            x={curve()?.bins.map((bin) => bin.at) ?? []}
-            bands={[{ label: "95 % of noise alone", low: curve()?.bins.map((bin) => -bin.band_95) ?? [], high: curve()?.bins.map((bin) => bin.band_95) ?? [], colour: "s3" }]}
-            lines={[{ label: "residual", values: curve()?.bins.map((bin) => bin.mean) ?? [], colour: "s2", width: 2 }]}
-            height={220}
-          />
-        </Show>
-      </div>
-      <details>
-        <summary>Worst moments, all channels in numbers, what was assumed</summary>
-        <div class="scroll" tabindex="0" role="region" aria-label="Worst moments">
-          <table class="small">
-            <thead><tr><th scope="col">Time, s</th><th scope="col">Channel</th><th class="r" scope="col">mean error</th><th class="r" scope="col">deviations</th><th scope="col">conditions</th></tr></thead>
-            <tbody>
-              <For each={props.model.worst} fallback={<tr><td colspan="5" class="muted">none: no channel fails</td></tr>}>
-                {(one) => (
-                  <tr>
-                    <td><button type="button" class="plain" onClick={() => { props.twin.chooseChannel(one.channel); props.view.setRange([Math.max(0, one.start_s - 2), one.end_s + 2]); props.view.setCursor(one.start_s); }}>{one.start_s.toFixed(1)} – {one.end_s.toFixed(1)}</button></td>
-                    <td>{channelTitle(one.channel)}</td>
-                    <td class="r">{short(one.error)} {one.unit}</td>
-                    <td class="r">{one.deviations.toFixed(0)}</td>
-                    <td>{one.conditions.slice(0, 4).map(([name, value, unit]) => `${name} ${short(value)} ${unit}`).join(" · ")}</td>
-                  </tr>
-                )}
-              </For>
-            </tbody>
-          </table>
-        </div>
-        <div class="scroll" tabindex="0" role="region" aria-label="All channels">
-          <table class="small">
-            <thead><tr><th scope="col">Channel</th><th scope="col">says</th><th class="r" scope="col">error, 0.1 s means</th><th class="r" scope="col">noise alone</th><th scope="col">unit</th><th class="r" scope="col">chi²/N</th><th class="r" scope="col">slow</th><th scope="col">depends most on</th></tr></thead>
-            <tbody>
-              <For each={props.model.channels}>
-                {(one) => (
-                  <tr>
-                    <td>{channelTitle(one.channel)}</td>
-                    <td><span class={`tag ${one.verdict === "agrees" ? "good" : one.verdict === "fails" ? "bad" : ""}`}>{one.verdict}</span></td>
-                    <td class="r">{short(one.smoothed_rms)}</td>
-                    <td class="r">{short(one.smoothed_noise)}</td>
-                    <td>{one.unit}</td>
-                    <td class="r">{short(one.chi2)}</td>
-                    <td class="r">{short(one.low_frequency)}</td>
-                    <td>{one.conditions[0] && one.conditions[0].explained >= 0.01 ? `${one.conditions[0].title} (${(100 * one.conditions[0].explained).toFixed(0)} %)` : ""}</td>
-                  </tr>
-                )}
-              </For>
-            </tbody>
-          </table>
-        </div>
-        <ul class="small">
-          <li>Fitted to this log: lift error of the rotors {props.model.nuisances.rotor_bias_n.map((one) => (1e3 * one).toFixed(1)).join(" ")} mN, charge at the start {(100 * props.model.nuisances.charge_at_start).toFixed(1)} %.</li>
-          <li>Left out: {props.log.excluded.length > 0 ? props.log.excluded.map((one) => `${one.start_s.toFixed(1)} – ${one.end_s.toFixed(1)} s`).join(", ") : "nothing"}.</li>
-          <For each={props.log.notes}>{(one) => <li>{one}</li>}</For>
-        </ul>
-      </details>
-    </>
   );
 }

@@ -1,0 +1,111 @@
+"""Every report in a real browser, from the disk and without a network: Chromium, driven by Playwright.
+
+report_page.py CHROMIUM FOLDER; FOLDER/NAME/report.html are the reports, and FOLDER/NAME.json what each must say. Pictures go to
+FOLDER/pictures. Fails on an error on the console, an exception, any request besides the file, a page wider than the screen, and what axe
+finds serious.
+"""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, sync_playwright
+
+CHROMIUM, FOLDER = sys.argv[1], Path(sys.argv[2]).absolute()
+PICTURES = FOLDER / "pictures"
+PATIENCE_MS = 60_000
+# The page itself, without data.
+LIMIT_KB = 150
+
+
+def opened(browser: Browser, name: str, width: int, scheme: str) -> tuple[Page, list[str]]:
+    complaints: list[str] = []
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    address = (FOLDER / name / "report.html").as_uri()
+    page.on("console", lambda m: complaints.append(f"console: {m.text}") if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: complaints.append(f"exception: {error}"))
+    page.on("request", lambda r: complaints.append(f"asked for {r.url}") if r.url != address and not r.url.startswith("data:") else None)
+    page.goto(address)
+    page.locator("footer").wait_for()
+    return page, complaints
+
+
+def looks(browser: Browser, name: str, expected: dict) -> None:
+    for width in (390, 1600):
+        for scheme in ("light", "dark"):
+            page, complaints = opened(browser, name, width, scheme)
+            # As on paper: what is folded is unfolded.
+            page.locator("details.whole").evaluate_all("all => all.forEach(one => { one.open = true; })")
+            text = page.locator("body").inner_text()
+            for words in expected["says"]:
+                assert words in text, f"{name}: {words!r} is not in\n{text[:3000]}"
+            plots = page.locator("figure.plot canvas").count()
+            assert plots >= expected["plots"], f"{name}: {plots} plots"
+            # Each plot says in words what it shows.
+            summaries = page.locator("figure.plot .canvas").evaluate_all("all => all.map(one => document.getElementById(one.getAttribute('aria-describedby')).textContent)")
+            assert len(summaries) == plots and all(re.search(r"\d", one) or "no value" in one for one in summaries), summaries
+            wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+            assert wide <= 0, f"{name}: {wide} px wider than the screen of {width} px"
+            page.screenshot(path=PICTURES / f"{name}-{width}-{scheme}.png", full_page=True)
+            if width == 1600:
+                found = Axe().run(page).response["violations"]
+                serious = [one for one in found if one["impact"] in ("serious", "critical")]
+                assert not serious, f"{name}, {scheme}: " + json.dumps([(one["id"], one["nodes"][0]["html"]) for one in serious])
+            assert not complaints, f"{name}: " + "\n".join(complaints)
+            page.context.close()
+
+
+def themes(browser: Browser, name: str) -> None:
+    """The button changes the colours without anywhere to keep the choice; paper is white whatever the screen is."""
+    page, complaints = opened(browser, name, 1600, "dark")
+    background = "getComputedStyle(document.documentElement).backgroundColor"
+    before = page.evaluate(background)
+    page.get_by_role("button", name="light / dark").click()
+    after = page.evaluate(background)
+    assert before != after, before
+    page.get_by_role("button", name="light / dark").click()
+    page.pdf(path=PICTURES / f"{name}.pdf", format="A4", print_background=True)
+    assert page.evaluate(background) == before
+    assert not complaints, complaints
+    page.context.close()
+
+
+def without_scripts(browser: Browser, name: str, expected: dict) -> None:
+    context = browser.new_context(java_script_enabled=False, offline=True)
+    page = context.new_page()
+    page.goto((FOLDER / name / "report.html").as_uri())
+    text = page.locator("body").inner_text()
+    assert expected["summary"] in text, f"{name} without scripts: {text[:2000]}"
+    context.close()
+
+
+def not_considered(browser: Browser) -> None:
+    """What could not be considered, and the column or setting that would make it testable."""
+    page, _ = opened(browser, "diagnosis", 1600, "light")
+    page.locator("summary", has_text="could not be considered").click()
+    rows = page.get_by_role("region", name="What could not be considered").locator("tbody tr")
+    assert rows.count() >= 1 and all(len(row.split("\t")) == 3 and row.split("\t")[2].strip() for row in rows.all_inner_texts())
+    page.context.close()
+
+
+def main() -> None:
+    PICTURES.mkdir(exist_ok=True)
+    names = sorted(path.parent.name for path in FOLDER.glob("*/report.html"))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        for name in names:
+            expected = json.loads((FOLDER / f"{name}.json").read_text())
+            looks(browser, name, expected)
+            themes(browser, name)
+            without_scripts(browser, name, expected)
+            print(f"{name}: {(FOLDER / name / 'report.html').stat().st_size / 1000:.0f} kB")
+        if "diagnosis" in names:
+            not_considered(browser)
+        browser.close()
+
+
+main()

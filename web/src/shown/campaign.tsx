@@ -1,0 +1,184 @@
+/** A campaign: many flights with statistics of the detectors. */
+import { For, Show, createSignal } from "solid-js";
+import { duration, percent, short } from "../format";
+import { type Points, type VerdictCount, cumulativeOn, seriesOn, verdictConfusion as confusionOfVerdicts } from "../model/campaign";
+import { Figures, Panel } from "../parts/bits";
+import { ConfusionTable } from "../parts/confusion";
+import { Chart } from "../plots/chart";
+import { seriesColour } from "../theme";
+import { type ResultTable, ResultTables } from "./tables";
+
+interface Score {
+  false_alarm_events: number;
+  fault_flights: number;
+  healthy_h: number;
+  isolated: { flights: number; median_s: number | null; p95_s: number | null; worst_s: number | null };
+  right: number | null;
+  right_95: [number, number] | null;
+  windows: number;
+  /** Truth, verdict, windows; only over all flights. */
+  confusion_truth_verdict_windows?: VerdictCount[];
+}
+type Scores = Record<"sequential" | "t_test" | "network", Score>;
+export interface CampaignResult {
+  flights: number;
+  failed: number;
+  flown_h: number;
+  steps: number;
+  detectors: Scores;
+  axes: { axis: string; groups: { value: unknown; flights: number; failed: number; detectors: Scores }[] }[];
+}
+const DETECTORS = [["sequential", "sequential"], ["t_test", "T-test"], ["network", "network"]] as const;
+
+
+const verdictConfusion = (score: Score) => confusionOfVerdicts(score.confusion_truth_verdict_windows ?? []);
+
+export function CampaignView(props: { result: CampaignResult }) {
+  const it = () => props.result;
+  const [detector, setDetector] = createSignal<keyof Scores>("sequential");
+  return (
+    <>
+      <Panel title="Detectors over all flights">
+        <div class="stack">
+          <Figures items={[["flights", it().flights.toLocaleString("en")], ["failed", String(it().failed)], ["flown", `${short(it().flown_h)} h`], ["steps", it().steps.toLocaleString("en")]]} />
+          <ScoreTable rows={[{ name: "all", scores: it().detectors }]} head="" />
+        </div>
+      </Panel>
+      <Panel title="Confusion matrix" note="windows; row: true fault; column: verdict" actions={<Choice value={detector()} choose={setDetector} />}>
+        <ConfusionTable confusion={verdictConfusion(it().detectors[detector()])} corner="truth / verdict" />
+      </Panel>
+      <For each={it().axes}>
+        {(axis) => (
+          <Panel title={`By ${axis.axis}`}>
+            <ScoreTable head={axis.axis} rows={axis.groups.map((group) => ({ name: typeof group.value === "string" ? group.value : JSON.stringify(group.value), scores: group.detectors, flights: group.flights }))} />
+          </Panel>
+        )}
+      </For>
+      <p class="small muted">Detection delay: from the fault to the first window with the right verdict. [ ]: 95 % interval. Flown: {duration(3600 * it().flown_h)}.</p>
+    </>
+  );
+}
+
+function Choice(props: { value: keyof Scores; choose: (value: keyof Scores) => void }) {
+  return (
+    <span class="row" role="group" aria-label="detector">
+      <For each={DETECTORS}>{([key, name]) => <button type="button" aria-pressed={props.value === key} onClick={() => props.choose(key)}>{name}</button>}</For>
+    </span>
+  );
+}
+
+function ScoreTable(props: { head: string; rows: readonly { name: string; scores: Scores; flights?: number }[] }) {
+  return (
+    <div class="scroll" tabindex="0" role="region" aria-label={`Scores by ${props.head || "detector"}`}>
+      <table class="small">
+        <thead>
+          <tr>
+            <th scope="col">{props.head}</th><th scope="col">detector</th><th class="r" scope="col">right windows</th><th class="r" scope="col">fault flights isolated</th>
+            <th class="r" scope="col">delay, median s</th><th class="r" scope="col">95 %, s</th><th class="r" scope="col">worst, s</th><th class="r" scope="col">false alarms</th><th class="r" scope="col">per healthy hour</th>
+          </tr>
+        </thead>
+        <tbody>
+          <For each={props.rows}>
+            {(row) => (
+              <For each={DETECTORS}>
+                {([key, name], place) => {
+                  const score = () => row.scores[key];
+                  return (
+                    <Show when={score().windows > 0}>
+                      <tr>
+                        <td>{place() === 0 ? row.name : ""}{place() === 0 && row.flights ? ` (${row.flights} flights)` : ""}</td>
+                        <td>{name}</td>
+                        <td class="r">{percent(score().right)} {score().right_95 ? `[${percent(score().right_95?.[0])}, ${percent(score().right_95?.[1])}]` : ""}</td>
+                        <td class="r">{score().isolated.flights} of {score().fault_flights}</td>
+                        <td class="r">{short(score().isolated.median_s)}</td>
+                        <td class="r">{short(score().isolated.p95_s)}</td>
+                        <td class="r">{short(score().isolated.worst_s)}</td>
+                        <td class="r">{score().false_alarm_events}</td>
+                        <td class="r">{score().healthy_h > 0 ? short(score().false_alarm_events / score().healthy_h) : "–"}</td>
+                      </tr>
+                    </Show>
+                  );
+                }}
+              </For>
+            )}
+          </For>
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
+/** What the report of a campaign has besides the result. */
+export interface CampaignReport {
+  name: string;
+  description: string;
+  seed: number;
+  /** Flights that are planned. */
+  planned: number;
+  result: CampaignResult;
+  tables: ResultTable[];
+  /** For each detector the sorted delays to isolation and how many flights had been isolated by then, and the flights with a fault. */
+  delays: { detector: string; fault_flights: number; delay_s: number[]; isolated: number[] }[];
+  /** Median delay and false alarms per hour along the thresholds, for each severity. */
+  operating: { severity: string; level: number[]; delay_s: number[]; alarms_per_h: number[] }[];
+  facts: [string, string][];
+  notes: string[];
+}
+
+export function CampaignReportView(props: { report: CampaignReport }) {
+  const it = () => props.report;
+  const delays = () => cumulativeOn(it().delays.map((one) => ({ x: one.delay_s, y: one.isolated.map((count) => (100 * count) / Math.max(1, one.fault_flights)) })));
+  const operating = () => seriesOn(it().operating.map((one): Points => ({ x: one.delay_s, y: one.alarms_per_h })));
+  const first = () => it().result.detectors.sequential;
+  return (
+    <>
+      <p class="muted">{it().description} Seed {it().seed}.</p>
+      <Show when={it().result.flights < it().planned}>
+        <div class="say warn">{it().result.flights} of {it().planned} flights are there; the same command resumes.</div>
+      </Show>
+      <Panel title="Detectors over all flights">
+        <div class="stack">
+          <Figures
+            items={[
+              ["flights", it().result.flights.toLocaleString("en")],
+              ["failed", String(it().result.failed)],
+              ["flown", `${short(it().result.flown_h)} h`],
+              ["right windows, sequential", `${percent(first().right)}${first().right_95 ? ` [${percent(first().right_95?.[0])}, ${percent(first().right_95?.[1])}]` : ""}`],
+              ["false alarms, sequential", String(first().false_alarm_events)],
+              ["isolated after, median, sequential", `${short(first().isolated.median_s)} s`],
+            ]}
+          />
+          <ScoreTable rows={[{ name: "all", scores: it().result.detectors }]} head="" />
+        </div>
+      </Panel>
+      <Show when={delays().x.length > 1}>
+        <Panel title="Delay to isolation" note="share of the flights with a fault whose rotor has been named">
+          <Chart
+            title="Flights isolated" unit="%" xLabel="delay from the onset to the right verdict" xLog x={delays().x} height={260}
+            lines={delays().y.map((values, k) => ({ label: it().delays[k]?.detector ?? "", values, colour: (["s1", "s2", "s4"] as const)[k] ?? "s8", step: true, width: 2 }))}
+          />
+        </Panel>
+      </Show>
+      <For each={DETECTORS.filter(([key]) => it().result.detectors[key].windows > 0)}>
+        {([key, name]) => (
+          <Panel title={`Confusion matrix, ${name}`} note="share of the windows of each truth; row: true fault; column: verdict">
+            <ConfusionTable confusion={verdictConfusion(it().result.detectors[key])} corner="truth / verdict" shares />
+          </Panel>
+        )}
+      </For>
+      <Show when={operating().x.length > 0}>
+        <Panel title="Operating curve" note="a point for each threshold; lost: share of the thrust">
+          <Chart
+            title="False alarms per hour" unit="1/h" xLabel="median delay to isolation" xLog x={operating().x} height={260}
+            lines={operating().y.map((values, k) => ({ label: it().operating[k]?.severity ?? "", values, colour: seriesColour(k), joined: true, width: 2 }))}
+          />
+        </Panel>
+      </Show>
+      <ResultTables tables={it().tables} />
+      <Panel title="How it was made">
+        <dl class="facts"><For each={it().facts}>{([name, value]) => <><dt>{name}</dt><dd class="mono">{value}</dd></>}</For></dl>
+        <ul class="small muted"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul>
+      </Panel>
+    </>
+  );
+}

@@ -1,0 +1,257 @@
+/** A diagnosis: what is missing. "Agrees", "the log is at fault", "cannot tell" and "not in the catalogue" are full answers. */
+import { For, type JSX, Show } from "solid-js";
+import { count, percent, plusMinus, short } from "../format";
+import { type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords, togetherByReason } from "../model/twin";
+import { Chart } from "../plots/chart";
+
+const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: string }> = {
+  agrees: { words: "The model agrees with the flight.", kind: "good" },
+  missing: { words: "Physics is missing, and named.", kind: "warn" },
+  "cannot-tell": { words: "Physics is missing, and this flight cannot tell which of these.", kind: "warn" },
+  "partly-missing": { words: "Physics is missing, and named; it explains a part of the error, the rest is not in the catalogue.", kind: "warn" },
+  "calibrate-first": { words: "Constants of this vehicle are guesses that the flight contradicts: calibrate it first.", kind: "warn" },
+  "outside-catalogue": { words: "The error is real, and not in the catalogue of effects.", kind: "warn" },
+  "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
+  "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
+};
+
+/** Adds a finding (its number from 1), all of them, or the proposal to the model. */
+export type AddToModel = (what: { pick?: number; proposal?: true }) => void;
+
+export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; children?: JSX.Element }) {
+  const headline = () => HEADLINES[props.found.verdict.kind];
+  const add = () => (props.found.verdict.kind !== "agrees" ? props.add : undefined);
+  return (
+    <>
+      <Show when={props.found.trim}>{(trim) => <TrimView trim={trim()} />}</Show>
+      <div class={`say sentence ${headline().kind}`} role="status">
+        <strong>{headline().words}</strong> {props.found.sentence}
+      </div>
+      <div class="stack">
+        <For each={props.found.effects}>
+          {(one, place) => <Card finding={one} found={props.found} add={add() ? () => add()?.({ pick: place() + 1 }) : undefined} />}
+        </For>
+        <For each={props.found.sensor_or_timing}>{(one) => <Card finding={one} found={props.found} />}</For>
+      </div>
+      <Show when={props.found.effects.length > 1 && add()}>
+        {(all) => <div class="row"><button type="button" onClick={() => all()({})}>Add all {props.found.effects.length} effects in one version</button></div>}
+      </Show>
+      <Show when={props.found.sensor_or_timing.length > 0}>
+        <p class="small">Faults of sensors and clocks are repaired in the log, not added to a model.</p>
+      </Show>
+      <Show when={(props.found.calibrate ?? []).length > 0}><Calibrate found={props.found} /></Show>
+      {props.children}
+      <Show when={props.found.proposal}>{(proposal) => <ProposalCard proposal={proposal()} add={props.add && (() => props.add?.({ proposal: true }))} />}</Show>
+      <NotConsidered found={props.found} />
+      <Rest found={props.found} />
+    </>
+  );
+}
+
+/** What could not be considered at all, and what would make it testable. */
+function NotConsidered(props: { found: Diagnosis }) {
+  const rows = () => togetherByReason(props.found.not_considered ?? []);
+  return (
+    <Show when={rows().length > 0}>
+      <details class="whole">
+        <summary>{count(props.found.not_considered.length, "effect")} of the catalogue could not be considered</summary>
+        <div class="scroll" tabindex="0" role="region" aria-label="What could not be considered">
+          <table class="small">
+            <thead><tr><th scope="col">Not considered</th><th scope="col">why</th><th scope="col">what would make it testable</th></tr></thead>
+            <tbody>
+              <For each={rows()}>
+                {(row) => (
+                  <tr>
+                    <td>{row.labels.join(", ")}</td>
+                    <td>{row.reason}</td>
+                    <td>
+                      <Show when={row.columns.length > 0} fallback={row.setting ?? "–"}>
+                        {row.columns.length > 1 ? "columns of the log " : "column of the log "}<code class="break">{row.columns.join(", ")}</code>
+                      </Show>
+                    </td>
+                  </tr>
+                )}
+              </For>
+            </tbody>
+          </table>
+        </div>
+      </details>
+    </Show>
+  );
+}
+
+/** What changed against healthy flights. */
+function TrimView(props: { trim: NonNullable<Diagnosis["trim"]> }) {
+  return (
+    <div class="say">
+      <strong>Against the healthy flights:</strong> {props.trim.sentence} Thrust asked of the rotors over the healthy mean:{" "}
+      <span class="num">{props.trim.thrust_change.map((one) => percent(one)).join(", ")}</span>; healthy flights vary by {percent(props.trim.spread[0])} in common and{" "}
+      {percent(props.trim.spread[1])} rotor by rotor;{" "}
+      {props.trim.smallest_loss === null ? "no loss of one rotor up to 60 % would be named for certain." : `a loss of ${percent(props.trim.smallest_loss, 0)} of one rotor would be named.`}
+    </div>
+  );
+}
+
+/** Guesses of the vehicle that the flights contradict. */
+function Calibrate(props: { found: Diagnosis }) {
+  return (
+    <div class="scroll" tabindex="0" role="region" aria-label="Constants to calibrate">
+      <table class="small">
+        <thead><tr><th scope="col">To calibrate</th><th class="r" scope="col">as guessed</th><th class="r" scope="col">the flights want</th><th class="r" scope="col">ln Bayes factor</th><th scope="col">guessed from</th><th scope="col">better</th></tr></thead>
+        <tbody>
+          <For each={props.found.calibrate}>
+            {(one) => (
+              <tr>
+                <td>{one.name} <code class="small">{one.key}</code></td>
+                <td class="r">{short(one.value)} {one.unit} [{short(one.low)}, {short(one.high)}]</td>
+                <td class="r">{plusMinus(one.wanted, one.wanted_interval_95, one.unit)}</td>
+                <td class="r">{short(one.ln_bayes_factor)}</td>
+                <td>{one.how}</td>
+                <td>{one.better}</td>
+              </tr>
+            )}
+          </For>
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
+function Card(props: { finding: Finding; found: Diagnosis; add?: (() => void) | undefined }) {
+  const it = () => props.finding;
+  const picture = () => it().picture ?? undefined;
+  return (
+    <article class="card found">
+      <div class="row">
+        <h3>{it().label}{it().instance.rotor ? `, rotor ${it().instance.rotor}` : ""}</h3>
+        <span class="tag">{it().class}</span>
+        <Show when={it().onset_s !== null}><span class="tag warn">sets in at {short(it().onset_s)} s</span></Show>
+        <span class="grow" />
+        <Show when={props.add}><button type="button" class="main" onClick={() => props.add?.()}>Add to the model<span class="sr">: {it().label}</span></button></Show>
+      </div>
+      <div class={picture() ? "side" : "stack"}>
+        <div class="stack">
+          <pre class="equation" tabindex="0" aria-label="equation">{it().equation}</pre>
+          <dl class="facts">
+            <For each={it().parameters}>
+              {(one) => (
+                <>
+                  <dt>{one.symbol} <code class="small">{one.name}</code></dt>
+                  <dd class="num">{plusMinus(one.value, one.interval_95, one.unit)} <Show when={!one.plausible}><span class="tag warn">outside the plausible range</span></Show></dd>
+                </>
+              )}
+            </For>
+            <dt>Evidence</dt>
+            <dd>ln Bayes factor {short(it().ln_bayes_factor)}: {evidenceWords(it().ln_bayes_factor)} (above {props.found.threshold}: named); probability {percent(it().posterior)} among the catalogue</dd>
+            <dt>Shows in</dt>
+            <dd>{it().channels.map(channelTitle).join(", ")}</dd>
+            <For each={props.found.held_out.filter((one) => Math.abs(one.after - one.before) > 0.02 * one.before)}>
+              {(one) => (
+                <>
+                  <dt>Held-out {one.quantity}</dt>
+                  <dd class="num">{milli(one.before)} → <strong>{milli(one.after)} m{one.unit}</strong> on blocks that the fit did not see</dd>
+                </>
+              )}
+            </For>
+          </dl>
+          <p class="small muted">{it().reason}</p>
+          <Rivals finding={it()} />
+        </div>
+        <Show when={picture()}>
+          {(found) => (
+            <Chart
+              title={`Residual of ${channelTitle(found().channel)} before and after`}
+              unit={found().unit}
+              xLabel="contribution of the effect"
+              xUnit={found().unit}
+              x={found().bins.map((bin) => bin.at)}
+              bands={[{ label: "95 % of noise alone", low: found().bins.map((bin) => -bin.band_95), high: found().bins.map((bin) => bin.band_95), colour: "s3" }]}
+              lines={[
+                { label: "before", values: found().bins.map((bin) => bin.before), colour: "s2", width: 2 },
+                { label: "after", values: found().bins.map((bin) => bin.after), colour: "s1", width: 2 },
+              ]}
+              height={230}
+            />
+          )}
+        </Show>
+      </div>
+    </article>
+  );
+}
+
+const milli = (value: number) => short(1e3 * value);
+
+function Rivals(props: { finding: Finding }) {
+  return (
+    <>
+      <p class="small">
+        {props.finding.also_compatible.length === 0
+          ? "Also compatible: none."
+          : `Also compatible: ${props.finding.also_compatible.map((one) => `${one.label} (ln Bayes factor ${short(one.evidence_gap)} against it)`).join(", ")}.`}
+      </p>
+      <Show when={props.finding.lost.length > 0}>
+        <details>
+          <summary>{props.finding.lost.length} rivals that lost</summary>
+          <ul class="small"><For each={props.finding.lost}>{(one) => <li>{one.label}: {one.reason} (gap {short(one.evidence_gap)})</li>}</For></ul>
+        </details>
+      </Show>
+    </>
+  );
+}
+
+function ProposalCard(props: { proposal: Proposal; add: (() => void) | undefined }) {
+  return (
+    <article class="card found">
+      <div class="row">
+        <h3>Proposal: an effect of your own</h3>
+        <span class="grow" />
+        <Show when={props.proposal.document && props.add}><button type="button" class="main" onClick={() => props.add?.()}>Add the proposal</button></Show>
+      </div>
+      <For each={props.proposal.terms} fallback={<p>No term of the motion explains the error on blocks that the fit did not see.</p>}>
+        {(one) => (
+          <div>
+            <pre class="equation" tabindex="0" aria-label="term">{one.acts.join(", ")} · {one.parameter}</pre>
+            <p class="num">{one.parameter} = {plusMinus(one.factor, 1.96 * one.deviation, one.unit)}; correlation {short(one.correlation)}; {percent(one.held_out_share, 0)} of the error is explained on unseen blocks up to here</p>
+          </div>
+        )}
+      </For>
+      <Show when={props.proposal.correlates.length > 0}>
+        <p class="small muted">{props.proposal.correlates.map((one) => `${channelTitle(one.channel)} follows ${one.regressor} (correlation ${short(one.correlation)})`).join("; ")}.</p>
+      </Show>
+      <p class="small muted">Found by regression of a residual: a correlation with a dimension, not yet physics.</p>
+    </article>
+  );
+}
+
+function Rest(props: { found: Diagnosis }) {
+  return (
+    <details class="whole">
+      <summary>Ranking of all candidates, what this flight cannot show, notes</summary>
+      <div class="two">
+        <div class="scroll" tabindex="0" role="region" aria-label="Ranking of the candidates">
+          <table class="small">
+            <thead><tr><th scope="col">Candidate alone</th><th class="r" scope="col">ln Bayes factor</th><th class="r" scope="col">held-out chi²</th></tr></thead>
+            <tbody>
+              <For each={props.found.ranking.slice(0, 15)}>{(one) => <tr><td>{one.label}</td><td class="r">{short(one.ln_bayes_factor)}</td><td class="r">{short(one.held_out_chi2_change)}</td></tr>}</For>
+            </tbody>
+          </table>
+        </div>
+        <div class="scroll" tabindex="0" role="region" aria-label="What this flight cannot show">
+          <table class="small">
+            <thead><tr><th scope="col">Not testable here</th><th class="r" scope="col">plausible size</th><th class="r" scope="col">seen from</th><th scope="col">excited by</th></tr></thead>
+            <tbody>
+              <For each={props.found.not_testable} fallback={<tr><td colspan="4" class="muted">nothing of the catalogue</td></tr>}>
+                {(one) => <tr><td>{one.label}</td><td class="r">{short(one.plausible_size)} {one.unit}</td><td class="r">{short(one.minimum_size)}</td><td>{one.excited_by}</td></tr>}
+              </For>
+            </tbody>
+          </table>
+        </div>
+      </div>
+      <ul class="small">
+        <Show when={props.found.goodness.unexplained.length > 0}><li>Unexplained: {props.found.goodness.unexplained.join(", ")}.</li></Show>
+        <For each={props.found.notes}>{(one) => <li>{one}</li>}</For>
+        <li>Assumed: every other parameter is off by 2 % of its plausible size; an effect is named above a ln Bayes factor of {short(props.found.threshold, 2)}.</li>
+      </ul>
+    </details>
+  );
+}

@@ -1,0 +1,89 @@
+/** How a run ended, interval by interval. */
+import { For, Show } from "solid-js";
+import { duration, percent, short, verdictText } from "../format";
+import { type Score, type Summary, kindOfScore, otherwise } from "../model/run";
+import { Figures, Panel } from "../parts/bits";
+
+export function RunSummary(props: { summary: Summary }) {
+  const it = () => props.summary;
+  const absent = () => it().intervals.every((one) => one.scores.network.share_right === null);
+  return (
+    <Panel title="Summary" note={it().program_version}>
+      <div class="stack">
+        <Show when={it().failure}>
+          {(failure) => (
+            <div class="say bad">
+              {failure().sentence}{" "}
+              <span class="small">Peer: {failure().peer}; last complete step: {failure().step.toLocaleString("en")}{failure().silence_ms > 0 ? `; silent for ${failure().silence_ms.toLocaleString("en")} ms` : ""}.</span>
+            </div>
+          )}
+        </Show>
+        <Figures
+          items={[
+            ["simulated", duration(it().simulated_s)],
+            ["steps", it().steps.toLocaleString("en")],
+            ["took", duration(it().wall_s)],
+            ["steps per second", short(it().steps_per_s)],
+            ["position error, rms", `${short(it().tracking?.position_rms_m)} m`],
+            ["largest", `${short(it().tracking?.position_max_m)} m`],
+            ["charge", `${percent(it().battery?.state_of_charge_start, 0)} → ${percent(it().battery?.state_of_charge_end, 0)}`],
+            ["lowest voltage", `${short(it().battery?.voltage_min_v, 4)} V`],
+            ["run hash", <code class="small">{it().run_hash.slice(0, 16)}</code>],
+          ]}
+        />
+        <Show when={it().real_time}>
+          {(time) => (
+            <p class="small muted">
+              Lateness of a step: median {short(time().jitter_us_p50)} µs, 99 % {short(time().jitter_us_p99)} µs, worst {short(time().jitter_us_max)} µs;
+              {" "}{time().deadline_misses} steps late.
+            </p>
+          )}
+        </Show>
+        <div class="scroll" tabindex="0" role="region" aria-label="What the detectors said, by interval">
+          <table class="small">
+            <thead>
+              <tr>
+                <th scope="col">Interval, s</th><th scope="col">Truth</th><th scope="col">Detector</th>
+                <th class="r" scope="col">right windows</th><th class="r" scope="col">detection delay, s</th><th class="r" scope="col">false alarms</th>
+                <th scope="col">other windows</th><th scope="col">at the end</th><th scope="col">estimated loss</th>
+              </tr>
+            </thead>
+            <tbody>
+              <For each={it().intervals}>
+                {(interval) => (
+                  <For each={[["sequential", interval.scores.sequential], ["T-test", interval.scores.t_test], ["network", interval.scores.network]] as [string, Score][]}>
+                    {([name, score], place) => (
+                      <tr>
+                        <td class="num">{place() === 0 ? `${short(interval.start_s)} – ${short(interval.end_s)}` : ""}</td>
+                        <td>{place() === 0 ? [interval.description, ...(interval.sensor_faults ?? [])].join("; ") : ""}</td>
+                        <td>{name}</td>
+                        <td class="r"><span class={`tag ${kindOfScore(interval, score)}`}>{score.share_right === null ? (name === "network" && absent() ? "no network loaded" : "no verdict") : percent(score.share_right)}</span></td>
+                        <td class="r">{short(score.isolated_after_s)}</td>
+                        <td class="r">{score.false_alarm_events}</td>
+                        <td>{otherwise(interval, score)}</td>
+                        <td>{verdictText(score.verdict_at_end)}</td>
+                        <td class="num">
+                          {name === "sequential"
+                            ? interval.severity.losses.map((loss) => `rotor ${loss.rotor}: ${percent(loss.share)} [${percent(loss.interval_share[0])}, ${percent(loss.interval_share[1])}]`).join("; ")
+                            : ""}
+                        </td>
+                      </tr>
+                    )}
+                  </For>
+                )}
+              </For>
+            </tbody>
+          </table>
+        </div>
+        <p class="small muted">
+          Right windows: green without a fault if there is no false alarm, with one if the verdict is right at the end and in at least 90 % of the windows; red if the rotor is
+          never named. A delay counts from the start of the interval to the end of the first window with the right verdict.
+        </p>
+        <details>
+          <summary>The scenario as it was flown</summary>
+          <pre tabindex="0" aria-label="scenario">{it().scenario.text}</pre>
+        </details>
+      </div>
+    </Panel>
+  );
+}

@@ -1,0 +1,60 @@
+/** One channel: measured against the model with the noise band, the residual, and the vehicle in 3-D at that time. */
+import { Show, createMemo, createSignal } from "solid-js";
+import { channelTitle } from "../model/twin";
+import { Problem } from "../parts/bits";
+import { Chart } from "../plots/chart";
+import type { Values } from "../plots/series";
+import type { View } from "../plots/view";
+import type { Looks } from "./comparison";
+
+export function ChannelSeries(props: { looks: Looks; channel: string; model: string; view: View }) {
+  const series = props.looks.series(() => ({ channel: props.channel, log: props.looks.logAt(), range: props.view.range() }));
+  const model = () => series.data()?.models.find((one) => one.label === props.model) ?? series.data()?.models.at(-1);
+  const shifted = (values: Values | undefined, by: number): Values => (values ?? []).map((value) => (value === null ? null : value + by));
+  const level = createMemo(() => (series.data()?.time_s ?? []).map(() => 2 * (series.data()?.noise.mean ?? 0)));
+  const [flying, setFlying] = createSignal(false);
+  return (
+    <div class="stack">
+      <Problem sentence={series.error() && `No picture of ${channelTitle(props.channel)}: ${series.error()}`} retry={series.reload} />
+      <Show when={series.data()}>
+        {(found) => (
+          <>
+            <Chart
+              title={`${channelTitle(props.channel)}: measured and model`}
+              unit={found().unit}
+              x={found().time_s}
+              view={props.view}
+              bands={[{ label: "model ± 2σ of noise", low: shifted(model()?.predicted.mean, -2 * found().noise.mean), high: shifted(model()?.predicted.mean, 2 * found().noise.mean), colour: "s2" }]}
+              lines={[
+                { label: "measured", values: found().measured.mean, colour: "s1" },
+                { label: model()?.label ?? "model", values: model()?.predicted.mean ?? [], colour: "s2" },
+              ]}
+              height={210}
+            />
+            <Chart
+              title="Residual: measured − model"
+              unit={found().unit}
+              x={found().time_s}
+              view={props.view}
+              bands={[
+                { label: "lowest to highest sample", low: model()?.residual.low ?? [], high: model()?.residual.high ?? [], colour: "s8", opacity: 0.18 },
+                { label: "± 2σ of noise", low: level().map((one) => -one), high: level(), colour: "s3", opacity: 0.35 },
+              ]}
+              lines={[{ label: "mean of the bucket", values: model()?.residual.mean ?? [], colour: "s2" }]}
+              height={170}
+            />
+            <p class="small muted">Buckets of {found().bucket_s.toPrecision(2)} s.<span class="screen"> Drag to zoom, double-click or Escape for all.</span></p>
+          </>
+        )}
+      </Show>
+      <Show when={props.looks.flight}>
+        {(flight) => (
+          <details onToggle={(event) => setFlying(event.currentTarget.open)}>
+            <summary>The vehicle in 3-D at that time</summary>
+            <Show when={flying()}>{flight()(props.view)}</Show>
+          </details>
+        )}
+      </Show>
+    </div>
+  );
+}
