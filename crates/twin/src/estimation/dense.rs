@@ -1,52 +1,56 @@
-//! Small dense symmetric matrices: Cholesky factor, solution, inverse, determinant. No library: a hundred unknowns, same bits everywhere.
+//! Symmetric matrices of a size that is known at run time: nalgebra's, seen through what the twin asks of them.
+//!
+//! Loops of nalgebra without `std` run in one thread and in one order, so that the bits are the same on any number of cores.
 
-/// A square matrix, rows first.
+use nalgebra::{DMatrix, DVectorView, Dyn};
+
+/// A symmetric matrix.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Matrix {
-    /// Number of rows.
-    pub size: usize,
-    /// Entries, rows first.
-    pub entries: Vec<f64>,
-}
+pub(crate) struct Matrix(DMatrix<f64>);
 
 impl Matrix {
     /// All zero.
     pub(crate) fn zero(size: usize) -> Self {
-        Self {
-            size,
-            entries: vec![0.0; size * size],
-        }
+        Self(DMatrix::zeros(size, size))
+    }
+
+    /// Number of rows.
+    pub(crate) fn size(&self) -> usize {
+        self.0.nrows()
     }
 
     /// Entry (row, column).
     #[inline]
     pub(crate) fn at(&self, row: usize, column: usize) -> f64 {
-        self.entries[row * self.size + column]
+        self.0[(row, column)]
     }
 
     /// Entry (row, column) for writing.
     #[inline]
     pub(crate) fn at_mut(&mut self, row: usize, column: usize) -> &mut f64 {
-        &mut self.entries[row * self.size + column]
+        &mut self.0[(row, column)]
+    }
+
+    /// A row, which is a column as well.
+    pub(crate) fn row(&self, row: usize) -> &[f64] {
+        let n = self.size();
+        &self.0.as_slice()[row * n..(row + 1) * n]
     }
 
     /// Rows and columns of `index` only.
     pub(crate) fn part(&self, index: &[usize]) -> Self {
-        let mut part = Self::zero(index.len());
-        for (a, &i) in index.iter().enumerate() {
-            for (b, &j) in index.iter().enumerate() {
-                *part.at_mut(a, b) = self.at(i, j);
-            }
-        }
-        part
+        let n = index.len();
+        Self(DMatrix::from_fn(n, n, |a, b| self.at(index[a], index[b])))
     }
 
     /// M x.
     pub(crate) fn times(&self, x: &[f64]) -> Vec<f64> {
-        self.entries
-            .chunks_exact(self.size.max(1))
-            .map(|row| dot(row, x))
-            .collect()
+        (&self.0 * DVectorView::from_slice(x, x.len())).as_slice().to_vec()
+    }
+
+    /// Adds another one of the same size.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.0 += &other.0;
     }
 
     /// Plus numbers on the diagonal.
@@ -65,98 +69,31 @@ impl Matrix {
 
     /// The same; `None` also where a pivot is not above `least` of its diagonal.
     pub(crate) fn cholesky_above(&self, least: f64) -> Option<Cholesky> {
-        let n = self.size;
-        let mut l = self.entries.clone();
-        for i in 0..n {
-            for j in 0..=i {
-                let (head, tail) = l.split_at_mut(i * n);
-                let own = &tail[..n];
-                let sum = if i == j {
-                    dot(&own[..j], &own[..j])
-                } else {
-                    dot(&own[..j], &head[j * n..j * n + j])
-                };
-                let rest = own[j] - sum;
-                if i == j {
-                    if rest.is_nan() || rest <= least * own[j] {
-                        return None;
-                    }
-                    tail[j] = rest.sqrt();
-                } else {
-                    tail[j] = rest / head[j * n + j];
-                }
-            }
-        }
-        Some(Cholesky { size: n, l })
+        let factor = nalgebra::Cholesky::new(self.0.clone())?;
+        let lower = factor.l_dirty();
+        let sound = (0..self.size()).all(|i| lower[(i, i)] * lower[(i, i)] > least * self.at(i, i));
+        sound.then_some(Cholesky(factor))
     }
 }
 
 /// Lower factor of a positive definite matrix.
 #[derive(Debug, Clone)]
-pub(crate) struct Cholesky {
-    size: usize,
-    l: Vec<f64>,
-}
+pub(crate) struct Cholesky(nalgebra::Cholesky<f64, Dyn>);
 
 impl Cholesky {
     /// M⁻¹ b.
     pub(crate) fn solve(&self, b: &[f64]) -> Vec<f64> {
-        let n = self.size;
-        let mut x = b.to_vec();
-        for i in 0..n {
-            x[i] = (x[i] - dot(&self.l[i * n..i * n + i], &x[..i])) / self.l[i * n + i];
-        }
-        for i in (0..n).rev() {
-            x[i] /= self.l[i * n + i];
-            let value = x[i];
-            for (j, x) in x[..i].iter_mut().enumerate() {
-                *x -= self.l[i * n + j] * value;
-            }
-        }
-        x
+        self.0.solve(&DVectorView::from_slice(b, b.len())).as_slice().to_vec()
     }
 
     /// ln det M.
     pub(crate) fn log_determinant(&self) -> f64 {
-        (0..self.size).map(|i| 2.0 * self.l[i * self.size + i].ln()).sum()
+        self.0.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum()
     }
 
     /// M⁻¹.
     pub(crate) fn inverse(&self) -> Matrix {
-        let n = self.size;
-        // L⁻¹ by forward substitution, stored by columns of L⁻¹ = rows here, so that M⁻¹ = L⁻ᵀ L⁻¹ is a sum of rows.
-        let mut inverse = vec![0.0; n * n];
-        for i in 0..n {
-            let per = 1.0 / self.l[i * n + i];
-            let (done, rest) = inverse.split_at_mut(i * n);
-            let row = &mut rest[..n];
-            row[i] = per;
-            for j in 0..i {
-                let factor = -self.l[i * n + j] * per;
-                if factor != 0.0 {
-                    for k in 0..=j {
-                        row[k] += factor * done[j * n + k];
-                    }
-                }
-            }
-        }
-        let mut out = Matrix::zero(n);
-        for i in 0..n {
-            let row = &inverse[i * n..i * n + i + 1];
-            for (a, &x) in row.iter().enumerate() {
-                if x != 0.0 {
-                    for (b, &y) in row[..=a].iter().enumerate() {
-                        out.entries[a * n + b] += x * y;
-                    }
-                }
-            }
-        }
-        for a in 0..n {
-            for b in 0..a {
-                out.entries[b * n + a] = out.entries[a * n + b];
-            }
-        }
-        out
+        Matrix(self.0.inverse())
     }
 }
 

@@ -223,7 +223,7 @@ impl Problem {
         normal.square_sum = 0.0;
         let offset = self.nuisances();
         for &j in free {
-            for i in 0..normal.matrix.size {
+            for i in 0..normal.matrix.size() {
                 *normal.matrix.at_mut(offset + j, i) = 0.0;
                 *normal.matrix.at_mut(i, offset + j) = 0.0;
             }
@@ -235,7 +235,7 @@ impl Problem {
             // The open-circuit voltage has kinks: the column of the charge is taken where the charge now is.
             let charge = own - 1;
             let place = self.global(l, charge);
-            for i in 0..normal.matrix.size {
+            for i in 0..normal.matrix.size() {
                 *normal.matrix.at_mut(place, i) = 0.0;
                 *normal.matrix.at_mut(i, place) = 0.0;
             }

@@ -141,7 +141,6 @@ pub(crate) fn accumulate(
     global: impl Fn(usize) -> usize,
     take: impl Fn(usize) -> bool,
 ) {
-    let size = normal.matrix.size;
     for (channel, blocks) in linear.blocks.iter().enumerate() {
         let weight = weights[channel];
         for (b, block) in blocks.iter().enumerate() {
@@ -154,9 +153,9 @@ pub(crate) fn accumulate(
                 let row;
                 (row, triangle) = triangle.split_at(a + 1);
                 for (&j, product) in places.iter().zip(row) {
-                    normal.matrix.entries[i * size + j] += weight * product;
+                    *normal.matrix.at_mut(i, j) += weight * product;
                     if i != j {
-                        normal.matrix.entries[j * size + i] += weight * product;
+                        *normal.matrix.at_mut(j, i) += weight * product;
                     }
                 }
                 normal.gradient[i] += weight * block.gradient[a];

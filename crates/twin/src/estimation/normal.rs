@@ -194,10 +194,7 @@ mod tests {
         let passed = (0..DRAWS)
             .filter(|_| {
                 let single = Normal {
-                    matrix: Matrix {
-                        size: 1,
-                        entries: vec![h],
-                    },
+                    matrix: Matrix::zero(1).plus_diagonal(&[h]),
                     gradient: vec![h * size + f64::sqrt(h) * noise.sample()],
                     square_sum: 0.0,
                     samples: 1.0,

@@ -91,7 +91,7 @@ impl Sensitivity {
 
     /// The truth in plausible sizes, over all columns.
     fn truth(&self, candidate: usize) -> Vec<f64> {
-        let mut truth = vec![0.0; self.matrix.size];
+        let mut truth = vec![0.0; self.matrix.size()];
         for j in self.library.columns_of(candidate) {
             let column = &self.library.columns[j];
             let p = &self.library.candidates[candidate].parameters[column.parameter];

@@ -41,9 +41,7 @@ pub(crate) fn late_candidates(problem: &Problem, posterior: &Posterior) -> Vec<(
     let price = (blocks as f64 * BLOCK_S / GRID_S).ln();
     for b in (1..blocks).rev() {
         let block = problem.normal(|i| i == b);
-        for (sum, own) in tail.matrix.entries.iter_mut().zip(&block.matrix.entries) {
-            *sum += own;
-        }
+        tail.matrix.add(&block.matrix);
         for (sum, own) in tail.gradient.iter_mut().zip(&block.gradient) {
             *sum += own;
         }
@@ -66,15 +64,15 @@ pub(crate) fn late_candidates(problem: &Problem, posterior: &Posterior) -> Vec<(
 
 /// ln Bayes factor of the columns `places`, cut off before the blocks of `tail`, with slabs of 1.
 fn late_evidence(tail: &Normal, posterior: &Posterior, places: &[usize]) -> Option<f64> {
-    let (k, size) = (places.len(), tail.matrix.size);
+    let k = places.len();
     let mut h = Matrix::zero(k);
     let mut g = vec![0.0; k];
     for (a, &i) in places.iter().enumerate() {
-        let row = &tail.matrix.entries[i * size..(i + 1) * size];
+        let row = tail.matrix.row(i);
         let spread = posterior.covariance.times(row);
         g[a] = tail.gradient[i] - dot(row, &posterior.mean);
         for (b, &j) in places.iter().enumerate() {
-            let other = &tail.matrix.entries[j * size..(j + 1) * size];
+            let other = tail.matrix.row(j);
             *h.at_mut(a, b) = tail.matrix.at(i, j) - dot(other, &spread);
         }
     }

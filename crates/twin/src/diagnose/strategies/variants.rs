@@ -59,7 +59,7 @@ impl Products {
 
     fn add(&mut self, other: &Self) {
         let sum = |own: &mut [f64], more: &[f64]| own.iter_mut().zip(more).for_each(|(own, more)| *own += more);
-        sum(&mut self.own.entries, &other.own.entries);
+        self.own.add(&other.own);
         sum(&mut self.residual, &other.residual);
         for (own, more) in self.library.iter_mut().zip(&other.library) {
             sum(own, more);
