@@ -7,12 +7,16 @@ use super::estimate::{Estimate, Z95};
 use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
+use super::slow::Drag;
 use super::wiring::{self, Wiring};
 use super::yaw::Yaw;
 use super::{Numbers, Request, slow};
 use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, SourceKind};
 use crate::model::constants::Source;
+
+/// What would tell the drag.
+const STRAIGHT_RUN: &str = "a straight run at 4 m/s or more, there and back, with velocity in the log";
 
 /// Where the rotors are.
 #[derive(Debug, Clone, Serialize)]
@@ -413,7 +417,7 @@ impl Findings<'_> {
     fn drag(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> f64 {
         let mass = self.request.mass_kg;
         match slow::drag(self.grids) {
-            Ok((k, deviation)) => {
+            Drag::Measured(k, deviation) => {
                 values.push(
                     Estimate::normal(
                         "body.linear_drag_kg_s",
@@ -427,7 +431,31 @@ impl Findings<'_> {
                 );
                 k
             }
-            Err(reason) => {
+            Drag::Weak(k, deviation, reason) if k.max(0.0) + Z95 * deviation < self.class.drag_per_s => {
+                let (value, most) = (k.max(0.0), k.max(0.0) + Z95 * deviation);
+                notes.push(format!(
+                    "drag is less than that of its class: {reason}, and k/m is below {most:.3} 1/s, where the class has {:.3} 1/s",
+                    self.class.drag_per_s
+                ));
+                let estimate = Estimate::normal(
+                    "body.linear_drag_kg_s",
+                    "drag, k",
+                    "kg/s",
+                    value * mass,
+                    deviation * mass,
+                    Source::Log,
+                );
+                values.push(
+                    Estimate {
+                        low: estimate.low.max(0.0),
+                        ..estimate
+                    }
+                    .how(format!("{reason}: an upper bound; k/m is below {most:.3} 1/s"))
+                    .better(STRAIGHT_RUN),
+                );
+                value
+            }
+            Drag::Weak(_, _, reason) | Drag::Untold(reason) => {
                 notes.push(format!("drag is not told: {reason}; the class default is written"));
                 let k = self.class.drag_per_s;
                 values.push(
@@ -440,7 +468,7 @@ impl Findings<'_> {
                         Source::Class,
                     )
                     .how(reason)
-                    .better("a straight run at 4 m/s or more, there and back, with velocity in the log"),
+                    .better(STRAIGHT_RUN),
                 );
                 k
             }

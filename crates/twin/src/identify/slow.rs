@@ -5,8 +5,21 @@ use super::curve::Curve;
 use super::filters::Band;
 use super::grid::{GRAVITY, Grid, mean_deviation};
 
-/// k/m, 1/s, with deviation; or why it is refused.
-pub(crate) fn drag(grids: &[Grid]) -> Result<(f64, f64), String> {
+/// What a log says of the drag over the mass, 1/s.
+pub(crate) enum Drag {
+    /// Value and deviation.
+    Measured(f64, f64),
+    /// The same where it explains little of the force along the body, and that in words: what a drag at most can be.
+    Weak(f64, f64, String),
+    /// Why nothing is told.
+    Untold(String),
+}
+
+/// Fewest parts of a flight whose scatter bounds a drag.
+const FEWEST_PARTS: usize = 6;
+
+/// k/m from force along the body over speed, below 1 Hz.
+pub(crate) fn drag(grids: &[Grid]) -> Drag {
     const FASTEST_HZ: f64 = 1.0;
     let mut fits = Vec::new();
     let mut reason = "no velocity and attitude in the log".to_owned();
@@ -52,10 +65,10 @@ pub(crate) fn drag(grids: &[Grid]) -> Result<(f64, f64), String> {
         }
     }
     if fits.is_empty() {
-        return Err(reason);
+        return Drag::Untold(reason);
     }
     // Both axes share k; each has its own offset.
-    let mut kept = Vec::new();
+    let (mut kept, mut weak) = (Vec::new(), Vec::new());
     for axis in 0..2 {
         let of = || fits.iter().filter(move |(a, ..)| *a == axis);
         let (mean_v, speed) = mean_deviation(of().flat_map(|(_, _, v, _)| v.iter().copied()));
@@ -74,26 +87,43 @@ pub(crate) fn drag(grids: &[Grid]) -> Result<(f64, f64), String> {
         let (xx, xy) = sums.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
         let k = -xy / xx;
         let count: usize = of().map(|(_, _, v, _)| v.len()).sum();
-        let explained = k * k * xx / (count as f64 * force * force);
-        if k <= 0.0 || explained < 0.6 {
+        // A force along the motion is no drag.
+        let explained = if k > 0.0 {
+            k * k * xx / (count as f64 * force * force)
+        } else {
+            0.0
+        };
+        let n = sums.len() as f64;
+        let meat: f64 = sums.iter().map(|(pxx, pxy)| (pxy + k * pxx).powi(2)).sum();
+        let deviation = (meat * n / (n - 1.0).max(1.0)).sqrt() / xx;
+        if explained < 0.6 {
             reason = format!(
                 "drag explains {:.0} % of the force along the body; 60 % are needed",
                 100.0 * explained
             );
+            if sums.len() >= FEWEST_PARTS {
+                weak.push((k, deviation));
+            }
             continue;
         }
-        let n = sums.len() as f64;
-        let meat: f64 = sums.iter().map(|(pxx, pxy)| (pxy + k * pxx).powi(2)).sum();
-        let deviation = (meat * n / (n - 1.0).max(1.0)).sqrt() / xx;
         kept.push((k, deviation));
     }
-    if kept.is_empty() {
-        return Err(reason);
+    match (joined(&kept), joined(&weak)) {
+        (Some((k, deviation)), _) => Drag::Measured(k, deviation),
+        (None, Some((k, deviation))) => Drag::Weak(k, deviation, reason),
+        (None, None) => Drag::Untold(reason),
     }
-    let weight: f64 = kept.iter().map(|(_, d)| 1.0 / (d * d)).sum();
-    let k = kept.iter().map(|(k, d)| k / (d * d)).sum::<f64>() / weight;
-    let apart = kept.iter().map(|(other, _)| (other - k).abs()).fold(0.0, f64::max);
-    Ok((k, (1.0 / weight).sqrt().max(apart)))
+}
+
+/// Weighted mean of values with deviations, and its deviation: no less than they lie apart.
+fn joined(values: &[(f64, f64)]) -> Option<(f64, f64)> {
+    if values.is_empty() {
+        return None;
+    }
+    let weight: f64 = values.iter().map(|(_, d)| 1.0 / (d * d)).sum();
+    let mean = values.iter().map(|(x, d)| x / (d * d)).sum::<f64>() / weight;
+    let apart = values.iter().map(|(x, _)| (x - mean).abs()).fold(0.0, f64::max);
+    Some((mean, (1.0 / weight).sqrt().max(apart)))
 }
 
 /// s = d ln T/d ln V, with deviation, the class default in it; `true` where the log decides.
