@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { Collector } from "./run";
+import { Collector, type Interval, type Score, type Summary, faultIntervals, kindOfScore, otherwise } from "./run";
 
 const start = { type: "start", status: "running", channels: [{ name: "a", unit: "m" }], rate_hz: 20 } as const;
 const sample = (time: number, a: number | null) => ({ type: "sample", time_s: time, step: Math.round(time * 400), values: { a } }) as const;
@@ -21,5 +21,29 @@ describe("Collector", () => {
     collector.take(sample(0, 5));
     expect(collector.time).toEqual([0]);
     expect(collector.data["a"]).toEqual([5]);
+  });
+});
+
+describe("scores of an interval", () => {
+  const score = (more: Partial<Score>): Score => ({ not_ready: 0, right: 95, share_right: 0.95, healthy: 0, unknown: 0, other_rotor: 0, isolated_after_s: 0.2, false_alarm_events: 0, verdict_at_end: 3, ...more });
+  const interval = (more: Partial<Interval>) => ({ start_s: 45, end_s: 60, fault_label: 3, expected_verdict: 3, ...more }) as Interval;
+  it("is good with a fault if the rotor stays named, so-so if it is lost again, bad if it never is", () => {
+    expect(kindOfScore(interval({}), score({}))).toBe("good");
+    expect(kindOfScore(interval({}), score({ share_right: 0.85 }))).toBe("warn");
+    expect(kindOfScore(interval({}), score({ verdict_at_end: 0 }))).toBe("warn");
+    expect(kindOfScore(interval({}), score({ isolated_after_s: null }))).toBe("bad");
+    expect(kindOfScore(interval({}), score({ share_right: null }))).toBe("");
+  });
+  it("is good without a fault if there is no false alarm", () => {
+    const healthy = interval({ fault_label: 0, expected_verdict: 0 });
+    expect(kindOfScore(healthy, score({ verdict_at_end: 0, isolated_after_s: null }))).toBe("good");
+    expect(kindOfScore(healthy, score({ verdict_at_end: 0, false_alarm_events: 2 }))).toBe("warn");
+    expect(otherwise(healthy, score({ other_rotor: 4, not_ready: 160, healthy: 95 }))).toBe("4 named a rotor, 160 no verdict yet");
+    expect(otherwise(interval({}), score({ healthy: 1, unknown: 13 }))).toBe("1 healthy, 13 unknown");
+  });
+  it("shades faults of rotors and of sensors", () => {
+    const summary = { intervals: [interval({ fault_label: 0, start_s: 0, end_s: 45 }), interval({}), interval({ fault_label: 0, start_s: 60, end_s: 75, sensor_faults: ["gyro bias"] })] } as Summary;
+    expect(faultIntervals(summary)).toEqual([[45, 60], [60, 75]]);
+    expect(faultIntervals(undefined)).toEqual([]);
   });
 });

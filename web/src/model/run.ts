@@ -83,6 +83,10 @@ export function otherwise(interval: Interval, score: Score): string {
   return counts.filter(([count]) => count > 0).map(([count, what]) => `${count.toLocaleString("en")} ${what}`).join(", ");
 }
 
+/** Intervals in which a rotor or a sensor is at fault. */
+export const faultIntervals = (summary: Summary | undefined): [number, number][] =>
+  (summary?.intervals ?? []).filter((one) => one.fault_label !== HEALTHY || (one.sensor_faults?.length ?? 0) > 0).map((one) => [one.start_s, one.end_s]);
+
 export interface Samples extends Track {
   units: Readonly<Record<string, string>>;
 }

@@ -5,7 +5,7 @@ import { createLoad } from "../api/load";
 import { watchJob } from "../api/news";
 import { sentenceOf } from "../api/problem";
 import { percent, verdictText } from "../format";
-import { type Samples, type Summary, createLive, samplesOf } from "../model/run";
+import { type Samples, type Summary, createLive, faultIntervals, samplesOf } from "../model/run";
 import { Panel, Problem, Progress, StatusTag } from "../parts/bits";
 import { createView } from "../plots/view";
 import { type Geometry, MOTION_CHANNELS } from "../replay/motion";
@@ -22,7 +22,7 @@ const MOTION_POINTS = 4000;
 
 export default function RunPage(props: { id: string }) {
   const id = props.id;
-  const view = createView();
+  const view = createView(undefined, () => faultIntervals(summary()));
   const [run, setRun] = createSignal<Run>();
   const [problem, setProblem] = createSignal<string>();
   const [progress, setProgress] = createSignal<Record<string, unknown>>({});

@@ -67,6 +67,7 @@ export function Chart(props: Props) {
       props.bands?.map((band) => [band.label, band.colour, band.opacity]),
       props.height,
       props.unit,
+      props.view?.shades?.(),
     ]),
   );
   const data = createMemo(() => {
@@ -271,6 +272,18 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
           plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
           if (view) view.setRange(range);
           else plot.setScale("x", { min: range[0], max: range[1] });
+        },
+      ],
+      drawClear: [
+        (plot) => {
+          for (const [from, to] of view?.shades?.() ?? []) {
+            const [left, right] = [plot.valToPos(from, "x", true), plot.valToPos(to, "x", true)].map((at) => Math.min(plot.bbox.left + plot.bbox.width, Math.max(plot.bbox.left, at)));
+            if (left === undefined || right === undefined || right <= left) continue;
+            plot.ctx.save();
+            plot.ctx.fillStyle = faded(colour("warn"), 0.1);
+            plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
+            plot.ctx.restore();
+          }
         },
       ],
       draw: [

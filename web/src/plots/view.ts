@@ -8,10 +8,12 @@ export interface View {
   /** Interval shown; undefined: all. */
   range: Accessor<readonly [number, number] | undefined>;
   setRange: (range: readonly [number, number] | undefined) => void;
+  /** Intervals that are shaded, such as those with a fault. */
+  shades?: Accessor<readonly (readonly [number, number])[]>;
 }
 
-export function createView(range?: readonly [number, number]): View {
+export function createView(range?: readonly [number, number], shades?: View["shades"]): View {
   const [cursor, setCursor] = createSignal<number | undefined>();
   const [shown, setRange] = createSignal<readonly [number, number] | undefined>(range);
-  return { cursor, setCursor: (at) => setCursor(at), range: shown, setRange: (next) => setRange(next) };
+  return { cursor, setCursor: (at) => setCursor(at), range: shown, setRange: (next) => setRange(next), ...(shades ? { shades } : {}) };
 }

@@ -1,6 +1,6 @@
 /** A whole run, as its report shows it: summary, the paper's figures, residuals in numbers. */
 import { For, Show } from "solid-js";
-import type { Samples, Summary } from "../model/run";
+import { type Samples, type Summary, faultIntervals } from "../model/run";
 import { Figures, Panel } from "../parts/bits";
 import { Chart } from "../plots/chart";
 import type { Values } from "../plots/series";
@@ -26,7 +26,7 @@ const COMPONENTS = ["arm", "lever", "yaw"] as const;
 const COLOURS = ["s1", "s2", "s4"] as const;
 
 export function RunReportView(props: { report: RunReport }) {
-  const view = createView();
+  const view = createView(undefined, () => faultIntervals(props.report.summary));
   const it = () => props.report.summary;
   const samples = (): Samples | undefined => {
     const found = props.report.telemetry;
@@ -43,6 +43,7 @@ export function RunReportView(props: { report: RunReport }) {
         {(found) => (
           <>
             <p class="small muted screen">Drag over a plot to zoom: all plots over time follow. Double-click or Escape: all.</p>
+            <p class="small muted">Shaded: a fault is in force.</p>
             <Tracking summary={it()} samples={found()} view={view} />
             <RunPlots samples={found()} view={view} all />
           </>
