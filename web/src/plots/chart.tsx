@@ -18,6 +18,8 @@ export interface Line {
   step?: boolean;
   /** Dots instead of a line. */
   points?: boolean;
+  /** Behind the others, without a word of its own: the samples of a mean. */
+  faint?: boolean;
   /** Joined over values that are not there. */
   joined?: boolean;
 }
@@ -63,7 +65,7 @@ export function Chart(props: Props) {
   const structure = createMemo(() =>
     JSON.stringify([
       dark(),
-      props.lines.map((line) => [line.label, line.colour, line.dash, line.width, line.step, line.points, line.joined]),
+      props.lines.map((line) => [line.label, line.colour, line.dash, line.width, line.step, line.points, line.joined, line.faint]),
       props.bands?.map((band) => [band.label, band.colour, band.opacity]),
       props.height,
       props.unit,
@@ -129,8 +131,9 @@ export function Chart(props: Props) {
     if (at === undefined || props.x.length === 0) return "";
     return ` ${short(line.values[placeAt(props.x, at)])}`;
   };
+  const spoken = () => props.lines.filter((line) => !line.faint);
   const summary = createMemo(() =>
-    props.lines
+    spoken()
       .map((line) => {
         const found = extent(line.values);
         return found
@@ -144,7 +147,7 @@ export function Chart(props: Props) {
     <figure class="plot fig" aria-labelledby={`${id}-title`}>
       <div class="legend">
         <strong id={`${id}-title`}>{props.title}{unit() ? `, ${unit()}` : ""}</strong>
-        <For each={props.lines}>
+        <For each={spoken()}>
           {(line) => (
             <span class="key">
               <i class="swatch" style={{ "background-color": `var(--${line.colour})` }} />
@@ -176,7 +179,7 @@ export function Chart(props: Props) {
         <summary>Summary and table<span class="sr"> of {props.title}</span></summary>
         <Show when={open()}>
           <p class="sum">{summary()}</p>
-          <Table {...props} xHead={xHead()} />
+          <Table {...props} lines={spoken()} xHead={xHead()} />
         </Show>
       </details>
     </figure>
@@ -244,7 +247,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
       ...props.lines.map((line): uPlot.Series => {
         const series: uPlot.Series = {
           label: line.label,
-          stroke: line.points ? "transparent" : colour(line.colour),
+          stroke: line.points ? "transparent" : line.faint ? faded(colour(line.colour), 0.16) : colour(line.colour),
           width: line.width ?? 1.4,
           spanGaps: line.joined ?? false,
           points: line.points ? { show: true, size: 5, stroke: colour(line.colour), fill: colour(line.colour) } : { show: false },

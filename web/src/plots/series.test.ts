@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { angleAt, extent, heldAt, linearAt, placeAt, samplePlaces, stretches } from "./series";
+import { angleAt, extent, heldAt, linearAt, movingMean, placeAt, samplePlaces, stretches } from "./series";
 
 const times = [0, 1, 2, 4];
 
@@ -35,5 +35,13 @@ describe("series", () => {
     expect(places.length).toBe(25);
     expect([places[0], places.at(-1)]).toEqual([0, 999]);
     expect(samplePlaces(many, [10, 12], 25)).toEqual([10, 11, 12]);
+  });
+});
+
+describe("movingMean", () => {
+  it("takes the values around each one that are there", () => {
+    expect(movingMean([1, 2, 3, 4, 5], 3)).toEqual([1.5, 2, 3, 4, 4.5]);
+    expect(movingMean([1, null, 3], 3)).toEqual([1, null, 3]);
+    expect(movingMean([], 5)).toEqual([]);
   });
 });

@@ -64,6 +64,24 @@ export function stretches(times: readonly number[], codes: Values): Stretch[] {
   return found;
 }
 
+/** Mean of the `window` values around each one; null where there is none. */
+export function movingMean(values: Values, window: number): Values {
+  const half = Math.floor(window / 2);
+  let [sum, count] = [0, 0];
+  const take = (place: number, sign: number) => {
+    const value = values[place];
+    if (typeof value !== "number") return;
+    sum += sign * value;
+    count += sign;
+  };
+  for (let place = 0; place < half; place += 1) take(place, 1);
+  return values.map((value, place) => {
+    take(place + half, 1);
+    take(place - half - 1, -1);
+    return value === null || count === 0 ? null : sum / count;
+  });
+}
+
 export interface Extent {
   least: number;
   largest: number;

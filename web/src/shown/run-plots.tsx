@@ -4,10 +4,12 @@ import type { Samples } from "../model/run";
 import { Panel } from "../parts/bits";
 import { Chart, type Line } from "../plots/chart";
 import { Lanes } from "../plots/lanes";
-import { type Values, stretches } from "../plots/series";
+import { type Values, movingMean, stretches } from "../plots/series";
 import type { View } from "../plots/view";
 import { seriesColour } from "../theme";
 
+/** Points of a mean of a residual, of some 1600. */
+const MEAN_POINTS = 31;
 const COMPONENTS = ["arm", "lever", "yaw"] as const;
 
 /** `all`: every component of the residuals at once, for paper; motion is then shown elsewhere. */
@@ -34,6 +36,11 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean })
       ...(name === "truth" ? { words: (code: number) => (code === 0 ? "no fault" : code === -1 ? "several rotors" : `rotor ${code}`) } : {}),
     })),
   );
+  // The samples of six rotors hide one another; their means do not.
+  const residuals = (component: string): Line[] => {
+    const samples = perRotor((rotor) => `residual_${rotor}_${component}_nms`);
+    return [...samples.map((line) => ({ ...line, faint: true })), ...samples.map((line) => ({ ...line, values: movingMean(line.values, MEAN_POINTS), width: 1.8 }))];
+  };
   // Where no rotor is named there is no loss to show.
   const named = (name: string, from = 1): Values => scaled(name, 100).map((value, k) => ((values("verdict_sequential")[k] ?? 0) >= from ? value : null));
   const common = () => ({ x: props.samples.time, view: props.view });
@@ -59,9 +66,10 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean })
           </Show>
         </div>
       </Panel>
-      <div class="two">
+      <div class="two" classList={{ tall: props.all ?? false }}>
         <Panel
           title="Residuals"
+          note="thick: mean"
           actions={
             <Show when={!props.all}>
               <span class="row" role="group" aria-label="component of the residual">
@@ -71,7 +79,7 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean })
           }
         >
           <For each={props.all ? COMPONENTS : [component()]}>
-            {(one) => <Chart title={`Residual r, ${one}`} unit="N·m·s" lines={perRotor((rotor) => `residual_${rotor}_${one}_nms`)} {...common()} height={240} />}
+            {(one) => <Chart title={`Residual r, ${one}`} unit="N·m·s" lines={residuals(one)} {...common()} height={240} />}
           </For>
         </Panel>
         <Panel title="Duties">
