@@ -13,7 +13,8 @@ describe("numbers for people", () => {
     expect(plusMinus(1.5, 0, "1")).toBe("1.50");
   });
   it("names verdict codes", () => {
-    expect([-3, -2, -1, 0, 3, 104, 1012].map(verdictText)).toEqual([
+    expect([-4, -3, -2, -1, 0, 3, 104, 1012].map(verdictText)).toEqual([
+      "cannot judge",
       "ambiguous", "not ready", "unknown fault", "healthy", "rotor 3", "rotors 1 and 4", "rotors 10 and 12",
     ]);
   });

@@ -71,6 +71,7 @@ export function moment(ms: number | null | undefined): string {
 /** A verdict code of the telemetry in words. */
 export function verdictText(code: number | null | undefined): string {
   if (code === null || code === undefined) return "–";
+  if (code === -4) return "cannot judge";
   if (code === -3) return "ambiguous";
   if (code === -2) return "not ready";
   if (code === -1) return "unknown fault";

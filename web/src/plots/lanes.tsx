@@ -93,7 +93,7 @@ export function Lanes(props: Props) {
 const rotorOf = (code: number) => (code >= 100 ? Math.floor(code / 100) : code);
 
 function kind(code: number): string {
-  if (code === -2) return "idle";
+  if (code === -2 || code === -4) return "idle";
   if (code === 0) return "healthy";
   if (code < 0) return "unknown";
   return "rotor";

@@ -38,12 +38,12 @@ export function Judged(props: { report: Report }) {
         <div class="scroll" tabindex="0" role="region" aria-label="Not judged">
           <table class="small">
             <thead><tr><th class="r" scope="col">not judged from, s</th><th class="r" scope="col">to, s</th><th scope="col">why</th></tr></thead>
-            <tbody><For each={it().not_judged}>{(one) => <tr><td class="r">{short(one.from_s)}</td><td class="r">{short(one.to_s)}</td><td>{one.reason.replaceAll("_", " ")}: {one.why}</td></tr>}</For></tbody>
+            <tbody><For each={it().not_judged}>{(one) => <tr><td class="r">{short(one.from_s)}</td><td class="r">{short(one.to_s)}</td><td>{one.why.startsWith(one.reason) ? one.why : `${one.reason.replaceAll("_", " ")}: ${one.why}`}</td></tr>}</For></tbody>
           </table>
         </div>
       </Show>
       <For each={it().suspicions}>{(one) => <div class={`say ${one.blocks ? "bad" : "warn"}`}>{one.finding}</div>}</For>
-      <For each={it().lacks}>{(one) => <div class={`say ${one.prevents_verdicts ? "bad" : "warn"}`}>Missing <code>{one.columns.join(", ")}</code>: {one.rules_out}</div>}</For>
+      <For each={it().lacks}>{(one) => <div class={`say ${one.prevents_verdicts ? "bad" : "warn"}`}>Missing<Show when={one.columns.length > 0}> <code>{one.columns.join(", ")}</code></Show>: {one.rules_out}</div>}</For>
       <ul class="small"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul>
     </div>
   );
