@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_bridge::address::{AnyLine, BoardAddress};
 use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
+use rotortwin_bridge::autopilot::betaflight::Betaflight;
 use rotortwin_bridge::autopilot::pilot::{self, Pilot, PilotAddress, Piloted};
 use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::autopilot::{OutputMap, Patience};
@@ -97,11 +98,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub(crate) models: PathBuf,
     /// A flight board stands where controller and FDI engine stand: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
-    /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build flies, which is waited for: ardupilot[:ADDR], px4[:ADDR]
+    /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build flies, which is waited for: ardupilot[:ADDR], px4[:ADDR],
+    /// betaflight[:ADDR][@SPEED]
     #[arg(long, value_name = "BOARD|AUTOPILOT", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
     pub(crate) controller: Option<Foreign>,
     /// With an autopilot: where it takes commands over MAVLink, tcp:IP:PORT or udp:IP:PORT; there it is armed, flown and landed. none:
-    /// somebody else does that [default: ardupilot tcp:127.0.0.1:5760, px4 udp:127.0.0.1:14540]
+    /// somebody else does that. Betaflight: none, or nothing: we hold its sticks [default: ardupilot tcp:127.0.0.1:5760, px4
+    /// udp:127.0.0.1:14540]
     #[arg(long, value_name = "ADDR|none", requires = "controller")]
     pub(crate) pilot: Option<PilotChoice>,
     /// With --controller: where the FDI engine runs
@@ -144,13 +147,13 @@ impl std::str::FromStr for Foreign {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let name = text.split(':').next().unwrap_or_default();
-        if matches!(name, "ardupilot" | "px4") {
+        let name = text.split([':', '@']).next().unwrap_or_default();
+        if matches!(name, "ardupilot" | "px4" | "betaflight") {
             return text.parse().map(Self::Autopilot);
         }
-        text.parse()
-            .map(Self::Board)
-            .map_err(|sentence: String| format!("{sentence}, or an autopilot: ardupilot[:ADDR], px4[:ADDR]"))
+        text.parse().map(Self::Board).map_err(|sentence: String| {
+            format!("{sentence}, or an autopilot: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]")
+        })
     }
 }
 
@@ -289,7 +292,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         seed,
         link_name: match &args.controller {
             Some(Foreign::Board(board)) => format!("board {board}"),
-            Some(Foreign::Autopilot(autopilot)) => format!("{}{autopilot}, lockstep", session::AUTOPILOT_LINK),
+            Some(Foreign::Autopilot(autopilot)) => {
+                let how = if autopilot.protocol.lockstep() {
+                    "lockstep"
+                } else {
+                    "not lockstep"
+                };
+                format!("{}{autopilot}, {how}", session::AUTOPILOT_LINK)
+            }
             None => link_name(args.link).to_owned(),
         },
         pace: args.pace.into(),
@@ -317,6 +327,10 @@ pub(crate) fn run(args: &Args) -> ExitCode {
                 address_text(link.autopilot().local_address())
             ));
             fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
+        }
+        (_, Some(Opened::Betaflight(mut link, supervisor))) => {
+            screen.line(&format!("Sending states to Betaflight: {}", link.states_to()));
+            fly_autopilot(&mut *link, &supervisor, &scenario, &config, &folder, &screen)
         }
         (None, None) => fly_here(&scenario, &config, &folder, &screen),
         (Some(address), None) => {
@@ -544,6 +558,7 @@ enum Opened<'a> {
     Board(&'a BoardAddress, AnyLine),
     ArduPilot(Piloted<ArduPilot>, Supervisor),
     Px4(Piloted<Px4>, Supervisor),
+    Betaflight(Box<Betaflight>, Supervisor),
 }
 
 /// An address of this host.
@@ -581,6 +596,7 @@ fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -
     let kind = match autopilot.protocol {
         Protocol::ArduPilot => AutopilotKind::ArduPilot,
         Protocol::Px4 => AutopilotKind::Px4,
+        Protocol::Betaflight => AutopilotKind::Betaflight,
     };
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).map_err(output::bad_input)?;
     let map = OutputMap {
@@ -597,8 +613,14 @@ fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -
     };
     let pilot = match args.pilot {
         Some(PilotChoice::Nobody) => None,
+        Some(PilotChoice::At(at)) if autopilot.protocol == Protocol::Betaflight => {
+            let sentence = format!(
+                "--pilot {at}: Betaflight takes no commands over MAVLink, its sticks are held here; expected none, or no --pilot"
+            );
+            return Err(output::bad_input(sentence));
+        }
         Some(PilotChoice::At(at)) => Some(at),
-        None => Some(pilot::default_address(autopilot.protocol)),
+        None => pilot::default_address(autopilot.protocol),
     };
     let pilot = pilot
         .map(|at| Pilot::new(autopilot.protocol, at, pilot::MEET))
@@ -609,6 +631,11 @@ fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -
             .map(|link| Opened::ArduPilot(Piloted::new(link, pilot), supervisor)),
         Protocol::Px4 => {
             Px4::listen(autopilot.address, map, patience).map(|link| Opened::Px4(Piloted::new(link, pilot), supervisor))
+        }
+        Protocol::Betaflight => {
+            let piloted = args.pilot != Some(PilotChoice::Nobody);
+            Betaflight::listen(autopilot, piloted, map, patience)
+                .map(|link| Opened::Betaflight(Box::new(link), supervisor))
         }
     }
     .map_err(output::failed)

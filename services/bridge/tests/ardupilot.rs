@@ -3,9 +3,11 @@
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
 mod autopilots;
+mod failures;
 mod links;
 
-use autopilots::{Watch, scenario, sentence};
+use autopilots::{Watch, scenario};
+use failures::sentence;
 use links::{Pilot, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;

@@ -2,8 +2,10 @@
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
 mod autopilots;
+mod failures;
 
-use autopilots::{HEIGHT_M, Watch, scenario, sentence};
+use autopilots::{HEIGHT_M, Watch, scenario};
+use failures::sentence;
 use rotortwin_bridge::autopilot::address::Protocol;
 use rotortwin_bridge::autopilot::pilot::{Pilot, PilotAddress, Piloted};
 use rotortwin_bridge::mavlink::catalogue::{AUTOPILOT_VERSION, COMMAND_ACK, HEARTBEAT, LOCAL_POSITION_NED, STATUSTEXT};
@@ -173,7 +175,7 @@ impl Scripted {
                 assert_eq!(one, 1);
                 self.mode = match self.protocol {
                     Protocol::ArduPilot => main,
-                    Protocol::Px4 => px4(main, sub),
+                    Protocol::Px4 | Protocol::Betaflight => px4(main, sub),
                 };
                 if self.mode == px4(4, 2) && self.protocol == Protocol::Px4 {
                     self.climb_to = 2.5;
@@ -234,7 +236,7 @@ impl Scripted {
     fn reference(&mut self, readings: &Readings) -> Option<Reference> {
         let follows = match self.protocol {
             Protocol::ArduPilot => self.mode == GUIDED && self.targets > 0,
-            Protocol::Px4 => self.mode == px4(6, 0),
+            Protocol::Px4 | Protocol::Betaflight => self.mode == px4(6, 0),
         };
         let lands = self.mode == LAND || self.mode == px4(4, 6);
         let position = readings.position_ned_m;
@@ -404,7 +406,7 @@ fn piloted(protocol: Protocol, fault: Fault) -> Flown {
             let at = PilotAddress::Tcp(listener.local_addr().unwrap());
             (Pilot::new(protocol, at, meet).unwrap(), Line::Listening(listener))
         }
-        Protocol::Px4 => {
+        Protocol::Px4 | Protocol::Betaflight => {
             let pilot = Pilot::new(protocol, "udp:127.0.0.1:0".parse().unwrap(), meet).unwrap();
             let PilotAddress::Udp(to) = pilot.address() else {
                 panic!("it is a UDP line");

@@ -4,8 +4,9 @@
 //! |---|---|
 //! | `ardupilot`, `ardupilot:PORT`, `ardupilot:IP:PORT` | ArduPilot's JSON backend; UDP 127.0.0.1:9002 |
 //! | `px4`, `px4:PORT`, `px4:IP:PORT` | PX4's simulator link; TCP 127.0.0.1:4560 |
+//! | `betaflight`, `betaflight:PORT`, `betaflight:IP:PORT`, and `@SPEED` behind each | Betaflight; states to UDP 127.0.0.1:9003, at `SPEED` times the wall clock (1) |
 
-use super::{ardupilot, px4};
+use super::{ardupilot, betaflight, px4};
 use std::net::{Ipv4Addr, SocketAddr};
 
 /// A protocol.
@@ -15,15 +16,38 @@ pub enum Protocol {
     ArduPilot,
     /// MAVLink over TCP.
     Px4,
+    /// UDP, paced on the wall clock.
+    Betaflight,
 }
 
+impl Protocol {
+    /// As it is written in an address.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ArduPilot => "ardupilot",
+            Self::Px4 => "px4",
+            Self::Betaflight => "betaflight",
+        }
+    }
+
+    /// It waits for us in each of its steps.
+    pub fn lockstep(self) -> bool {
+        self != Self::Betaflight
+    }
+}
+
+/// Slowest and fastest simulated time over wall clock.
+const SPEEDS: std::ops::RangeInclusive<f64> = 0.05..=4.0;
+
 /// See the module.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AutopilotAddress {
     /// What is spoken.
     pub protocol: Protocol,
-    /// Where it is waited for.
+    /// Where it is waited for; of Betaflight where states are sent.
     pub address: SocketAddr,
+    /// Simulated time over wall clock, where the autopilot is not in lockstep.
+    pub speed: f64,
 }
 
 impl std::str::FromStr for AutopilotAddress {
@@ -34,11 +58,31 @@ impl std::str::FromStr for AutopilotAddress {
             Some((name, rest)) => (name, Some(rest)),
             None => (text, None),
         };
-        let (protocol, default) = match name {
+        let (protocol, default) = match name.split('@').next().unwrap_or_default() {
             "ardupilot" => (Protocol::ArduPilot, ardupilot::DEFAULT_ADDRESS),
             "px4" => (Protocol::Px4, px4::DEFAULT_ADDRESS),
-            _ => return Err(format!("'{text}': expected ardupilot[:ADDR] or px4[:ADDR]")),
+            "betaflight" => (Protocol::Betaflight, betaflight::DEFAULT_ADDRESS),
+            _ => {
+                return Err(format!(
+                    "'{text}': expected ardupilot[:ADDR], px4[:ADDR] or betaflight[:ADDR][@SPEED]"
+                ));
+            }
         };
+        let (_, speed) = text.split_once('@').unwrap_or((text, "1"));
+        if text.contains('@') && protocol.lockstep() {
+            return Err(format!(
+                "'{text}': {} is in lockstep and has no @SPEED",
+                protocol.name()
+            ));
+        }
+        let Some(speed) = speed.parse().ok().filter(|speed| SPEEDS.contains(speed)) else {
+            return Err(format!(
+                "'{text}': expected {} to {} after @, simulated time over wall clock",
+                SPEEDS.start(),
+                SPEEDS.end()
+            ));
+        };
+        let rest = rest.and_then(|rest| rest.split('@').next());
         let wanted = rest.unwrap_or(default);
         let address = wanted.parse().or_else(|_| {
             wanted
@@ -46,9 +90,14 @@ impl std::str::FromStr for AutopilotAddress {
                 .map(|port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
         });
         match address {
-            Ok(address) => Ok(Self { protocol, address }),
+            Ok(address) => Ok(Self {
+                protocol,
+                address,
+                speed,
+            }),
             Err(_) => Err(format!(
-                "'{text}': expected a port or IP:PORT after {name}:, such as {name}:{default}"
+                "'{text}': expected a port or IP:PORT after {0}:, such as {0}:{default}",
+                protocol.name()
             )),
         }
     }
@@ -56,11 +105,11 @@ impl std::str::FromStr for AutopilotAddress {
 
 impl std::fmt::Display for AutopilotAddress {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let name = match self.protocol {
-            Protocol::ArduPilot => "ardupilot",
-            Protocol::Px4 => "px4",
-        };
-        write!(out, "{name}:{}", self.address)
+        write!(out, "{}:{}", self.protocol.name(), self.address)?;
+        if self.speed != 1.0 {
+            write!(out, "@{}", self.speed)?;
+        }
+        Ok(())
     }
 }
 
@@ -80,5 +129,19 @@ mod tests {
             Err("'px4:nowhere': expected a port or IP:PORT after px4:, such as px4:127.0.0.1:4560".to_owned())
         );
         assert!(text("inav").is_err());
+        assert_eq!(text("betaflight"), Ok("betaflight:127.0.0.1:9003".to_owned()));
+        assert_eq!(text("betaflight@0.5"), Ok("betaflight:127.0.0.1:9003@0.5".to_owned()));
+        assert_eq!(
+            text("betaflight:9103@0.5"),
+            Ok("betaflight:127.0.0.1:9103@0.5".to_owned())
+        );
+        assert_eq!(
+            text("betaflight@0"),
+            Err("'betaflight@0': expected 0.05 to 4 after @, simulated time over wall clock".to_owned())
+        );
+        assert_eq!(
+            text("px4@2"),
+            Err("'px4@2': px4 is in lockstep and has no @SPEED".to_owned())
+        );
     }
 }

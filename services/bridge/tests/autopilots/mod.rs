@@ -1,7 +1,6 @@
 //! What the scripted autopilots of these tests share: a scenario that begins on the ground, and somebody who watches.
 
-use rotortwin_flight::autopilot::AutopilotOutcome;
-use rotortwin_flight::lockstep::{FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::lockstep::{FlightObserver, StopReason};
 use rotortwin_flight::sample::Sample;
 use rotortwin_scenario::Scenario;
 use std::path::Path;
@@ -46,13 +45,5 @@ impl FlightObserver for Watch {
 
     fn stop_requested(&mut self) -> Option<StopReason> {
         None
-    }
-}
-
-/// The sentence of a failed flight.
-pub(crate) fn sentence(outcome: &AutopilotOutcome) -> &str {
-    match &outcome.flight.end {
-        FlightEnd::Failed(failure) => &failure.sentence,
-        other => panic!("the flight should have failed: {other:?}"),
     }
 }

@@ -65,19 +65,23 @@ const PX4: Dialect = Dialect {
 };
 
 impl Dialect {
-    pub(super) fn of(protocol: Protocol) -> Self {
+    /// `None`: it takes no commands over MAVLink.
+    pub(super) fn of(protocol: Protocol) -> Option<Self> {
         match protocol {
-            Protocol::ArduPilot => ARDUPILOT,
-            Protocol::Px4 => PX4,
+            Protocol::ArduPilot => Some(ARDUPILOT),
+            Protocol::Px4 => Some(PX4),
+            Protocol::Betaflight => None,
         }
     }
 }
 
-/// Where an autopilot takes commands if nothing else is said: ArduPilot's first serial port, PX4's link for a companion computer.
-pub fn default_address(protocol: Protocol) -> PilotAddress {
+/// Where an autopilot takes commands if nothing else is said: ArduPilot's first serial port, PX4's link for a companion computer. `None`: it takes
+/// none over MAVLink.
+pub fn default_address(protocol: Protocol) -> Option<PilotAddress> {
     let local = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
     match protocol {
-        Protocol::ArduPilot => PilotAddress::Tcp(local(5760)),
-        Protocol::Px4 => PilotAddress::Udp(local(14540)),
+        Protocol::ArduPilot => Some(PilotAddress::Tcp(local(5760))),
+        Protocol::Px4 => Some(PilotAddress::Udp(local(14540))),
+        Protocol::Betaflight => None,
     }
 }

@@ -208,13 +208,15 @@ impl Pilot {
     /// Opens the line to an autopilot, which has to be heard there within `meet` of wall clock from its first exchange on.
     ///
     /// # Errors
-    /// One sentence: the port is taken, or not ours.
+    /// One sentence: the port is taken, or not ours, or the autopilot takes no such commands.
     pub fn new(protocol: Protocol, address: PilotAddress, meet: Duration) -> Result<Self, String> {
+        let dialect =
+            Dialect::of(protocol).ok_or_else(|| format!("{} takes no commands over MAVLink", protocol.name()))?;
         Ok(Self {
             line: Line::open(address)?,
             meet,
             decoder: Decoder::default(),
-            dialect: Dialect::of(protocol),
+            dialect,
             sequence: 0,
             stage: Stage::Meet,
             wanted: Wanted::default(),

@@ -1,0 +1,195 @@
+//! The link to Betaflight against a scripted peer, written from docs/autopilots.md alone: pace, switches, and what can go wrong.
+#![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
+
+use rotortwin_bridge::autopilot::betaflight::Betaflight;
+use rotortwin_bridge::autopilot::{OutputMap, Patience};
+use rotortwin_wire::autopilot::{Autopilot, Readings};
+use std::net::UdpSocket;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Answers each state with motors; counts what came, and keeps the last sticks.
+struct Peer {
+    states: u64,
+    time_s: Vec<f64>,
+    sticks: Vec<[u16; 16]>,
+}
+
+/// What it sends for the state of a number.
+type Script = fn(u64) -> Vec<u8>;
+
+fn motors(pulses_us: [f32; 6]) -> Vec<u8> {
+    let mut bytes = vec![6, 0, 0, 0];
+    bytes.extend(pulses_us.iter().flat_map(|pulse| pulse.to_le_bytes()));
+    bytes.resize(68, 0);
+    bytes
+}
+
+fn map() -> OutputMap {
+    OutputMap {
+        rotor_of_channel: vec![2, 0, 3, 5, 1, 4],
+        pulse_min_us: 1000.0,
+        pulse_max_us: 2000.0,
+    }
+}
+
+fn patience() -> Patience {
+    Patience {
+        join: Duration::from_secs(5),
+        step: Duration::from_millis(400),
+        ..Patience::default()
+    }
+}
+
+/// Four ports side by side that nobody has: motors, one that is not used, states, sticks.
+fn ports() -> (u16, UdpSocket, UdpSocket) {
+    for base in (20_000..60_000).step_by(10) {
+        let base = base + (std::process::id() % 997) as u16 % 10;
+        let at = |port: u16| UdpSocket::bind(("127.0.0.1", port));
+        if let (Ok(_), Ok(states), Ok(sticks)) = (at(base), at(base + 2), at(base + 3)) {
+            return (base + 2, states, sticks);
+        }
+    }
+    panic!("no four free ports");
+}
+
+/// Lets a link and a scripted peer talk.
+fn talk<T>(script: Script, work: impl FnOnce(&mut Betaflight) -> T) -> (T, Peer) {
+    let (port, states, sticks) = ports();
+    let mut link = Betaflight::listen(
+        &format!("betaflight:{port}@2").parse().unwrap(),
+        true,
+        map(),
+        patience(),
+    )
+    .unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        let stopped = stop.clone();
+        let peer = scope.spawn(move || {
+            let mut peer = Peer {
+                states: 0,
+                time_s: Vec::new(),
+                sticks: Vec::new(),
+            };
+            states.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+            sticks.set_nonblocking(true).unwrap();
+            let mut buffer = [0; 256];
+            while !stopped.load(Ordering::Relaxed) {
+                if let Ok((length, from)) = states.recv_from(&mut buffer) {
+                    assert_eq!(length, 144);
+                    peer.time_s.push(f64::from_le_bytes(buffer[..8].try_into().unwrap()));
+                    states.send_to(&script(peer.states), from).unwrap();
+                    peer.states += 1;
+                }
+                while let Ok(length) = sticks.recv(&mut buffer) {
+                    assert_eq!(length, 40);
+                    let channel = |i: usize| u16::from_le_bytes([buffer[8 + 2 * i], buffer[9 + 2 * i]]);
+                    peer.sticks.push(std::array::from_fn(channel));
+                }
+            }
+            peer
+        });
+        let result = work(&mut link);
+        // The last packets are read.
+        std::thread::sleep(Duration::from_millis(50));
+        stop.store(true, Ordering::Relaxed);
+        (result, peer.join().unwrap())
+    })
+}
+
+#[test]
+fn val_motors_reach_their_rotors_and_a_pause_is_never_caught_up() {
+    let script: Script = |_| motors([1100.0, 1200.0, 1300.0, 1400.0, 1500.0, 1600.0]);
+    let (exchanges, peer) = talk(script, |link| {
+        let readings = Readings::default();
+        let mut duty = link.exchange(&readings).unwrap();
+        for exchange in 0..200 {
+            if exchange == 100 {
+                std::thread::sleep(Duration::from_millis(300));
+            }
+            duty = link.exchange(&readings).unwrap();
+        }
+        let expected = [0.2, 0.5, 0.1, 0.3, 0.6, 0.4];
+        for (got, expected) in duty.iter().zip(expected) {
+            assert!((got - expected).abs() < 1e-6, "{duty:?}");
+        }
+        let pace = link.pace();
+        assert!(pace.longest >= Duration::from_millis(300) && pace.late >= 1, "{pace:?}");
+        pace.states
+    });
+    // One state for each exchange, and those that it joined with; time stamps are 2 ms apart, across the pause too.
+    assert_eq!(exchanges, 201);
+    assert!(peer.states >= 201, "{}", peer.states);
+    assert!(
+        peer.time_s
+            .windows(2)
+            .all(|pair| (pair[1] - pair[0] - 0.002).abs() < 1e-9)
+    );
+    // The boot grace: throttle down, arm switch off, ANGLE on.
+    assert!(peer.sticks.len() >= 40);
+    assert!(peer.sticks.iter().all(|c| c[2] == 1000 && c[4] == 1000 && c[5] == 2000));
+}
+
+#[test]
+fn scenario_failures_name_peer_and_state() {
+    let flown = |script: Script| {
+        let (sentence, _) = talk(script, |link| {
+            let readings = Readings::default();
+            (0..2000).find_map(|_| link.exchange(&readings).err()).unwrap().sentence
+        });
+        sentence
+    };
+    let pulse = flown(|state| {
+        motors([
+            1000.0,
+            if state < 50 { 1000.0 } else { f32::NAN },
+            1000.0,
+            1000.0,
+            1000.0,
+            1000.0,
+        ])
+    });
+    assert!(
+        pulse.starts_with("Betaflight at 127.0.0.1:")
+            && pulse.contains("motor 2 has a pulse of NaN µs, expected 0 to 2600"),
+        "{pulse}"
+    );
+    let silent = flown(|state| if state < 50 { motors([1000.0; 6]) } else { vec![1; 16] });
+    assert!(
+        silent.contains("sent no motors after state ") && silent.contains("allowed are 400 ms (--step-timeout)"),
+        "{silent}"
+    );
+    assert!(
+        silent.ends_with("datagrams of another size came, the last of 16 bytes, expected 68"),
+        "{silent}"
+    );
+}
+
+#[test]
+fn scenario_nobody_comes_or_the_port_is_taken() {
+    let (port, states, _sticks) = ports();
+    let address = format!("betaflight:{port}").parse().unwrap();
+    let impatient = Patience {
+        join: Duration::from_millis(200),
+        ..patience()
+    };
+    let mut link = Betaflight::listen(&address, true, map(), impatient).unwrap();
+    let said = link.exchange(&Readings::default()).unwrap_err().sentence;
+    let at = port - 2;
+    assert_eq!(
+        said,
+        format!(
+            "no motors of Betaflight came to UDP 127.0.0.1:{at} within 200 ms (--join-timeout) of states to 127.0.0.1:{port}"
+        )
+    );
+    let busy = Betaflight::listen(&address, true, map(), patience()).unwrap_err();
+    assert!(
+        busy.starts_with(&format!(
+            "UDP 127.0.0.1:{at}, where the motors of Betaflight come in, cannot be opened: "
+        )),
+        "{busy}"
+    );
+    drop(states);
+}

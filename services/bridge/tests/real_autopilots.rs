@@ -1,0 +1,215 @@
+//! The real autopilots, as their own published simulator builds. Each test is counted as skipped where its variable does not name the program:
+//! `ROTORTWIN_ARDUCOPTER`, `ROTORTWIN_BETAFLIGHT`. They bind fixed ports, so there is one flight at a time.
+#![expect(clippy::unwrap_used, reason = "a flight that cannot begin has failed its test")]
+
+mod autopilots;
+#[path = "../../../tests/src/skip.rs"]
+#[expect(unreachable_pub, reason = "it is a module of another crate, too")]
+mod skip;
+
+use autopilots::{HEIGHT_M, Watch, scenario};
+use rotortwin_bridge::autopilot::address::Protocol;
+use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
+use rotortwin_bridge::autopilot::betaflight::Betaflight;
+use rotortwin_bridge::autopilot::pilot::{self, Pilot, Piloted};
+use rotortwin_bridge::autopilot::{OutputMap, Patience};
+use rotortwin_flight::autopilot::{HandOver, fly};
+use rotortwin_flight::lockstep::{FlightEnd, FlightObserver, StopReason};
+use rotortwin_flight::sample::Sample;
+use rotortwin_flight::setup::run_setup;
+use rotortwin_plant::sensing::instruments::InstrumentModel;
+use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
+use rotortwin_wire::autopilot::Autopilot;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// When the fault begins and the flight ends, s after the hand-over.
+const FAULT_S: f64 = 20.0;
+const FLIGHT_S: f64 = 32.0;
+/// Largest distance from the hover point before the fault, m. Betaflight is flown by its sticks, and is not in lockstep: on a busy machine it wanders.
+const ARDUPILOT_WITHIN_M: f64 = 0.3;
+const BETAFLIGHT_WITHIN_M: f64 = 2.0;
+
+/// Ends its process.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        drop(self.0.kill());
+        drop(self.0.wait());
+    }
+}
+
+/// The program that a variable names; otherwise the test is counted as skipped.
+fn program(variable: &str) -> Option<PathBuf> {
+    let named = std::env::var_os(variable).map(PathBuf::from);
+    if named.is_none() {
+        skip::skip(&format!("{variable} names no simulator build of the autopilot"));
+    }
+    named
+}
+
+fn settings(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../config/autopilots")
+        .join(name)
+}
+
+fn start(program: &Path, args: &[&str], folder: &Path) -> Running {
+    let log = std::fs::File::create(folder.join("console.txt")).unwrap();
+    let child = Command::new(program)
+        .args(args)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(log.try_clone().unwrap())
+        .stderr(log)
+        .spawn()
+        .unwrap();
+    Running(child)
+}
+
+/// Keeps what is said, and when a verdict came.
+#[derive(Default)]
+struct Listener {
+    watch: Watch,
+    farthest_before_fault_m: f64,
+    isolated_s: Option<f64>,
+    alarmed: Option<f64>,
+}
+
+impl FlightObserver for Listener {
+    fn sample(&mut self, sample: &Sample) -> Result<(), String> {
+        self.watch.sample(sample)?;
+        let time_s = sample.sensors.stamp.sim_time_ns as f64 * 1e-9;
+        if time_s < FAULT_S {
+            self.farthest_before_fault_m = self.watch.farthest_m;
+            if sample.report.sequential > 0 || sample.report.sequential == -1 {
+                self.alarmed.get_or_insert(time_s);
+            }
+        } else if sample.report.sequential == 3 {
+            self.isolated_s.get_or_insert(time_s);
+        }
+        if sample.sensors.stamp.step.is_multiple_of(1600) {
+            eprintln!(
+                "{time_s:6.1} s  p {:.2?}  duty {:.3?}  verdict {}",
+                sample.truth.position_ned_m,
+                &sample.command.duty[..6],
+                sample.report.sequential
+            );
+        }
+        Ok(())
+    }
+
+    fn stop_requested(&mut self) -> Option<StopReason> {
+        None
+    }
+
+    fn handed_over(&mut self, prelude_s: f64) {
+        eprintln!("hand-over after {prelude_s:.1} s");
+    }
+
+    fn words(&mut self, plant_time_s: f64, text: String) {
+        eprintln!("{plant_time_s:7.1} s  {text}");
+    }
+}
+
+/// Hovers within `within_m`, loses 10 % of the thrust of rotor 3, and lands.
+fn hovers_and_the_damage_is_isolated<A: Autopilot>(
+    kind: AutopilotKind,
+    within_m: f64,
+    open: impl FnOnce(OutputMap, Patience) -> A,
+) {
+    let fault = format!("[[fault]]\ntime_s = {FAULT_S:?}\nrotor = 3\nthrust_loss_percent = 10.0");
+    let scenario = scenario(FLIGHT_S, &fault);
+    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).unwrap();
+    let map = OutputMap {
+        rotor_of_channel,
+        pulse_min_us: frame.pulse.min_us,
+        pulse_max_us: frame.pulse.max_us,
+    };
+    let patience = Patience {
+        join: Duration::from_secs(60),
+        step: Duration::from_secs(10),
+        ..Patience::default()
+    };
+    let mut autopilot = open(map, patience);
+    let mut simulation = scenario.simulation(1).unwrap();
+    let setup = run_setup(&scenario, &simulation, 1);
+    let (model, mut listener) = (InstrumentModel::default(), Listener::default());
+    let outcome = fly(
+        &mut simulation,
+        &mut autopilot,
+        &setup,
+        (&model, 1),
+        HandOver::default(),
+        &mut listener,
+    );
+    assert_eq!(outcome.flight.end, FlightEnd::Done);
+    eprintln!(
+        "farthest from {HEIGHT_M} m: {:.3} m, with the fault {:.3} m; isolated at {:?} s; landed after {:?} s; {:?} wall",
+        listener.farthest_before_fault_m,
+        listener.watch.farthest_m,
+        listener.isolated_s,
+        outcome.landing_s,
+        outcome.flight.wall
+    );
+    assert!(outcome.landing_s.is_some(), "it has not landed");
+    assert_eq!(listener.alarmed, None, "an alarm while it was healthy");
+    let isolated_s = listener.isolated_s.expect("the damage is isolated");
+    assert!(isolated_s - FAULT_S < 6.0, "{isolated_s} s");
+    assert!(
+        listener.farthest_before_fault_m < within_m,
+        "{} m",
+        listener.farthest_before_fault_m
+    );
+}
+
+#[test]
+fn scenario_betaflight() {
+    let Some(program) = program("ROTORTWIN_BETAFLIGHT") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let lines = settings("betaflight-hex6x.cli.txt");
+    drop(
+        start(&program, &["--config", lines.to_str().unwrap()], folder.path())
+            .0
+            .wait(),
+    );
+    let _running = start(&program, &[], folder.path());
+    let address = std::env::var("ROTORTWIN_BETAFLIGHT_ADDRESS").unwrap_or_else(|_| "betaflight".to_owned());
+    hovers_and_the_damage_is_isolated(AutopilotKind::Betaflight, BETAFLIGHT_WITHIN_M, |map, patience| {
+        Betaflight::listen(&address.parse().unwrap(), true, map, patience).unwrap()
+    });
+}
+
+#[test]
+fn scenario_arducopter() {
+    let Some(program) = program("ROTORTWIN_ARDUCOPTER") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let lines = settings("ardupilot-hexa-x.parm");
+    let args = [
+        "--wipe",
+        "--model",
+        "JSON:127.0.0.1",
+        "--home",
+        "47.397742,8.545594,488,0",
+        "-r",
+        "1000",
+        "--speedup",
+        "20",
+        "--defaults",
+        lines.to_str().unwrap(),
+    ];
+    let mut running = None;
+    hovers_and_the_damage_is_isolated(AutopilotKind::ArduPilot, ARDUPILOT_WITHIN_M, |map, patience| {
+        let link = ArduPilot::listen("127.0.0.1:9002".parse().unwrap(), map, patience).unwrap();
+        running = Some(start(&program, &args, folder.path()));
+        let at = pilot::default_address(Protocol::ArduPilot).unwrap();
+        Piloted::new(link, Some(Pilot::new(Protocol::ArduPilot, at, pilot::MEET).unwrap()))
+    });
+    drop(running);
+}
