@@ -52,7 +52,7 @@ fn program(variable: &str) -> Option<PathBuf> {
 
 fn settings(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../config/autopilots")
+        .join("../../config/autopilot-settings")
         .join(name)
 }
 
