@@ -344,8 +344,10 @@ def cancel(browser: Browser) -> None:
     def ends(step: int, what: str, word: str) -> None:
         process = stopped(word)
         row = page.locator(f"#step-{step} [role=status]", has_text=what)
-        row.get_by_role("button", name="Cancel").click()
         began = time.monotonic()
+        # Goes on once the server knows: what is as good as done would be done before.
+        with page.expect_response(lambda answer: answer.url.endswith("/cancel")):
+            row.get_by_role("button", name="Cancel").click()
         os.kill(process, signal.SIGCONT)
         page.locator(f"#step-{step}").get_by_text("It was canceled.").wait_for(timeout=10_000)
         took = time.monotonic() - began

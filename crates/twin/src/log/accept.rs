@@ -8,6 +8,8 @@ use super::{FlightLog, GAP_FACTOR, LogError, LogSource, names, resample};
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// Why an empty column is not used.
+const NO_NUMBER: &str = "no number in it";
 /// Attitude quaternions may be this far from unit length (rounding of a printed quaternion is 1e-3).
 const QUATERNION_TOLERANCE: f64 = 0.02;
 /// Duties may leave 0…1 by this much (rounding of f32 and of PWM counts); they are limited to 0…1.
@@ -27,11 +29,10 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         refuse_cells(&path, &column)?;
         if column.name == names::TIME {
             time = Some(column.values);
-        } else if !column.values.is_empty() && column.values.iter().all(|value| value.is_nan()) {
-            // A column that is there without a value would take the place of what can be computed from others: a force without an accelerometer.
+        } else if column.bad_cells > 0 && column.values.iter().all(|value| value.is_nan()) {
             report.unused_columns.push(UnusedColumn {
                 column: column.name,
-                reason: "no number in it".to_owned(),
+                reason: NO_NUMBER.to_owned(),
             });
         } else {
             if let Some((row, text)) = &column.bad {
@@ -92,7 +93,27 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         report,
     };
     checks::examine(&mut log);
+    drop_empty_columns(&mut log);
     Ok(log)
+}
+
+/// A column that is there without a value would take the place of what can be computed from others: an empty accelerometer that of the force
+/// which follows from the velocity.
+fn drop_empty_columns(log: &mut FlightLog) {
+    let empty = |values: &[f64]| !values.is_empty() && values.iter().all(|value| value.is_nan());
+    let names: Vec<String> = log
+        .columns
+        .iter()
+        .filter(|(_, values)| empty(values))
+        .map(|(name, _)| name.clone())
+        .collect();
+    for column in names {
+        log.columns.remove(&column);
+        log.report.unused_columns.push(UnusedColumn {
+            column,
+            reason: NO_NUMBER.to_owned(),
+        });
+    }
 }
 
 /// A canonical column holds numbers or nothing.

@@ -79,10 +79,14 @@ pub struct Place {
 }
 
 impl Found {
-    /// `f550@v2`, or the path of a file outside of the store.
+    /// `f550@v2`, the name of a vehicle of the program's own, or the path of a file outside of the store.
     pub fn label(&self) -> String {
-        match &self.place {
-            Some(place) => format!("{}@v{}", place.model, place.number),
+        if let Some(place) = &self.place {
+            return format!("{}@v{}", place.model, place.number);
+        }
+        let own = |named: &names::Named| named.shipped && named.path == self.path;
+        match names::list(Kind::Vehicle).unwrap_or_default().into_iter().find(own) {
+            Some(named) => named.name,
             None => self.path.display().to_string(),
         }
     }
