@@ -6,7 +6,7 @@
 //! | `px4`, `px4:PORT`, `px4:IP:PORT` | PX4's simulator link; TCP 127.0.0.1:4560 |
 //! | `betaflight`, `betaflight:PORT`, `betaflight:IP:PORT`, and `@SPEED` behind each | Betaflight; states to UDP 127.0.0.1:9003, at `SPEED` times the wall clock (1) |
 
-use super::{ardupilot, betaflight, px4};
+use super::{ardupilot, px4};
 use std::net::{Ipv4Addr, SocketAddr};
 
 /// A protocol.
@@ -36,6 +36,8 @@ impl Protocol {
     }
 }
 
+/// Where Betaflight takes states by default.
+const BETAFLIGHT_ADDRESS: &str = "127.0.0.1:9003";
 /// Slowest and fastest simulated time over wall clock.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.05..=4.0;
 
@@ -61,7 +63,7 @@ impl std::str::FromStr for AutopilotAddress {
         let (protocol, default) = match name.split('@').next().unwrap_or_default() {
             "ardupilot" => (Protocol::ArduPilot, ardupilot::DEFAULT_ADDRESS),
             "px4" => (Protocol::Px4, px4::DEFAULT_ADDRESS),
-            "betaflight" => (Protocol::Betaflight, betaflight::DEFAULT_ADDRESS),
+            "betaflight" => (Protocol::Betaflight, BETAFLIGHT_ADDRESS),
             _ => {
                 return Err(format!(
                     "'{text}': expected ardupilot[:ADDR], px4[:ADDR] or betaflight[:ADDR][@SPEED]"

@@ -22,8 +22,6 @@ use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-/// Where Betaflight takes states if nothing else is said; sticks go to the next port, motors come two below.
-pub const DEFAULT_ADDRESS: &str = "127.0.0.1:9003";
 /// Four parts of 0.5 ms.
 const INTERVAL_PARTS: u32 = 4;
 const STEP_S: f64 = 0.002;
