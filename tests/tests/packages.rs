@@ -39,7 +39,7 @@ fn packages() -> Option<&'static Path> {
             .output()
             .expect("cargo starts");
         assert!(made.status.success(), "{}", words(&made));
-        Some(root().join("target/dist"))
+        Some(root().join("target/packages"))
     })
     .as_deref()
 }

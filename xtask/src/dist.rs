@@ -19,10 +19,10 @@ const SHELLS: [(&str, &str); 3] = [
     ("fish", "usr/share/fish/vendor_completions.d/rotortwin.fish"),
 ];
 
-/// Makes all packages in `target/dist`.
+/// Makes all packages in `target/packages`.
 pub(crate) fn run(root: &Path) -> Result<()> {
     command::build(root, &["--bin", "rotortwin", "--lib"])?;
-    let out = root.join("target/dist");
+    let out = root.join("target/packages");
     if out.exists() {
         fs::remove_dir_all(&out).with_context(|| format!("emptying {}", out.display()))?;
     }
@@ -255,7 +255,7 @@ fn sums(out: &Path) -> Result<()> {
     fs::write(out.join("SHA256SUMS"), said.stdout)?;
     for name in names {
         let bytes = fs::metadata(out.join(&name))?.len();
-        println!("{:>6.1} MB  target/dist/{name}", bytes as f64 / 1e6);
+        println!("{:>6.1} MB  target/packages/{name}", bytes as f64 / 1e6);
     }
     Ok(())
 }
