@@ -399,15 +399,7 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
         "{}",
         output::fitted(&format!("{}: {}", document.name, document.description))
     );
-    let flown_text = format!(
-        "{} of {} flights, {:.2} h flown; {} failed, {} could not be flown; hash {}\n",
-        totals.flights,
-        campaign.flights(),
-        totals.flown_h(),
-        totals.failed,
-        totals.refused,
-        totals.hash()
-    );
+    let flown_text = format!("{}\n", totals.in_words(campaign.flights()));
     println!("{}", output::fitted(&flown_text));
     let listed = tables::listed_flights(campaign, totals);
     for table in tables::tables(campaign, totals).iter().chain(&listed) {

@@ -122,13 +122,7 @@ pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
     if args.json {
         let text = match reports.as_slice() {
             [report] => serde_json::to_string_pretty(report),
-            several => {
-                let named = args.logs.iter().zip(several);
-                let list: Vec<_> = named
-                    .map(|(path, report)| serde_json::json!({ "file": path.display().to_string(), "report": report }))
-                    .collect();
-                serde_json::to_string_pretty(&list)
-            }
+            several => serde_json::to_string_pretty(&judged(&args.logs, several)),
         };
         match text {
             Ok(text) => line(&text),
@@ -163,27 +157,31 @@ pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
     }
 }
 
-/// One log on the page.
+/// One log of several.
 #[derive(serde::Serialize)]
 struct JudgedLog<'a> {
     file: String,
     report: &'a LogReport,
 }
 
-/// The logs on a page.
-fn page_of(paths: &[PathBuf], reports: &[LogReport]) -> String {
+fn judged<'a>(paths: &[PathBuf], reports: &'a [LogReport]) -> Vec<JudgedLog<'a>> {
     let files = paths.iter().map(|path| path.display().to_string());
-    let logs: Vec<JudgedLog<'_>> = files
+    files
         .zip(reports)
         .map(|(file, report)| JudgedLog { file, report })
-        .collect();
+        .collect()
+}
+
+/// The logs on a page.
+fn page_of(paths: &[PathBuf], reports: &[LogReport]) -> String {
+    let logs = judged(paths, reports);
     let words = logs.iter().map(|log| format!("{}\n{}", log.file, text_of(log.report)));
     let names: Vec<&str> = logs.iter().map(|log| log.file.as_str()).collect();
     let page = Report {
         kind: "judged",
         title: &format!("Detectors · {}", names.join(", ")),
         summary: &words.collect::<Vec<_>>().join("\n\n"),
-        program: concat!("rotortwin ", env!("CARGO_PKG_VERSION")),
+        program: rotortwin_twin::model::TOOL,
         data: &logs,
     };
     page.render().expect("text and numbers are JSON")

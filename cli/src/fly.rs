@@ -5,7 +5,7 @@ use crate::output;
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_bridge::address::{AnyLine, BoardAddress};
-use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
+use rotortwin_bridge::autopilot::address::{ADDRESSES, AutopilotAddress, Protocol};
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::betaflight::Betaflight;
 use rotortwin_bridge::autopilot::pilot::{self, Pilot, PilotAddress, Piloted};
@@ -147,13 +147,12 @@ impl std::str::FromStr for Foreign {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let name = text.split([':', '@']).next().unwrap_or_default();
-        if matches!(name, "ardupilot" | "px4" | "betaflight") {
+        if Protocol::of_address(text).is_some() {
             return text.parse().map(Self::Autopilot);
         }
-        text.parse().map(Self::Board).map_err(|sentence: String| {
-            format!("{sentence}, or an autopilot: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]")
-        })
+        text.parse()
+            .map(Self::Board)
+            .map_err(|sentence: String| format!("{sentence}, or an autopilot: {ADDRESSES}"))
     }
 }
 

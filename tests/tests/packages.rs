@@ -1,6 +1,6 @@
 //! What `cargo xtask dist` makes, installed where nothing of this checkout is.
 
-use rotortwin_tests::python::{client_folder, environment_of};
+use rotortwin_tests::python::{client_folder, environment, environment_of};
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::skip;
 use std::path::{Path, PathBuf};
@@ -21,8 +21,8 @@ fn packages() -> Option<&'static Path> {
                 return None;
             }
         }
-        // The Python that packs the wheel needs a package index.
-        environment_of("python3", "dist-python-probe", &["wheel>=0.42", "hatchling>=1.24"])?;
+        // The Python that packs the wheel needs a package index; it is the one that `dist` takes if it is there.
+        environment("dist-python", &["wheel>=0.42", "hatchling>=1.24"])?;
         let mut dist = Command::new(env!("CARGO"));
         for (name, _) in std::env::vars_os() {
             // What cargo says of this test would have libraries built again.

@@ -13,6 +13,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// Of the workspace, as of this package.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
 const SHELLS: [(&str, &str); 3] = [
     ("bash", "usr/share/bash-completion/completions/rotortwin"),
     ("zsh", "usr/share/zsh/vendor-completions/_rotortwin"),
@@ -34,22 +37,12 @@ pub(crate) fn run(root: &Path) -> Result<()> {
         &stage.join("_native.abi3.so"),
     )?;
     let glibc = newest_glibc(&program)?.max(newest_glibc(&module)?);
-    let version = version(root)?;
     let tree = installed(root, &program, &stage.join("root"))?;
-    archive(root, &tree, &out, &version)?;
-    debian(&tree, &out, &version, glibc)?;
-    wheel(root, &program, &module, &out, &version, glibc)?;
+    archive(root, &tree, &out)?;
+    debian(&tree, &out, glibc)?;
+    wheel(root, &program, &module, &out, glibc)?;
     fs::remove_dir_all(&stage)?;
     sums(&out)
-}
-
-fn version(root: &Path) -> Result<String> {
-    let text = fs::read_to_string(root.join("Cargo.toml"))?;
-    let line = text.lines().find_map(|line| line.strip_prefix("version = \""));
-    let version = line.and_then(|rest| rest.split('"').next());
-    Ok(version
-        .context("Cargo.toml: expected `version` of the workspace")?
-        .to_owned())
 }
 
 fn stripped(from: &Path, to: &Path) -> Result<PathBuf> {
@@ -115,8 +108,8 @@ fn installed(root: &Path, program: &Path, tree: &Path) -> Result<PathBuf> {
     Ok(tree.to_owned())
 }
 
-fn archive(root: &Path, tree: &Path, out: &Path, version: &str) -> Result<()> {
-    let name = format!("rotortwin-{version}-{}-linux", std::env::consts::ARCH);
+fn archive(root: &Path, tree: &Path, out: &Path) -> Result<()> {
+    let name = format!("rotortwin-{VERSION}-{}-linux", std::env::consts::ARCH);
     let mut tar = Command::new("tar");
     tar.current_dir(root)
         .args([
@@ -136,7 +129,7 @@ fn archive(root: &Path, tree: &Path, out: &Path, version: &str) -> Result<()> {
     command::run("archive", &mut tar)
 }
 
-fn debian(tree: &Path, out: &Path, version: &str, (major, minor): (u32, u32)) -> Result<()> {
+fn debian(tree: &Path, out: &Path, (major, minor): (u32, u32)) -> Result<()> {
     if Command::new("dpkg-deb").arg("--version").output().is_err() {
         println!("-- no Debian package: there is no dpkg-deb here");
         return Ok(());
@@ -149,14 +142,14 @@ fn debian(tree: &Path, out: &Path, version: &str, (major, minor): (u32, u32)) ->
     let control = tree.join("DEBIAN");
     fs::create_dir_all(&control)?;
     let text = format!(
-        "Package: rotortwin\nVersion: {version}\nArchitecture: {architecture}\nMaintainer: rotortwin\nSection: science\nPriority: optional\n\
+        "Package: rotortwin\nVersion: {VERSION}\nArchitecture: {architecture}\nMaintainer: rotortwin\nSection: science\nPriority: optional\n\
          Depends: libc6 (>= {major}.{minor}), libgcc-s1\n\
          Description: co-simulation of multirotors with propeller faults, and a twin of measurements\n \
          Plant, controller and fault detection as processes in lockstep, a server for jobs,\n \
          and a model that is compared with flight logs.\n"
     );
     fs::write(control.join("control"), text)?;
-    let file = out.join(format!("rotortwin_{version}_{architecture}.deb"));
+    let file = out.join(format!("rotortwin_{VERSION}_{architecture}.deb"));
     let mut build = Command::new("dpkg-deb");
     build
         .args(["--root-owner-group", "-Zxz", "-z3", "--build"])
@@ -168,14 +161,7 @@ fn debian(tree: &Path, out: &Path, version: &str, (major, minor): (u32, u32)) ->
 }
 
 /// The client's wheel with the native module, the command, and the name of the platform.
-fn wheel(
-    root: &Path,
-    program: &Path,
-    module: &Path,
-    out: &Path,
-    version: &str,
-    (major, minor): (u32, u32),
-) -> Result<()> {
+fn wheel(root: &Path, program: &Path, module: &Path, out: &Path, (major, minor): (u32, u32)) -> Result<()> {
     let stage = out.join("stage");
     let environment = root.join("target/dist-python");
     let python = environment.join("bin/python");
@@ -211,12 +197,12 @@ fn wheel(
         unpack.args(["-m", "wheel", "unpack", "--dest"]).arg(&stage).arg(file),
     )?;
 
-    let folder = stage.join(format!("rotortwin-{version}"));
-    let scripts = folder.join(format!("rotortwin-{version}.data/scripts"));
+    let folder = stage.join(format!("rotortwin-{VERSION}"));
+    let scripts = folder.join(format!("rotortwin-{VERSION}.data/scripts"));
     fs::create_dir_all(&scripts)?;
     fs::copy(program, scripts.join("rotortwin"))?;
     fs::copy(module, folder.join("rotortwin/_native.abi3.so"))?;
-    let about = folder.join(format!("rotortwin-{version}.dist-info"));
+    let about = folder.join(format!("rotortwin-{VERSION}.dist-info"));
     edit(
         &about.join("METADATA"),
         "Requires-Dist: httpx",

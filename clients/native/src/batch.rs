@@ -1,7 +1,6 @@
 //! Many flights at once: in the hands of a caller ([`SimulationBatch`]), or from start to end side by side in vector lanes ([`fly`]).
 
 use crate::columns::{Recording, bytes, singles};
-use crate::flight::{motion, observed};
 use crate::refusal::input;
 use crate::scenario::Scenario;
 use pyo3::prelude::*;
@@ -159,13 +158,13 @@ impl SimulationBatch {
 
     #[getter]
     fn observation<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
-        let numbers = self.seats.iter().flat_map(|seat| observed(seat.flight.sensors()));
+        let numbers = self.seats.iter().flat_map(|seat| seat.flight.sensors().numbers());
         bytes(py, numbers.map(f32::to_ne_bytes))
     }
 
     #[getter]
     fn motion<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
-        let numbers = self.seats.iter().flat_map(|seat| motion(seat.flight.truth()));
+        let numbers = self.seats.iter().flat_map(|seat| seat.flight.truth().motion());
         bytes(py, numbers.map(f64::to_ne_bytes))
     }
 

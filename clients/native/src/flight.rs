@@ -6,49 +6,8 @@ use crate::scenario::Scenario;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyDict};
 use rotortwin_flight::stepped::SteppedFlight;
-use rotortwin_plant::TruthSample;
-use rotortwin_wire::frames::{FdiReport, SensorFrame};
+use rotortwin_wire::frames::FdiReport;
 use std::sync::Arc;
-
-/// Numbers of an observation.
-pub(crate) const OBSERVED: usize = 20;
-
-/// What was sensed: position, velocity, attitude, rates, reference position and velocity, reference yaw, voltage.
-pub(crate) fn observed(sensors: &SensorFrame) -> [f32; OBSERVED] {
-    let mut numbers = [0.0; OBSERVED];
-    let parts: [&[f32]; 8] = [
-        &sensors.position_ned_m,
-        &sensors.velocity_ned_m_s,
-        &sensors.attitude_rad,
-        &sensors.body_rates_rad_s,
-        &sensors.reference_position_ned_m,
-        &sensors.reference_velocity_ned_m_s,
-        &[sensors.reference_yaw_rad],
-        &[sensors.battery_voltage_v],
-    ];
-    for (number, value) in numbers.iter_mut().zip(parts.into_iter().flatten()) {
-        *number = *value;
-    }
-    numbers
-}
-
-/// Numbers of the motion's truth.
-pub(crate) const MOTION: usize = 12;
-
-/// The true position, velocity, attitude and rates.
-pub(crate) fn motion(truth: &TruthSample) -> [f64; MOTION] {
-    let mut numbers = [0.0; MOTION];
-    let parts = [
-        truth.position_ned_m,
-        truth.velocity_ned_m_s,
-        truth.attitude_rad,
-        truth.body_rates_rad_s,
-    ];
-    for (number, value) in numbers.iter_mut().zip(parts.into_iter().flatten()) {
-        *number = value;
-    }
-    numbers
-}
 
 /// One flight of a scenario, with controller and detectors, in this process.
 #[pyclass(module = "rotortwin._native")]
@@ -68,25 +27,17 @@ impl Simulation {
     fn new(scenario: &Scenario, seed: Option<u64>, record: Vec<String>) -> PyResult<Self> {
         let scenario = Arc::clone(&scenario.inner);
         let seed = seed.unwrap_or_else(|| scenario.seed());
-        let flight = SteppedFlight::new(&scenario, seed).map_err(crate::refusal::input)?;
-        let recording = Recording::new(&scenario, flight.rotor_count(), &record)?;
-        Ok(Self {
-            scenario,
-            seed,
-            record,
-            flight,
-            recording,
-            report: FdiReport::default(),
-        })
+        Self::begin(scenario, seed, record)
     }
 
     /// Begins again; without a seed with the one of before.
     #[pyo3(signature = (seed = None))]
     fn reset(&mut self, seed: Option<u64>) -> PyResult<()> {
-        self.seed = seed.unwrap_or(self.seed);
-        self.flight = SteppedFlight::new(&self.scenario, self.seed).map_err(crate::refusal::input)?;
-        self.recording = Recording::new(&self.scenario, self.flight.rotor_count(), &self.record)?;
-        self.report = FdiReport::default();
+        *self = Self::begin(
+            Arc::clone(&self.scenario),
+            seed.unwrap_or(self.seed),
+            self.record.clone(),
+        )?;
         Ok(())
     }
 
@@ -151,7 +102,7 @@ impl Simulation {
     fn observation<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
         bytes(
             py,
-            observed(self.flight.sensors()).iter().map(|value| value.to_ne_bytes()),
+            self.flight.sensors().numbers().iter().map(|value| value.to_ne_bytes()),
         )
     }
 
@@ -164,7 +115,7 @@ impl Simulation {
 
     #[getter]
     fn motion<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
-        bytes(py, motion(self.flight.truth()).iter().map(|value| value.to_ne_bytes()))
+        bytes(py, self.flight.truth().motion().iter().map(|value| value.to_ne_bytes()))
     }
 
     #[getter]
@@ -217,6 +168,19 @@ impl Simulation {
 }
 
 impl Simulation {
+    fn begin(scenario: Arc<rotortwin_scenario::Scenario>, seed: u64, record: Vec<String>) -> PyResult<Self> {
+        let flight = SteppedFlight::new(&scenario, seed).map_err(crate::refusal::input)?;
+        let recording = Recording::new(&scenario, flight.rotor_count(), &record)?;
+        Ok(Self {
+            scenario,
+            seed,
+            record,
+            flight,
+            recording,
+            report: FdiReport::default(),
+        })
+    }
+
     fn one(&mut self, duty: Option<&[f32]>) -> PyResult<()> {
         let sample = self.flight.step(duty).map_err(|failure| flight(failure.sentence))?;
         self.recording.push(&sample);

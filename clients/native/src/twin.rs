@@ -6,9 +6,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rotortwin_scenario::effect_documents;
 use rotortwin_twin::compare::NamedModel;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, Options};
+use rotortwin_twin::diagnose::Options;
 use rotortwin_twin::identify::files;
-use rotortwin_twin::improve::{Guide, Request, Row};
+use rotortwin_twin::improve::{Request, Unasked};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use std::path::{Path, PathBuf};
@@ -114,29 +114,6 @@ pub(crate) fn diagnose(
     json(&result.map_err(input)?)
 }
 
-/// Takes every step; versions are kept nowhere but in the result.
-struct Eager {
-    name: String,
-    number: u32,
-}
-
-impl Guide for Eager {
-    fn compared(&mut self, _: &Row) -> Result<bool, String> {
-        Ok(true)
-    }
-
-    fn proposed(
-        &mut self,
-        _: &ModelVersion,
-        _: &ModelVersion,
-        _: &Finding,
-        _: &Diagnosis,
-    ) -> Result<Option<String>, String> {
-        self.number += 1;
-        Ok(Some(format!("{}@v{}", self.name, self.number)))
-    }
-}
-
 /// Adds what is missing until the model agrees or the reason why it does not is known: the result, and the last version's file.
 #[pyfunction]
 pub(crate) fn improve(
@@ -161,11 +138,7 @@ pub(crate) fn improve(
             held_out: &held_out,
             oracle: None,
         };
-        let mut guide = Eager {
-            name: model.version.name.clone(),
-            number: 0,
-        };
-        rotortwin_twin::improve::improve(&request, &options, &mut guide)
+        rotortwin_twin::improve::improve(&request, &options, &mut Unasked::default())
     });
     let result = result.map_err(input)?;
     Ok((json(&result)?, result.model.to_toml()))

@@ -53,35 +53,10 @@ impl RunHasher {
     pub fn update(&mut self, sample: &Sample) {
         let n = self.rotor_count;
         let (sensors, truth) = (&sample.sensors, &sample.truth);
-        let mut sensed = [0.0; 20];
-        let parts: [&[f32]; 8] = [
-            &sensors.position_ned_m,
-            &sensors.velocity_ned_m_s,
-            &sensors.attitude_rad,
-            &sensors.body_rates_rad_s,
-            &sensors.reference_position_ned_m,
-            &sensors.reference_velocity_ned_m_s,
-            &[sensors.reference_yaw_rad],
-            &[sensors.battery_voltage_v],
-        ];
-        let mut at = 0;
-        for part in parts {
-            sensed[at..at + part.len()].copy_from_slice(part);
-            at += part.len();
-        }
-        let mut motion = [0.0; 12];
-        for (part, values) in motion.as_chunks_mut::<3>().0.iter_mut().zip([
-            truth.position_ned_m,
-            truth.velocity_ned_m_s,
-            truth.attitude_rad,
-            truth.body_rates_rad_s,
-        ]) {
-            *part = values;
-        }
         self.update_step(&HashedStep {
             step: sensors.stamp.step,
             sim_time_ns: sensors.stamp.sim_time_ns,
-            sensed: &sensed,
+            sensed: &sensors.numbers(),
             duty: &sample.command.duty[..n],
             attitude_setpoint_rad: &sample.command.attitude_setpoint_rad,
             saturated_rotors: sample.command.saturated_rotors,
@@ -89,7 +64,7 @@ impl RunHasher {
             wrench_residual: &sample.report.wrench_residual,
             verdicts: &VerdictBytes::of(&sample.report),
             window_end: sample.report.window_end,
-            motion: &motion,
+            motion: &truth.motion(),
             rotor_thrust_n: &truth.rotor_thrust_n[..n],
             battery: &[truth.state_of_charge, truth.battery_voltage_v, truth.battery_current_a],
             faulty_rotors: truth.faulty_rotors,

@@ -99,6 +99,23 @@ pub struct TruthSample {
     pub rotor_thrust_loss: [f64; MAX_ROTORS],
 }
 
+impl TruthSample {
+    /// Position, velocity, attitude and body rates, one after the other.
+    #[inline]
+    pub fn motion(&self) -> [f64; 12] {
+        let mut motion = [0.0; 12];
+        for (part, values) in motion.as_chunks_mut::<3>().0.iter_mut().zip([
+            self.position_ned_m,
+            self.velocity_ned_m_s,
+            self.attitude_rad,
+            self.body_rates_rad_s,
+        ]) {
+            *part = values;
+        }
+        motion
+    }
+}
+
 /// The flight's effects on the vehicle that this flight drew; `None` for a flight without effects.
 fn effects(
     config: &SimulationConfig,

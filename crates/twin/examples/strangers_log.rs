@@ -8,9 +8,9 @@ use std::error::Error;
 use std::path::Path;
 
 use rotortwin_twin::compare::{NamedModel, compare};
-use rotortwin_twin::diagnose::{Diagnosis, Finding, Options};
+use rotortwin_twin::diagnose::Options;
 use rotortwin_twin::identify::{Identified, Request, files, held_out, identify};
-use rotortwin_twin::improve::{Guide, Row, improve};
+use rotortwin_twin::improve::{Unasked, improve};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::predict::NAMES;
@@ -21,25 +21,6 @@ const MEAN_S: f64 = 0.1;
 const ENDS_S: f64 = 3.0;
 /// Channels of the second table.
 const CHANNELS: [&str; 6] = ["fx", "fy", "fz", "mx", "my", "mz"];
-
-/// Takes every step.
-struct Always;
-
-impl Guide for Always {
-    fn compared(&mut self, _: &Row) -> Result<bool, String> {
-        Ok(true)
-    }
-
-    fn proposed(
-        &mut self,
-        _: &ModelVersion,
-        _: &ModelVersion,
-        finding: &Finding,
-        _: &Diagnosis,
-    ) -> Result<Option<String>, String> {
-        Ok(Some(finding.label.clone()))
-    }
-}
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut flights = Vec::new();
@@ -138,7 +119,7 @@ fn with_effects(log: &FlightLog, request: &Request, found: &Identified) -> Resul
         held_out: &[],
         oracle: None,
     };
-    let improved = improve(&request, &Options::default(), &mut Always)?;
+    let improved = improve(&request, &Options::default(), &mut Unasked::default())?;
     eprintln!("{}: {}", log.name, improved.reason);
     let added: Vec<String> = improved.rows.iter().filter_map(|row| row.added.clone()).collect();
     let added = if added.is_empty() {

@@ -60,6 +60,28 @@ impl SensorFrame {
         }
     }
 
+    /// All numbers in the order of the fields.
+    #[inline]
+    pub fn numbers(&self) -> [f32; 20] {
+        let mut numbers = [0.0; 20];
+        let parts: [&[f32]; 8] = [
+            &self.position_ned_m,
+            &self.velocity_ned_m_s,
+            &self.attitude_rad,
+            &self.body_rates_rad_s,
+            &self.reference_position_ned_m,
+            &self.reference_velocity_ned_m_s,
+            &[self.reference_yaw_rad],
+            &[self.battery_voltage_v],
+        ];
+        let mut at = 0;
+        for part in parts {
+            numbers[at..at + part.len()].copy_from_slice(part);
+            at += part.len();
+        }
+        numbers
+    }
+
     /// The sensed state.
     #[inline]
     pub fn nav(&self) -> NavState {

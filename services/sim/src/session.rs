@@ -20,7 +20,6 @@ use rotortwin_wire::events::RunEvent;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
-use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -75,11 +74,10 @@ pub fn fly(
     stop: &mut dyn FnMut() -> Option<StopReason>,
 ) -> Result<Summary, StoreError> {
     let fly = |simulation: &mut Simulation, setup: &RunSetup, recorder: &mut Recorder<'_>| {
-        lockstep::fly(simulation, link, setup, config.pace, recorder)
+        let outcome = lockstep::fly(simulation, link, setup, config.pace, recorder);
+        (outcome, config.link_name.clone())
     };
-    recorded(scenario, config, folder, (emit, stop), fly, &|| {
-        config.link_name.clone()
-    })
+    recorded(scenario, config, folder, (emit, stop), fly)
 }
 
 /// As [`fly`], with an autopilot of its own clock in the place of the controller, and the FDI engine in this process.
@@ -93,28 +91,29 @@ pub fn fly_autopilot(
 ) -> Result<Summary, StoreError> {
     let instruments = scenario.document().instruments.clone().unwrap_or_default();
     let rotors = scenario.vehicle().rotor_count();
-    let version = RefCell::new(None);
     let fly = |simulation: &mut Simulation, setup: &RunSetup, recorder: &mut Recorder<'_>| {
         let failed = |sentence| FlightEnd::Failed(lockstep::Failure::of("plant", sentence));
         let instruments = (&instruments, config.seed);
         let mut recording = match Recording::new(autopilot, folder.path(), rotors) {
             Ok(recording) => recording,
-            Err(sentence) => return FlightOutcome::before_step_0(failed(sentence)),
+            Err(sentence) => {
+                let outcome = FlightOutcome::before_step_0(failed(sentence));
+                return (outcome, config.link_name.clone());
+            }
         };
         let hand_over = HandOver::default();
         let mut outcome = autopilot::fly(simulation, &mut recording, setup, instruments, hand_over, recorder).flight;
-        *version.borrow_mut() = recording.identity().version;
+        // Which version flew is known afterwards.
+        let link_name = match recording.identity().version {
+            Some(version) => format!("{}, {version}", config.link_name),
+            None => config.link_name.clone(),
+        };
         if let Err(sentence) = recording.close() {
             outcome.end = failed(sentence);
         }
-        outcome
+        (outcome, link_name)
     };
-    // Which version flew is known afterwards.
-    let link_name = || match version.borrow().as_ref() {
-        Some(version) => format!("{}, {version}", config.link_name),
-        None => config.link_name.clone(),
-    };
-    recorded(scenario, config, folder, (emit, stop), fly, &link_name)
+    recorded(scenario, config, folder, (emit, stop), fly)
 }
 
 /// True if an autopilot of its own clock flew the run: to fly it again takes its commands.
@@ -152,14 +151,13 @@ pub fn replay_autopilot(
     }
 }
 
-/// Records what `flown` flies; who flew, `link_name` says afterwards.
+/// Records what `flown` flies; it gives the outcome, and who flew over which link.
 fn recorded(
     scenario: &Scenario,
     config: &SessionConfig,
     folder: &RunFolder,
     (emit, stop): (&mut dyn FnMut(RunEvent), &mut dyn FnMut() -> Option<StopReason>),
-    flown: impl FnOnce(&mut Simulation, &RunSetup, &mut Recorder<'_>) -> FlightOutcome,
-    link_name: &dyn Fn() -> String,
+    flown: impl FnOnce(&mut Simulation, &RunSetup, &mut Recorder<'_>) -> (FlightOutcome, String),
 ) -> Result<Summary, StoreError> {
     let mut simulation = scenario
         .simulation(config.seed)
@@ -179,11 +177,13 @@ fn recorded(
     if let Some(rate_hz) = config.live_hz {
         recorder = recorder.with_live(rate_hz, simulation.rotor_count());
     }
-    let outcome = flown(&mut simulation, &setup, &mut recorder);
+    let (outcome, link) = flown(&mut simulation, &setup, &mut recorder);
     recorder.finish()?;
     emit(RunEvent::Recording { steps: outcome.steps });
-    let mut summary = summary_of(scenario, config, &outcome);
-    summary.link = link_name();
+    let summary = Summary {
+        link,
+        ..summary_of(scenario, config, &outcome)
+    };
     let summary = finalise(folder, summary)?;
     emit(RunEvent::Finished);
     Ok(summary)

@@ -56,16 +56,7 @@ pub fn render(campaign: &Campaign, totals: &Totals) -> String {
     let document = campaign.document();
     let mut all = tables(campaign, totals);
     all.extend(listed_flights(campaign, totals));
-    let summary = format!(
-        "{}: {} of {} flights, {:.2} h flown; {} failed, {} could not be flown; hash {}",
-        document.description,
-        totals.flights,
-        campaign.flights(),
-        totals.flown_h(),
-        totals.failed,
-        totals.refused,
-        totals.hash()
-    );
+    let summary = format!("{}: {}", document.description, totals.in_words(campaign.flights()));
     let axes = campaign
         .axes()
         .iter()

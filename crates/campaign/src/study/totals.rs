@@ -451,6 +451,18 @@ impl Totals {
         self.steps as f64 * STEP_S / 3600.0
     }
 
+    /// What was flown of so many flights, in a line.
+    pub fn in_words(&self, flights: u64) -> String {
+        format!(
+            "{} of {flights} flights, {:.2} h flown; {} failed, {} could not be flown; hash {}",
+            self.flights,
+            self.flown_h(),
+            self.failed,
+            self.refused,
+            self.hash()
+        )
+    }
+
     /// Severity bins in which there is a window or an onset, for one detector.
     pub fn severities(&self) -> Vec<usize> {
         (0..SEVERITY_BINS.len())

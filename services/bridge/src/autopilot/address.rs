@@ -21,6 +21,14 @@ pub enum Protocol {
 }
 
 impl Protocol {
+    const ALL: [Self; 3] = [Self::ArduPilot, Self::Px4, Self::Betaflight];
+
+    /// The one that an address begins with, if it is one of an autopilot.
+    pub fn of_address(text: &str) -> Option<Self> {
+        let name = text.split([':', '@']).next()?;
+        Self::ALL.into_iter().find(|protocol| protocol.name() == name)
+    }
+
     /// As it is written in an address.
     pub fn name(self) -> &'static str {
         match self {
@@ -30,12 +38,22 @@ impl Protocol {
         }
     }
 
+    fn default_address(self) -> &'static str {
+        match self {
+            Self::ArduPilot => ardupilot::DEFAULT_ADDRESS,
+            Self::Px4 => px4::DEFAULT_ADDRESS,
+            Self::Betaflight => BETAFLIGHT_ADDRESS,
+        }
+    }
+
     /// It waits for us in each of its steps.
     pub fn lockstep(self) -> bool {
         self != Self::Betaflight
     }
 }
 
+/// What an address of an autopilot can be.
+pub const ADDRESSES: &str = "ardupilot[:ADDR], px4[:ADDR] or betaflight[:ADDR][@SPEED]";
 /// Where Betaflight takes states by default.
 const BETAFLIGHT_ADDRESS: &str = "127.0.0.1:9003";
 /// Slowest and fastest simulated time over wall clock.
@@ -56,20 +74,11 @@ impl std::str::FromStr for AutopilotAddress {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (name, rest) = match text.split_once(':') {
-            Some((name, rest)) => (name, Some(rest)),
-            None => (text, None),
+        let Some(protocol) = Protocol::of_address(text) else {
+            return Err(format!("'{text}': expected {ADDRESSES}"));
         };
-        let (protocol, default) = match name.split('@').next().unwrap_or_default() {
-            "ardupilot" => (Protocol::ArduPilot, ardupilot::DEFAULT_ADDRESS),
-            "px4" => (Protocol::Px4, px4::DEFAULT_ADDRESS),
-            "betaflight" => (Protocol::Betaflight, BETAFLIGHT_ADDRESS),
-            _ => {
-                return Err(format!(
-                    "'{text}': expected ardupilot[:ADDR], px4[:ADDR] or betaflight[:ADDR][@SPEED]"
-                ));
-            }
-        };
+        let rest = text.split_once(':').map(|(_, rest)| rest);
+        let default = protocol.default_address();
         let (_, speed) = text.split_once('@').unwrap_or((text, "1"));
         if text.contains('@') && protocol.lockstep() {
             return Err(format!(

@@ -188,7 +188,8 @@ impl HilActuatorControls {
 
 #[cfg(test)]
 mod tests {
-    use super::super::frame::{Decoder, encode};
+    use super::super::frame::encode;
+    use super::super::hex::{bytes, frame};
     use super::*;
 
     /// Bytes that pymavlink 2.4.50 packs of the same messages, from system 1, component 1, with the sequence numbers 7, 8 and 9.
@@ -198,20 +199,6 @@ mod tests {
         "fd24000008010171000087d61200000000004c52401c44f41705bb7207001e00280000029cffc800d4feffff030ad943";
     const ACTUATORS: &str = "fd5100000901015d000087d612000000000001000000000000000000003f0000803e0000403f0000803f000000000000003e0000000000000000000000000000\
                              000000000000000000000000000000000000000000000000000081e551";
-
-    fn bytes(hex: &str) -> Vec<u8> {
-        let digit = |c: u8| (c as char).to_digit(16).expect("a hexadecimal digit") as u8;
-        hex.as_bytes()
-            .chunks(2)
-            .map(|pair| digit(pair[0]) << 4 | digit(pair[1]))
-            .collect()
-    }
-
-    fn frame(hex: &str) -> Frame {
-        let mut decoder = Decoder::default();
-        decoder.push(&bytes(hex));
-        decoder.next_frame().expect("a good frame")
-    }
 
     #[test]
     fn val_sensors_are_pymavlink_s() {

@@ -5,6 +5,8 @@
 
 pub mod catalogue;
 pub mod frame;
+#[cfg(test)]
+mod hex;
 pub mod messages;
 mod reader;
 pub mod steering;

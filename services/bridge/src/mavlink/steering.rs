@@ -332,6 +332,7 @@ impl AutopilotVersion {
 #[cfg(test)]
 mod tests {
     use super::super::frame::{Decoder, encode};
+    use super::super::hex::{bytes, frame};
     use super::*;
 
     // Bytes that pymavlink 2.4.49 packs of the same messages, from system 1, component 1, with the sequence numbers 7 to 13.
@@ -344,20 +345,6 @@ mod tests {
     const LOCAL_BYTES: &str = "fd1c00000b010120000087d612000000003f000080be000040c00000003e0000803e000000bf0ab9";
     const TARGET_BYTES: &str = "fd3500000c010154000087d612000000003f000080be000040c00000003e0000803e000000bf0000000000000000000000000000c03f00000000c009010101ec89";
     const VERSION_BYTES: &str = "fd2c00000d010194000001000000000000000700000000000000c00007040200000003000000040000000500060032353938653964348b4a";
-
-    fn bytes(hex: &str) -> Vec<u8> {
-        let digit = |c: u8| (c as char).to_digit(16).expect("a hexadecimal digit") as u8;
-        hex.as_bytes()
-            .chunks(2)
-            .map(|pair| digit(pair[0]) << 4 | digit(pair[1]))
-            .collect()
-    }
-
-    fn frame(hex: &str) -> Frame {
-        let mut decoder = Decoder::default();
-        decoder.push(&bytes(hex));
-        decoder.next_frame().expect("a good frame")
-    }
 
     #[test]
     fn val_what_is_sent_is_pymavlink_s() {
