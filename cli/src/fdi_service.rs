@@ -2,19 +2,18 @@
 
 use crate::grid::Grid;
 use crate::output::{bad_input, failed, line};
-use rotortwin_api::fdi::answers::{ObstacleView, Obstruction, SequentialView, VerdictKind};
-use rotortwin_api::fdi::log::{LogReport, NotJudgedView, judge};
-use rotortwin_fdi::service::FdiSession;
-use rotortwin_fdi::service::topic::{TopicService, is_session_name, measurement_topic, report_topic};
+use rotortwin_fdi::topic::{TopicService, is_session_name, measurement_topic, report_topic};
+use rotortwin_fdi_session::FdiSession;
 use rotortwin_links::topics::TopicSession;
 use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_page::Report;
-use rotortwin_plant::error::Refusal;
 use rotortwin_process::LinkAddress;
-use rotortwin_scenario::template::{TomlFile, set_value};
-use rotortwin_scenario::{Classifier, DetectorSettings, Detectors};
+use rotortwin_scenario::Detectors;
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelStore;
+use rotortwin_verdicts::detectors::DetectorChoice;
+use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge, judge_file};
+use rotortwin_verdicts::view::{ObstacleView, Obstruction, SequentialView, VerdictKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,37 +41,13 @@ struct DetectorArgs {
 impl DetectorArgs {
     /// The detectors, and what they cannot hold of the model.
     fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
-        let found = ModelStore::new(&self.models).find(&self.model);
-        let version = found.map_err(|error| error.to_string())?.version;
-        let refused = |refusal: Refusal| format!("{}, `{}`: {}", self.model, refusal.key, refusal.reason);
-        let vehicle = version.for_detectors().map_err(refused)?;
-        let note = (!vehicle.not_carried.is_empty()).then(|| {
-            format!(
-                "the detectors have no parameter for {} of the model: what it does counts as a disturbance",
-                vehicle.not_carried.join(", ")
-            )
-        });
-        let classifier = self.classifier.as_deref().map(Classifier::read).transpose();
-        let classifier = classifier.map_err(|error| error.to_string())?;
-        let detectors = Detectors::new(vehicle.documents, &self.settings()?, classifier).map_err(refused)?;
-        Ok((detectors, note))
-    }
-
-    fn settings(&self) -> Result<DetectorSettings, String> {
-        let mut table = toml::Table::new();
-        for setting in &self.set {
-            let refuse = |reason: &str| format!("--set {setting}: {reason}");
-            let (key, value) = setting.split_once('=').ok_or_else(|| refuse("expected KEY=VALUE"))?;
-            let value = toml::from_str::<toml::Table>(&format!("value = {value}"))
-                .ok()
-                .and_then(|mut table| table.remove("value"))
-                .unwrap_or_else(|| toml::Value::String(value.to_owned()));
-            set_value(&mut table, key.trim(), value).map_err(|reason| refuse(&reason))?;
-        }
-        let text = toml::to_string(&table).map_err(|error| error.to_string())?;
-        TomlFile::from_text("--set", &text)
-            .and_then(|file| file.parse())
-            .map_err(|error| format!("--set, key `{}`: {}", error.key().unwrap_or("?"), error.reason()))
+        let choice = DetectorChoice {
+            store: &ModelStore::new(&self.models),
+            model: &self.model,
+            classifier: self.classifier.as_deref(),
+            settings: &self.set,
+        };
+        choice.detectors()
     }
 }
 
@@ -93,6 +68,9 @@ pub(crate) struct LogArgs {
     /// Write a page that stands alone into this file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Cells of the log's table, at most: what a server takes from strangers
+    #[arg(long, value_name = "N", hide = true)]
+    most_cells: Option<usize>,
 }
 
 /// Judges logs; exit code 2 if one is none or lacks what every detector needs.
@@ -103,9 +81,12 @@ pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
     };
     let mut reports = Vec::with_capacity(args.logs.len());
     for path in &args.logs {
-        let judged = FlightLog::read_part(path).and_then(|log| {
-            judge(&log, &detectors, args.windows).map_err(|refusal| format!("{}: {refusal}", path.display()))
-        });
+        let judged = match args.most_cells {
+            Some(most) => judge_file(path, &detectors, Some(most)).map_err(|refusal| refusal.to_string()),
+            None => FlightLog::read_part(path).and_then(|log| {
+                judge(&log, &detectors, args.windows).map_err(|refusal| format!("{}: {refusal}", path.display()))
+            }),
+        };
         match judged {
             Ok(mut report) => {
                 report.notes.extend(note.clone());

@@ -59,7 +59,7 @@ fn package(folder: &Path, ending: &str) -> PathBuf {
 }
 
 /// What the wheel's tests need besides it.
-const OF_THE_TESTS: [&str; 8] = [
+const OF_THE_TESTS: [&str; 11] = [
     "httpx>=0.27,<1",
     "numpy>=1.24",
     "gymnasium>=1.1",
@@ -68,6 +68,9 @@ const OF_THE_TESTS: [&str; 8] = [
     "pyarrow>=15",
     "matplotlib>=3.7",
     "pytest>=8",
+    "scikit-learn>=1.4",
+    "nbclient>=0.10",
+    "ipykernel>=6",
 ];
 
 /// Installs the wheel for an interpreter and runs in it what needs no server.
@@ -108,6 +111,18 @@ fn the_wheel_works(python: &str) {
     let said = run("python", &[example.as_os_str()], &scratch.path("."));
     assert!(said.contains("rotor 4 lost") && said.contains("named after"), "{said}");
     assert!(scratch.path("damaged-blade.png").is_file());
+
+    // A detector of one's own, and the notebook, every cell of it.
+    let example = client_folder().join("examples/own_detector.py");
+    let said = run("python", &[example.as_os_str()], &scratch.path("."));
+    assert!(said.contains("torque direction") && said.contains("boosted trees"), "{said}");
+    let notebook = client_folder().join("examples/first_flight.ipynb");
+    let execute = "import sys, nbformat, nbclient; nbclient.NotebookClient(nbformat.read(sys.argv[1], 4), timeout=300).execute()";
+    run(
+        "python",
+        &["-c".as_ref(), execute.as_ref(), notebook.as_os_str()],
+        &scratch.path("."),
+    );
 
     let tests = ["-p", "no:cacheprovider", "tests/native"].map(std::ffi::OsStr::new);
     print!("{python}: {}", run("pytest", &tests, &client_folder()));

@@ -2,8 +2,8 @@
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::RowAccessor as _;
-use rotortwin_fdi::service::topic::{TopicClient, report_topic};
-use rotortwin_fdi::service::{Chunk, Sample};
+use rotortwin_fdi::topic::{TopicClient, report_topic};
+use rotortwin_fdi_session::{Chunk, Sample};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_links::topics::TopicSession;
 use rotortwin_links::zenoh::ZenohOptions;

@@ -305,6 +305,13 @@ fn scenario_a_job_has_only_so_much_memory() {
     );
     let error = job["error"].as_str().unwrap_or_default();
     assert!(error.contains("--job-memory"), "{error}");
+    // The same to be judged at once: its process fails, not the server.
+    let answer = server.ask_bytes("POST", "/api/v1/fdi/reports?vehicle=f550", BINARY, file.as_bytes());
+    let detail = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(answer.status, 422, "{detail}");
+    assert!(detail.contains("--job-memory"), "{detail}");
+    let peak = peak_memory(server.process().pid) >> 20;
+    assert!(peak < 300, "the server took {peak} MB");
     let id = server.submit(&serde_json::from_str(HOVER).expect("JSON"));
     assert_eq!(server.ended(&id)["status"], "done", "a flight needs less");
 }

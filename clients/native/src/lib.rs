@@ -27,5 +27,5 @@ mod _native {
     #[pymodule_export]
     use super::scenario::Scenario;
     #[pymodule_export]
-    use super::twin::{compare, diagnose, identify, improve};
+    use super::twin::{compare, diagnose, fdi_log, identify, improve};
 }

@@ -1,4 +1,4 @@
-//! The twin on files and on columns of this process. Results are the JSON of the commands of the same name.
+//! The twin, and the detectors, on files and on columns of this process. Results are the JSON of the commands of the same name.
 
 use crate::columns::doubles;
 use crate::refusal::input;
@@ -11,6 +11,7 @@ use rotortwin_twin::identify::files;
 use rotortwin_twin::improve::{Request, Unasked};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
+use rotortwin_verdicts::detectors::DetectorChoice;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -142,6 +143,37 @@ pub(crate) fn improve(
     });
     let result = result.map_err(input)?;
     Ok((json(&result)?, result.model.to_toml()))
+}
+
+/// What the detectors say of logs: a list of reports.
+#[pyfunction]
+pub(crate) fn fdi_log(
+    py: Python<'_>,
+    logs: Vec<Log<'_>>,
+    model_name: &str,
+    store: PathBuf,
+    classifier: Option<PathBuf>,
+    settings: Vec<String>,
+    every_window: bool,
+) -> PyResult<String> {
+    let choice = DetectorChoice {
+        store: &ModelStore::new(&store),
+        model: model_name,
+        classifier: classifier.as_deref(),
+        settings: &settings,
+    };
+    let (detectors, note) = choice.detectors().map_err(input)?;
+    let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
+    let reports = py.detach(|| {
+        let judged = logs.iter().map(|log| {
+            let report = rotortwin_verdicts::log::judge(log, &detectors, every_window);
+            let mut report = report.map_err(|refusal| format!("{}: {refusal}", log.name))?;
+            report.notes.extend(note.clone());
+            Ok(report)
+        });
+        judged.collect::<Result<Vec<_>, String>>()
+    });
+    json(&reports.map_err(input)?)
 }
 
 /// A vehicle from logs: what was found, and the three files of it (vehicle, blades, intervals).

@@ -4,9 +4,9 @@
 //! the messages of `proto/rotortwin/v1` (or implement [`rotortwin_wire::link::FdiPeer`]) and start the run with
 //! `rotortwin fly … --external fdi`.
 //!
-//! [`service`]: the same engine for flights that somebody else flies.
+//! [`topic`]: the same engine for flights that somebody else flies, over zenoh.
 
-pub mod service;
+pub mod topic;
 
 use clap::Parser;
 use rotortwin_process::PeerArgs;

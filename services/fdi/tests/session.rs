@@ -1,8 +1,8 @@
 //! A session says what the engine of a run says, and takes nothing that a run would not.
 
-use rotortwin_fdi::service::message::refusal_message;
-use rotortwin_fdi::service::session::{LONGEST_BRIDGE, REMEMBERED};
-use rotortwin_fdi::service::{Answer, Calibration, Chunk, FdiSession, Refusal, Sample, Window};
+use rotortwin_fdi_session::message::refusal_message;
+use rotortwin_fdi_session::session::{LONGEST_BRIDGE, REMEMBERED};
+use rotortwin_fdi_session::{Answer, Calibration, Chunk, FdiSession, Refusal, Sample, Window};
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
 use rotortwin_flight::pace::Pace;
 use rotortwin_flight::setup::run_setup;

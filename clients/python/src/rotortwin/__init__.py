@@ -4,6 +4,7 @@
 
     flight = rotortwin.Simulation("hover", seed=1).run()    # here: rotortwin.simulation, rotortwin.gym
     found = rotortwin.diagnose("flight.ulg", "my-vehicle.toml")    # here: rotortwin.analysis
+    from rotortwin import detectors                         # your own beside ours, on the same flights
 
     from rotortwin import Client
 
@@ -55,12 +56,14 @@ from .models import (
 from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
 if TYPE_CHECKING:
-    from .analysis import IdentifiedVehicle, Improved, Result, compare, diagnose, improve, vehicle_from_log
+    from .analysis import IdentifiedVehicle, Improved, JudgedLog, Result, compare, diagnose, fdi_log, improve, vehicle_from_log
     from .simulation import FlightError, Flights, InputError, Scenario, Simulation, SimulationBatch, Verdict, fly
 
 #: What runs in this process, by module: found when it is asked for, as the client of a server needs neither NumPy nor the native module.
 _HERE = {
-    "analysis": ("IdentifiedVehicle", "Improved", "Result", "compare", "diagnose", "improve", "vehicle_from_log"),
+    "analysis": (
+        "IdentifiedVehicle", "Improved", "JudgedLog", "Result", "compare", "diagnose", "fdi_log", "improve", "vehicle_from_log",
+    ),  # fmt: skip
     "simulation": ("FlightError", "Flights", "InputError", "Scenario", "Simulation", "SimulationBatch", "Verdict", "fly"),
 }
 
@@ -117,6 +120,7 @@ __all__ = [
     "Job",
     "JobFailed",
     "Jobs",
+    "JudgedLog",
     "Library",
     "Logs",
     "Models",
@@ -142,6 +146,7 @@ __all__ = [
     "Verification",
     "compare",
     "diagnose",
+    "fdi_log",
     "fly",
     "improve",
     "vehicle_from_log",

@@ -1,4 +1,4 @@
-"""The twin in this process, without a server: logs from files or data frames against models.
+"""The twin and the detectors in this process, without a server: logs from files or data frames against models.
 
     import pandas
     import rotortwin
@@ -6,6 +6,7 @@
     log = pandas.read_csv("flight.csv")                     # canonical columns: docs/logs.md
     found = rotortwin.diagnose(log, "f550")
     print(found.sentence)
+    print(rotortwin.fdi_log(log, "f550").sentence)          # has a rotor lost thrust?
 
 A log is the path of a file of any format that `rotortwin compare` reads (`"flight.ulg"`, `"flight.bin@35:65"`), a run folder, or a table:
 a data frame of pandas, polars or arrow, or a dict of arrays. A model is a vehicle's name or file, or `MODEL@v2` of a folder of models.
@@ -133,6 +134,71 @@ def improve(
     """
     result, text = _native.improve(_logs(logs), _logs(held_out or []), fspath(model), fspath(store))
     return Improved(Result(json.loads(result)), text)
+
+
+class JudgedLog(Result):
+    """What the detectors say of one log."""
+
+    @property
+    def sentence(self) -> str:
+        """The last verdict of each stretch that was judged, or why nothing was."""
+        stretches = self["stretches"]
+        if stretches:
+            return "; ".join(f"{each['from_s']:.1f} to {each['to_s']:.1f} s: {_verdict(each['sequential'])}" for each in stretches)
+        for lack in self["lacks"]:
+            if lack["prevents_verdicts"]:
+                return f"cannot judge: the log lacks {', '.join(lack['columns'])}"
+        reasons = {each["why"]: None for each in self["not_judged"]}
+        return f"cannot judge: {'; '.join(reasons) or 'no step has a value in every channel that the detectors need'}"
+
+    def frame(self) -> Any:
+        """Verdicts of the sequential detector as a data frame of pandas: each window if `fdi_log` was asked for them, else each change."""
+        import pandas
+
+        said = self.get("windows") or self["timeline"]
+        rows = [
+            {
+                "time_s": each["time_s"],
+                "verdict": each["sequential"]["verdict"],
+                "code": each["sequential"]["code"],
+                "probability": each["sequential"]["probability"],
+                "loss": next((loss["share"] for loss in each["sequential"]["thrust_loss"]), np.nan),
+                "loss_low": next((loss["share_low"] for loss in each["sequential"]["thrust_loss"]), np.nan),
+                "loss_high": next((loss["share_high"] for loss in each["sequential"]["thrust_loss"]), np.nan),
+            }
+            for each in said
+        ]
+        return pandas.DataFrame(rows)
+
+
+def _verdict(said: Mapping[str, Any]) -> str:
+    losses = [
+        f"rotor {loss['rotor']} lost {100 * loss['share']:.1f} % [{100 * loss['share_low']:.1f}, {100 * loss['share_high']:.1f}] of its thrust"
+        for loss in said["thrust_loss"]
+    ]
+    words = " and ".join(losses) or str(said["verdict"]).replace("_", " ")
+    if said["verdict"] == "ambiguous":
+        words += f" between rotors {', '.join(str(rotor) for rotor in said['suspect_rotors'])}"
+    return f"{words}, probability {said['probability']:.4f}"
+
+
+def fdi_log(
+    log: Log,
+    model: str | PathLike[str],
+    *,
+    classifier: str | PathLike[str] | None = None,
+    set: Mapping[str, object] | None = None,
+    windows: bool = False,
+    store: str | PathLike[str] = "models",
+) -> JudgedLog:
+    """Has a rotor lost thrust, which, since when, how much; or why the detectors cannot tell.
+
+    `model` is what they take for healthy. `classifier`: a file, for verdicts of the network. `set`: keys of the `[fdi]` table of scenarios, such
+    as `{"calibration_end_s": 5.0}`; what is damaged by the end of the calibration counts as healthy. `windows` keeps every window of 62.5 ms.
+    """
+    settings = [f"{key}={json.dumps(value)}" for key, value in (set or {}).items()]
+    told = _native.fdi_log([_log(log, 1)], fspath(model), fspath(store), fspath(classifier) if classifier else None, settings, windows)
+    return JudgedLog(json.loads(told)[0])
 
 
 @dataclass(frozen=True)

@@ -70,3 +70,32 @@ def test_regress_bad_logs_are_one_sentence(log: dict[str, Any]) -> None:
         rotortwin.diagnose(log, "f55")
     with pytest.raises(ValueError, match="mass"):
         rotortwin.vehicle_from_log(log, mass_kg=-1.0, arm_m=0.3)
+
+
+@pytest.fixture(scope="module")
+def damaged() -> dict[str, Any]:
+    """What would have been logged of a flight that loses 8 % of the thrust of rotor 4 at 12 s."""
+    fault = {"time_s": 12.0, "rotor": 4, "thrust_loss_percent": 8.0}
+    kept = rotortwin.Simulation("hover", seed=7, set={"duration_s": 20.0, "fault": [fault]}).run().telemetry()
+    return {name: values for name, values in kept.items() if name.startswith(MEASURED)}
+
+
+def test_val_a_damaged_rotor_of_a_table_is_named(damaged: dict[str, Any], log: dict[str, Any]) -> None:
+    seen = rotortwin.fdi_log(damaged, "f550", windows=True)
+    assert "rotor 4 lost" in seen.sentence and seen.sentence in repr(seen)
+    [loss] = seen["final_window"]["sequential"]["thrust_loss"]
+    assert loss["share_low"] <= 0.08 <= loss["share_high"]
+    frame = seen.frame()
+    assert frame.query("code == 4").time_s.min() < 13.0
+    assert len(frame) > 200 > len(rotortwin.fdi_log(damaged, "f550").frame())
+    assert set(rotortwin.fdi_log(log, "f550").frame().verdict) <= {"not_ready", "healthy", "cannot_judge"}
+
+
+def test_regress_what_cannot_be_judged_says_why(damaged: dict[str, Any]) -> None:
+    without = {name: values for name, values in damaged.items() if not name.startswith("roll_rate")}
+    assert rotortwin.fdi_log(without, "f550").sentence == "cannot judge: the log lacks roll_rate_rad_s"
+    for arguments, words in [({"set": {"calibration": 3}}, "calibration"), ({"classifier": "nothing.json"}, "nothing.json")]:
+        with pytest.raises(ValueError, match=words):
+            rotortwin.fdi_log(damaged, "f550", **arguments)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="4 of the vehicle"):
+        rotortwin.fdi_log(damaged, "quad-x")

@@ -2,15 +2,13 @@
 //!
 //! ```text
 //!  routes::fdi ─▶ FdiSessions ─▶ Entry{FdiSession, verdicts that changed}
-//!  routes::fdi_reports, rotortwin fdi-log ─▶ log ─▶ FdiSession ─▶ LogReport
+//!  routes::fdi_reports ─▶ a process of `rotortwin fdi-log`
 //! ```
-//! * [`answers`]: what goes out as JSON. * [`samples`]: what comes in as JSON, lines of JSON, or CSV. * [`sessions`]: who is open, for how
-//!   long. * [`log`]: a whole flight log.
+//! * [`samples`]: what comes in as JSON, lines of JSON, or CSV. * [`sessions`]: who is open, for how long. What goes out as JSON stands in
+//!   [`rotortwin_verdicts::view`].
 //!
 //! Sessions live in the memory of the server and end with it.
 
-pub mod answers;
-pub mod log;
 pub(crate) mod samples;
 pub mod sessions;
 

@@ -3,8 +3,8 @@
 //! Only what cannot be read as samples is refused here, naming the sample; their numbers are the session's matter.
 
 use crate::problem::Problem;
-use rotortwin_fdi::service::session::LONGEST_CHUNK;
-use rotortwin_fdi::service::{Chunk, Sample};
+use rotortwin_fdi_session::session::LONGEST_CHUNK;
+use rotortwin_fdi_session::{Chunk, Sample};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_twin::log::names;
 use serde::{Deserialize, Serialize};

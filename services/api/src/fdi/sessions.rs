@@ -3,15 +3,15 @@
 //! A session that nothing is asked of for the idle time is gone; so is every session when the server ends. Looked after whenever somebody
 //! asks for one, so that no clock runs while nobody does.
 
-use super::answers::{CalibrationState, ChangeView, ChunkAnswer, DetectorsView, ObstacleView, WindowView};
 use crate::access::Caller;
 use crate::problem::Problem;
-use rotortwin_fdi::service::topic::TopicService;
-use rotortwin_fdi::service::{Answer, Chunk, FdiSession, Refusal};
+use rotortwin_fdi::topic::TopicService;
+use rotortwin_fdi_session::{Answer, Chunk, FdiSession, Refusal};
 use rotortwin_links::topics::TopicSession;
 use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_process::LinkAddress;
 use rotortwin_scenario::Detectors;
+use rotortwin_verdicts::view::{CalibrationState, ChangeView, ChunkAnswer, DetectorsView, ObstacleView, WindowView};
 use serde::Serialize;
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

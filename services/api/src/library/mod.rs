@@ -110,8 +110,7 @@ impl Library {
                 known.join(", ")
             )));
         }
-        std::fs::read_to_string(self.root.join(kind).join(format!("{name}.toml")))
-            .map_err(|error| Problem::internal(&error))
+        std::fs::read_to_string(self.file(kind, name, "toml")).map_err(|error| Problem::internal(&error))
     }
 
     /// A scenario by name with keys set.
@@ -123,7 +122,7 @@ impl Library {
         for setting in set {
             stays_inside(setting)?;
         }
-        let path = self.root.join("scenarios").join(format!("{name}.toml"));
+        let path = self.file("scenarios", name, "toml");
         let set: Vec<&str> = set.iter().map(String::as_str).collect();
         Scenario::load_with(&path, &set).map_err(|error| self.refusal(&error))
     }
@@ -239,6 +238,11 @@ impl Library {
             .try_for_each(|(_, value)| every_path_inside(value))
     }
 
+    /// Where a document of this name stands, if there is one.
+    pub(crate) fn file(&self, kind: &str, name: &str, ending: &str) -> PathBuf {
+        self.root.join(kind).join(format!("{name}.{ending}"))
+    }
+
     /// Where it is.
     pub(crate) fn root(&self) -> &Path {
         &self.root
@@ -300,8 +304,7 @@ impl Library {
     /// 404 for the name; 422 for what cannot fly.
     pub(crate) fn vehicle_documents(&self, name: &str) -> Result<VehicleDocuments, Problem> {
         self.text("vehicles", name)?;
-        let path = self.root.join("vehicles").join(format!("{name}.toml"));
-        VehicleDocuments::load(path).map_err(|error| self.refusal(&error))
+        VehicleDocuments::load(self.file("vehicles", name, "toml")).map_err(|error| self.refusal(&error))
     }
 
     /// A vehicle from a text, as it would stand in `vehicles/`.
@@ -327,8 +330,7 @@ impl Library {
                 known.join(", ")
             )));
         }
-        let path = self.root.join("classifiers").join(format!("{name}.json"));
-        Classifier::read(&path).map_err(|error| self.refusal(&error))
+        Classifier::read(&self.file("classifiers", name, "json")).map_err(|error| self.refusal(&error))
     }
 
     /// A refusal without the server's paths.
@@ -336,7 +338,8 @@ impl Library {
         Problem::unprocessable(self.without_root(error))
     }
 
-    fn without_root(&self, error: &dyn std::fmt::Display) -> String {
+    /// A sentence without the server's paths.
+    pub(crate) fn without_root(&self, error: &dyn std::fmt::Display) -> String {
         let root = format!("{}/", self.root.display());
         error.to_string().replace(&root, "")
     }

@@ -2,7 +2,6 @@
 
 use crate::App;
 use crate::access::Caller;
-use crate::fdi::answers::ChunkAnswer;
 use crate::fdi::samples::{self, Form, SampleBody};
 use crate::fdi::sessions::{Entry, SessionView};
 use crate::library::Library;
@@ -13,11 +12,12 @@ use axum::extract::rejection::{BytesRejection, JsonRejection, PathRejection, Que
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use rotortwin_fdi::service::session::{LONGEST_BRIDGE, LONGEST_CHUNK, REMEMBERED};
-use rotortwin_fdi::service::topic::{measurement_topic, report_topic};
-use rotortwin_fdi::service::{Chunk, Refusal};
+use rotortwin_fdi::topic::{measurement_topic, report_topic};
+use rotortwin_fdi_session::session::{LONGEST_BRIDGE, LONGEST_CHUNK, REMEMBERED};
+use rotortwin_fdi_session::{Chunk, Refusal};
 use rotortwin_scenario::settings::NominalThrustModel;
 use rotortwin_scenario::{DetectorSettings, Detectors};
+use rotortwin_verdicts::view::ChunkAnswer;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::{IntoParams, ToSchema};

@@ -1,17 +1,20 @@
-//! FDI over a whole flight log that is uploaded.
+//! FDI over a whole flight log that is uploaded: judged by a process of its own, as every file of a stranger is read.
 
 use crate::App;
 use crate::access::Caller;
-use crate::fdi::log::{LogReport, judge_file};
 use crate::jobs::JobKind;
 use crate::problem::Problem;
-use axum::Json;
+use crate::worker::answer::{Patience, answer};
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, State};
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse as _, Response};
 use futures_util::StreamExt as _;
 use rotortwin_scenario::DetectorSettings;
+use rotortwin_verdicts::log::LogReport;
 use serde::Deserialize;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,6 +27,8 @@ const LARGEST_LOG: u64 = 128 << 20;
 const MOST_CELLS: usize = 1 << 25;
 /// Longest wait for those that came before.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// Longest time that a log takes: four hours of flight at 400 Hz take a fifth of it.
+const LONGEST: Duration = Duration::from_secs(120);
 
 /// Which detectors.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -63,7 +68,7 @@ pub(crate) async fn judge(
     caller: Caller,
     which: Result<Query<Which>, QueryRejection>,
     body: Body,
-) -> Result<Json<LogReport>, Problem> {
+) -> Result<Response, Problem> {
     let Query(which) = which?;
     let settings = DetectorSettings {
         calibration_start_s: which.calibration_start_s,
@@ -71,7 +76,8 @@ pub(crate) async fn judge(
         ..DetectorSettings::default()
     };
     let library = app.library(&caller).await?;
-    let detectors = super::fdi::detectors(
+    // Made here only to be refused: the process that judges makes its own.
+    super::fdi::detectors(
         &library,
         Some(&which.vehicle),
         None,
@@ -88,13 +94,41 @@ pub(crate) async fn judge(
             "other logs are being judged; expected a later try",
         ));
     };
-    let judged = tokio::task::spawn_blocking(move || {
-        judge_file(file.path(), &detectors, Some(MOST_CELLS)).map_err(|refusal| {
-            let path = file.path().display().to_string();
-            Problem::unprocessable(refusal.to_string().replace(&path, "the log"))
-        })
-    });
-    judged.await.map_err(|error| Problem::internal(&error))?.map(Json)
+    let mut words: Vec<OsString> = vec!["fdi-log".into(), file.path().into(), "--json".into()];
+    words.extend(["--most-cells".into(), MOST_CELLS.to_string().into()]);
+    words.extend([
+        "--model".into(),
+        library.file("vehicles", &which.vehicle, "toml").into(),
+    ]);
+    if let Some(classifier) = &which.classifier {
+        words.extend([
+            "--classifier".into(),
+            library.file("classifiers", classifier, "json").into(),
+        ]);
+    }
+    let set = [
+        ("calibration_start_s", which.calibration_start_s),
+        ("calibration_end_s", which.calibration_end_s),
+    ];
+    for (key, value) in set {
+        if let Some(value) = value {
+            words.extend(["--set".into(), format!("{key}={value:?}").into()]);
+        }
+    }
+    let patience = Patience {
+        memory: app.config.work.job_memory,
+        wall: LONGEST,
+    };
+    let answered = answer(&app.config.work.program, words, patience).await;
+    let report = answered.map_err(|mut problem| {
+        let path = file.path().display().to_string();
+        problem.detail = library
+            .without_root(&problem.detail)
+            .replace(&format!("{path}: "), "the log: ")
+            .replace(&path, "the log");
+        problem
+    })?;
+    Ok(([(CONTENT_TYPE, "application/json")], report).into_response())
 }
 
 /// Where the log is.

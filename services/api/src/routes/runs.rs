@@ -6,6 +6,7 @@ use crate::access::Caller;
 use crate::clock::now_ms;
 use crate::jobs::{Job, JobKind, Status};
 use crate::problem::Problem;
+use crate::worker::answer::{Patience, answer};
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
@@ -13,9 +14,12 @@ use axum::http::StatusCode;
 use rotortwin_jobs::StoredJob;
 use rotortwin_jobs::flight::{Flight, Link, Pace, Place};
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 use utoipa::ToSchema;
 
 const KIND: JobKind = JobKind::Run;
+/// A second execution takes no longer.
+const LONGEST_VERIFICATION: Duration = Duration::from_secs(600);
 
 /// What lists show of a run.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -245,17 +249,14 @@ pub(crate) async fn verify(
         .map_err(|error| Problem::internal(&error))?
         .ok_or_else(|| Problem::not_found(format!("the files of run {} are gone", run.id)))?;
     let start = now_ms();
-    let output = tokio::process::Command::new(&app.config.work.program)
-        .args(["replay", "--json"])
-        .arg(summary.parent().unwrap_or(&summary))
-        .kill_on_drop(true)
-        .output()
-        .await
-        .map_err(|error| Problem::internal(&error))?;
-    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).map_err(|error| {
-        let words = String::from_utf8_lossy(&output.stderr);
-        Problem::internal(&format!("replay gave no JSON ({error}): {words}"))
-    })?;
+    let run_folder = summary.parent().unwrap_or(&summary);
+    let patience = Patience {
+        memory: app.config.work.job_memory,
+        wall: LONGEST_VERIFICATION,
+    };
+    let words = ["replay".as_ref(), "--json".as_ref(), run_folder.as_os_str()];
+    let text = answer(&app.config.work.program, words, patience).await?;
+    let answer: serde_json::Value = serde_json::from_str(&text).map_err(|error| Problem::internal(&error))?;
     let again = answer["replayed"].as_str().unwrap_or_default().to_owned();
     if again != recorded_hash {
         tracing::error!(

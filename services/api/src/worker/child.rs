@@ -46,9 +46,9 @@ const SECRETS: &[&str] = &[
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Limits {
     /// Memory of its own, bytes; each process that it starts may take as much.
-    memory: u64,
+    pub(super) memory: u64,
     /// Processor time, s.
-    cpu_s: u64,
+    pub(super) cpu_s: u64,
 }
 
 impl Limits {
@@ -61,7 +61,8 @@ impl Limits {
         }
     }
 
-    fn hold(self, child: &Child) -> std::io::Result<()> {
+    /// Puts a process within them.
+    pub(super) fn hold(self, child: &Child) -> std::io::Result<()> {
         let pid = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
         for (resource, most) in [
             // Not the address space, of which shared memory and stacks take much without using it.
@@ -99,18 +100,23 @@ pub(super) fn without_secrets(command: &mut Command) {
 
 /// The limit that ended a process, as a sentence; another try would end alike.
 pub(super) fn limit_reached(shop: &Workshop, status: Option<ExitStatus>, complaints: &Path) -> Option<String> {
-    let signal = status?.signal()?;
+    let said = std::fs::read_to_string(complaints).unwrap_or_default();
+    limit_of(status?, &said, shop.job_memory)
+}
+
+/// As [`limit_reached`], of a process that had `memory` bytes and `said` this.
+pub(super) fn limit_of(status: ExitStatus, said: &str, memory: u64) -> Option<String> {
+    let signal = status.signal()?;
     if signal == Signal::XCPU.as_raw() {
         return Some("it took more processor time than a job may".to_owned());
     }
     if signal == Signal::XFSZ.as_raw() {
         return Some(format!("it wrote a file of more than {} GiB", LARGEST_FILE >> 30));
     }
-    let said = std::fs::read_to_string(complaints).unwrap_or_default();
     (signal == Signal::ABORT.as_raw() && said.contains(NO_MEMORY)).then(|| {
         format!(
             "it needs more than the {} MB of memory that a job may take (`--job-memory`)",
-            shop.job_memory / 1_000_000
+            memory / 1_000_000
         )
     })
 }
@@ -297,7 +303,11 @@ pub(super) fn signal(child: &Child, signal: Signal, group: bool) {
 
 /// The last line of a file of complaints.
 pub(super) fn last_words(complaints: &Path) -> String {
-    let text = std::fs::read_to_string(complaints).unwrap_or_default();
+    last_line(&std::fs::read_to_string(complaints).unwrap_or_default())
+}
+
+/// The last line that says something.
+pub(super) fn last_line(text: &str) -> String {
     text.lines()
         .rev()
         .find(|line| !line.trim().is_empty())

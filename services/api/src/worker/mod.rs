@@ -10,6 +10,7 @@
 //! * What leaves no result, or blames one of our own processes, is tried again, [`ATTEMPTS`] times in all. The same seed gives the same
 //!   bits, so a second execution is harmless.
 
+pub(crate) mod answer;
 mod child;
 mod command;
 mod flight;

@@ -1,7 +1,7 @@
 //! What detectors say, as JSON. Codes and words of verdicts: `docs/conventions.md`.
 
-use rotortwin_fdi::service::validity::{CANNOT_JUDGE, Obstacle};
-use rotortwin_fdi::service::{Answer, Calibration, Window};
+use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
+use rotortwin_fdi_session::{Answer, Calibration, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::Detectors;
 use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};

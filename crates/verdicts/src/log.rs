@@ -10,10 +10,10 @@
 //! Only what is in the air is given to the session: the log tells when the ground was left and where it was near
 //! again, which a session has to find without the rest of the flight. A *stretch* is what was judged after one calibration.
 
-use super::answers::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
-use rotortwin_fdi::service::session::LONGEST_CHUNK;
-use rotortwin_fdi::service::validity::CANNOT_JUDGE;
-use rotortwin_fdi::service::{Chunk, FdiSession, Sample, Window};
+use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
+use rotortwin_fdi_session::session::LONGEST_CHUNK;
+use rotortwin_fdi_session::validity::CANNOT_JUDGE;
+use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_plant::STEP_RATE_HZ;

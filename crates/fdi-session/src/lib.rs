@@ -1,4 +1,4 @@
-//! FDI as a service: measurements of a flight that somebody else flies, verdicts back.
+//! FDI of flights that somebody else flies: measurements in, verdicts out.
 //!
 //! ```text
 //!  HTTP chunk, WebSocket, zenoh topic, log file ─▶ Chunk ─▶ FdiSession ─▶ Answer{windows, notes} ─▶ back the same way
@@ -6,13 +6,11 @@
 //! * [`session`]: the engine of a run behind rules for what may come in: rate, order, gaps, repetition.
 //! * [`message`]: chunks and answers as protobuf messages.
 //! * [`validity`]: whether a verdict means anything.
-//! * [`topic`]: a session fed over zenoh, and its client.
 //!
-//! No vehicle file and no plant is known here: a session takes the engine's configuration, as the FDI process of a run does.
+//! No vehicle file, no plant and no link is known here: a session takes the engine's configuration, as the FDI process of a run does.
 
 pub mod message;
 pub mod session;
-pub mod topic;
 pub mod validity;
 
 pub use session::{Answer, Calibration, Chunk, FdiSession, Refusal, Sample, Window};

@@ -2,7 +2,7 @@
 //!
 //! What comes from outside is checked for its shape here (lengths of lists), for its numbers by the session.
 
-use super::session::{Answer, Calibration, Chunk, LONGEST_CHUNK, Refusal, Sample, Window};
+use crate::session::{Answer, Calibration, Chunk, LONGEST_CHUNK, Refusal, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_proto::{FdiCalibration, FdiMeasurements, FdiVerdicts, FdiWindow};
 use rotortwin_wire::convert::ConvertError;

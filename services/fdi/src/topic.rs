@@ -8,9 +8,9 @@
 //! Messages are small enough for one frame of the low-latency transport: at most [`LONGEST_MESSAGE`] bytes, some 600 samples of a
 //! hexarotor. A client that loses an answer sends the same message again.
 
-use super::message::{MessageRefusal, refusal_message};
-use super::session::{Answer, Chunk, FdiSession};
 use prost::Message as _;
+use rotortwin_fdi_session::message::{MessageRefusal, refusal_message};
+use rotortwin_fdi_session::{Answer, Chunk, FdiSession};
 use rotortwin_links::topics::{LONGEST_MESSAGE, TopicPublisher, TopicSession, TopicSubscriber};
 use rotortwin_proto::{FdiMeasurements, FdiVerdicts};
 use rotortwin_wire::convert::ConvertError;

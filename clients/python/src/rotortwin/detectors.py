@@ -1,0 +1,402 @@
+"""A detector of one's own beside ours: the same flights, the same score.
+
+    import numpy as np
+    from rotortwin import detectors
+
+    class Yawing(detectors.Detector):
+        name = "yaw rate"
+
+        def judge(self, flight):
+            mean = flight.windows("yaw_rate_rad_s").mean(axis=1)
+            return np.where(abs(mean) > 0.1, detectors.UNKNOWN, detectors.HEALTHY)
+
+    print(detectors.score([Yawing()], detectors.steps(losses=[0.05, 0.1], seeds=range(5))))
+
+A detector gets what was measured and commanded, never the truth, and gives a verdict for each window of 25 steps (62.5 ms). Windows that
+end before `CALIBRATED_S` are not scored: until then a vehicle counts as healthy and a detector may calibrate itself.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from math import ceil, exp, isnan, lgamma, log, nan, sqrt
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .simulation import STEP_S, InputError, Settings, Simulation
+
+if TYPE_CHECKING:
+    import pandas
+
+#: Verdict codes beside the rotors from 1: as in `telemetry.parquet`.
+HEALTHY, UNKNOWN, NOT_READY, AMBIGUOUS = 0, -1, -2, -3
+
+#: Steps of a window.
+WINDOW = 25
+#: Length of a window, s.
+WINDOW_S = WINDOW * STEP_S
+#: The flight up to here is for calibration, s.
+CALIBRATED_S = 10.0
+
+#: What a detector gets, by the beginning of the column's name; the residuals are those of our observers (Eq. 32 of the paper).
+MEASURED = (
+    "time_s", "position_", "velocity_", "roll_rad", "pitch_rad", "yaw_rad", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s",
+    "duty_", "battery_voltage_v", "residual_", "wrench_residual_",
+)  # fmt: skip
+_OURS = {"our T-test": "verdict_t_test", "our network": "verdict_network", "our sequential": "verdict_sequential"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A flight of a protocol. Without a rotor it is healthy."""
+
+    #: Rows of the score are by label.
+    label: str
+    scenario: str | PathLike[str]
+    seed: int
+    rotor: int | None = None
+    #: When the fault sets in, s.
+    onset_s: float = nan
+    set: Settings = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a detector sees of a flight."""
+
+    columns: dict[str, NDArray[Any]]
+    #: Of the vehicle.
+    rotor_count: int
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """Shape (steps,)."""
+        return self.columns[column]
+
+    @property
+    def window_count(self) -> int:
+        return len(self.columns["time_s"]) // WINDOW
+
+    def windows(self, column: str) -> NDArray[Any]:
+        """A column by window, shape (windows, 25)."""
+        return self.columns[column][: self.window_count * WINDOW].reshape(-1, WINDOW)
+
+    @property
+    def window_end_s(self) -> NDArray[np.float64]:
+        """Shape (windows,)."""
+        return np.asarray((np.arange(self.window_count) + 1) * WINDOW_S)
+
+
+@dataclass(frozen=True)
+class LabelledFlight:
+    """A flight to learn from."""
+
+    flight: Flight
+    case: Case
+    #: What is right in each window: 0, or the damaged rotor.
+    truth: NDArray[np.int64]
+
+
+class Detector(ABC):
+    """Judges flights. One that goes from step to step is a `StepDetector`."""
+
+    #: In tables.
+    name = "own"
+
+    def learn(self, flights: Sequence[LabelledFlight]) -> None:  # noqa: B027 - not everybody learns
+        """Called once before the score if there are flights to learn from; they are none of those that are scored."""
+
+    @abstractmethod
+    def judge(self, flight: Flight) -> ArrayLike:
+        """A verdict for each window, shape (windows,): 0 healthy, i rotor i, `UNKNOWN`, `NOT_READY`, `AMBIGUOUS`."""
+
+
+class StepDetector(Detector):
+    """Sees one step after the other, as on board."""
+
+    @abstractmethod
+    def begin(self, rotor_count: int) -> None:
+        """A new flight."""
+
+    @abstractmethod
+    def step(self, sample: dict[str, float]) -> int:
+        """The verdict after this step; `sample` holds the columns of `MEASURED`."""
+
+    def judge(self, flight: Flight) -> ArrayLike:
+        self.begin(flight.rotor_count)
+        names = list(flight.columns)
+        rows = np.column_stack([flight.columns[name] for name in names]).tolist()
+        said = [self.step(dict(zip(names, row, strict=True))) for row in rows]
+        return np.asarray(said[WINDOW - 1 :: WINDOW])
+
+
+def steps(
+    losses: Iterable[float] = (0.05, 0.1, 0.2),
+    *,
+    seeds: Iterable[int] = range(2),
+    rotors: Iterable[int] = range(1, 7),
+    healthy: int = 3,
+    scenario: str | PathLike[str] = "hover",
+    duration_s: float = 20.0,
+    onset_s: float = 12.0,
+    set: Settings | None = None,
+) -> list[Case]:
+    """For each of `seeds`: flights with a sudden loss of thrust (fractions) of each rotor, and `healthy` ones of the same scenario.
+
+    Each flight has a seed of its own, made of these: no two share their noise, and other `seeds` are other flights. `set` replaces further keys of the
+    scenario: wind, battery, mismatch of the model.
+    """
+    rest = {**(set or {}), "duration_s": float(duration_s)}
+    wanted, losses, rotors = list(seeds), list(losses), list(rotors)
+    first = {seed: 1_000_000 + 10_000 * seed for seed in wanted}
+    calm = [first[seed] + 9_000 + number for seed in wanted for number in range(healthy)]
+    cases = [Case("healthy", scenario, seed, set={**rest, "fault": []}) for seed in calm]
+    for seed in wanted:
+        for rotor in rotors:
+            for place, loss in enumerate(losses):
+                fault = {"time_s": onset_s, "rotor": rotor, "thrust_loss_percent": 100.0 * loss}
+                own = first[seed] + 100 * place + rotor
+                cases.append(Case(f"−{100 * loss:g} %", scenario, own, rotor, onset_s, {**rest, "fault": [fault]}))
+    return cases
+
+
+def fly(cases: Sequence[Case]) -> list[LabelledFlight]:
+    """The flights of a protocol with what is right, to learn from or to look at."""
+    return [flown.labelled for flown in _fly_all(cases)]
+
+
+@dataclass(frozen=True)
+class _Flown:
+    labelled: LabelledFlight
+    ours: dict[str, NDArray[Any]]
+
+
+def _fly(case: Case) -> _Flown:
+    columns = [name if name.endswith(("_s", "_rad", "_v")) else f"{name}*" for name in MEASURED]
+    flown = Simulation(case.scenario, seed=case.seed, set=case.set, record=[*columns, *_OURS.values()]).run()
+    kept = flown.telemetry()
+    seen = {name: values for name, values in kept.items() if name.startswith(MEASURED)}
+    flight = Flight(seen, flown.rotor_count)
+    truth = np.zeros(flight.window_count, dtype=np.int64)
+    if case.rotor is not None:
+        truth[flight.window_end_s > case.onset_s + 1e-9] = case.rotor
+    # A verdict stands at the last step of its window and until the next one ends.
+    ours = {name: kept[column][WINDOW - 1 :: WINDOW] for name, column in _OURS.items()}
+    return _Flown(LabelledFlight(flight, case, truth), ours)
+
+
+def _fly_all(cases: Sequence[Case]) -> list[_Flown]:
+    if not cases:
+        raise InputError("expected at least one case, got none")
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(_fly, cases))
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a detector did with the flights of one label."""
+
+    detector: str
+    label: str
+    flights: int
+    #: Share of the scored windows with the right verdict; windows without a verdict are wrong.
+    right: float
+    #: Flights with a fault that was named right at least once, and of those the ones that ended so; None where there is no fault.
+    found: int | None
+    settled: int | None
+    #: Median time from the fault to the end of the first right window, and to the one after which no window was wrong, s.
+    first_s: float
+    settled_s: float
+    #: Flights in which a healthy rotor was named.
+    wrong_rotor: int
+    #: Begins of an alarm while everything was healthy, and the healthy time that was scored, h.
+    false_alarms: int
+    healthy_h: float
+    #: Computing time of a step, µs; 0 for ours, which fly along.
+    cost_us: float
+
+    @property
+    def found_interval(self) -> tuple[float, float]:
+        """95 % interval (Wilson) of the share of faults that are named."""
+        return wilson(self.found or 0, self.flights)
+
+    @property
+    def false_alarms_per_hour(self) -> tuple[float, float, float]:
+        """Rate, and its exact 95 % interval for a Poisson count."""
+        low, high = poisson(self.false_alarms)
+        return (self.false_alarms / self.healthy_h, low / self.healthy_h, high / self.healthy_h) if self.healthy_h else (nan, nan, nan)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Detectors side by side. Prints as a table of 80 columns."""
+
+    rows: tuple[Row, ...]
+
+    def frame(self) -> pandas.DataFrame:
+        """All figures as a data frame; needs pandas."""
+        import pandas
+
+        def values(row: Row) -> dict[str, Any]:
+            low, high = row.found_interval if row.found is not None else (nan, nan)
+            rate = row.false_alarms_per_hour
+            return {
+                **vars(row), "found_low": low, "found_high": high,
+                "false_alarms_per_h": rate[0], "false_alarms_per_h_low": rate[1], "false_alarms_per_h_high": rate[2],
+            }  # fmt: skip
+
+        return pandas.DataFrame([values(row) for row in self.rows])
+
+    def __str__(self) -> str:
+        head = ("detector", "case", "n", "right", "found [95 %]", "first", "settled", "wrong", "false/h [95 %]")
+        table = [head] + [_cells(row) for row in self.rows]
+        widths = [max(len(line[column]) for line in table) for column in range(len(head))]
+        lines = []
+        for line in table:
+            cells = [cell.ljust(width) if at < 2 else cell.rjust(width) for at, (cell, width) in enumerate(zip(line, widths, strict=True))]
+            lines.append(" ".join(cells).rstrip())
+        lines.append("right: of windows; first, settled: median s after the fault; wrong: flights in")
+        lines.append("which a healthy rotor was named; false/h: alarms per healthy hour")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    low, high = row.found_interval
+    rate, rate_low, rate_high = row.false_alarms_per_hour
+    return (
+        row.detector,
+        row.label,
+        str(row.flights),
+        f"{100 * row.right:.1f}%",
+        "" if row.found is None else f"{row.found} [{ceil(100 * low - 0.5)},{ceil(100 * high - 0.5)}]",
+        "" if isnan(row.first_s) else f"{row.first_s:.2f}",
+        "" if isnan(row.settled_s) else f"{row.settled_s:.2f}",
+        str(row.wrong_rotor),
+        "" if isnan(rate) else f"{_short(rate)} [{_short(rate_low)},{_short(rate_high)}]",
+    )
+
+
+def _short(value: float) -> str:
+    """Two digits that count, without an exponent."""
+    return f"{float(f'{value:.2g}'):.10g}"
+
+
+def score(detectors: Sequence[Detector], cases: Sequence[Case], *, learn_from: Sequence[Case] = ()) -> Scores:
+    """Flies the cases and scores these detectors and ours on them.
+
+    `learn_from`: flights that detectors which learn may see, with the truth. None of them may be among `cases`.
+    """
+    flown = _fly_all(cases)
+    seen = {(str(case.scenario), case.seed) for case in learn_from}
+    twice = next((case for case in cases if (str(case.scenario), case.seed) in seen), None)
+    if twice is not None:
+        raise InputError(f"{twice.scenario}, seed {twice.seed}: expected other flights to learn from than to be scored on")
+    if learn_from:
+        lessons = fly(learn_from)
+        for detector in detectors:
+            detector.learn(lessons)
+    rows = []
+    for label in dict.fromkeys(case.label for case in cases):
+        some = [each for each in flown if each.labelled.case.label == label]
+        for detector in detectors:
+            begun = time.perf_counter()
+            said = [_checked(detector, each.labelled.flight) for each in some]
+            spent = time.perf_counter() - begun
+            steps_flown = sum(len(each.labelled.flight["time_s"]) for each in some)
+            rows.append(_row(detector.name, label, some, said, 1e6 * spent / steps_flown))
+        for name in _OURS:
+            if any((each.ours[name] != NOT_READY).any() for each in some):
+                rows.append(_row(name, label, some, [each.ours[name] for each in some], 0.0))
+    return Scores(tuple(rows))
+
+
+def _checked(detector: Detector, flight: Flight) -> NDArray[np.int64]:
+    said = np.asarray(detector.judge(flight))
+    if said.shape != (flight.window_count,):
+        raise InputError(f"{detector.name}: expected {flight.window_count} verdicts, one a window, got an array of shape {said.shape}")
+    if said.dtype.kind not in "iu" and not np.array_equal(said, np.round(said)):
+        raise InputError(f"{detector.name}: expected verdict codes, whole numbers, got {said.dtype}")
+    return said.astype(np.int64)
+
+
+def _row(name: str, label: str, flown: Sequence[_Flown], verdicts: Sequence[NDArray[Any]], cost_us: float) -> Row:
+    right, scored, alarms, healthy_windows, wrong = 0, 0, 0, 0, 0
+    first: list[float] = []
+    settled: list[float] = []
+    faults = 0
+    for each, said in zip(flown, verdicts, strict=True):
+        case, truth = each.labelled.case, each.labelled.truth
+        said = said[: len(truth)]
+        end_s = each.labelled.flight.window_end_s
+        used = end_s > CALIBRATED_S + 1e-9
+        right += int((said == truth)[used].sum())
+        scored += int(used.sum())
+        alarm = (said != HEALTHY) & (said != NOT_READY)
+        calm = used & (truth == 0)
+        healthy_windows += int(calm.sum())
+        begins = alarm & ~np.concatenate(([False], alarm[:-1])) & calm
+        alarms += int(begins.sum())
+        wrong += int(((said > 0) & (said != truth) & used).any())
+        if case.rotor is not None:
+            faults += 1
+            after = truth != 0
+            good = (said == truth) & after
+            if good.any():
+                first.append(float(end_s[good.argmax()] - case.onset_s))
+            bad = np.flatnonzero(after & ~good)
+            begin = int(bad[-1]) + 1 if len(bad) else int(after.argmax())
+            if after.any() and begin < len(truth):
+                settled.append(float(end_s[begin] - case.onset_s))
+    return Row(
+        detector=name,
+        label=label,
+        flights=len(flown),
+        right=right / max(scored, 1),
+        found=len(first) if faults else None,
+        settled=len(settled) if faults else None,
+        first_s=float(np.median(first)) if first else nan,
+        settled_s=float(np.median(settled)) if settled else nan,
+        wrong_rotor=wrong,
+        false_alarms=alarms,
+        healthy_h=healthy_windows * WINDOW_S / 3600.0,
+        cost_us=cost_us,
+    )
+
+
+def wilson(hits: int, of: int) -> tuple[float, float]:
+    """95 % interval of a share (Wilson 1927)."""
+    if of == 0:
+        return (0.0, 1.0)
+    z = 1.959964
+    centre, spread = (hits + z * z / 2) / (of + z * z), z * sqrt(hits * (of - hits) / of + z * z / 4) / (of + z * z)
+    return (max(0.0, centre - spread), min(1.0, centre + spread))
+
+
+def poisson(count: int) -> tuple[float, float]:
+    """Exact 95 % interval of the mean of a Poisson count (Garwood 1936)."""
+
+    def below(most: int, mean: float) -> float:
+        return sum(exp(-mean + k * log(mean) - lgamma(k + 1)) for k in range(most + 1))
+
+    def solve(most: int, probability: float) -> float:
+        low, high = 1e-9, 10.0 * (most + 5)
+        for _ in range(100):
+            middle = (low + high) / 2
+            low, high = (middle, high) if below(most, middle) > probability else (low, middle)
+        return low
+
+    return (0.0 if count == 0 else solve(count - 1, 0.975), solve(count, 0.025))

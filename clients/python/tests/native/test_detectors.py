@@ -1,0 +1,110 @@
+"""Detectors of one's own: what they see, how they are scored."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from rotortwin import InputError, detectors, reference_detectors
+
+CASES = detectors.steps([0.1], seeds=[1], rotors=[1, 4], healthy=1)
+
+
+class Says(detectors.Detector):
+    """Always the same."""
+
+    name = "says"
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+
+    def judge(self, flight: detectors.Flight) -> ArrayLike:
+        return np.full(flight.window_count, self.code)
+
+
+class Counts(detectors.StepDetector):
+    name = "counts"
+    seen: set[str]
+
+    def begin(self, rotor_count: int) -> None:
+        self.steps = 0
+
+    def step(self, sample: dict[str, float]) -> int:
+        self.seen = set(sample)
+        self.steps += 1
+        return 1 if self.steps > 6000 else 0
+
+
+def rows(scores: detectors.Scores, name: str) -> list[detectors.Row]:
+    return [row for row in scores.rows if row.detector == name]
+
+
+def test_val_intervals() -> None:
+    # Table of the Poisson distribution (Garwood 1936); Wilson's for 9 of 10.
+    assert detectors.poisson(0) == pytest.approx((0.0, 3.6889), abs=1e-3)
+    assert detectors.poisson(3) == pytest.approx((0.6187, 8.7673), abs=1e-3)
+    assert detectors.wilson(9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-3)
+
+
+def test_val_a_score_counts_what_was_said() -> None:
+    # 20 s, the fault at 12 s: windows from 10 s on are scored, 32 of 160 before it.
+    calm, faulty = rows(detectors.score([Says(0)], CASES), "says")
+    assert (calm.flights, calm.right, calm.false_alarms, calm.found) == (1, 1.0, 0, None)
+    assert (faulty.flights, faulty.found, faulty.settled, faulty.wrong_rotor) == (2, 0, 0, 0)
+    assert faulty.right == pytest.approx(32 / 160)
+    calm, faulty = rows(detectors.score([Says(1)], CASES), "says")
+    assert (calm.right, calm.wrong_rotor, calm.false_alarms) == (0.0, 1, 0)  # the alarm began before the scored time
+    assert (faulty.found, faulty.settled, faulty.wrong_rotor) == (1, 1, 2)
+    assert faulty.first_s == pytest.approx(detectors.WINDOW_S)
+    scores = detectors.score([Counts()], CASES)
+    calm, faulty = rows(scores, "counts")
+    assert calm.false_alarms == 1
+    assert calm.healthy_h == pytest.approx(10.0 / 3600.0)
+    assert faulty.first_s == pytest.approx(15.0 + detectors.WINDOW_S - 12.0)
+    assert max(map(len, str(scores).splitlines())) <= 80 and len(scores.frame()) == len(scores.rows)
+
+
+def test_scenario_a_detector_never_sees_the_truth() -> None:
+    own = Counts()
+    detectors.score([own], CASES[:1])
+    assert own.seen >= {"time_s", "duty_6", "yaw_rate_rad_s", "wrench_residual_mz_nms"}
+    assert not [name for name in own.seen if "true" in name or "fault" in name or "verdict" in name or "loss" in name]
+
+
+def test_val_ours_are_scored_as_the_flight_recorded_them() -> None:
+    _, faulty = rows(detectors.score([Says(0)], CASES), "our sequential")
+    assert (faulty.found, faulty.settled, faulty.wrong_rotor, faulty.false_alarms) == (2, 2, 0, 0)
+    assert faulty.first_s < 0.3
+
+
+def test_scenario_detectors_of_the_literature_learn_and_find() -> None:
+    pytest.importorskip("sklearn")
+    lessons = detectors.steps([0.1], seeds=[100])
+    own = [reference_detectors.Cusum(), reference_detectors.BoostedTrees(max_iter=30)]
+    scores = detectors.score(own, CASES, learn_from=lessons)
+    for name in ("CUSUM", "boosted trees"):
+        assert rows(scores, name)[1].found == 2
+
+
+def test_regress_refusals_are_one_sentence() -> None:
+    class Short(Says):
+        def judge(self, flight: detectors.Flight) -> ArrayLike:
+            return [0]
+
+    class Fractions(Says):
+        def judge(self, flight: detectors.Flight) -> ArrayLike:
+            return np.full(flight.window_count, 0.5)
+
+    refused: list[tuple[Any, Any, str]] = [
+        (Short(0), {}, "says: expected 320 verdicts"),
+        (Fractions(0), {}, "whole numbers"),
+        (reference_detectors.Cusum(), {}, "expected flights to learn from"),
+        (reference_detectors.Cusum(), {"learn_from": detectors.steps([0.1], seeds=[2], rotors=[1])}, "rotor 2 has none"),
+        (Says(0), {"learn_from": CASES}, "expected other flights to learn from"),
+    ]
+    for own, more, words in refused:
+        with pytest.raises(InputError, match=words):
+            detectors.score([own], CASES[:1], **more)
+    with pytest.raises(InputError, match="at least one case"):
+        detectors.score([Says(0)], [])

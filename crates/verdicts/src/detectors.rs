@@ -1,0 +1,60 @@
+//! Detectors of a model of the user's.
+
+use rotortwin_plant::error::Refusal;
+use rotortwin_scenario::template::{TomlFile, set_value};
+use rotortwin_scenario::{Classifier, DetectorSettings, Detectors};
+use rotortwin_twin::model::ModelStore;
+use std::path::Path;
+
+/// What the detectors take for healthy, and how they are set.
+#[derive(Debug)]
+pub struct DetectorChoice<'a> {
+    /// Where models have their versions.
+    pub store: &'a ModelStore,
+    /// A vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file.
+    pub model: &'a str,
+    /// Without one the network gives no verdict.
+    pub classifier: Option<&'a Path>,
+    /// `KEY=VALUE` of the `[fdi]` table of scenarios; what is not set is as the classifier was trained.
+    pub settings: &'a [String],
+}
+
+impl DetectorChoice<'_> {
+    /// The detectors, and what of the model they cannot hold, as a sentence.
+    ///
+    /// # Errors
+    /// One sentence: no such model, a file that is none, a setting that cannot be.
+    pub fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
+        let found = self.store.find(self.model);
+        let version = found.map_err(|error| error.to_string())?.version;
+        let refused = |refusal: Refusal| format!("{}, `{}`: {}", self.model, refusal.key, refusal.reason);
+        let vehicle = version.for_detectors().map_err(refused)?;
+        let note = (!vehicle.not_carried.is_empty()).then(|| {
+            format!(
+                "the detectors have no parameter for {} of the model: what it does counts as a disturbance",
+                vehicle.not_carried.join(", ")
+            )
+        });
+        let classifier = self.classifier.map(Classifier::read).transpose();
+        let classifier = classifier.map_err(|error| error.to_string())?;
+        let detectors = Detectors::new(vehicle.documents, &self.parsed_settings()?, classifier).map_err(refused)?;
+        Ok((detectors, note))
+    }
+
+    fn parsed_settings(&self) -> Result<DetectorSettings, String> {
+        let mut table = toml::Table::new();
+        for setting in self.settings {
+            let refuse = |reason: &str| format!("--set {setting}: {reason}");
+            let (key, value) = setting.split_once('=').ok_or_else(|| refuse("expected KEY=VALUE"))?;
+            let value = toml::from_str::<toml::Table>(&format!("value = {value}"))
+                .ok()
+                .and_then(|mut table| table.remove("value"))
+                .unwrap_or_else(|| toml::Value::String(value.to_owned()));
+            set_value(&mut table, key.trim(), value).map_err(|reason| refuse(&reason))?;
+        }
+        let text = toml::to_string(&table).map_err(|error| error.to_string())?;
+        TomlFile::from_text("--set", &text)
+            .and_then(|file| file.parse())
+            .map_err(|error| format!("--set, key `{}`: {}", error.key().unwrap_or("?"), error.reason()))
+    }
+}

@@ -1,0 +1,9 @@
+//! What the detectors say, as data, and whole flight logs held before them.
+//!
+//! * [`view`]: a verdict, a window, a session's answer as JSON, for everything that shows one: the API, the command, Python.
+//! * [`log`]: a flight log judged: verdicts over time, the last word, what could not be judged and why.
+//! * [`detectors`]: which detectors, of a model and settings.
+
+pub mod detectors;
+pub mod log;
+pub mod view;
