@@ -115,9 +115,13 @@ fn the_wheel_works(python: &str) {
     // A detector of one's own, and the notebook, every cell of it.
     let example = client_folder().join("examples/own_detector.py");
     let said = run("python", &[example.as_os_str()], &scratch.path("."));
-    assert!(said.contains("torque direction") && said.contains("boosted trees"), "{said}");
+    assert!(
+        said.contains("torque direction") && said.contains("boosted trees"),
+        "{said}"
+    );
     let notebook = client_folder().join("examples/first_flight.ipynb");
-    let execute = "import sys, nbformat, nbclient; nbclient.NotebookClient(nbformat.read(sys.argv[1], 4), timeout=300).execute()";
+    let execute =
+        "import sys, nbformat, nbclient; nbclient.NotebookClient(nbformat.read(sys.argv[1], 4), timeout=300).execute()";
     run(
         "python",
         &["-c".as_ref(), execute.as_ref(), notebook.as_os_str()],
