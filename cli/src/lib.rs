@@ -263,7 +263,9 @@ fn refuse(error: &clap::Error) -> ExitCode {
             } else {
                 "; "
             };
-            sentence + separator + line.trim_matches(['[', ']'])
+            // `[possible values: …]`, but not `… [--json]`.
+            let inner = line.strip_prefix('[').and_then(|line| line.strip_suffix(']'));
+            sentence + separator + inner.unwrap_or(line)
         });
     let sentence = sentence.trim().trim_start_matches("error: ").to_owned();
     let command = command_of(error);

@@ -115,6 +115,7 @@ fn scenario_what_cannot_be_flown_is_refused_with_the_reason() {
         ),
         (r#"{"text":"vehicle = '/etc/passwd'"}"#, 422, "leads out of the library"),
         (r#"{"scenario":"hover","colour":"red"}"#, 422, "colour"),
+        (r#" ["short-hover"]"#, 422, "expected one JSON object"),
         ("{", 400, "JSON"),
     ] {
         let answer = server.ask("POST", "/api/v1/runs", &[], body);

@@ -118,7 +118,30 @@ fn scenario_a_canceled_campaign_takes_its_parts_along() {
         204
     );
     let metrics = server.ask("GET", "/metrics", &[], "");
-    assert!(!String::from_utf8_lossy(&metrics.body).contains("campaign"));
+    let text = String::from_utf8_lossy(&metrics.body).into_owned();
+    assert!(!text.contains("kind=\"campaign"), "{text}");
+    // How long the requests took, without what they named.
+    let cancel = "method=\"POST\",route=\"/api/v1/campaigns/{id}/cancel\",status=\"202\"} 1";
+    assert!(
+        text.contains(&format!("rotortwin_request_duration_seconds_count{{{cancel}")),
+        "{text}"
+    );
+    assert!(text.contains("rotortwin_queue_age_seconds 0\n"), "{text}");
+    server.submit(&json!({ "scenario": "short-hover" }));
+    std::thread::sleep(std::time::Duration::from_millis(30));
+    let metrics = server.ask("GET", "/metrics?tenants=true", &[], "");
+    let text = String::from_utf8_lossy(&metrics.body).into_owned();
+    assert!(
+        text.contains("rotortwin_tenant_jobs{tenant=\"local\",status=\"queued\"} 1"),
+        "{text}"
+    );
+    let age = text
+        .lines()
+        .find_map(|line| line.strip_prefix("rotortwin_queue_age_seconds "));
+    assert!(
+        age.and_then(|age| age.parse().ok()).is_some_and(|age: f64| age > 0.02),
+        "{text}"
+    );
 }
 
 #[test]

@@ -18,7 +18,9 @@ mod connections;
 mod data_folder;
 pub mod fdi;
 mod jobs;
+mod json_object;
 mod library;
+mod metrics;
 mod problem;
 mod routes;
 mod sessions;
@@ -36,6 +38,7 @@ use crate::fdi::FdiSessions;
 use crate::jobs::database::{Database, SERVER_CONNECTIONS, WORKER_CONNECTIONS};
 use crate::jobs::queue::FairShare;
 use crate::library::Library;
+use crate::metrics::Metrics;
 use crate::tls::TlsListener;
 use crate::traces::Traces;
 use crate::worker::{Meeting, Workshop};
@@ -132,6 +135,7 @@ pub(crate) struct App {
     pub(crate) shop: Arc<Workshop>,
     pub(crate) rate: Rate,
     pub(crate) fdi: FdiSessions,
+    pub(crate) metrics: Metrics,
 }
 
 impl App {
@@ -295,6 +299,7 @@ impl Server {
             artifacts: worker.shop.artifacts.clone(),
             shop: Arc::clone(&worker.shop),
             fdi,
+            metrics: Metrics::new(),
         });
         Ok(Self {
             app,

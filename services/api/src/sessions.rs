@@ -12,7 +12,7 @@ use crate::tokens::{Token, hash, token_of};
 use axum::http::{HeaderMap, header};
 
 /// Name of the cookie.
-const COOKIE: &str = "rotortwin_session";
+pub(crate) const COOKIE: &str = "rotortwin_session";
 /// A session is worth something for so long, ms: a week.
 const VALID_MS: i64 = 7 * 24 * 3600 * 1000;
 

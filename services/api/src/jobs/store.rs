@@ -151,6 +151,30 @@ impl Database {
             .collect()
     }
 
+    /// When the job was submitted that waits longest, ms of Unix time.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn oldest_queued(&self) -> Result<Option<i64>, sqlx::Error> {
+        let row = sqlx::query("SELECT MIN(submitted_ms) AS oldest FROM job WHERE status = 'queued'");
+        row.fetch_one(&self.pool).await?.try_get("oldest")
+    }
+
+    /// How many jobs of each account wait and run, by account and state.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn count_open_by_tenant(&self) -> Result<Vec<(String, String, i64)>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT tenant, status, COUNT(*) AS jobs FROM job WHERE status IN ('queued', 'running') \
+             GROUP BY tenant, status ORDER BY tenant, status",
+        );
+        let rows = rows.fetch_all(&self.pool).await?;
+        rows.iter()
+            .map(|row| Ok((row.try_get("tenant")?, row.try_get("status")?, row.try_get("jobs")?)))
+            .collect()
+    }
+
     /// What a tenant has: jobs that wait or run, and bytes of files.
     ///
     /// # Errors

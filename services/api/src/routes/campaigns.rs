@@ -5,10 +5,9 @@ use super::tasks::{Draft, LIBRARY, OUT, laid_out, submit_in_parts};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::library::Library;
 use crate::problem::Problem;
-use axum::Json;
-use axum::extract::rejection::JsonRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_campaign::study::Campaign;
@@ -79,9 +78,9 @@ pub(crate) async fn submit(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<Json<CampaignSubmission>, JsonRejection>,
+    body: Result<JsonObject<CampaignSubmission>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Campaign, &headers, &hash, JobView::from).await? {
         return Ok(answer);

@@ -4,10 +4,10 @@ use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{CLASSIFIER, Draft, LIBRARY, OUT, done, laid_out};
 use crate::access::Caller;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::problem::Problem;
-use axum::Json;
 use axum::extract::Path;
-use axum::extract::rejection::{JsonRejection, PathRejection};
+use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::StoredJob;
@@ -88,9 +88,9 @@ pub(crate) async fn submit(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<Json<Training>, JsonRejection>,
+    body: Result<JsonObject<Training>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Classifier, &headers, &hash, JobView::from).await? {
         return Ok(answer);
@@ -174,10 +174,10 @@ pub(crate) async fn evaluate(
     caller: Caller,
     id: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
-    body: Result<Json<Evaluation>, JsonRejection>,
+    body: Result<JsonObject<Evaluation>, Problem>,
 ) -> Result<Response, Problem> {
     let Path(id) = id?;
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&(&id, &body));
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Campaign, &headers, &hash, JobView::from).await? {
         return Ok(answer);

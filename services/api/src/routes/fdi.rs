@@ -4,11 +4,12 @@ use crate::App;
 use crate::access::Caller;
 use crate::fdi::samples::{self, Form, SampleBody};
 use crate::fdi::sessions::{Entry, SessionView};
+use crate::json_object::JsonObject;
 use crate::library::Library;
 use crate::problem::Problem;
 use axum::Json;
 use axum::body::Bytes;
-use axum::extract::rejection::{BytesRejection, JsonRejection, PathRejection, QueryRejection};
+use axum::extract::rejection::{BytesRejection, PathRejection, QueryRejection};
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -221,9 +222,9 @@ pub(crate) fn detectors(
 pub(crate) async fn open(
     State(app): State<Arc<App>>,
     caller: Caller,
-    body: Result<Json<SessionBody>, JsonRejection>,
+    body: Result<JsonObject<SessionBody>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     if app.is_ending() {
         return Err(Problem::unavailable("the server is ending"));
     }

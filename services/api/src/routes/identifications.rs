@@ -5,11 +5,12 @@ use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, Flights, OUT, done};
 use crate::access::Caller;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::library::DocumentKind;
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::Path;
-use axum::extract::rejection::{JsonRejection, PathRejection};
+use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_jobs::{Identification, StoredJob};
@@ -108,9 +109,9 @@ pub(crate) async fn submit(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<Json<IdentificationSubmission>, JsonRejection>,
+    body: Result<JsonObject<IdentificationSubmission>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Identification, &headers, &hash, JobView::from).await? {
         return Ok(answer);

@@ -4,10 +4,10 @@ use super::documents::check;
 use super::jobs::Shared;
 use super::results::DeclaredEffect;
 use crate::access::Caller;
+use crate::json_object::JsonObject;
 use crate::library::{Complaint, DocumentKind};
 use crate::problem::Problem;
 use axum::Json;
-use axum::extract::rejection::JsonRejection;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -99,9 +99,9 @@ impl Validation {
 pub(crate) async fn validate_scenario(
     app: Shared,
     caller: Caller,
-    body: Result<Json<ToValidate>, JsonRejection>,
+    body: Result<JsonObject<ToValidate>, Problem>,
 ) -> Result<Json<Validation>, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let library = app.library(&caller).await?;
     let (name, text) = (body.scenario.as_deref(), body.text.as_deref());
     match super::submissions::find_scenario(&library, name, text, &body.set) {
@@ -152,9 +152,9 @@ macro_rules! validation {
         pub(crate) async fn $function(
             app: Shared,
             caller: Caller,
-            body: Result<Json<TextToValidate>, JsonRejection>,
+            body: Result<JsonObject<TextToValidate>, Problem>,
         ) -> Result<Json<Validation>, Problem> {
-            let Json(body) = body?;
+            let JsonObject(body) = body?;
             let complaints = check(app.library(&caller).await?, $kind, body.text).await?;
             let valid = complaints.is_empty();
             Ok(Json(Validation {

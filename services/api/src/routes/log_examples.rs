@@ -4,10 +4,11 @@ use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, LIBRARY, OUT, done, laid_out};
 use crate::access::Caller;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::Path;
-use axum::extract::rejection::{JsonRejection, PathRejection};
+use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_blind::error::BlindError;
@@ -89,9 +90,9 @@ pub(crate) async fn generate(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<Json<ExampleSubmission>, JsonRejection>,
+    body: Result<JsonObject<ExampleSubmission>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Log, &headers, &hash, JobView::from).await? {
         return Ok(answer);

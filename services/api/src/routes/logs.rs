@@ -6,10 +6,10 @@ use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::jobs::queue::new_id;
+use crate::json_object::JsonObject;
 use crate::problem::Problem;
-use axum::Json;
 use axum::body::Body;
-use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
+use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
@@ -38,7 +38,7 @@ const MAPPING: &str = "mapping.toml";
 /// Bytes.
 const LONGEST_MAPPING: usize = 64 << 10;
 /// Endings by which the import knows what a file is.
-const ENDINGS: [&str; 6] = ["csv", "parquet", "ulg", "bin", "log", "usd"];
+const ENDINGS: [&str; 10] = ["csv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "usd"];
 
 /// How a log is to be read.
 #[derive(Debug, Deserialize, Serialize, IntoParams, ToSchema)]
@@ -177,9 +177,9 @@ pub(crate) async fn again(
     caller: Caller,
     id: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
-    body: Result<Json<ImportAgain>, JsonRejection>,
+    body: Result<JsonObject<ImportAgain>, Problem>,
 ) -> Result<Response, Problem> {
-    let (id, Json(body)) = (id?, body?);
+    let (id, JsonObject(body)) = (id?, body?);
     let log = jobs::find(&app, &caller, JobKind::Log, Ok(id)).await?;
     let submission = (&log.id, &body);
     let known = jobs::request_hash(&submission);

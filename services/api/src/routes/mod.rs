@@ -49,9 +49,10 @@ use tower_http::cors::CorsLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 use tower_http::timeout::RequestBodyTimeoutLayer;
 use tower_http::trace::TraceLayer;
-use utoipa::OpenApi;
 use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
+use utoipa::openapi::security::{ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{Content, Ref, RefOr, ResponseBuilder};
+use utoipa::{Modify, OpenApi};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
@@ -81,9 +82,29 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "fdi", description = "Fault detection as a service: sessions that are fed with measurements, and logs that are judged"),
         (name = "library", description = "Scenarios, vehicles, blades, effects and models that can be named: the server's, and one's own"),
         (name = "server", description = "How the server is")
-    )
+    ),
+    modifiers(&SignIn),
+    security((), ("token" = []), ("session" = []))
 )]
 struct Api;
+
+/// How a caller says who he is, where the server asks for it at all.
+struct SignIn;
+
+impl Modify for SignIn {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
+            "A token of `rotortwin token create`; without any token ever made, nobody is asked",
+        ));
+        let session = ApiKeyValue::with_description(
+            crate::sessions::COOKIE,
+            "A browser's session, which `POST /api/v1/session` gives for a token",
+        );
+        let parts = document.components.get_or_insert_default();
+        parts.add_security_scheme("token", SecurityScheme::Http(token.build()));
+        parts.add_security_scheme("session", SecurityScheme::ApiKey(ApiKey::Cookie(session)));
+    }
+}
 
 fn described() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::with_openapi(Api::openapi())
@@ -249,6 +270,10 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .layer(axum::middleware::from_fn_with_state(
             Arc::clone(&app),
             crate::access::authorize,
+        ))
+        .layer(axum::middleware::from_fn_with_state(
+            Arc::clone(&app),
+            crate::metrics::measure,
         ))
         .layer(DefaultBodyLimit::max(LARGEST_BODY))
         .layer(RequestBodyTimeoutLayer::new(crate::connections::BODY_PAUSE))

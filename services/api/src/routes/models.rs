@@ -7,12 +7,13 @@ use super::tasks::{ModelChoice, done};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::library::own::Precondition;
 use crate::library::versions::{Changed, StoredModel};
 use crate::library::{DocumentKind, Library};
 use crate::problem::Problem;
 use axum::Json;
-use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
+use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
@@ -135,9 +136,9 @@ pub(crate) enum VersionFormat {
 pub(crate) async fn create(
     app: Shared,
     caller: Caller,
-    body: Result<Json<NewModel>, JsonRejection>,
+    body: Result<JsonObject<NewModel>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let name = &body.name;
     checked_name(name)?;
     let mut version = body.model.read(&app, &caller).await?;
@@ -200,10 +201,10 @@ pub(crate) async fn add(
     caller: Caller,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
-    body: Result<Json<Addition>, JsonRejection>,
+    body: Result<JsonObject<Addition>, Problem>,
 ) -> Result<Response, Problem> {
     let Path(name) = name?;
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     if body.note.len() > LONGEST_NOTE {
         return Err(Problem::unprocessable(format!(
             "`note` has {} bytes; expected at most {LONGEST_NOTE}",
@@ -270,10 +271,10 @@ pub(crate) async fn undo(
     caller: Caller,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
-    body: Result<Json<Undo>, JsonRejection>,
+    body: Result<JsonObject<Undo>, Problem>,
 ) -> Result<Response, Problem> {
     let Path(name) = name?;
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let base = Base::find(&app, &caller, &name).await?;
     let branch = body.branch.unwrap_or_else(|| MAIN.to_owned());
     let (left, head) = base.head(&name, &branch)?;
@@ -324,10 +325,10 @@ pub(crate) async fn branch(
     app: Shared,
     caller: Caller,
     name: Result<Path<String>, PathRejection>,
-    body: Result<Json<NewBranch>, JsonRejection>,
+    body: Result<JsonObject<NewBranch>, Problem>,
 ) -> Result<Response, Problem> {
     let Path(name) = name?;
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     checked_name(&body.name)?;
     if version_number(&body.name).is_some() {
         return Err(Problem::unprocessable(format!(

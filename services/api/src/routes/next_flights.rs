@@ -4,9 +4,8 @@ use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, ModelChoice, OUT};
 use crate::access::Caller;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::problem::Problem;
-use axum::Json;
-use axum::extract::rejection::JsonRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::{NextFlight, StoredJob};
@@ -64,9 +63,9 @@ pub(crate) async fn submit(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<Json<NextFlightSubmission>, JsonRejection>,
+    body: Result<JsonObject<NextFlightSubmission>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
     if let Some(answer) = jobs::before(&app, &caller, JobKind::NextFlight, &headers, &hash, JobView::from).await? {
         return Ok(answer);

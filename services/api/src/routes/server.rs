@@ -1,13 +1,18 @@
 //! How the server is: health, readiness, metrics, the OpenAPI document.
 
 use crate::App;
+use crate::access::Caller;
+use crate::clock::now_ms;
 use crate::problem::Problem;
-use axum::extract::State;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Query, State};
 use axum::http::header;
 use axum::response::IntoResponse;
+use serde::Deserialize;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::sync::Arc;
+use utoipa::IntoParams;
 
 /// Longest wait for the store of files.
 const STORE_PATIENCE: std::time::Duration = std::time::Duration::from_secs(3);
@@ -57,21 +62,75 @@ fn has_room(data: &std::path::Path) -> std::io::Result<()> {
     file.sync_data()
 }
 
-/// Numbers for Prometheus.
-#[utoipa::path(get, path = "/metrics", tag = "server", responses((status = 200, description = "Prometheus text format", body = String)))]
-pub(crate) async fn metrics(State(app): State<Arc<App>>) -> Result<impl IntoResponse, Problem> {
+/// What is counted beside the rest.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Counted {
+    /// Open jobs by account, too; for tokens that see everybody's jobs.
+    #[serde(default)]
+    tenants: bool,
+}
+
+/// Numbers for Prometheus: jobs, the age of the queue, and how long requests took.
+#[utoipa::path(get, path = "/metrics", tag = "server", params(Counted), responses(
+    (status = 200, description = "Prometheus text format", body = String),
+    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+    (status = 403, description = "`tenants` is for tokens that see everybody's jobs", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn metrics(
+    State(app): State<Arc<App>>,
+    caller: Caller,
+    counted: Result<Query<Counted>, QueryRejection>,
+) -> Result<impl IntoResponse, Problem> {
+    let Query(counted) = counted?;
+    if counted.tenants && !caller.sees_all {
+        return Err(Problem::forbidden(
+            "`tenants` tells of other accounts; expected a token that sees everybody's jobs",
+        ));
+    }
+    let jobs = app.database.count().await?;
+    let oldest = app.database.oldest_queued().await?;
+    let queue_age_s = oldest.map_or(0.0, |at| (now_ms() - at).max(0) as f64 / 1000.0);
+    let by_tenant = if counted.tenants {
+        app.database.count_open_by_tenant().await?
+    } else {
+        Vec::new()
+    };
+    let text = numbers(&app, &jobs, queue_age_s, &by_tenant).map_err(|error| Problem::internal(&error))?;
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text))
+}
+
+/// As Prometheus reads them.
+fn numbers(
+    app: &App,
+    jobs: &[(String, String, i64)],
+    queue_age_s: f64,
+    by_tenant: &[(String, String, i64)],
+) -> Result<String, std::fmt::Error> {
     let mut text = String::from("# HELP rotortwin_jobs Jobs by kind and state.\n# TYPE rotortwin_jobs gauge\n");
-    for (kind, status, count) in app.database.count().await? {
-        writeln!(text, "rotortwin_jobs{{kind=\"{kind}\",status=\"{status}\"}} {count}")
-            .map_err(|error| Problem::internal(&error))?;
+    for (kind, status, count) in jobs {
+        writeln!(text, "rotortwin_jobs{{kind=\"{kind}\",status=\"{status}\"}} {count}")?;
+    }
+    if !by_tenant.is_empty() {
+        text += "# HELP rotortwin_tenant_jobs Open jobs by account and state.\n# TYPE rotortwin_tenant_jobs gauge\n";
+    }
+    for (tenant, status, count) in by_tenant {
+        let tenant = tenant.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
+        writeln!(
+            text,
+            "rotortwin_tenant_jobs{{tenant=\"{tenant}\",status=\"{status}\"}} {count}"
+        )?;
     }
     let workers = app.config.work.workers;
-    write!(
+    writeln!(
         text,
-        "# HELP rotortwin_workers Jobs that this process does at the same time at most.\n# TYPE rotortwin_workers gauge\nrotortwin_workers {workers}\n"
-    )
-    .map_err(|error| Problem::internal(&error))?;
-    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text))
+        "# HELP rotortwin_queue_age_seconds How long the oldest job waits that nobody has begun.\n\
+         # TYPE rotortwin_queue_age_seconds gauge\nrotortwin_queue_age_seconds {queue_age_s}\n\
+         # HELP rotortwin_workers Jobs that this process does at the same time at most.\n\
+         # TYPE rotortwin_workers gauge\nrotortwin_workers {workers}"
+    )?;
+    text += &app.metrics.text()?;
+    Ok(text)
 }
 
 /// The OpenAPI document.

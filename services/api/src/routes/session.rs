@@ -3,11 +3,11 @@
 use super::jobs::Shared;
 use crate::App;
 use crate::access::Caller;
+use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use crate::sessions::{cookie, secret};
 use crate::tokens::{Scope, Token};
 use axum::Json;
-use axum::extract::rejection::JsonRejection;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
@@ -86,8 +86,8 @@ pub(crate) async fn get(app: Shared, headers: HeaderMap) -> Result<Json<SignedIn
     (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "the body makes no sense", body = Problem, content_type = "application/problem+json")
 ))]
-pub(crate) async fn sign_in(app: Shared, body: Result<Json<SignIn>, JsonRejection>) -> Result<Response, Problem> {
-    let Json(body) = body?;
+pub(crate) async fn sign_in(app: Shared, body: Result<JsonObject<SignIn>, Problem>) -> Result<Response, Problem> {
+    let JsonObject(body) = body?;
     if !app.database.has_tokens().await? {
         return Ok(Json(SignedIn::local()).into_response());
     }

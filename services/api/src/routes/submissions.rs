@@ -6,11 +6,11 @@ use super::tasks::ModelChoice;
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::{JobKind, NewJob};
+use crate::json_object::JsonObject;
 use crate::library::Library;
 use crate::problem::Problem;
-use axum::Json;
 use axum::extract::Path;
-use axum::extract::rejection::{JsonRejection, PathRejection};
+use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::StoredJob;
@@ -172,9 +172,9 @@ pub(crate) async fn submit(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<Json<Submission>, JsonRejection>,
+    body: Result<JsonObject<Submission>, Problem>,
 ) -> Result<Response, Problem> {
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Run, &headers, &hash, Run::from).await? {
         return Ok(answer);
@@ -319,10 +319,10 @@ pub(crate) async fn fork(
     caller: Caller,
     id: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
-    body: Result<Json<Fork>, JsonRejection>,
+    body: Result<JsonObject<Fork>, Problem>,
 ) -> Result<Response, Problem> {
     let Path(id) = id?;
-    let Json(body) = body?;
+    let JsonObject(body) = body?;
     let hash = jobs::request_hash(&(&id, &body));
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Run, &headers, &hash, Run::from).await? {
         return Ok(answer);

@@ -5,9 +5,8 @@ use super::tasks::{Draft, FINAL_MODEL, Flights, ModelChoice, OUT};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::problem::Problem;
-use axum::Json;
-use axum::extract::rejection::JsonRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::{Comparison, Diagnosis, Improvement, Input, StoredJob};
@@ -112,9 +111,9 @@ macro_rules! submission {
             app: Shared,
             caller: Caller,
             headers: HeaderMap,
-            body: Result<Json<TwinSubmission>, JsonRejection>,
+            body: Result<JsonObject<TwinSubmission>, Problem>,
         ) -> Result<Response, Problem> {
-            let Json(body) = body?;
+            let JsonObject(body) = body?;
             submit(&app, &caller, &headers, &body, $kind).await
         }
     };
