@@ -9,15 +9,16 @@
 //! Definitions. *Right*: the verdict names the rotors that have lost at least [`SEEN`] of their thrust at that time, all and no others.
 //! *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last window before the end of the
 //! flight, or before the loss ends, that is not right. *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the
-//! end of the flight. *Healthy named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False
-//! alarm*: a verdict other than healthy begins while no rotor has lost any thrust.
+//! end of the flight; *windows inside*, the same over all windows that name the rotors rightly, apart for those in which the loss moves.
+//! *Healthy named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict other
+//! than healthy begins while nothing has happened to any rotor or to the load. *End*: the last verdict ([`End`]).
 
 use super::cases::Preset;
 use super::run::{Program, run_process};
 use crate::catalogue::{self, KINDS, Place};
 use crate::draw::{draw_effect, same_group};
 use crate::error::{BlindError, Result};
-use crate::flight::{FlightPlan, fly};
+use crate::flight::{FlightPlan, Row, fly};
 use crate::hidden::{Hidden, Profile};
 use crate::log_file;
 use crate::random::Stream;
@@ -253,6 +254,38 @@ fn five_effects(rotors: usize, random: &mut Stream) -> Vec<Hidden> {
     effects
 }
 
+/// What the last verdict is worth, next to what the rotors have lost or gained by then.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum End {
+    /// The changed rotors, all and no others; healthy where none has changed.
+    Right,
+    /// Ambiguous, and one of the sets is the changed rotors.
+    InSet,
+    /// Unknown, or no verdict and why.
+    Open,
+    /// Healthy, and it is not.
+    Missed,
+    /// Other rotors, named or in sets.
+    Wrong,
+}
+
+/// Windows in which the truth lay inside of the intervals, of all with intervals of the right rotors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct WindowCount {
+    /// Inside.
+    pub inside: usize,
+    /// Of so many.
+    pub of: usize,
+}
+
+impl WindowCount {
+    fn add(&mut self, inside: bool) {
+        self.inside += usize::from(inside);
+        self.of += 1;
+    }
+}
+
 /// What the detectors said of one case, scored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FaultRow {
@@ -278,6 +311,12 @@ pub struct FaultRow {
     pub released_s: Option<f64>,
     /// The loss was over before the end.
     pub recovers: bool,
+    /// The last verdict; `None`: there is none.
+    pub end: Option<End>,
+    /// While the losses stand still.
+    pub still: WindowCount,
+    /// While a loss moves.
+    pub moving: WindowCount,
 }
 
 /// One window of the report.
@@ -288,6 +327,8 @@ struct Window {
     probability: f64,
     /// Rotor, lower and upper end of the lost share.
     loss: Vec<(usize, f64, f64)>,
+    /// Sets that an ambiguous verdict leaves open.
+    sets: Vec<Vec<usize>>,
 }
 
 impl Window {
@@ -297,7 +338,19 @@ impl Window {
             let rotor = usize::try_from(loss["rotor"].as_u64()?).ok()?;
             Some((rotor, loss["share_low"].as_f64()?, loss["share_high"].as_f64()?))
         };
+        let set = |set: &Value| -> Option<Vec<usize>> {
+            let rotors = set
+                .as_array()?
+                .iter()
+                .map(|rotor| usize::try_from(rotor.as_u64()?).ok());
+            rotors.collect()
+        };
         Some(Self {
+            sets: sequential["hypotheses"]
+                .as_array()?
+                .iter()
+                .map(set)
+                .collect::<Option<_>>()?,
             time_s: value["time_s"].as_f64()? + start_s,
             code: i32::try_from(sequential["code"].as_i64()?).ok()?,
             probability: sequential["probability"].as_f64()?,
@@ -334,13 +387,45 @@ pub fn score(case: &FaultCase, report: &str) -> std::result::Result<FaultRow, St
     let windows = value["windows"].as_array().ok_or("the report has no `windows`")?;
     let windows: Option<Vec<Window>> = windows.iter().map(|window| Window::read(window, start_s)).collect();
     let windows = windows.ok_or("a window of the report lacks time, code, probability or losses")?;
-    let windows: Vec<Window> = windows.into_iter().filter(Window::decided).collect();
     Ok(scored(case, &windows))
 }
 
-fn scored(case: &FaultCase, windows: &[Window]) -> FaultRow {
+/// Rotors from 1 whose thrust has changed by at least [`SEEN`].
+fn changed(effects: &[Hidden], time_s: f64) -> Vec<usize> {
+    let mut rotors: Vec<usize> = losses(effects, time_s)
+        .into_iter()
+        .filter(|(_, loss)| loss.abs() >= SEEN)
+        .map(|(rotor, _)| rotor)
+        .collect();
+    rotors.sort_unstable();
+    rotors
+}
+
+/// What the last window that says anything is worth.
+fn end_of(case: &FaultCase, windows: &[Window]) -> Option<End> {
+    let last = windows.iter().rfind(|window| window.code != -2)?;
+    let (now, before) = (
+        changed(&case.effects, last.time_s),
+        changed(&case.effects, last.time_s - GRACE_S),
+    );
+    let mut named = last.named();
+    named.sort_unstable();
+    let is = |set: &Vec<usize>| *set == now || *set == before;
+    Some(match last.code {
+        0 if now.is_empty() || before.is_empty() => End::Right,
+        0 => End::Missed,
+        -1 | -4 => End::Open,
+        -3 if last.sets.iter().any(is) && !now.is_empty() => End::InSet,
+        _ if !named.is_empty() && is(&named) => End::Right,
+        _ => End::Wrong,
+    })
+}
+
+fn scored(case: &FaultCase, all: &[Window]) -> FaultRow {
     /// s of a window.
     const WINDOW_S: f64 = 0.0625;
+    let windows: Vec<Window> = all.iter().filter(|window| window.decided()).cloned().collect();
+    let windows = windows.as_slice();
     let lost = |time_s: f64| -> Vec<usize> {
         let seen = losses(&case.effects, time_s)
             .into_iter()
@@ -349,13 +434,19 @@ fn scored(case: &FaultCase, windows: &[Window]) -> FaultRow {
         rotors.sort_unstable();
         rotors
     };
-    let any = |time_s: f64| losses(&case.effects, time_s).iter().any(|(_, loss)| *loss > 0.0);
+    // A gain and a load that is dropped are no false alarms either.
+    let any = |time_s: f64| {
+        let has_changed = |effect: &Hidden| effect.onset_s.is_some_and(|onset_s| time_s >= onset_s);
+        !losses(&case.effects, time_s).is_empty()
+            || case.class == Class::LoadDropped && case.effects.iter().any(has_changed)
+    };
     let steps = || (0..(case.duration_s / 0.01) as usize).map(|k| 0.01 * k as f64);
     let onset_s = steps().find(|time| !lost(*time).is_empty());
     let last_s = steps().rfind(|time| !lost(*time).is_empty());
     let recovers = case.class == Class::Recovery;
     let mut row = empty(case, None);
     row.recovers = recovers;
+    row.end = end_of(case, all);
     let right = |window: &Window| {
         let mut named = window.named();
         named.sort_unstable();
@@ -377,14 +468,23 @@ fn scored(case: &FaultCase, windows: &[Window]) -> FaultRow {
             let wrong = judged.iter().rev().find(|window| !right(window));
             row.settled_s = Some(wrong.map_or(row.first_s.unwrap_or(0.0), |window| window.time_s - onset_s + WINDOW_S));
         }
-        if let Some(last) = judged.last().filter(|window| right(window)) {
-            let truth = losses(&case.effects, last.time_s);
-            let holds = |(rotor, low, high): &(usize, f64, f64)| {
+        let holds = |window: &Window| {
+            let truth = losses(&case.effects, window.time_s);
+            let hold = |(rotor, low, high): &(usize, f64, f64)| {
                 truth
                     .iter()
                     .any(|(lost, loss)| lost == rotor && (low..=high).contains(&loss))
             };
-            row.inside = Some(!last.loss.is_empty() && last.loss.iter().all(holds));
+            !window.loss.is_empty() && window.loss.iter().all(hold)
+        };
+        row.inside = judged.last().filter(|window| right(window)).map(|last| holds(last));
+        for window in judged.iter().filter(|window| right(window)) {
+            let (now, before) = (
+                losses(&case.effects, window.time_s),
+                losses(&case.effects, window.time_s - GRACE_S),
+            );
+            let count = if now == before { &mut row.still } else { &mut row.moving };
+            count.add(holds(window));
         }
         if recovers {
             let after = windows.iter().find(|window| window.time_s > last_s && window.code == 0);
@@ -426,6 +526,9 @@ fn empty(case: &FaultCase, failure: Option<String>) -> FaultRow {
         decided_s: 0.0,
         released_s: None,
         recovers: false,
+        end: None,
+        still: WindowCount::default(),
+        moving: WindowCount::default(),
     }
 }
 
@@ -510,7 +613,7 @@ impl FaultBench {
     fn judged(&self, case: &FaultCase) -> Result<FaultRow> {
         let log = self.folder.join(format!("logs/fault-{:05}.parquet", case.index));
         let stem = self.folder.join(format!("answers/fault-{:05}", case.index));
-        if let Err(error) = fly_case(case, &log) {
+        if let Err(error) = fly_case(case).and_then(|rows| log_file::write(&log, &rows)) {
             return match error {
                 BlindError::FlightLost { .. } => Ok(empty(case, Some(format!("{error}, {FLIGHTS} times")))),
                 other => Err(other),
@@ -538,7 +641,10 @@ impl FaultBench {
 }
 
 /// Flies a case; with another seed where the pilot loses it.
-fn fly_case(case: &FaultCase, log: &Path) -> Result<()> {
+///
+/// # Errors
+/// The vehicle cannot be read, or every flight was lost.
+pub fn fly_case(case: &FaultCase) -> Result<Vec<Row>> {
     let vehicle = Vehicle::load(Path::new(&case.vehicle))?;
     let mut attempt = 0;
     loop {
@@ -556,7 +662,7 @@ fn fly_case(case: &FaultCase, log: &Path) -> Result<()> {
             ..FlightPlan::new(vehicle.clone(), script, case.duration_s, seed)
         };
         match fly(&plan) {
-            Ok((rows, _)) => return log_file::write(log, &rows),
+            Ok((rows, _)) => return Ok(rows),
             Err(BlindError::FlightLost { .. }) if attempt + 1 < FLIGHTS => attempt += 1,
             Err(error) => return Err(error),
         }
@@ -600,6 +706,7 @@ mod tests {
                     code,
                     probability,
                     loss,
+                    sets: Vec::new(),
                 }
             })
             .collect()

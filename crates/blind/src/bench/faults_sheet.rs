@@ -1,6 +1,6 @@
 //! Rows of [`super::faults`] to tables of at most 80 columns, and to `score.json`.
 
-use super::faults::{Class, FaultRow, NAME};
+use super::faults::{Class, End, FaultRow, NAME, WindowCount};
 use super::sheet::Share;
 use crate::error::{BlindError, Result};
 use serde::Serialize;
@@ -38,6 +38,12 @@ pub struct ClassSheet {
     pub healthy_h: f64,
     /// Share of the flying time that was judged.
     pub decided: f64,
+    /// Last verdicts: right, in a set, open, missed, wrong.
+    pub ends: [usize; 5],
+    /// Windows inside while the losses stand still.
+    pub still: WindowCount,
+    /// Windows inside while a loss moves.
+    pub moving: WindowCount,
 }
 
 /// Figures of every class.
@@ -54,7 +60,20 @@ pub fn sum_up(rows: &[FaultRow]) -> Vec<ClassSheet> {
             let asked = if has_loss { judged.len() } else { 0 };
             let count = |is: &dyn Fn(&FaultRow) -> bool| judged.iter().filter(|row| is(row)).count();
             let all_s: f64 = judged.iter().map(|row| row.case.duration_s).sum();
+            let windows = |of: &dyn Fn(&FaultRow) -> WindowCount| {
+                judged
+                    .iter()
+                    .map(|row| of(row))
+                    .fold(WindowCount::default(), |sum, count| WindowCount {
+                        inside: sum.inside + count.inside,
+                        of: sum.of + count.of,
+                    })
+            };
             ClassSheet {
+                ends: [End::Right, End::InSet, End::Open, End::Missed, End::Wrong]
+                    .map(|end| count(&|row| row.end == Some(end))),
+                still: windows(&|row| row.still),
+                moving: windows(&|row| row.moving),
                 class: *class,
                 flights: judged.len(),
                 failed: of_class.len() - judged.len(),
@@ -107,6 +126,14 @@ fn share(share: &Share) -> String {
     )
 }
 
+/// Windows inside, in per cent.
+fn of_windows(count: WindowCount) -> String {
+    if count.of == 0 {
+        return "–".to_owned();
+    }
+    format!("{:.0} % inside", 100.0 * count.inside as f64 / count.of as f64)
+}
+
 fn pair(pair: Option<[f64; 2]>) -> String {
     pair.map_or("–".to_owned(), |[median, worst]| format!("{median:.2} / {worst:.0}"))
 }
@@ -154,6 +181,19 @@ pub fn text(sheets: &[ClassSheet]) -> String {
             sheet.false_alarms,
             sheet.healthy_h,
             100.0 * sheet.decided
+        );
+    }
+    text += &format!(
+        "\n{:<18}{:>6}{:>8}{:>6}{:>8}{:>7}   {:<15}{}\n",
+        "at the end", "right", "in set", "open", "missed", "wrong", "windows: still", "moving"
+    );
+    for sheet in sheets {
+        let [right, in_set, open, missed, wrong] = sheet.ends;
+        text += &format!(
+            "{:<18}{right:>6}{in_set:>8}{open:>6}{missed:>8}{wrong:>7}   {:<15}{}\n",
+            sheet.class.words(),
+            of_windows(sheet.still),
+            of_windows(sheet.moving)
         );
     }
     let (alarms, hours) = sheets.iter().fold((0, 0.0), |(alarms, hours), sheet| {
@@ -209,6 +249,9 @@ mod tests {
             false_alarms: 1234,
             healthy_h: 12.345,
             decided: 0.87,
+            ends: [100, 0, 0, 0, 100],
+            still: WindowCount { inside: 10, of: 10 },
+            moving: WindowCount { inside: 0, of: 10 },
         };
         let text = text(&Class::ALL.map(sheet));
         for line in text.lines() {
