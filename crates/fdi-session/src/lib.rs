@@ -6,10 +6,12 @@
 //! * [`session`]: the engine of a run behind rules for what may come in: rate, order, gaps, repetition.
 //! * [`message`]: chunks and answers as protobuf messages.
 //! * [`validity`]: whether a verdict means anything.
+//! * [`second_look`]: how large a loss is now, and what else would explain it.
 //!
 //! No vehicle file, no plant and no link is known here: a session takes the engine's configuration, as the FDI process of a run does.
 
 pub mod message;
+pub mod second_look;
 pub mod session;
 pub mod validity;
 

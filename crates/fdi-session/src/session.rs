@@ -12,14 +12,16 @@
 //! * *Gaps* are refused unless the chunk says that the samples between are lost. Up to [`LONGEST_BRIDGE`] steps the engine coasts, as it
 //!   does over a rejected sample; after more it starts afresh with a calibration, and the answer says so: *whatever is damaged by then
 //!   counts as healthy*.
-//! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed; after that it starts afresh in
+//! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed (in a sharp turn that may become one it is,
+//!   without verdicts); after that it starts afresh in
 //!   the air. There, and where no possible loss explains the motion, windows are not ready and say why ([`Window::obstacle`]).
 //!
 //! Same samples, same bits: between gaps and in the air a session is the engine of a run, fed the same numbers.
 //!
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
-use super::validity::{FlightWatch, ModelCheck, Obstacle};
+use super::second_look::SecondLook;
+use super::validity::{FlightWatch, MOST_TILT, ModelCheck, Obstacle};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_flight_core::fdi::window::{Baseline, WrenchStatistics};
@@ -177,8 +179,10 @@ pub enum Calibration {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Residuals and verdicts of the window's last step, as a run records them; `run_id` is the session's number, the time counts
-    /// from the session's first step.
+    /// from the session's first step. The sequential verdict and its losses are those of the second look ([`super::second_look`]).
     pub report: FdiReport,
+    /// The same as the engine said it, and as a run would record it.
+    pub engine: FdiReport,
     /// Probability that the network gives to healthy, rotor 1, rotor 2, …; empty while it says nothing.
     pub class_probability: Vec<f32>,
     /// As of this step.
@@ -359,8 +363,11 @@ pub struct FdiSession {
     baseline: Baseline,
     flight: FlightWatch,
     check: ModelCheck,
+    look: SecondLook,
     /// What keeps the engine from being fed, and steps since it began.
     paused: Option<(Obstacle, u64)>,
+    /// A sharp turn within this window.
+    turning: Option<Obstacle>,
     /// What stood in the way at the last window.
     obstacle: Option<Obstacle>,
     calibration_steps: [u64; 2],
@@ -395,7 +402,9 @@ impl FdiSession {
             baseline: Baseline::new(start, end),
             flight: FlightWatch::new(&config),
             check: ModelCheck::new(&config),
+            look: SecondLook::new(&config),
             paused: None,
+            turning: None,
             obstacle: None,
             calibration_steps: [u64::from(start), u64::from(end)],
             origin: None,
@@ -580,6 +589,7 @@ impl FdiSession {
             };
             for _ in 0..lost {
                 self.engine.step(&nothing);
+                self.look.hold();
                 self.next_step += 1;
             }
         }
@@ -608,6 +618,8 @@ impl FdiSession {
         let [start, end] = self.calibration_steps.map(|steps| steps as u32);
         self.baseline = Baseline::new(start, end);
         self.check = ModelCheck::new(&config);
+        self.look = SecondLook::new(&config);
+        self.turning = None;
         self.obstacle = None;
         self.started = step;
         self.next_step = step;
@@ -617,8 +629,13 @@ impl FdiSession {
     #[inline]
     fn step(&mut self, sample: &Sample, notes: &mut Vec<String>) -> Option<Window> {
         let measurement = sample.measurement();
-        if let Some(obstacle) = self.flight.step(&measurement) {
-            return self.pause(obstacle, notes);
+        match self.flight.step(&measurement) {
+            // Tilted further soon, at these rates. Most often it is a sharp turn: the engine goes on, and begins again only if it was an upset.
+            Some(obstacle @ Obstacle::Upset { tilt }) if tilt < MOST_TILT && self.paused.is_none() => {
+                self.turning = Some(obstacle);
+            }
+            Some(obstacle) => return self.pause(obstacle, notes),
+            None => {}
         }
         if let Some((obstacle, _)) = self.paused.take() {
             self.restart(self.next_step);
@@ -635,8 +652,10 @@ impl FdiSession {
         self.next_step += 1;
         if output.rejected_samples > rejected {
             self.rejected_before += 1;
+            self.look.hold();
             return None;
         }
+        self.look.step(&measurement);
         let calibrated = self.baseline.mean();
         self.baseline.push(&output.wrench_residual);
         self.window.push(&output.wrench_residual);
@@ -645,27 +664,35 @@ impl FdiSession {
         }
         let class_probability = self.class_probability(calibrated);
         let calibration = self.calibration();
-        let residual = self.window.mean();
         self.window.clear();
+        self.look.close(
+            calibration == Calibration::Disturbances,
+            calibration == Calibration::Done,
+        );
         let spoilt = self.check.is_spoilt();
         if calibration != Calibration::Noise {
             let calibrating = calibration != Calibration::Done;
             let before = self.obstacle;
-            self.obstacle = self.check.window(&residual, self.flight.thrust(), &output, calibrating);
+            self.obstacle = self
+                .check
+                .window(&self.look.unexplained(), self.flight.thrust(), &output, calibrating);
             if let (None, Some(obstacle)) = (before, self.obstacle) {
                 notes.push(format!("step {step}: no verdicts: {obstacle}"));
             }
         }
-        let report = report(self.stamp(step), &output).canonical();
+        let engine = report(self.stamp(step), &output).canonical();
+        let report = possible(self.look.revise(engine, &output));
+        let obstacle = self.obstacle.or(self.turning.take());
         let window = Window {
-            report: self.obstacle.map_or(possible(report), |_| without_verdict(report)),
-            class_probability: if self.obstacle.is_none() {
+            engine,
+            report: obstacle.map_or(report, |_| without_verdict(report)),
+            class_probability: if obstacle.is_none() {
                 class_probability
             } else {
                 Vec::new()
             },
             calibration,
-            obstacle: self.obstacle,
+            obstacle,
             calibrated_from: self.started,
         };
         if spoilt && self.obstacle.is_none() {
@@ -692,11 +719,13 @@ impl FdiSession {
         self.paused = Some((obstacle, since));
         since.is_multiple_of(u64::from(self.window_samples())).then(|| {
             let empty = report(self.stamp(step), self.engine.output()).canonical();
+            let empty = FdiReport {
+                window_end: 1,
+                ..without_verdict(empty)
+            };
             Window {
-                report: FdiReport {
-                    window_end: 1,
-                    ..without_verdict(empty)
-                },
+                report: empty,
+                engine: empty,
                 class_probability: Vec::new(),
                 calibration: Calibration::Noise,
                 obstacle: Some(obstacle),

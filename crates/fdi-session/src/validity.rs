@@ -11,8 +11,8 @@
 //!   the same low-pass ([`SUPPORT_TIME`]). In flight s is an error of the model; on the ground it is the share that the ground carries.
 //!   A rotor that loses thrust makes s negative, so that a fault never looks like the ground.
 //! * *Upset.* Tilt, and where it will be in [`LOOK_AHEAD`] at the present rates, beyond 70°: thrust curve and lag were found in calm air.
-//! * *Model.* The unexplained wrench h r (r: residual of [`rotortwin_flight_core::fdi::residual::WrenchObserver`], less its mean in the calibration) less the best
-//!   loss of one or two rotors, each from 0 to all of its present thrust. What is left is compared with the thrust of a rotor in hover and
+//! * *Model.* The wrench that lagged healthy rotors do not explain ([`super::second_look::SecondLook::unexplained`]), less its mean in the
+//!   calibration, less the best loss of one or two rotors, each from 0 to all of its present thrust. What is left is compared with the thrust of a rotor in hover and
 //!   with what was left in the calibration.
 //! * *Severity.* A loss whose whole interval is above all of the rotor's thrust is no loss of a rotor.
 //!
@@ -49,7 +49,7 @@ const LONGEST_LIGHT: f32 = 5.0;
 /// In the air before a calibration begins, s: ground effect and the transient of the take-off.
 const CLEAR_TIME: f32 = 2.0;
 /// Tilt beyond which the model is not judged by, rad: 70°, as for the parts of a log.
-const MOST_TILT: f32 = 1.22;
+pub(super) const MOST_TILT: f32 = 1.22;
 /// Tilt of a flight that goes on, rad: 60°.
 const GOOD_TILT: f32 = 1.05;
 /// A tilt is foreseen at the present rates over this time, s.
@@ -268,7 +268,6 @@ impl FlightWatch {
 #[derive(Clone, Debug)]
 pub struct ModelCheck {
     rotor_count: usize,
-    gain: f32,
     /// Columns of F, each axis divided by its longest lever; yaw weighted.
     column: [[f32; 4]; MAX_ROTORS],
     scale: [f32; 4],
@@ -296,7 +295,6 @@ impl ModelCheck {
         }
         Self {
             rotor_count,
-            gain: config.observer_gain,
             column: std::array::from_fn(|rotor| std::array::from_fn(|axis| f[axis][rotor] * scale[axis])),
             scale,
             hover: config.mass * config.gravity / rotor_count as f32,
@@ -311,15 +309,15 @@ impl ModelCheck {
 
     /// Takes in the window that ended; why its verdicts would mean nothing.
     ///
-    /// * `residual`: mean over the window, kg·m/s and kg·m²/s   * `thrust`: of every healthy rotor now, N   * `calibrating`: the engine still is
+    /// * `unexplained`: wrench, N and N·m   * `thrust`: of every healthy rotor now, N   * `calibrating`: the engine still is
     pub fn window(
         &mut self,
-        residual: &[f32; 4],
+        unexplained: &[f32; 4],
         thrust: &[f32; MAX_ROTORS],
         output: &FdiOutput,
         calibrating: bool,
     ) -> Option<Obstacle> {
-        let mut wrench: [f32; 4] = std::array::from_fn(|axis| self.gain * self.scale[axis] * residual[axis]);
+        let mut wrench: [f32; 4] = std::array::from_fn(|axis| self.scale[axis] * unexplained[axis]);
         if calibrating {
             self.windows += 1.0;
             for axis in 0..4 {
@@ -588,15 +586,14 @@ mod tests {
         for (times, explained) in [(0.3, true), (1.0, true), (2.6, false)] {
             for rotor in 0..config.geometry.rotor_count() {
                 let mut check = calibrated(&config);
-                let residual: [f32; 4] =
-                    std::array::from_fn(|axis| -times * 2.5 * f[axis][rotor] / config.observer_gain);
+                let residual: [f32; 4] = std::array::from_fn(|axis| -times * 2.5 * f[axis][rotor]);
                 let found = check.window(&residual, &[2.5; MAX_ROTORS], &output(0.0, 0.0), false);
                 assert_eq!(found.is_none(), explained, "{times} × rotor {rotor}: {found:?}");
             }
         }
         // A gain of as much is no loss.
         let mut check = calibrated(&config);
-        let lift = [-1.5 * 2.5 / config.observer_gain, 0.0, 0.0, 0.0];
+        let lift = [-1.5 * 2.5, 0.0, 0.0, 0.0];
         let found = check.window(&lift, &[2.5; MAX_ROTORS], &output(0.0, 0.0), false);
         assert!(matches!(found, Some(Obstacle::Unexplained { .. })), "{found:?}");
     }

@@ -109,7 +109,7 @@ fn scenario_same_samples_same_bits_as_the_run() {
     let recorded: Vec<&FdiReport> = flown.reports.iter().filter(|report| report.window_end != 0).collect();
     assert_eq!((windows.len(), recorded.len()), (128, 128));
     for (window, recorded) in windows.iter().zip(recorded) {
-        assert_eq!(window.report, recorded.canonical());
+        assert_eq!(window.engine, recorded.canonical());
         let p = &window.class_probability;
         assert_eq!(p.is_empty(), recorded.network == -2);
         if let Some((class, _)) = p.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)) {
@@ -220,7 +220,7 @@ fn scenario_what_is_refused_changes_nothing() {
     let answer = feed(&mut session, 200, 600);
     let recorded = flown().reports[..800].iter().rfind(|report| report.window_end != 0);
     assert_eq!(
-        answer.windows.last().map(|window| window.report),
+        answer.windows.last().map(|window| window.engine),
         recorded.map(|report| report.canonical())
     );
 }

@@ -255,8 +255,11 @@ pub struct WindowView {
     pub t_test: VerdictView,
     /// The classifier.
     pub network: NetworkView,
-    /// The detector that decides over time; the one to act on.
+    /// The detector that decides over time, after a second look at what else would explain it and at how large it is now; the one to act on.
     pub sequential: SequentialView,
+    /// The same before the second look, as a run would record it; only where it says something else.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub engine: Option<SequentialView>,
     /// Why the verdicts are `cannot_judge`.
     pub cannot_judge: Option<ObstacleView>,
 }
@@ -279,6 +282,8 @@ impl From<&Window> for WindowView {
                 class_probability: window.class_probability.clone(),
             },
             sequential: SequentialView::in_window(window),
+            engine: Some(SequentialView::of(&window.engine))
+                .filter(|engine| *engine != SequentialView::in_window(window)),
             cannot_judge: window.obstacle.as_ref().map(ObstacleView::from),
         }
     }

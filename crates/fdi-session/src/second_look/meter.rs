@@ -1,0 +1,222 @@
+//! Momentum that healthy rotors do not explain, block by block.
+//!
+//! The same quantity as the engine's own (`rotortwin_flight_core::fdi::sequential`), without the losses that the engine already knows: here a
+//! loss stays visible for as long as it lasts. Axes F_z, M_x, M_y, M_z, each divided by its longest lever, so that all are thrusts at a rotor.
+//! A block is a window of the engine; means over a block are compared with those of the block before.
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::FdiConfig;
+use rotortwin_flight_core::fdi::nominal_thrust::static_thrust;
+use rotortwin_flight_core::fdi::residual::{BodyMomentum, RigidBody};
+use rotortwin_flight_core::signals::Measurement;
+
+/// F_z, M_x, M_y, M_z.
+pub(super) const AXES: usize = 4;
+
+/// Integrals beside the defect: wrench (4), its sensitivity to ln τ (4), vertical path, time, gyroscopic torque (3), thrust of every rotor.
+const INTEGRALS: usize = THRUST + MAX_ROTORS;
+const PATH: usize = 8;
+const TIME: usize = 9;
+const GYROSCOPIC: usize = 10;
+const THRUST: usize = 13;
+
+/// Axes of the two momenta whose product makes the gyroscopic torque about each body axis.
+const OTHER_AXES: [[usize; 2]; 3] = [[2, 3], [3, 1], [1, 2]];
+
+/// What one block of samples gives; of each quantity the change of its mean since the block before.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Block {
+    /// Momentum defect, N·s.
+    pub defect: [f64; AXES],
+    /// Time between the middles of the two blocks, s.
+    pub elapsed: f64,
+    /// ∫ lagged wrench, the vertical one without the weight, N·s.
+    pub wrench: [f64; AXES],
+    /// ∫ sensitivity of the lagged wrench to ln τ, N·s.
+    pub lag_slope: [f64; AXES],
+    /// ∫ vertical speed, m.
+    pub path: f64,
+    /// ∫ √(J_b² + J_c²) ω_b ω_c of roll, pitch and yaw over the levers, N·s.
+    pub gyroscopic: [f64; 3],
+    /// ∫ lagged thrust of each rotor as if it were healthy, N·s.
+    pub thrust: [f64; MAX_ROTORS],
+    /// Mean square of the difference of neighbouring defects, (N·s)²: twice the noise of a sample.
+    pub roughness: [f64; AXES],
+    /// Samples.
+    pub samples: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Lag {
+    state: f64,
+    /// ∂state/∂ln τ.
+    slope: f64,
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub(super) struct Meter {
+    config: FdiConfig,
+    body: RigidBody,
+    period: f64,
+    weight: f64,
+    pub arm: [f64; AXES],
+    gyroscopic_weight: [f64; 3],
+    /// 1 − e^(−dt/τ), and its derivative with respect to ln τ; the same of the mean over a step.
+    end: [f64; 2],
+    mean: [f64; 2],
+    lag: Option<[Lag; MAX_ROTORS]>,
+    accounted: [f64; AXES],
+    rate: [f64; AXES],
+    last_drift: [f64; AXES],
+    last_defect: Option<[f64; AXES]>,
+    integral_rate: [f64; INTEGRALS],
+    integral: [f64; INTEGRALS],
+    integral_sum: [f64; INTEGRALS],
+    defect_sum: [f64; AXES],
+    roughness: [f64; AXES],
+    samples: f64,
+}
+
+impl Meter {
+    pub(super) fn new(config: &FdiConfig) -> Self {
+        let n = config.geometry.rotor_count();
+        let f = config.geometry.effectiveness();
+        let arm: [f64; AXES] = std::array::from_fn(|axis| {
+            f64::from(f[axis][..n].iter().fold(0.0f32, |most, x| most.max(x.abs()))).max(1e-6)
+        });
+        let x = f64::from(config.period) / f64::from(config.sequential.rotor_time_constant);
+        let (decay, a) = ((-x).exp(), -(-x).exp_m1());
+        Self {
+            config: *config,
+            body: RigidBody {
+                mass: config.mass,
+                inertia_body: config.inertia_body,
+                gravity: config.gravity,
+                linear_drag: config.linear_drag,
+                angular_drag: config.angular_drag,
+            },
+            period: f64::from(config.period),
+            weight: f64::from(config.mass) * f64::from(config.gravity),
+            arm,
+            gyroscopic_weight: std::array::from_fn(|k| {
+                let [b, c] = OTHER_AXES[k].map(|axis| 1.0 / f64::from(config.inertia_body[axis - 1]));
+                b.hypot(c) / arm[k + 1]
+            }),
+            end: [a, -x * decay],
+            mean: [1.0 - a / x, (x * decay - a) / x],
+            lag: None,
+            accounted: [0.0; AXES],
+            rate: [0.0; AXES],
+            last_drift: [0.0; AXES],
+            last_defect: None,
+            integral_rate: [0.0; INTEGRALS],
+            integral: [0.0; INTEGRALS],
+            integral_sum: [0.0; INTEGRALS],
+            defect_sum: [0.0; AXES],
+            roughness: [0.0; AXES],
+            samples: 0.0,
+        }
+    }
+
+    /// Takes in one sample that the engine has taken.
+    pub(super) fn step(&mut self, input: &Measurement) {
+        let n = self.config.geometry.rotor_count();
+        let body = BodyMomentum::from_nav(&self.body, &input.nav);
+        let (momentum, drift) = (body.momentum.map(f64::from), body.drift.map(f64::from));
+        let goal = static_thrust(&self.config.thrust_map, n, input).map(f64::from);
+        let lag = self.lag.get_or_insert_with(|| {
+            (self.accounted, self.last_drift) = (momentum, drift);
+            goal.map(|state| Lag { state, slope: 0.0 })
+        });
+        // The step before this sample: the drift was held, now its other end is known.
+        let mut defect = [0.0; AXES];
+        for axis in 0..AXES {
+            self.accounted[axis] += 0.5 * self.period * (drift[axis] - self.last_drift[axis]);
+            defect[axis] = (momentum[axis] - self.accounted[axis]) / self.arm[axis];
+            self.defect_sum[axis] += defect[axis];
+            if let Some(last) = self.last_defect {
+                self.roughness[axis] += (defect[axis] - last[axis]).powi(2);
+            }
+        }
+        (self.last_drift, self.last_defect) = (drift, Some(defect));
+        self.samples += 1.0;
+        for k in 0..INTEGRALS {
+            self.integral_sum[k] += self.integral[k];
+        }
+        // The step after it.
+        let f = self.config.geometry.effectiveness();
+        let (mut wrench, mut slope) = ([0.0; AXES], [0.0; AXES]);
+        for rotor in 0..n {
+            let lag = &mut lag[rotor];
+            let gap = goal[rotor] - lag.state;
+            let thrust = lag.state + gap * self.mean[0];
+            let sensitivity = lag.slope * (1.0 - self.mean[0]) + gap * self.mean[1];
+            lag.slope += gap * self.end[1] - lag.slope * self.end[0];
+            lag.state += gap * self.end[0];
+            self.integral_rate[THRUST + rotor] = thrust;
+            for axis in 0..AXES {
+                wrench[axis] += f64::from(f[axis][rotor]) * thrust;
+                slope[axis] += f64::from(f[axis][rotor]) * sensitivity;
+            }
+        }
+        for axis in 0..AXES {
+            self.rate[axis] = drift[axis] + wrench[axis];
+            self.integral_rate[axis] = wrench[axis] / self.arm[axis];
+            self.integral_rate[AXES + axis] = slope[axis] / self.arm[axis];
+        }
+        self.integral_rate[0] += self.weight;
+        self.integral_rate[PATH] = f64::from(body.vertical_speed);
+        self.integral_rate[TIME] = 1.0;
+        for k in 0..3 {
+            let [b, c] = OTHER_AXES[k];
+            self.integral_rate[GYROSCOPIC + k] = self.gyroscopic_weight[k] * momentum[b] * momentum[c];
+        }
+        self.hold();
+    }
+
+    /// One step at the rates of the last one: also what a sample does that was lost or rejected.
+    pub(super) fn hold(&mut self) {
+        for axis in 0..AXES {
+            self.accounted[axis] += self.period * self.rate[axis];
+        }
+        for k in 0..INTEGRALS {
+            self.integral[k] += self.period * self.integral_rate[k];
+        }
+    }
+
+    /// Means since the last block; `None` without a sample in between, then the block goes on.
+    pub(super) fn close(&mut self) -> Option<Block> {
+        if self.samples < 1.0 {
+            return None;
+        }
+        let share = 1.0 / self.samples;
+        let means = self.integral_sum.map(|sum| sum * share);
+        for k in 0..INTEGRALS {
+            self.integral[k] -= means[k];
+        }
+        let defect = self.defect_sum.map(|sum| sum * share);
+        for axis in 0..AXES {
+            self.accounted[axis] += defect[axis] * self.arm[axis];
+            if let Some(last) = &mut self.last_defect {
+                last[axis] -= defect[axis];
+            }
+        }
+        let block = Block {
+            defect,
+            elapsed: means[TIME],
+            wrench: std::array::from_fn(|axis| means[axis]),
+            lag_slope: std::array::from_fn(|axis| means[AXES + axis]),
+            path: means[PATH],
+            gyroscopic: std::array::from_fn(|k| means[GYROSCOPIC + k]),
+            thrust: std::array::from_fn(|rotor| means[THRUST + rotor]),
+            roughness: self.roughness.map(|sum| sum * share),
+            samples: self.samples,
+        };
+        self.integral_sum = [0.0; INTEGRALS];
+        self.defect_sum = [0.0; AXES];
+        self.roughness = [0.0; AXES];
+        self.samples = 0.0;
+        Some(block)
+    }
+}

@@ -1,0 +1,358 @@
+//! A second look at what the engine names: how large the loss is now, and what else would explain it.
+//!
+//! ```text
+//!  Measurement ─▶ Meter ─block─▶ WrenchFilter ─lost wrench, variance─┬─▶ sets: probabilities of explanations ─▶ name, sets, or nothing
+//!  FdiOutput ────────────────────────────────────────────────────────┴─▶ severity of what is named
+//! ```
+//! Beside the engine, like [`super::validity`]: the engine finds a fault within a window or two, with a step of lost thrust as its only
+//! picture of one, and keeps its bits; a board has no room for more. Here nothing is decided before the engine has found something. Then
+//!
+//! * severity comes from a lost wrench that may move (a ramp, a recovery), with the interval of the present, not of the moment of naming;
+//! * a name is given only as far as nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small losses, three
+//!   rotors, a changed load.
+
+mod joint;
+mod meter;
+mod sets;
+mod wrench;
+
+use joint::JointFilter;
+use meter::{AXES, Block, Meter};
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
+use rotortwin_flight_core::fdi::{FaultVerdict, FdiConfig, FdiOutput};
+use rotortwin_flight_core::signals::Measurement;
+use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
+use sets::{Explanation, Kind};
+use std::collections::VecDeque;
+use wrench::{AtSpeed, WrenchFilter};
+
+/// Half the width of a 95 % interval in standard deviations.
+const SIGMAS: f64 = 1.96;
+/// What a severity may be wrong by: share of itself, and share of the rotor's thrust in hover.
+const MODEL_ERROR: f64 = 0.015;
+const MODEL_FLOOR: f64 = 0.001;
+/// Blocks between two snapshots, and snapshots that are kept: a severity starts from the oldest.
+const SNAPSHOT_BLOCKS: usize = 160;
+const SNAPSHOTS: usize = 3;
+/// Blocks that are kept while something is wrong: the snapshots stay, so that other rotors can be followed from before it.
+const LONGEST_HISTORY: usize = 960;
+/// Sets of rotors that are followed at a time.
+const TRACKED: usize = 3;
+/// Losses where it is not known what was before, share.
+const UNKNOWN_LOSS: f64 = 0.15;
+/// A set that was named stays named down to this.
+const STILL_NAMED: f64 = 0.4;
+/// Three rotors that make the wrench of a pair are twins of it from this probability on: the name is not sure.
+const TWIN: f64 = 0.02;
+/// A name is sure only after so many windows: the first ones hardly tell a loss from its neighbours.
+const SURE_WINDOWS: u32 = 8;
+/// Its probability until then is at most this.
+const NOT_SURE: f64 = 0.94;
+/// Low-pass of the unexplained wrench, s: as the engine's residuals have.
+const UNEXPLAINED_TIME: f64 = 0.2;
+/// Probability of nothing above which a fault is over, and below which it is back.
+const OVER: f64 = 0.7;
+const BACK: f64 = 0.01;
+/// An explanation that is less probable is not listed.
+const LISTED: f64 = 0.02;
+/// A single explanation that is more probable is named.
+const NAMED: f64 = 0.8;
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct SecondLook {
+    rotor_count: usize,
+    hover: f64,
+    hover_thrust: [f64; MAX_ROTORS],
+    /// Columns of F, levers taken out.
+    column: [[f64; AXES]; MAX_ROTORS],
+    meter: Meter,
+    filter: WrenchFilter,
+    /// Filter as it was, and the blocks since.
+    snapshots: VecDeque<(WrenchFilter, Vec<Block>)>,
+    /// Follows the losses of what is suspected most.
+    tracked: Vec<JointFilter>,
+    /// N and N·m.
+    unexplained: [f64; AXES],
+    /// Set that was named last, and windows in a row.
+    named: (u32, u32),
+    /// The engine has found something, and whether it is still there.
+    alarm: Option<bool>,
+}
+
+impl SecondLook {
+    /// For the vehicle of an engine that has taken this configuration.
+    pub fn new(config: &FdiConfig) -> Self {
+        let rotor_count = config.geometry.rotor_count();
+        let f = config.geometry.effectiveness();
+        let meter = Meter::new(config);
+        let weight = f64::from(config.mass * config.gravity);
+        let hover = weight / rotor_count as f64;
+        let trim = config
+            .geometry
+            .allocate([-(config.mass * config.gravity), 0.0, 0.0, 0.0]);
+        let mut hover_thrust = [hover; MAX_ROTORS];
+        for rotor in 0..rotor_count {
+            hover_thrust[rotor] = f64::from(trim[rotor]).max(0.1 * hover);
+        }
+        Self {
+            rotor_count,
+            hover,
+            hover_thrust,
+            column: std::array::from_fn(|rotor| {
+                std::array::from_fn(|axis| f64::from(f[axis][rotor]) / meter.arm[axis])
+            }),
+            filter: WrenchFilter::new(config, &meter.arm),
+            meter,
+            snapshots: VecDeque::new(),
+            tracked: Vec::new(),
+            unexplained: [0.0; AXES],
+            named: (0, 0),
+            alarm: None,
+        }
+    }
+
+    /// Takes in a sample that the engine has taken.
+    pub fn step(&mut self, input: &Measurement) {
+        self.meter.step(input);
+    }
+
+    /// A sample was lost or rejected.
+    pub fn hold(&mut self) {
+        self.meter.hold();
+    }
+
+    /// After the last sample of a window.
+    ///
+    /// * `calibrating`: the engine learns the disturbances   * `decides`: it gives verdicts
+    pub fn close(&mut self, calibrating: bool, decides: bool) {
+        let Some(block) = self.meter.close() else {
+            return;
+        };
+        let weight = (block.elapsed / UNEXPLAINED_TIME).min(1.0);
+        for axis in 0..AXES {
+            let force = block.defect[axis] * self.meter.arm[axis] / block.elapsed.max(1e-6);
+            self.unexplained[axis] += (force - self.unexplained[axis]) * weight;
+        }
+        if calibrating {
+            self.filter.calibrate(block);
+        } else if decides {
+            if !self.filter.is_ready() {
+                self.filter.start();
+            }
+            if self.filter.is_ready() {
+                self.take(block);
+            }
+        }
+    }
+
+    /// Wrench that lagged healthy rotors do not explain, low-passed, N and N·m.
+    pub fn unexplained(&self) -> [f32; 4] {
+        self.unexplained.map(|x| x as f32)
+    }
+
+    fn take(&mut self, block: Block) {
+        let frozen = self.alarm.is_some();
+        let full = self
+            .snapshots
+            .back()
+            .is_none_or(|(_, since)| since.len() >= SNAPSHOT_BLOCKS);
+        if full && !frozen {
+            if self.snapshots.len() >= SNAPSHOTS {
+                self.snapshots.pop_front();
+            }
+            self.snapshots
+                .push_back((self.filter.clone(), Vec::with_capacity(SNAPSHOT_BLOCKS)));
+        }
+        self.filter.step(&block, self.demand(&block, u32::MAX));
+        let (phis, noise) = (self.filter.phis(&block), self.filter.noise());
+        for tracked in &mut self.tracked {
+            tracked.step(&block, &phis, &noise);
+        }
+        if let Some((_, since)) = self.snapshots.back_mut() {
+            since.push(block);
+        }
+        if self.snapshots.iter().map(|(_, since)| since.len()).sum::<usize>() > LONGEST_HISTORY {
+            self.snapshots.clear();
+        }
+    }
+
+    /// ∫ of the thrust that some rotors are asked for over that in hover, s.
+    fn demand(&self, block: &Block, rotors: u32) -> f64 {
+        let mut sums = [0.0; 2];
+        for rotor in (0..self.rotor_count).filter(|rotor| rotors >> rotor & 1 == 1) {
+            sums[0] += block.thrust[rotor];
+            sums[1] += self.hover_thrust[rotor];
+        }
+        sums[0] / sums[1].max(1e-6)
+    }
+
+    /// Goes back to before the fault, and follows what these rotors lose; they are the first of those tracked then.
+    fn track(&mut self, rotors: u32) {
+        if let Some(place) = self.tracked.iter().position(|tracked| tracked.rotors == rotors) {
+            self.tracked[..=place].rotate_right(1);
+            return;
+        }
+        let with_drag = rotors.count_ones() == 1;
+        let joint = match self.snapshots.front() {
+            Some((start, _)) => {
+                let mut joint = JointFilter::new(rotors, with_drag, &start.healthy(true), 0.0, &self.column);
+                for (filter, since) in &self.snapshots {
+                    for block in since {
+                        joint.step(block, &filter.phis(block), &filter.noise());
+                    }
+                }
+                joint
+            }
+            None => JointFilter::new(
+                rotors,
+                with_drag,
+                &self.filter.healthy(false),
+                UNKNOWN_LOSS,
+                &self.column,
+            ),
+        };
+        self.tracked.truncate(TRACKED - 1);
+        self.tracked.insert(0, joint);
+    }
+
+    /// The lost wrench over all speeds.
+    fn lost(&self) -> ([f64; AXES], [f64; AXES]) {
+        let speeds = self.filter.lost();
+        let mean = |of: &dyn Fn(&AtSpeed) -> f64| speeds.iter().map(|at| at.probability * of(at)).sum::<f64>();
+        let value: [f64; AXES] = std::array::from_fn(|axis| mean(&|at| at.value[axis]));
+        let variance =
+            std::array::from_fn(|axis| mean(&|at| at.variance[axis] + (at.value[axis] - value[axis]).powi(2)));
+        (value, variance)
+    }
+
+    /// Lost share of each tracked rotor now, and its standard deviation.
+    fn severity(&self) -> Vec<[f64; 2]> {
+        let lost = self.tracked.first().map_or_else(Vec::new, JointFilter::lost);
+        lost.into_iter()
+            .map(|[share, variance]| {
+                let model = (MODEL_ERROR * share).powi(2) + MODEL_FLOOR.powi(2);
+                [share, (variance + model).sqrt()]
+            })
+            .collect()
+    }
+
+    /// The engine's report, looked at again.
+    pub fn revise(&mut self, report: FdiReport, output: &FdiOutput) -> FdiReport {
+        let found = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
+        if !self.filter.is_ready() {
+            return report;
+        }
+        if !found {
+            if self.alarm.take().is_some() {
+                self.snapshots.clear();
+                self.tracked.clear();
+            }
+            return report;
+        }
+        let (value, variance) = self.lost();
+        let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
+        let nothing: f64 = found
+            .iter()
+            .filter(|e| e.kind == Kind::Nothing)
+            .map(|e| e.probability)
+            .sum();
+        let is_there = match self.alarm {
+            None => nothing < 0.5,
+            Some(true) => nothing < OVER,
+            Some(false) => nothing < BACK,
+        };
+        self.alarm = Some(is_there);
+        self.said(report, &found, nothing)
+    }
+
+    fn said(&mut self, report: FdiReport, found: &[Explanation], nothing: f64) -> FdiReport {
+        let mut said = FdiReport {
+            sequential: UNKNOWN,
+            sequential_probability: 0.0,
+            thrust_loss: LossEstimate::default(),
+            second_thrust_loss: LossEstimate::default(),
+            suspect_rotors: 0,
+            hypothesis_count: 0,
+            hypothesis_rotors: [0; MAX_HYPOTHESES],
+            ..report
+        };
+        let of = |is: &dyn Fn(&Explanation) -> bool| found.iter().filter(|e| is(e)).map(|e| e.probability).sum::<f64>();
+        // The same rotors, whatever happened to them.
+        let mut sets: Vec<(u32, f64)> = Vec::new();
+        for e in found.iter().filter(|e| e.rotors != 0) {
+            match sets.iter_mut().find(|set| set.0 == e.rotors) {
+                Some(set) => set.1 += e.probability,
+                None => sets.push((e.rotors, e.probability)),
+            }
+        }
+        sets.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let any: f64 = sets.iter().map(|set| set.1).sum();
+        if self.alarm != Some(true) {
+            said.sequential = HEALTHY;
+            said.sequential_probability = nothing as f32;
+            return said;
+        }
+        if any < 0.5 * (1.0 - nothing) {
+            said.sequential_probability = (1.0 - nothing) as f32;
+            return said;
+        }
+        let known = sets
+            .iter()
+            .find(|set| set.0 == self.named.0 && set.1 > STILL_NAMED * (1.0 - nothing));
+        let enough = if known.is_some() { STILL_NAMED } else { NAMED };
+        let (first, probability) = *known.unwrap_or(&sets[0]);
+        let gain = of(&|e| e.kind == Kind::Gain && e.rotors == first);
+        let rotors: Vec<usize> = (0..self.rotor_count).filter(|rotor| first >> rotor & 1 == 1).collect();
+        said.suspect_rotors = first;
+        if probability > enough * (1.0 - nothing) && gain < 0.5 * probability && rotors.len() <= 2 {
+            said.sequential = match rotors.as_slice() {
+                [one] => *one as i32 + 1,
+                [one, two] => 100 * (*one as i32 + 1) + *two as i32 + 1,
+                _ => UNKNOWN,
+            };
+            let windows = if self.named.0 == first { self.named.1 + 1 } else { 1 };
+            self.named = (first, windows);
+            let has_twins = rotors.len() == 2 && of(&|e| e.rotors.count_ones() > 2) > TWIN;
+            let most = if windows < SURE_WINDOWS || has_twins {
+                NOT_SURE
+            } else {
+                1.0
+            };
+            said.sequential_probability = probability.min(most) as f32;
+            self.track(first);
+            let losses = self.severity();
+            for (place, ([share, deviation], rotor)) in losses.iter().zip(&rotors).enumerate() {
+                let nominal = self.hover_thrust[*rotor];
+                let [share, low, high] =
+                    [*share, share - SIGMAS * deviation, share + SIGMAS * deviation].map(|x| x.max(0.0));
+                let [loss_n, low_n, high_n] = [share, low, high].map(|x| (x * nominal) as f32);
+                let loss = LossEstimate {
+                    loss_n,
+                    low_n,
+                    high_n,
+                    share: share as f32,
+                    share_low: low as f32,
+                    share_high: high as f32,
+                };
+                if place == 0 {
+                    said.thrust_loss = loss;
+                } else {
+                    said.second_thrust_loss = loss;
+                }
+            }
+            return said;
+        }
+        self.named = (0, 0);
+        said.sequential = AMBIGUOUS;
+        said.sequential_probability = (1.0 - nothing) as f32;
+        let listed: Vec<&(u32, f64)> = sets.iter().filter(|set| set.1 >= LISTED).collect();
+        said.suspect_rotors = listed.iter().fold(0, |mask, set| mask | set.0);
+        said.hypothesis_count = listed.len() as u32;
+        for (slot, set) in said.hypothesis_rotors.iter_mut().zip(&listed) {
+            *slot = set.0;
+        }
+        said
+    }
+}

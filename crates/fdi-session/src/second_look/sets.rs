@@ -1,0 +1,184 @@
+//! What explains a lost wrench: probabilities of nothing, of rotors that lost or gained thrust, alone, in pairs and threes, of a changed load,
+//! and of something else.
+//!
+//! Each explanation says what wrenches it makes: a normal distribution with the covariance
+//!
+//! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² 1 (something else)
+//!
+//! so that p(û | explanation) is closed, an explanation with more rotors pays for its freedom by itself (Occam), and two that make the same
+//! wrench are as likely as their priors. Losses and gains are one-sided: the density counts with the posterior probability of the sides.
+//! V holds the filter's variance and what the model may be wrong by in proportion to the wrench ([`GAIN_ERROR`]).
+
+use super::meter::AXES;
+use rotortwin_flight_core::MAX_ROTORS;
+
+/// Error of each axis' gain: mass, inertia, moment ratio, levers.
+const GAIN_ERROR: f64 = 0.03;
+/// Smallest error of a lost wrench, share of a rotor's thrust in hover.
+const FLOOR: f64 = 0.003;
+/// Sizes of losses and gains, share of a rotor's thrust in hover.
+const LOSS: f64 = 0.12;
+const GAIN: f64 = 0.08;
+/// A changed load, the same unit times the rotors.
+const LOAD: f64 = 0.1;
+/// Change of a blade's drag, share of the rotor's torque.
+const DRAG: f64 = 0.2;
+/// Something else.
+const OTHER: f64 = 0.1;
+
+/// ln of the odds against each kind, next to one rotor that lost thrust.
+const AGAINST_NOTHING: f64 = 0.0;
+const AGAINST_DRAG: f64 = 1.5;
+const AGAINST_GAIN: f64 = 2.6;
+const AGAINST_PAIR: f64 = 3.0;
+const AGAINST_THREE: f64 = 4.8;
+const AGAINST_LOAD: f64 = 2.0;
+const AGAINST_OTHER: f64 = 6.0;
+
+/// An explanation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Nothing is lost.
+    Nothing,
+    /// These rotors lost thrust.
+    Losses,
+    /// One rotor lost thrust, and its blade's drag changed.
+    LossWithDrag,
+    /// One rotor gives more.
+    Gain,
+    /// A load was dropped or taken up.
+    Load,
+    /// None of these.
+    Other,
+}
+
+/// An explanation with its probability.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Explanation {
+    pub kind: Kind,
+    /// Bit i: rotor i, from 0.
+    pub rotors: u32,
+    pub probability: f64,
+}
+
+type Matrix = [[f64; AXES]; AXES];
+
+/// Weighs all explanations of a wrench, likeliest first.
+///
+/// * `column`: of each rotor, levers taken out   * `value`, `variance`: of the lost wrench at hover, N and N²   * `hover`: thrust of a rotor, N
+pub(super) fn weigh(
+    column: &[[f64; AXES]; MAX_ROTORS],
+    rotor_count: usize,
+    value: &[f64; AXES],
+    variance: &[f64; AXES],
+    hover: f64,
+) -> Vec<Explanation> {
+    let mut base = [[0.0; AXES]; AXES];
+    for axis in 0..AXES {
+        base[axis][axis] = variance[axis] + (GAIN_ERROR * value[axis]).powi(2) + (FLOOR * hover).powi(2);
+    }
+    let mut found = Vec::new();
+    let mut add = |kind, rotors: u32, against: f64, parts: &[([f64; AXES], f64)], one_sided: usize| {
+        let log = log_density(&base, value, parts, one_sided) - against;
+        found.push((kind, rotors, log));
+    };
+    let loss = |rotor: usize| (column[rotor].map(|x| -x), LOSS * hover);
+    let unit = |axis: usize, size: f64| (std::array::from_fn(|a| if a == axis { size } else { 0.0 }), hover);
+    add(Kind::Nothing, 0, AGAINST_NOTHING, &[], 0);
+    add(Kind::Load, 0, AGAINST_LOAD, &[unit(0, LOAD * rotor_count as f64)], 0);
+    let free: [_; AXES] = std::array::from_fn(|axis| unit(axis, OTHER));
+    add(Kind::Other, 0, AGAINST_OTHER, &free, 0);
+    for i in 0..rotor_count {
+        add(Kind::Losses, 1 << i, 0.0, &[loss(i)], 1);
+        let drag = (
+            std::array::from_fn(|a| if a == AXES - 1 { DRAG * column[i][a] } else { 0.0 }),
+            hover,
+        );
+        add(Kind::LossWithDrag, 1 << i, AGAINST_DRAG, &[loss(i), drag], 2);
+        add(Kind::Gain, 1 << i, AGAINST_GAIN, &[(column[i], GAIN * hover)], 1);
+        for j in 0..i {
+            add(Kind::Losses, 1 << i | 1 << j, AGAINST_PAIR, &[loss(j), loss(i)], 2);
+            for k in 0..j {
+                let rotors = 1 << i | 1 << j | 1 << k;
+                add(Kind::Losses, rotors, AGAINST_THREE, &[loss(k), loss(j), loss(i)], 3);
+            }
+        }
+    }
+    let most = found.iter().fold(f64::NEG_INFINITY, |a, b| a.max(b.2));
+    let sum: f64 = found.iter().map(|entry| (entry.2 - most).exp()).sum();
+    let mut found: Vec<Explanation> = found
+        .into_iter()
+        .map(|(kind, rotors, log)| Explanation {
+            kind,
+            rotors,
+            probability: (log - most).exp() / sum,
+        })
+        .collect();
+    found.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    found
+}
+
+/// ln p of a wrench that is the sum of `base` noise and of parts of a direction and a standard deviation each, the first of which are
+/// one-sided.
+fn log_density(base: &Matrix, value: &[f64; AXES], parts: &[([f64; AXES], f64)], one_sided: usize) -> f64 {
+    let mut c = *base;
+    for (direction, size) in parts {
+        for a in 0..AXES {
+            for b in 0..AXES {
+                c[a][b] += size * size * direction[a] * direction[b];
+            }
+        }
+    }
+    let (inverse, log_determinant) = inverse(&c);
+    let weighted = times(&inverse, value);
+    let mut log = -0.5 * (dot(value, &weighted) + log_determinant);
+    for (direction, size) in &parts[..one_sided] {
+        let square = size * size;
+        let mean = square * dot(direction, &weighted);
+        let variance = square - square * square * dot(direction, &times(&inverse, direction));
+        log += (2.0 * normal_below(mean / variance.max(1e-12).sqrt())).max(1e-30).ln();
+    }
+    log
+}
+
+fn dot(a: &[f64; AXES], b: &[f64; AXES]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn times(m: &Matrix, v: &[f64; AXES]) -> [f64; AXES] {
+    std::array::from_fn(|a| dot(&m[a], v))
+}
+
+/// Of a positive definite matrix, by Gauss–Jordan; and ln of its determinant.
+fn inverse(m: &Matrix) -> (Matrix, f64) {
+    let (mut left, mut right, mut log) = (*m, [[0.0; AXES]; AXES], 0.0);
+    for a in 0..AXES {
+        right[a][a] = 1.0;
+    }
+    for k in 0..AXES {
+        let pivot = left[k][k].max(1e-300);
+        log += pivot.ln();
+        for j in 0..AXES {
+            left[k][j] /= pivot;
+            right[k][j] /= pivot;
+        }
+        for i in 0..AXES {
+            let factor = if i == k { 0.0 } else { left[i][k] };
+            for j in 0..AXES {
+                left[i][j] -= factor * left[k][j];
+                right[i][j] -= factor * right[k][j];
+            }
+        }
+    }
+    (right, log)
+}
+
+/// Φ, to 2e-7 (Abramowitz and Stegun 7.1.26 is 1.5e-7 of erf).
+fn normal_below(x: f64) -> f64 {
+    let z = x.abs() / std::f64::consts::SQRT_2;
+    let t = 1.0 / (1.0 + 0.327_591_1 * z);
+    let poly =
+        t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let above = 0.5 * poly * (-z * z).exp();
+    if x > 0.0 { 1.0 - above } else { above }
+}

@@ -1,0 +1,386 @@
+//! The wrench that healthy rotors do not explain, as it is now, with its variance: one Kalman filter per axis and speed of change.
+//!
+//! ```text
+//!  D' = w + b + g φ_own + s φ_second + t φ_lag + j φ_gyr + u c    D: momentum defect, measured once per block
+//!  w' = −w/T + noise    u' = noise of one of four speeds          u: lost wrench at hover, c: thrust of all rotors over the weight
+//! ```
+//! b, g, s, t, j as in the engine's filters. The lost wrench has no moment of onset: it walks, at one of [`SPEEDS`], and the speed is
+//! a Markov chain with the same speed on all axes (interacting multiple models). So a step, a loss that grows, one that comes and goes and one
+//! that heals are the same thing at different speeds. Level of the gusts and white force of each axis are those that make the calibration
+//! likeliest; afterwards their common scale follows the innovations slowly.
+
+use super::joint::AxisState;
+use super::meter::{AXES, Block};
+use rotortwin_flight_core::fdi::FdiConfig;
+
+pub(super) const STATES: usize = 8;
+const DEFECT: usize = 0;
+const GUST: usize = 1;
+const BIAS: usize = 2;
+const LOST: usize = 7;
+
+/// Standard deviation of the lost wrench's step in a block, share of a rotor's thrust in hover.
+pub(super) const SPEEDS: [f64; 4] = [1.5e-4, 2e-3, 1.2e-2, 7e-2];
+/// Chance per block to leave the slowest speed, to each of the others; to fall back from one of the others by one; to rise.
+const AWAKES: f64 = 2e-4;
+const CALMS: f64 = 0.06;
+const RISES: f64 = 0.01;
+/// Levels of gusts that are tried, share of a rotor's thrust in hover; each the √10-fold of the one before.
+const LEAST_GUST: f64 = 3e-4;
+const GUST_LEVELS: i32 = 7;
+/// White force, standard deviation of its mean over a block in the same unit.
+const LEAST_WHITE: f64 = 3e-4;
+const WHITE_LEVELS: i32 = 7;
+/// Largest squared normalised innovation that counts for the scale of the noise; its mean if the model holds is 0.97 of one.
+const LIMIT: f64 = 6.0;
+/// Weight of a block in the scale of the noise: half a minute.
+const SCALE_WEIGHT: f64 = 2e-3;
+/// Degrees of freedom of the innovations' distribution.
+const FREEDOM: f64 = 8.0;
+
+#[derive(Clone, Copy, Debug)]
+struct Filter {
+    x: [f64; STATES],
+    p: [[f64; STATES]; STATES],
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Noise {
+    /// e^(−block/T).
+    pub correlation: f64,
+    /// Of the gusts, N².
+    pub gust: f64,
+    /// Of a block's mean white force, N².
+    pub white: f64,
+    /// Of the mean of a block's momentum, (N·s)².
+    pub measurement: f64,
+}
+
+impl Filter {
+    fn new(variance: &[f64; STATES]) -> Self {
+        let mut p = [[0.0; STATES]; STATES];
+        for i in 0..STATES {
+            p[i][i] = variance[i];
+        }
+        Self { x: [0.0; STATES], p }
+    }
+
+    /// Moves on by a block and takes in its defect; innovation and its variance.
+    fn step(&mut self, phi: &[f64; STATES], noise: &Noise, walk: f64, defect: f64) -> (f64, f64) {
+        let p = &mut self.p;
+        p[LOST][LOST] += walk;
+        let mut row = [0.0; STATES];
+        let mut change = 0.0;
+        for i in 0..STATES {
+            row[i] = (1..STATES).map(|j| p[i][j] * phi[j]).sum();
+        }
+        for j in 1..STATES {
+            change += phi[j] * self.x[j];
+        }
+        let spread: f64 = (1..STATES).map(|j| phi[j] * row[j]).sum();
+        p[DEFECT][DEFECT] += 2.0 * row[DEFECT] + spread + noise.white * phi[BIAS] * phi[BIAS];
+        for j in 1..STATES {
+            p[DEFECT][j] += row[j];
+            p[j][DEFECT] = p[DEFECT][j];
+        }
+        let decay = noise.correlation;
+        self.x[GUST] *= decay;
+        for j in 0..STATES {
+            if j != GUST {
+                p[GUST][j] *= decay;
+                p[j][GUST] = p[GUST][j];
+            }
+        }
+        p[GUST][GUST] = decay * decay * p[GUST][GUST] + (1.0 - decay * decay) * noise.gust;
+
+        self.x[DEFECT] += change;
+        let innovation = defect - self.x[DEFECT];
+        let column = p[DEFECT];
+        let variance = column[DEFECT] + noise.measurement;
+        for i in 0..STATES {
+            self.x[i] += column[i] / variance * innovation;
+            for j in 0..STATES {
+                p[i][j] -= column[i] * column[j] / variance;
+            }
+        }
+        // D counts from the measured one.
+        self.x[DEFECT] -= defect;
+        (innovation, variance)
+    }
+}
+
+/// Lost wrench at one of the speeds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AtSpeed {
+    pub probability: f64,
+    /// N at the levers, at hover; what is lost has the opposite sign of the rotors' columns.
+    pub value: [f64; AXES],
+    /// N².
+    pub variance: [f64; AXES],
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub(super) struct WrenchFilter {
+    /// Thrust of a rotor in hover, N.
+    hover: f64,
+    prior: [[f64; STATES]; AXES],
+    centre_scale: [f64; AXES],
+    gust_time: f64,
+    /// Of the calibration.
+    blocks: Vec<Block>,
+    noise: [Noise; AXES],
+    scale: [f64; AXES],
+    modes: Vec<[Filter; AXES]>,
+    probability: [f64; SPEEDS.len()],
+}
+
+impl WrenchFilter {
+    /// * `arm`: longest levers, m
+    pub(super) fn new(config: &FdiConfig, arm: &[f64; AXES]) -> Self {
+        let c = &config.sequential;
+        let hover = f64::from(config.mass * config.gravity) / config.geometry.rotor_count() as f64;
+        let square = |x: f32| f64::from(x).powi(2);
+        let longest = arm[1].max(arm[2]);
+        Self {
+            hover,
+            prior: std::array::from_fn(|axis| {
+                let second = match axis {
+                    0 => square(c.drag_spread * config.mass),
+                    1 | 2 => square(c.centre_of_mass_spread),
+                    _ => square(c.centre_of_mass_spread) * (arm[3] / longest).powi(2),
+                };
+                let gyroscopic = if axis == 0 { 0.0 } else { square(c.gain_spread) };
+                [
+                    0.0,
+                    0.0,
+                    square(c.bias_spread) * hover * hover,
+                    square(c.gain_spread),
+                    second,
+                    square(c.rotor_time_constant_spread),
+                    gyroscopic,
+                    0.0,
+                ]
+            }),
+            centre_scale: std::array::from_fn(|axis| longest / arm[axis]),
+            gust_time: f64::from(c.disturbance_correlation_time),
+            blocks: Vec::new(),
+            noise: [Noise::default(); AXES],
+            scale: [1.0; AXES],
+            modes: Vec::new(),
+            probability: [0.0; SPEEDS.len()],
+        }
+    }
+
+    pub(super) fn phi(&self, axis: usize, block: &Block, demand: f64) -> [f64; STATES] {
+        let second = if axis == 0 {
+            block.path
+        } else {
+            block.wrench[0] * self.centre_scale[axis]
+        };
+        [
+            0.0,
+            block.elapsed,
+            block.elapsed,
+            block.wrench[axis],
+            second,
+            block.lag_slope[axis],
+            if axis == 0 { 0.0 } else { block.gyroscopic[axis - 1] },
+            demand,
+        ]
+    }
+
+    /// φ of every axis; the last entry is that of the lost wrench.
+    pub(super) fn phis(&self, block: &Block) -> [[f64; STATES]; AXES] {
+        std::array::from_fn(|axis| self.phi(axis, block, 0.0))
+    }
+
+    /// Takes in a block of the calibration.
+    pub(super) fn calibrate(&mut self, block: Block) {
+        self.blocks.push(block);
+    }
+
+    /// True once the calibration is over.
+    pub(super) fn is_ready(&self) -> bool {
+        !self.modes.is_empty()
+    }
+
+    /// Ends the calibration.
+    pub(super) fn start(&mut self) {
+        let blocks = std::mem::take(&mut self.blocks);
+        if blocks.is_empty() {
+            return;
+        }
+        let count = blocks.len() as f64;
+        let mut start = [Filter::new(&self.prior[0]); AXES];
+        for axis in 0..AXES {
+            let rough = blocks
+                .iter()
+                .map(|block| block.roughness[axis] / (2.0 * block.samples))
+                .sum::<f64>();
+            let correlation = (-blocks[0].elapsed / self.gust_time).exp();
+            let mut best = f64::NEG_INFINITY;
+            for gust in 0..GUST_LEVELS {
+                for white in 0..WHITE_LEVELS {
+                    let level =
+                        |least: f64, step: i32| (self.hover * least * 10f64.powf(0.5 * f64::from(step))).powi(2);
+                    let noise = Noise {
+                        correlation,
+                        gust: level(LEAST_GUST, gust),
+                        white: level(LEAST_WHITE, white),
+                        measurement: rough / count,
+                    };
+                    let mut prior = self.prior[axis];
+                    prior[DEFECT] = 2.0 * noise.measurement;
+                    prior[GUST] = noise.gust;
+                    let mut filter = Filter::new(&prior);
+                    let mut log_likelihood = 0.0;
+                    for block in &blocks {
+                        let (e, s) = filter.step(&self.phi(axis, block, 0.0), &noise, 0.0, block.defect[axis]);
+                        log_likelihood += log_density(e, s);
+                    }
+                    if log_likelihood > best {
+                        best = log_likelihood;
+                        (start[axis], self.noise[axis]) = (filter, noise);
+                    }
+                }
+            }
+        }
+        self.modes = vec![start; SPEEDS.len()];
+        self.probability = std::array::from_fn(|speed| if speed == 0 { 0.97 } else { 0.01 });
+    }
+
+    /// Takes in a block after the calibration.
+    ///
+    /// * `demand`: ∫ of what the lost thrust is proportional to, 1 in hover, s
+    pub(super) fn step(&mut self, block: &Block, demand: f64) {
+        let phis: [_; AXES] = std::array::from_fn(|axis| self.phi(axis, block, demand));
+        let count = SPEEDS.len();
+        let mut next = [0.0; SPEEDS.len()];
+        let mixed: Vec<[Filter; AXES]> = (0..count)
+            .map(|to| {
+                let weight: [f64; SPEEDS.len()] = std::array::from_fn(|from| self.probability[from] * chance(from, to));
+                next[to] = weight.iter().sum::<f64>().max(1e-12);
+                let share = weight.map(|weight| weight / next[to]);
+                std::array::from_fn(|axis| mix(&self.modes, axis, &share))
+            })
+            .collect();
+        self.modes = mixed;
+        let mut nis = [0.0; AXES];
+        let noise = self.noise();
+        let mut log_likelihood = [0.0; SPEEDS.len()];
+        let mut surprise = [[0.0; AXES]; SPEEDS.len()];
+        for speed in 0..count {
+            for axis in 0..AXES {
+                let walk = (SPEEDS[speed] * self.hover).powi(2);
+                let (e, s) = self.modes[speed][axis].step(&phis[axis], &noise[axis], walk, block.defect[axis]);
+                log_likelihood[speed] += log_density(e, s);
+                surprise[speed][axis] = e * e / s;
+            }
+        }
+        let most = log_likelihood.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+        let mut sum = 0.0;
+        for speed in 0..count {
+            self.probability[speed] = (next[speed] * (log_likelihood[speed] - most).exp()).max(1e-9);
+            sum += self.probability[speed];
+        }
+        for speed in 0..count {
+            self.probability[speed] /= sum;
+            for axis in 0..AXES {
+                nis[axis] += self.probability[speed] * surprise[speed][axis];
+            }
+        }
+        for axis in 0..AXES {
+            self.scale[axis] *= 1.0 + SCALE_WEIGHT * (nis[axis].min(LIMIT) / 0.97 - 1.0);
+            self.scale[axis] = self.scale[axis].clamp(0.5, 100.0);
+        }
+    }
+
+    /// As it is now.
+    pub(super) fn noise(&self) -> [Noise; AXES] {
+        std::array::from_fn(|axis| Noise {
+            gust: self.noise[axis].gust * self.scale[axis],
+            white: self.noise[axis].white * self.scale[axis],
+            ..self.noise[axis]
+        })
+    }
+
+    /// States of each axis but the lost wrench.
+    ///
+    /// * `nothing_lost`: what it is now counts as bias; else it is forgotten
+    pub(super) fn healthy(&self, nothing_lost: bool) -> [AxisState; AXES] {
+        let likeliest = (0..SPEEDS.len()).fold(0, |best, speed| {
+            if self.probability[speed] > self.probability[best] {
+                speed
+            } else {
+                best
+            }
+        });
+        std::array::from_fn(|axis| {
+            let Filter { x, p } = &self.modes[likeliest][axis];
+            // b ← b + u.
+            let mut to = [[0.0; STATES]; STATES - 1];
+            for (i, row) in to.iter_mut().enumerate() {
+                row[i] = 1.0;
+            }
+            to[BIAS][LOST] = f64::from(u8::from(nothing_lost));
+            let state = std::array::from_fn(|i| (0..STATES).map(|k| to[i][k] * x[k]).sum());
+            let covariance = std::array::from_fn(|i| {
+                std::array::from_fn(|j| {
+                    let inner = |k: usize| (0..STATES).map(|l| p[k][l] * to[j][l]).sum::<f64>();
+                    (0..STATES).map(|k| to[i][k] * inner(k)).sum()
+                })
+            });
+            (state, covariance)
+        })
+    }
+
+    /// What is lost now.
+    pub(super) fn lost(&self) -> [AtSpeed; SPEEDS.len()] {
+        std::array::from_fn(|speed| AtSpeed {
+            probability: self.probability[speed],
+            value: std::array::from_fn(|axis| self.modes[speed][axis].x[LOST]),
+            variance: std::array::from_fn(|axis| self.modes[speed][axis].p[LOST][LOST]),
+        })
+    }
+}
+
+/// Chance to go from one speed to another in a block.
+pub(super) fn chance(from: usize, to: usize) -> f64 {
+    let others = SPEEDS.len() - 1;
+    match (from, to) {
+        (0, 0) => 1.0 - AWAKES * others as f64,
+        (0, _) => AWAKES,
+        _ if to + 1 == from => CALMS,
+        _ if to == from + 1 => RISES,
+        _ if to == from => 1.0 - CALMS - if from == others { 0.0 } else { RISES },
+        _ => 0.0,
+    }
+}
+
+fn mix(modes: &[[Filter; AXES]], axis: usize, share: &[f64; SPEEDS.len()]) -> Filter {
+    let mut out = Filter {
+        x: [0.0; STATES],
+        p: [[0.0; STATES]; STATES],
+    };
+    for (mode, share) in modes.iter().zip(share) {
+        for i in 0..STATES {
+            out.x[i] += share * mode[axis].x[i];
+        }
+    }
+    for (mode, share) in modes.iter().zip(share) {
+        let filter = &mode[axis];
+        for i in 0..STATES {
+            for j in 0..STATES {
+                let spread = (filter.x[i] - out.x[i]) * (filter.x[j] - out.x[j]);
+                out.p[i][j] += share * (filter.p[i][j] + spread);
+            }
+        }
+    }
+    out
+}
+
+/// Student's t, but for a constant.
+pub(super) fn log_density(e: f64, variance: f64) -> f64 {
+    -0.5 * variance.ln() - 0.5 * (FREEDOM + 1.0) * (1.0 + e * e / (variance * FREEDOM)).ln()
+}

@@ -1,0 +1,150 @@
+//! What sessions say of faults in the independent generator's world. Shares are asserted with room for chance, at fixed seeds; figures with
+//! intervals come from `rotortwin blind --preset faults`.
+
+use rotortwin_blind::bench::faults::{Class, End, FaultRow, draw_cases, fly_case, score};
+use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
+use serde_json::json;
+
+const VEHICLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles/f550.toml");
+/// Of an interval that is promised to hold 95 %, next to the chance of so few flights.
+const LEAST_INSIDE: f64 = 0.88;
+
+/// What a session says of a flight, scored.
+fn judged(class: Class, n: usize, seed: u64) -> Vec<FaultRow> {
+    let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
+    let detectors = Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration");
+    let cases = draw_cases(n, seed, 60.0, &[(VEHICLE.to_owned(), 6)]);
+    let cases = cases.iter().filter(|case| case.class == class);
+    cases
+        .map(|case| {
+            let mut session = FdiSession::new(*detectors.config(), 1).expect("a good configuration");
+            let mut windows = Vec::new();
+            for (part, rows) in fly_case(case).expect("flown").chunks(1000).enumerate() {
+                let chunk = Chunk {
+                    first_step: 1000 * part as u64,
+                    after_gap: false,
+                    samples: rows.iter().map(sample).collect(),
+                };
+                windows.extend(session.feed(&chunk).expect("taken").windows);
+            }
+            let views: Vec<_> = windows.iter().map(view).collect();
+            let report = json!({ "log": { "start_s": 0.0 }, "windows": views });
+            score(case, &report.to_string()).expect("scored")
+        })
+        .collect()
+}
+
+fn sample(row: &rotortwin_blind::flight::Row) -> Sample {
+    let numbers = |v: [f64; 3]| v.map(|x| x as f32);
+    let mut duty = [0.0; MAX_ROTORS];
+    for (to, from) in duty.iter_mut().zip(&row.duties) {
+        *to = (*from as f32).clamp(0.0, 1.0);
+    }
+    Sample {
+        position_ned_m: numbers(row.position.into()),
+        velocity_ned_m_s: numbers(row.velocity.into()),
+        attitude_rad: numbers(row.euler.into()),
+        body_rates_rad_s: numbers(row.rates.into()),
+        duty,
+        battery_voltage_v: row.voltage as f32,
+        time_s: None,
+    }
+}
+
+/// As `fdi-log --windows` writes it.
+fn view(window: &Window) -> serde_json::Value {
+    let report = &window.report;
+    let code = if window.obstacle.is_some() {
+        -4
+    } else {
+        report.sequential
+    };
+    let rotors = match code {
+        1..100 => vec![code],
+        100.. => vec![code / 100, code % 100],
+        _ => vec![],
+    };
+    let losses = rotors.iter().zip([report.thrust_loss, report.second_thrust_loss]);
+    let losses = losses
+        .map(|(rotor, loss)| json!({ "rotor": rotor, "share_low": loss.share_low, "share_high": loss.share_high }));
+    let sets = report.hypothesis_rotors.iter().take(report.hypothesis_count as usize);
+    let sets = sets.map(|mask| {
+        (1..=16)
+            .filter(|rotor| mask >> (rotor - 1) & 1 == 1)
+            .collect::<Vec<u32>>()
+    });
+    json!({
+        "time_s": report.stamp.sim_time_ns as f64 * 1e-9,
+        "sequential": {
+            "code": code,
+            "probability": report.sequential_probability,
+            "thrust_loss": losses.collect::<Vec<_>>(),
+            "hypotheses": sets.collect::<Vec<_>>(),
+        },
+    })
+}
+
+fn ends(rows: &[FaultRow], wanted: &[End]) -> usize {
+    rows.iter()
+        .filter(|row| row.end.is_some_and(|end| wanted.contains(&end)))
+        .count()
+}
+
+#[test]
+fn val_intervals_hold_the_loss_whether_it_stands_or_moves() {
+    for class in [Class::Step, Class::Ramp, Class::Recovery, Class::BladeDrag] {
+        let rows = judged(class, 12, 5);
+        let inside = rows.iter().filter(|row| row.inside == Some(true)).count();
+        assert!(
+            ends(&rows, &[End::Right]) >= 11,
+            "{class:?}: {:?}",
+            rows.iter().map(|row| row.end).collect::<Vec<_>>()
+        );
+        let windows = rows.iter().fold([0; 4], |[a, b, c, d], row| {
+            [
+                a + row.still.inside,
+                b + row.still.of,
+                c + row.moving.inside,
+                d + row.moving.of,
+            ]
+        });
+        assert!(inside >= 10, "{class:?}: {inside} of 12 flights at the end");
+        assert!(
+            windows[0] as f64 > LEAST_INSIDE * windows[1] as f64,
+            "{class:?}, still: {windows:?}"
+        );
+        assert!(
+            windows[2] as f64 > 0.8 * windows[3] as f64,
+            "{class:?}, moving: {windows:?}"
+        );
+    }
+}
+
+#[test]
+fn val_what_looks_alike_is_a_set_and_no_healthy_rotor_is_named() {
+    for (class, wanted) in [
+        (Class::Gain, [End::InSet, End::Open]),
+        (Class::ThreeRotors, [End::InSet, End::Open]),
+        (Class::LoadDropped, [End::Right, End::Open]),
+    ] {
+        let rows = judged(class, 12, 5);
+        let good = ends(&rows, &wanted);
+        let named = rows.iter().filter(|row| row.healthy_named).count();
+        assert!(
+            good >= 11 && named <= 1,
+            "{class:?}: {good} of 12 ends are {wanted:?}, {named} flights name a healthy rotor"
+        );
+    }
+}
+
+#[test]
+fn val_a_recovery_is_released_within_a_second() {
+    let rows = judged(Class::Recovery, 12, 5);
+    let released = rows
+        .iter()
+        .filter(|row| row.released_s.is_some_and(|seconds| seconds <= 1.0))
+        .count();
+    assert!(released >= 11, "{released} of 12");
+}
