@@ -73,7 +73,7 @@ def control(setup, sensors):
     jx, jy, jz = body.inertia_body_kg_m2
     mx = jx * pd(TILT, roll - att.roll_rad, -rates.forward)
     my = jy * pd(TILT, pitch - att.pitch_rad, -rates.right)
-    mz = jz * pd(YAW, want.yaw_rad - att.yaw_rad, -rates.down)
+    mz = jz * pd(YAW, math.remainder(want.yaw_rad - att.yaw_rad, math.tau), -rates.down)
     arms = [(r.position_m.forward, r.position_m.right, r.spin * r.moment_ratio_m) for r in setup.rotors]
     sum_x, sum_y, sum_z = (sum(arm[i] ** 2 for arm in arms) for i in range(3))
     # More than hover, N: what lifts, plus each torque shared out by lever. Right for regular polygons.

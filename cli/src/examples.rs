@@ -107,6 +107,12 @@ Examples:
   rotortwin board doctor serial:/dev/ttyACM0
   rotortwin board measure qemu";
 
+pub(crate) const CONFORM: &str = "\
+Examples:
+  rotortwin conform zenoh
+  rotortwin conform serial:/dev/ttyUSB0@921600
+  rotortwin conform virtual --json";
+
 pub(crate) const SERVE: &str = "\
 Examples:
   rotortwin serve

@@ -499,7 +499,7 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
 }
 
 /// A TCP port of the loopback address that nobody listens on now.
-fn free_port() -> Result<u16, String> {
+pub(crate) fn free_port() -> Result<u16, String> {
     std::net::TcpListener::bind("127.0.0.1:0")
         .and_then(|listener| listener.local_addr())
         .map(|address| address.port())
@@ -527,7 +527,7 @@ fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
 }
 
 /// A number that no other execution has; 0 is kept for "none".
-fn new_run_id() -> u64 {
+pub(crate) fn new_run_id() -> u64 {
     rand::random::<u64>().max(1)
 }
 
@@ -815,17 +815,19 @@ impl ArgList {
     }
 }
 
+/// The command that starts our own program in that place.
+pub(crate) fn invitation(who: External, link: &str, run_id: u64, step_timeout: u64) -> String {
+    format!(
+        "rotortwin {} --link {link} --run-id {run_id:016x} --step-timeout {step_timeout}",
+        who.name()
+    )
+}
+
 /// Says with which commands the parts join that are not started here.
 fn invite(args: &Args, config: &SessionConfig, address: &LinkAddress, external: &BTreeSet<External>) {
     let link = address.for_peers(&host_name()).to_string();
     let run_id = format!("{:016x}", config.run_id);
-    let command = |who: &External| {
-        let name = who.name();
-        format!(
-            "rotortwin {name} --link {link} --run-id {run_id} --step-timeout {}",
-            args.step_timeout
-        )
-    };
+    let command = |who: &External| invitation(*who, &link, config.run_id, args.step_timeout);
     if args.events {
         let peers: Vec<_> = external
             .iter()

@@ -25,6 +25,7 @@ mod board;
 mod campaign;
 mod compare;
 mod configuration;
+mod conform;
 mod destination;
 mod diagnose;
 mod effects;
@@ -134,6 +135,9 @@ enum Command {
     /// Flight boards: list, info, doctor, measure (Table 11)
     #[command(after_help = examples::BOARD)]
     Board(board::Args),
+    /// Play the plant to somebody else's controller, and name what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
+    #[command(after_help = examples::CONFORM)]
+    Conform(conform::Args),
     /// A zenoh router where the processes of runs meet, with access control
     Router(router::Args),
     /// Serve jobs, runs and results over HTTP
@@ -221,6 +225,7 @@ fn run_command() -> ExitCode {
         Command::Vehicle(args) => vehicle::run(&args),
         Command::Blind(args) => blind::run(&args),
         Command::Board(args) => board::run(&args),
+        Command::Conform(args) => conform::run(&args),
         Command::Router(args) => router::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Campaigns(args) => remote::jobs(&cli.server, "campaigns", &args),

@@ -20,7 +20,7 @@ use rotortwin_proto::{Finish, Join, Ready, Role, Setup, setup::Parameters};
 use rotortwin_wire::PROTOCOL_VERSION;
 use rotortwin_wire::convert::{self, ConvertError};
 use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame};
-use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, LinkTiming, PlantLink, RunSetup, role_name};
+use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, LinkTiming, PlantLink, RunSetup, Strays, role_name};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -237,6 +237,7 @@ pub struct EndpointLink<E: Endpoint> {
     /// Set by somebody else to end every wait.
     stop: Option<Arc<AtomicBool>>,
     finished: bool,
+    strays: Strays,
 }
 
 impl<E: Endpoint> EndpointLink<E> {
@@ -263,6 +264,7 @@ impl<E: Endpoint> EndpointLink<E> {
             last_life_check: now(),
             stop: None,
             finished: false,
+            strays: Strays::default(),
         }
     }
 
@@ -302,8 +304,11 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Ok(());
                 };
                 let step = command.stamp.step;
-                // Another run's, or a repetition.
-                if command.stamp.run_id != run_id || step < expected || self.controller.last_step == Some(step) {
+                if command.stamp.run_id != run_id {
+                    return Ok(());
+                }
+                if step < expected || self.controller.last_step == Some(step) {
+                    self.strays.repeated += 1;
                     return Ok(());
                 }
                 if step > expected {
@@ -602,6 +607,10 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
             }
             self.endpoint.wait(LIFE_CHECK.min(self.timing.step))?;
         }
+    }
+
+    fn strays(&self) -> Strays {
+        self.strays
     }
 
     fn finish(&mut self, steps: u64, failure: Option<&str>) {

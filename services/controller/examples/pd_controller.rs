@@ -14,6 +14,7 @@ use rotortwin_proto::ControllerSetup;
 use rotortwin_proto::controller_setup::ThrustToDuty;
 use rotortwin_wire::frames::{CommandFrame, SensorFrame};
 use rotortwin_wire::link::ControllerPeer;
+use std::f32::consts::TAU;
 use std::process::ExitCode;
 
 /// (K_p 1/s², K_d 1/s) of a north, east or down axis; of roll and pitch; of yaw.
@@ -89,6 +90,8 @@ impl ControllerPeer for PdController {
         let [roll, pitch, yaw] = sensors.attitude_rad;
         // Nose down (pitch below 0) accelerates forward, right side down (roll above 0) to the right.
         let limited = |angle: f32| angle.clamp(-MOST_TILT, MOST_TILT);
+        // The short way round.
+        let wrapped = |angle: f32| angle - TAU * (angle / TAU).round();
         let setpoint = [
             limited((east * yaw.cos() - north * yaw.sin()) / self.gravity),
             limited(-(north * yaw.cos() + east * yaw.sin()) / self.gravity),
@@ -98,7 +101,7 @@ impl ControllerPeer for PdController {
         let torque = [
             self.inertia[0] * pd(TILT, setpoint[0] - roll, -rates[0]),
             self.inertia[1] * pd(TILT, setpoint[1] - pitch, -rates[1]),
-            self.inertia[2] * pd(YAW, setpoint[2] - yaw, -rates[2]),
+            self.inertia[2] * pd(YAW, wrapped(setpoint[2] - yaw), -rates[2]),
         ];
         let mut command = CommandFrame {
             attitude_setpoint_rad: setpoint,

@@ -41,8 +41,20 @@ pub trait PlantLink {
     /// by more than the window, or if `wait` is set (after the last step).
     fn next_report(&mut self, wait: bool) -> Result<Option<FdiReport>, LinkError>;
 
+    /// What came beside the answers that were waited for, since the link was opened.
+    fn strays(&self) -> Strays {
+        Strays::default()
+    }
+
     /// Tells both peers that the run is over; `failure` is the reason if it failed. Never blocks for longer than 100 ms.
     fn finish(&mut self, steps: u64, failure: Option<&str>);
+}
+
+/// What came and was not used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Strays {
+    /// Commands for steps that the controller had answered before.
+    pub repeated: u64,
 }
 
 /// What a controller does.

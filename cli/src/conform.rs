@@ -1,0 +1,231 @@
+//! `rotortwin conform`: the plant is played to somebody else's controller, and what is wrong with it is named.
+
+use crate::fly::{External, Foreign, free_port, invitation, new_run_id};
+use crate::output;
+use clap::Parser;
+use rotortwin_bridge::address::BoardAddress;
+use rotortwin_bridge::session::{BoardLink, SessionOptions};
+use rotortwin_flight::conform::{Demands, Report, conform};
+use rotortwin_links::endpoint::EndpointLink;
+use rotortwin_links::host_name;
+use rotortwin_process::{AnyEndpoint, LinkAddress, PeerArgs};
+use rotortwin_proto::Role;
+use rotortwin_scenario::Scenario;
+use rotortwin_wire::link::LinkTiming;
+use rotortwin_wire::peers::FdiEnginePeer;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// What makes any scenario one in which a controller can be probed: a hover, long enough, and nothing that happens.
+const HOVER: [&str; 4] = [
+    "duration_s=60",
+    "trajectory={kind=\"hover\", position_ned_m=[0.0, 0.0, -5.0], yaw_rad=0.0}",
+    "initial.start=\"trimmed\"",
+    "fault=[]",
+];
+/// A step of the wall clock.
+const STEP_MS: f64 = 2.5;
+
+/// Arguments of `rotortwin conform`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    /// The controller: iceoryx2[:DOMAIN], zenoh[:listen=tcp/IP:PORT|:connect=ENDPOINT] for one that joins by itself; serial:PORT[@BAUD],
+    /// pty, qemu, virtual[:KEY=NUMBER,...] for a board
+    endpoint: Endpoint,
+    /// Scenario whose vehicle is flown: a file, or a name that 'rotortwin list scenarios' shows
+    #[arg(long, value_parser = crate::named::scenario(), default_value = "short-hover")]
+    scenario: PathBuf,
+    /// Seed of the noise of the sensors in the flight
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Longest wait for the controller to join, ms
+    #[arg(long, value_name = "MS", default_value_t = 600_000)]
+    join_timeout: u64,
+    /// Longest wait for an answer, ms
+    #[arg(long, value_name = "MS", default_value_t = 5_000)]
+    step_timeout: u64,
+    /// Half of the answers have to be there within this time, ms of wall clock; 0: any time [default: 2.5; emulated and virtual boards: 0]
+    #[arg(long, value_name = "MS", value_parser = milliseconds)]
+    answer_within: Option<f64>,
+    /// Print the report as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+fn milliseconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(time) if (0.0..=60_000.0).contains(&time) => Ok(time),
+        _ => Err("expected 0 to 60000 ms".to_owned()),
+    }
+}
+
+/// Where the controller is.
+#[derive(Clone, Debug)]
+enum Endpoint {
+    /// It joins by itself; `None`: over zenoh, at a free port.
+    Link(Option<LinkAddress>),
+    Board(BoardAddress),
+}
+
+impl std::str::FromStr for Endpoint {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "zenoh" {
+            return Ok(Self::Link(None));
+        }
+        if text.starts_with("zenoh") || text.starts_with("iceoryx2") {
+            return text
+                .parse()
+                .map(|address| Self::Link(Some(address)))
+                .map_err(|error: rotortwin_process::LinkAddressError| error.to_string());
+        }
+        match text.parse()? {
+            Foreign::Board(board) => Ok(Self::Board(board)),
+            Foreign::Autopilot(autopilot) => Err(format!(
+                "{autopilot} cannot be probed in a hover that is held still; see 'rotortwin spin-test' for order and spin of its motors"
+            )),
+        }
+    }
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    let scenario = match Scenario::load_with(&args.scenario, &HOVER) {
+        Ok(scenario) => scenario,
+        Err(error) => return output::bad_input(error),
+    };
+    let examined = match &args.endpoint {
+        Endpoint::Board(address) => match address.open() {
+            Ok(line) => {
+                let mut options = SessionOptions {
+                    join: Duration::from_millis(args.join_timeout.min(10_000)),
+                    step: Duration::from_millis(args.step_timeout),
+                    ..SessionOptions::default()
+                };
+                options.board.fdi = false;
+                let mut link = BoardLink::new(line, &address.to_string(), options);
+                let real = matches!(address, BoardAddress::Serial { .. });
+                let demands = demands(args, real);
+                conform(&mut link, &scenario, args.seed, new_run_id(), &demands)
+            }
+            Err(sentence) => return output::bad_input(sentence),
+        },
+        Endpoint::Link(address) => {
+            let address = match address.clone().map_or_else(free_address, Ok) {
+                Ok(address) => address,
+                Err(sentence) => return output::failed(sentence),
+            };
+            if let Err(sentence) = address.probe() {
+                return output::bad_input(sentence);
+            }
+            over_link(args, &scenario, &address)
+        }
+    };
+    match examined {
+        Ok(report) => {
+            if args.json {
+                output::line(&serde_json::to_string_pretty(&report).unwrap_or_default());
+            } else {
+                print!("{}", output::fitted(&text(&report)));
+            }
+            if report.conforms() {
+                ExitCode::SUCCESS
+            } else {
+                ExitCode::from(rotortwin_process::EXIT_FAILED)
+            }
+        }
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+fn demands(args: &Args, real: bool) -> Demands {
+    let limit_ms = args.answer_within.unwrap_or(if real { STEP_MS } else { 0.0 });
+    Demands {
+        answer: (limit_ms > 0.0).then(|| Duration::from_secs_f64(1e-3 * limit_ms)),
+    }
+}
+
+fn free_address() -> Result<LinkAddress, String> {
+    format!("zenoh:listen=tcp/127.0.0.1:{}", free_port()?)
+        .parse()
+        .map_err(|error: rotortwin_process::LinkAddressError| error.to_string())
+}
+
+/// A controller that joins by itself; the FDI engine of the run is ours, in a thread.
+fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<Report, String> {
+    let run_id = new_run_id();
+    let timing = LinkTiming {
+        join: Duration::from_millis(args.join_timeout),
+        step: Duration::from_millis(args.step_timeout),
+        ..LinkTiming::default()
+    };
+    let endpoint = AnyEndpoint::open(address, Role::Plant, run_id, timing.join).map_err(|error| error.to_string())?;
+    let fdi = PeerArgs {
+        link: address.for_peers("127.0.0.1"),
+        run_id,
+        join_timeout: args.join_timeout,
+        step_timeout: args.step_timeout,
+        cpu: None,
+        supervisor_pid: None,
+    };
+    // It ends with the run, which tells it so.
+    std::thread::spawn(move || fdi.serve_fdi("rotortwin-conform", &mut FdiEnginePeer::default()));
+    eprintln!("Waiting for the controller to join:");
+    let link = address.for_peers(&host_name()).to_string();
+    eprintln!(
+        "  {}",
+        invitation(External::Controller, &link, run_id, args.step_timeout)
+    );
+    let demands = demands(args, true);
+    match endpoint {
+        AnyEndpoint::Iox2(endpoint) => conform(
+            &mut EndpointLink::new(*endpoint, timing),
+            scenario,
+            args.seed,
+            run_id,
+            &demands,
+        ),
+        AnyEndpoint::Zenoh(endpoint) => conform(
+            &mut EndpointLink::new(*endpoint, timing),
+            scenario,
+            args.seed,
+            run_id,
+            &demands,
+        ),
+    }
+}
+
+/// What people read.
+fn text(report: &Report) -> String {
+    let mut text = String::new();
+    for check in &report.checks {
+        let mark = if check.passed { "ok   " } else { "wrong" };
+        text.push_str(&format!("{mark}  {:<28} {}\n", check.name, check.evidence));
+    }
+    let [median, most] = report.answer_ms;
+    text.push_str(&format!(
+        "{} steps; an answer takes {median:.2} ms, one in a hundred {most:.2} ms or more\n",
+        report.steps
+    ));
+    for finding in &report.findings {
+        text.push_str(&format!(
+            "\nFAULT  {} · {}: {}\n",
+            finding.fault.name(),
+            finding.field,
+            finding.sentence
+        ));
+        text.push_str(&format!("       {}\n", finding.evidence));
+        for other in &finding.others {
+            text.push_str(&format!("       or: {other}\n"));
+        }
+    }
+    text.push_str(&match report.findings.len() {
+        0 => "\nConforms\n".to_owned(),
+        1 => "\nDoes not conform: 1 fault\n".to_owned(),
+        count => format!("\nDoes not conform: {count} faults\n"),
+    });
+    text
+}
