@@ -35,6 +35,9 @@ struct FromLog {
     /// Frame, where the log does not say it, such as quad-x (numbers as in ArduPilot)
     #[arg(long)]
     frame: Option<String>,
+    /// Take the frame as it is stated even where the motion contradicts it
+    #[arg(long)]
+    trust_frame: bool,
     /// Capacity of the battery, Ah
     #[arg(long, value_name = "AH")]
     capacity: Option<f64>,
@@ -97,6 +100,7 @@ fn find(args: &FromLog) -> Result<Found, String> {
         mass_kg: args.mass,
         arm_m: args.arm,
         frame: args.frame.clone(),
+        trust_frame: args.trust_frame,
         capacity_ah: args.capacity,
         cells: args.cells,
     };

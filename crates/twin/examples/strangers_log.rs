@@ -33,6 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             mass_kg: mass.parse()?,
             arm_m: arm.parse()?,
             frame: None,
+            trust_frame: false,
             capacity_ah: None,
             cells: None,
         };

@@ -49,6 +49,7 @@ fn identified(vehicle: &Vehicle, log: &FlightLog) -> ModelVersion {
         mass_kg: vehicle.mass,
         arm_m: ARM_M,
         frame: Some("hexa-cw-x".to_owned()),
+        trust_frame: false,
         capacity_ah: None,
         cells: None,
     };
@@ -190,6 +191,7 @@ fn val_real_flights_of_a_strangers_vehicle() {
             mass_kg: 0.027,
             arm_m: 0.0396,
             frame: None,
+            trust_frame: false,
             capacity_ah: None,
             cells: None,
         };

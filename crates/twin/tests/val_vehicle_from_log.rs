@@ -80,6 +80,7 @@ fn request(vehicle: &Vehicle, arm: f64) -> Request {
         mass_kg: vehicle.mass,
         arm_m: arm,
         frame: None,
+        trust_frame: false,
         capacity_ah: None,
         cells: None,
     }
@@ -238,6 +239,92 @@ fn val_wirings_are_found_on_exciting_flights_and_never_wrong() {
     println!("{right} right, {unknown} unknown, 0 wrong");
     // A wrong order fails above. "Unknown" is an honest answer, but one in sixteen is the most that an exciting flight may leave so.
     assert!(16 * unknown <= count, "{unknown} of {count} unknown");
+}
+
+/// Radii of gyration about roll and pitch, over the arm, that are written with a source.
+fn gyrations(found: &Identified, vehicle: &Vehicle, arm: f64) -> [(f64, Source); 2] {
+    [0, 1].map(|axis| {
+        let value = found.value(&format!("body.inertia_body_kg_m2[{axis}]")).unwrap();
+        ((value.value / vehicle.mass).sqrt() / arm, value.source)
+    })
+}
+
+#[test]
+fn val_a_frame_that_the_motion_contradicts_is_refused_and_no_impossible_inertia_is_called_identified() {
+    let (mut refused, mut accepted) = (0, 0);
+    for frame in all_frames()
+        .into_iter()
+        .filter(|frame| FRAMES[*frame].places().len() < 8)
+    {
+        // The first vehicle of this frame that its pilot does not lose.
+        let flight = |seed: u64| {
+            let (vehicle, arm) = drawn(seed, frame);
+            let order: Vec<usize> = (0..vehicle.rotors.len()).collect();
+            let log = tried(&vehicle, "excitation", 30.0, seed, &order).ok()?;
+            Some((vehicle, arm, order, log))
+        };
+        let (vehicle, arm, order, log) = (3000..).find_map(flight).unwrap();
+        for other in FRAMES {
+            let places = other.places();
+            if places.len() != order.len() {
+                continue;
+            }
+            let same = places == FRAMES[frame].places();
+            let told = |trust_frame| Request {
+                frame: Some(other.name.to_owned()),
+                trust_frame,
+                ..request(&vehicle, arm)
+            };
+            match identify(std::slice::from_ref(&log), &told(false)) {
+                Ok(found) => {
+                    assert!(same, "{} as {}: {:?}", FRAMES[frame].name, other.name, found.airframe);
+                    accepted += 1;
+                }
+                Err(error) => {
+                    let text = error.0;
+                    assert!(!same, "{text}");
+                    assert!(
+                        text.contains("contradicts the motion") && text.contains("--trust-frame"),
+                        "{text}"
+                    );
+                    refused += 1;
+                    // Who insists gets no wrong number for it.
+                    let found = identify(std::slice::from_ref(&log), &told(true)).unwrap();
+                    assert!(found.airframe.how.contains("TRUSTED AGAINST THE MOTION"));
+                    files(&found, "drawn").documents().unwrap();
+                    for (gyration, source) in gyrations(&found, &vehicle, arm) {
+                        assert!(
+                            (0.2..=0.8).contains(&gyration) && source == Source::Class,
+                            "{}: {gyration} {source:?}",
+                            other.name
+                        );
+                    }
+                }
+            }
+        }
+    }
+    println!("{refused} refused, {accepted} accepted");
+    assert!(refused > accepted && accepted > 0);
+}
+
+#[test]
+fn val_an_inertia_that_cannot_be_for_mass_and_arm_is_refused_with_its_reason() {
+    let (vehicle, arm) = drawn(4000, 0);
+    let log = flown(&vehicle, "excitation", 30.0, 4, &[0, 1, 2, 3]);
+    let mut reasons = 0;
+    for wrong in [12.0, 0.2, 0.15] {
+        // J/(m l²) goes with 1/l.
+        let found = identify(std::slice::from_ref(&log), &request(&vehicle, wrong * arm)).unwrap();
+        for (gyration, source) in gyrations(&found, &vehicle, wrong * arm) {
+            assert!(
+                (0.2..=0.8).contains(&gyration) && source == Source::Class,
+                "{wrong}: {gyration} {source:?}"
+            );
+        }
+        let told = |note: &String| note.contains("inertia, roll") && note.contains("cannot be for");
+        reasons += usize::from(found.notes.iter().any(told));
+    }
+    assert!(reasons > 0);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Which outputs are rotors and where they are; and the list of values.
 
+use rotortwin_plant::vehicle::model::SpinDirection;
 use serde::Serialize;
 
 use super::class::{self, Class};
@@ -8,7 +9,7 @@ use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
 use super::slow::Drag;
-use super::wiring::{self, Wiring};
+use super::wiring::{self, Contradiction, Wiring};
 use super::yaw::Yaw;
 use super::{Numbers, Request, slow};
 use crate::log::flight_parts::RotorPlace;
@@ -32,6 +33,9 @@ pub struct Airframe {
     pub how: String,
     /// What the motion says, where it was asked.
     pub motion: Option<Wiring>,
+    /// The motion contradicts it, and the user insists: torques by this frame tell no inertia.
+    #[serde(skip)]
+    pub against_the_motion: bool,
 }
 
 /// Columns that are rotors, in the order of their motor numbers: all that the import took for rotors, else those that move.
@@ -64,6 +68,7 @@ pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
         mass_kg: 0.0,
         arm_m: 0.0,
         frame: None,
+        trust_frame: false,
         capacity_ah: None,
         cells: None,
     };
@@ -100,27 +105,38 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
                     .join(", ")
             ));
         }
-        // Parameters can be wrong, too; a clear answer of the motion outweighs nothing, but it is said.
-        let mut how = how;
-        if let Some(motion) = motion.as_ref().filter(|motion| motion.doubt().is_none()) {
-            let agrees = places.iter().zip(&motion.places).all(|(a, b)| {
-                a.spin == b.spin && (0..2).all(|i| (a.position[i].signum() - b.position[i].signum()).abs() < 2.0)
-            });
-            how += if agrees {
-                "; the motion agrees"
-            } else {
-                "; BUT THE MOTION SAYS ANOTHER ORDER: check it"
-            };
-        }
+        let stated_against = motion.as_ref().map(|motion| (motion, motion.against(&places)));
+        let against_the_motion = matches!(stated_against, Some((_, Some(_))));
+        let how = match stated_against {
+            None => how,
+            Some((motion, None)) if motion.best.doubt().is_some() => how,
+            Some((_, None)) => format!("{how}; the motion agrees"),
+            Some((motion, Some(contradiction))) => {
+                let against = against(&name, &how, &motion.best, &contradiction);
+                if !request.trust_frame {
+                    let else_do = if source == Source::Entered {
+                        "leave --frame out"
+                    } else {
+                        "name the right one with --frame"
+                    };
+                    return Err(format!(
+                        "{}: {against}; {else_do}, put the outputs in order, or insist with --trust-frame",
+                        log.name
+                    ));
+                }
+                format!("{how}; TRUSTED AGAINST THE MOTION: {against}")
+            }
+        };
         return Ok(Airframe {
             name,
             places,
             source,
             how,
-            motion,
+            motion: motion.map(|motion| motion.best),
+            against_the_motion,
         });
     }
-    let Some(motion) = motion else {
+    let Some(motion) = motion.map(|motion| motion.best) else {
         return Err(format!(
             "{}: the motor order is unknown: no parameter says it, and without body rates (or with {rotors} rotors) the motion cannot; \
              name the frame with --frame ({})",
@@ -152,7 +168,37 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
         source: Source::Log,
         how,
         motion: Some(motion),
+        against_the_motion: false,
     })
+}
+
+/// Why a stated frame is not believed, with the evidence.
+fn against(name: &str, how: &str, best: &Wiring, stated: &Contradiction) -> String {
+    let three = |[roll, pitch, yaw]: [f64; 3]| format!("{roll:.2}, {pitch:.2}, {yaw:.2}");
+    let other = match (best.doubt(), Frame::of_places(&best.places)) {
+        (None, Some(frame)) => format!("that of {}", frame.name),
+        (None, None) => format!("another one ({})", listed(&best.places)),
+        (Some(_), _) => "another one".to_owned(),
+    };
+    format!(
+        "the frame {name} ({how}) contradicts the motion: over {:.0} s in the air its torques correlate with the angular acceleration by {} \
+         in roll, pitch, yaw (score {:.2}), those of the best order, {other}, by {} (score {:.2})",
+        best.seconds,
+        three(stated.correlation),
+        stated.score,
+        three(best.correlation),
+        best.score
+    )
+}
+
+/// Where the rotor of each output is: degrees from the nose, clockwise from above.
+fn listed(places: &[Place]) -> String {
+    let one = |(i, place): (usize, &Place)| {
+        let degrees = place.position[1].atan2(place.position[0]).to_degrees();
+        let spin = if place.spin == SpinDirection::Ccw { "ccw" } else { "cw" };
+        format!("output {} at {degrees:.0}° {spin}", i + 1)
+    };
+    places.iter().enumerate().map(one).collect::<Vec<_>>().join(", ")
 }
 
 fn frame_names() -> String {
@@ -211,6 +257,8 @@ pub(crate) struct Findings<'a> {
     pub(crate) voltage_slope: (f64, f64, bool),
     pub(crate) has_voltage: bool,
     pub(crate) rotors: usize,
+    /// [`Airframe::against_the_motion`]
+    pub(crate) against_the_motion: bool,
 }
 
 /// Deviation of the thrust level's logarithm where the accelerometer reads what it should: scale of an ordinary one.
@@ -224,6 +272,13 @@ const EVENNESS_DEVIATION: f64 = 0.03;
 const TOP_DEVIATION: f64 = 0.05;
 /// Deviation of a dead zone, duty.
 const DEAD_ZONE_DEVIATION: f64 = 0.01;
+
+/// Radii of gyration about roll and pitch that a multirotor can have, over its arm: 0.71 if its whole mass were at the rotors of an even polygon,
+/// 0.2 if a twelfth of it were there and the rest a point. Vehicles of the classes have 0.45 to 0.57.
+const GYRATION_OVER_ARM: std::ops::RangeInclusive<f64> = 0.2..=0.8;
+
+/// Torque over thrust that a propeller can have, over the arm. Propellers have 0.02 to 0.1 of their diameter, which is 0.3 to 1.7 arms.
+const MOMENT_RATIO_OVER_ARM: std::ops::RangeInclusive<f64> = 0.004..=0.3;
 
 /// Whose the value is, by how much the log narrows the prior's deviation.
 fn whose(data: f64, prior: f64) -> Source {
@@ -245,8 +300,8 @@ impl Findings<'_> {
             Estimate::normal("arm", "arm", "m", self.request.arm_m, 0.0, Source::Entered)
                 .how("every inertia scales with it"),
         ];
-        let inertia = self.inertia(&mut values);
-        let (moment_ratio, yaw_inertia) = self.yaw(inertia, &mut values);
+        let inertia = self.inertia(&mut values, notes);
+        let (moment_ratio, yaw_inertia) = self.yaw(inertia, &mut values, notes);
         let drag = self.drag(&mut values, notes);
         self.thrust(&mut values, notes);
         let battery = self.battery(&mut values);
@@ -274,7 +329,7 @@ impl Findings<'_> {
         let numbers = Numbers {
             curve: fitted.curve,
             lag_s: (fitted.lag_s + fitted.delay_s).clamp(0.005, 1.0),
-            inertia: [inertia[0], inertia[1], yaw_inertia],
+            inertia: [inertia[0].0, inertia[1].0, yaw_inertia],
             moment_ratio,
             drag: drag * self.request.mass_kg,
             voltage: battery.1,
@@ -287,60 +342,91 @@ impl Findings<'_> {
         (numbers, values)
     }
 
-    fn inertia(&self, values: &mut Vec<Estimate>) -> [f64; 2] {
+    /// Jx, Jy and the deviations of their logarithms.
+    fn inertia(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> [(f64, f64); 2] {
         let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
         let fitted = self.fitted;
-        let mut inertia = [0.0; 2];
-        for (axis, (key, name)) in [
-            ("body.inertia_body_kg_m2[0]", "inertia, roll"),
-            ("body.inertia_body_kg_m2[1]", "inertia, pitch"),
-        ]
-        .into_iter()
-        .enumerate()
-        {
+        let of_class = |axis: usize, why: String| {
+            let value = self.class.inertia_ratio[axis] * mass * arm * arm;
+            (value, class::INERTIA_LOG_DEVIATION, Source::Class, why)
+        };
+        [0, 1].map(|axis| {
+            let (key, name) = [
+                ("body.inertia_body_kg_m2[0]", "inertia, roll"),
+                ("body.inertia_body_kg_m2[1]", "inertia, pitch"),
+            ][axis];
             // α = gain · (lever in arms) · T/m, hence J = m l/gain.
-            inertia[axis] = mass * arm / fitted.gain[axis];
+            let flown = mass * arm / fitted.gain[axis];
             let i = GAIN[axis];
-            let deviation = fitted.covariance[(i, i)].sqrt();
             let source = whose(fitted.data_deviation[i], class::INERTIA_LOG_DEVIATION);
+            let gyration = (flown / mass).sqrt() / arm;
             let uneven = if fitted.uneven[i] {
                 "; parts of the flight differ, and the interval covers them"
             } else {
                 ""
             };
+            let (value, deviation, source, how) = if self.against_the_motion {
+                of_class(axis, "the motion contradicts the frame, so that no torque of it tells an inertia".to_owned())
+            } else if !GYRATION_OVER_ARM.contains(&gyration) {
+                let impossible = format!(
+                    "the flight wants {flown:.3e} kg·m², a radius of gyration of {gyration:.2} arms, which cannot be for {mass} kg on arms of {arm} m \
+                     ({} to {} arms can)",
+                    GYRATION_OVER_ARM.start(),
+                    GYRATION_OVER_ARM.end()
+                );
+                notes.push(format!(
+                    "{name}: {impossible}; the class default is written: check mass, arm, frame and the order of the outputs before all else"
+                ));
+                of_class(axis, impossible)
+            } else if source == Source::Class {
+                let deviation = fitted.covariance[(i, i)].sqrt();
+                let how = format!("{:.2} m l²: the flight does not tell", self.class.inertia_ratio[axis]);
+                (flown, deviation, source, how)
+            } else {
+                let how = format!(
+                    "prediction error over {} parts, {:.3} m l²{uneven}",
+                    fitted.parts,
+                    flown / (mass * arm * arm)
+                );
+                (flown, fitted.covariance[(i, i)].sqrt(), source, how)
+            };
             values.push(
-                Estimate::log_normal(key, name, "kg·m²", inertia[axis], deviation, source)
-                    .how(if source == Source::Class {
-                        format!("{:.2} m l²: the flight does not tell", self.class.inertia_ratio[axis])
-                    } else {
-                        format!(
-                            "prediction error over {} parts, {:.3} m l²{uneven}",
-                            fitted.parts,
-                            inertia[axis] / (mass * arm * arm)
-                        )
-                    })
+                Estimate::log_normal(key, name, "kg·m²", value, deviation, source)
+                    .how(how)
                     .better("20 s of roll and pitch doublets, logged at 200 Hz or more"),
             );
-        }
-        inertia
+            (value, deviation)
+        })
     }
 
     /// c and Jz.
-    fn yaw(&self, inertia: [f64; 2], values: &mut Vec<Estimate>) -> (f64, f64) {
-        let mass = self.request.mass_kg;
+    fn yaw(&self, inertia: [(f64, f64); 2], values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> (f64, f64) {
+        let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
         let share = class::YAW_INERTIA_SHARE;
-        let sum = inertia[0] + inertia[1];
-        let inertia_variance = (0..2)
-            .map(|axis| {
-                let i = GAIN[axis];
-                self.fitted.covariance[(i, i)] * (inertia[axis] / sum).powi(2)
-            })
+        let sum = inertia[0].0 + inertia[1].0;
+        let inertia_variance = inertia
+            .iter()
+            .map(|(value, deviation)| (deviation * value / sum).powi(2))
             .sum::<f64>()
             + class::YAW_INERTIA_LOG_DEVIATION.powi(2);
         let (mut log_inertia, mut log_ratio) = ((share * sum).ln(), self.class.moment_ratio_m.ln());
         let (mut inertia_deviation, mut ratio_deviation) = (inertia_variance.sqrt(), class::MOMENT_LOG_DEVIATION);
         let mut ratio_source = Source::Class;
-        if let Some(yaw) = self.yaw {
+        let told = self.yaw.filter(|_| !self.against_the_motion).filter(|yaw| {
+            let ratio = yaw.gain / mass * share * sum;
+            let possible = MOMENT_RATIO_OVER_ARM.contains(&(ratio / arm));
+            if !possible {
+                notes.push(format!(
+                    "yaw: the flight wants a torque over thrust of {ratio:.2e} m, {:.3} arms, which no propeller on these arms has ({} to {} arms): \
+                     the class default is written",
+                    ratio / arm,
+                    MOMENT_RATIO_OVER_ARM.start(),
+                    MOMENT_RATIO_OVER_ARM.end()
+                ));
+            }
+            possible
+        });
+        if let Some(yaw) = told {
             // ln c − ln Jz is measured; both have priors.
             let measured = (yaw.gain / mass).ln();
             let noise = yaw.deviation.powi(2);
@@ -381,7 +467,7 @@ impl Findings<'_> {
         let yaw_inertia = log_inertia
             .exp()
             .min(0.999 * sum)
-            .max(1.001 * (inertia[0] - inertia[1]).abs());
+            .max(1.001 * (inertia[0].0 - inertia[1].0).abs());
         values.push(
             Estimate::log_normal(
                 "body.inertia_body_kg_m2[2]",

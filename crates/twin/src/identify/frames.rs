@@ -248,6 +248,17 @@ impl Frame {
         FRAMES.iter().find(|frame| frame.name == name)
     }
 
+    /// The frame whose motor numbers have these places.
+    pub(crate) fn of_places(places: &[Place]) -> Option<&'static Self> {
+        let same = |a: &Place, b: &Place| {
+            a.spin == b.spin && (0..2).all(|axis| (a.position[axis] - b.position[axis]).abs() < 1e-6)
+        };
+        FRAMES.iter().find(|frame| {
+            let own = frame.places();
+            own.len() == places.len() && own.iter().zip(places).all(|(a, b)| same(a, b))
+        })
+    }
+
     /// The places in the order of motor numbers.
     pub fn places(&self) -> Vec<Place> {
         self.motors

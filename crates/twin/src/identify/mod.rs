@@ -58,6 +58,8 @@ pub struct Request {
     pub arm_m: f64,
     /// Frame by name ([`frames::FRAMES`]) instead of what the log says.
     pub frame: Option<String>,
+    /// The stated frame is taken even where the motion contradicts it.
+    pub trust_frame: bool,
     /// Capacity of the battery, Ah, where it is known.
     pub capacity_ah: Option<f64>,
     /// Cells in series, where they are known.
@@ -240,6 +242,7 @@ fn estimate_all(
         voltage_slope,
         has_voltage,
         rotors,
+        against_the_motion: airframe.against_the_motion,
     }
     .values(&mut notes);
     Ok(Identified {

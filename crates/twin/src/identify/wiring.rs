@@ -21,6 +21,8 @@ const MOST: usize = 8;
 pub(crate) const ENOUGH_S: f64 = 10.0;
 const ENOUGH_SCORE: f64 = 0.3;
 const ENOUGH_MARGIN: f64 = 0.1;
+/// Share of the best order's score by which a stated one may be worse: a real frame is no even polygon.
+const WORSE_SHARE: f64 = 0.1;
 /// Share of a lever that must lie in the directions of the duties.
 const IN_SPACE: f64 = 0.9;
 
@@ -104,8 +106,55 @@ impl Moments {
     }
 }
 
+/// What the motion says of the rotors' places.
+pub(crate) struct Motion {
+    /// The order that explains it best.
+    pub(crate) best: Wiring,
+    moments: [Moments; 3],
+}
+
+/// An order that somebody states, and the motion's own.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Contradiction {
+    /// ρ of roll, pitch, yaw of the stated order.
+    pub(crate) correlation: [f64; 3],
+    /// −Σ ln(1 − ρ²) of the stated order.
+    pub(crate) score: f64,
+}
+
+impl Motion {
+    /// How a stated order fares, if the motion speaks clearly against it: there was enough of it, and another order explains it better
+    /// by more than two right ones differ. Which of the others is the right one need not be known for that.
+    pub(crate) fn against(&self, stated: &[Place]) -> Option<Contradiction> {
+        let correlation = correlations(&self.moments, stated);
+        let score = score(correlation);
+        let clear = ENOUGH_MARGIN.max(WORSE_SHARE * self.best.score);
+        (self.best.seconds >= ENOUGH_S && self.best.score >= ENOUGH_SCORE && self.best.score - score > clear)
+            .then_some(Contradiction { correlation, score })
+    }
+}
+
+/// Correlations of the torques of rotors at these places with the angular acceleration.
+fn correlations(moments: &[Moments; 3], places: &[Place]) -> [f64; 3] {
+    let of = |axis: usize, value: &dyn Fn(&Place) -> f64| -> f64 {
+        moments[axis].correlation(&places.iter().map(value).collect::<Vec<_>>())
+    };
+    [
+        of(0, &|place| -place.position[1]),
+        of(1, &|place| place.position[0]),
+        of(2, &Place::yaw_sign),
+    ]
+}
+
+fn score(correlation: [f64; 3]) -> f64 {
+    correlation
+        .iter()
+        .map(|rho| -rho.signum() * (1.0 - rho * rho).max(1e-6).ln())
+        .sum()
+}
+
 /// Tries all orders; `None` where rates are missing or there are too many rotors.
-pub(crate) fn search(grids: &[Grid], class: &Class) -> Option<Wiring> {
+pub(crate) fn search(grids: &[Grid], class: &Class) -> Option<Motion> {
     let rotors = grids.first()?.duty.len();
     if !(4..=MOST).contains(&rotors) || rotors % 2 != 0 || grids.iter().any(|grid| grid.rates.is_none()) {
         return None;
@@ -168,7 +217,8 @@ pub(crate) fn search(grids: &[Grid], class: &Class) -> Option<Wiring> {
     }
     let space = directions(&moved, rotors);
     let seconds = grids.iter().map(Grid::airborne_s).sum();
-    best(rotors, &moments, space.as_ref(), seconds)
+    let best = best(rotors, &moments, space.as_ref(), seconds)?;
+    Some(Motion { best, moments })
 }
 
 /// Projector onto the four directions that the duties moved in, if there are only four.
@@ -228,10 +278,7 @@ fn best(rotors: usize, moments: &[Moments; 3], space: Option<&Square>, seconds: 
                     moments[1].correlation(&pitch),
                     moments[2].correlation(yaw),
                 ];
-                let score: f64 = correlation
-                    .iter()
-                    .map(|rho| -rho.signum() * (1.0 - rho * rho).max(1e-6).ln())
-                    .sum();
+                let score = score(correlation);
                 if found.as_ref().is_none_or(|best| score > best.score) {
                     second = found.as_ref().map_or(second, |best| best.score);
                     let places = order
