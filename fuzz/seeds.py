@@ -2,6 +2,7 @@
 
 import random
 import re
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -82,6 +83,26 @@ def table() -> dict[str, bytes]:
     }
 
 
+def bridge() -> dict[str, bytes]:
+    """What boards and autopilots send; the first byte chooses the decoder."""
+    frames = {
+        # HEARTBEAT, STATUSTEXT and HIL_ACTUATOR_CONTROLS as pymavlink packs them.
+        "heartbeat": bytes.fromhex("fd09000007010100000000000000020351030300") + b"\0\0",
+    }
+    seeds = {
+        "servo-16": b"\0" + struct.pack("<HHI16H", 18458, 1000, 7, *[1500] * 16),
+        "servo-32": b"\0" + struct.pack("<HHI32H", 29569, 1000, 7, *[1500] * 32),
+        "motors": b"\2" + struct.pack("<Hxx16f", 6, *[1500.0] * 16),
+        "px4": b'\4{"board_id": 56, "image": "eJwDAAAAAAE=", "image_size": 0, "git_identity": "v1"}',
+    }
+    seeds |= {f"mavlink-{name}": b"\1" + content for name, content in frames.items()}
+    for text in ("ardupilot:127.0.0.1:9002", "betaflight:9103@0.5", "serial:/dev/ttyACM0@921600", "virtual:loss=0.01,seed=3", "tcp:127.0.0.1:5760"):
+        seeds[f"address-{text}"] = b"\5" + text.encode()
+    # A board's line: COBS pieces between zeros.
+    seeds["board"] = b"\3" + b"\1\2\3\4\5\0" * 4
+    return seeds
+
+
 target, folder = sys.argv[1], Path(sys.argv[2])
-for name, content in {"wire": wire, "scenario": scenario, "log": log, "map": table}[target]().items():
+for name, content in {"wire": wire, "scenario": scenario, "log": log, "map": table, "bridge": bridge}[target]().items():
     (folder / f"seed-{re.sub('[^A-Za-z0-9-]', '_', name)}").write_bytes(content)

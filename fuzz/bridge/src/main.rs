@@ -1,0 +1,104 @@
+//! What boards, autopilots and files of theirs may send: through each decoder of services/bridge and crates/board.
+//!
+//! The first byte says which decoder takes the rest. What is decoded is encoded to something that decodes to the same.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use rotortwin_board::frame as board;
+use rotortwin_board::message::{Begin, Reply, Report, Sensors};
+use rotortwin_bridge::address::BoardAddress;
+use rotortwin_bridge::autopilot::address::AutopilotAddress;
+use rotortwin_bridge::autopilot::betaflight::decode_motors;
+use rotortwin_bridge::autopilot::pilot::PilotAddress;
+use rotortwin_bridge::autopilot::servo_packet::ServoPacket;
+use rotortwin_bridge::mavlink::frame::{Decoder, Frame, encode};
+use rotortwin_bridge::mavlink::messages::{HilActuatorControls, HilGps, HilSensor};
+use rotortwin_bridge::mavlink::steering::{
+    Acknowledgement, AutopilotVersion, Command, Heartbeat, LocalPosition, PositionTarget, StatusText,
+};
+use rotortwin_bridge::px4_file::Px4File;
+
+fuzz_target!(|data: &[u8]| {
+    let Some((&which, bytes)) = data.split_first() else {
+        return;
+    };
+    match which % 6 {
+        0 => servo_packet(bytes),
+        1 => mavlink(bytes),
+        2 => assert!(decode_motors(bytes).is_some() == (bytes.len() == 68)),
+        3 => board_frames(bytes),
+        4 => with_text(bytes, |text| drop(Px4File::parse(text))),
+        _ => with_text(bytes, addresses),
+    }
+});
+
+fn with_text(bytes: &[u8], take: impl FnOnce(&str)) {
+    if let Ok(text) = std::str::from_utf8(bytes) {
+        take(text);
+    }
+}
+
+fn servo_packet(bytes: &[u8]) {
+    if let Ok(packet) = ServoPacket::decode(bytes) {
+        assert!(packet.encode() == bytes);
+        for channels in [0, 6, 16, 32, 40] {
+            drop(packet.impossible_pulse(channels));
+        }
+    }
+}
+
+/// The same frames come out whether the stream comes whole or in two pieces.
+fn mavlink(bytes: &[u8]) {
+    let frames = |pieces: [&[u8]; 2]| -> Vec<Frame> {
+        let mut decoder = Decoder::default();
+        let mut found = Vec::new();
+        for piece in pieces {
+            decoder.push(piece);
+            found.extend(std::iter::from_fn(|| decoder.next_frame()));
+        }
+        found
+    };
+    let whole = frames([bytes, &[]]);
+    drop(frames([&bytes[..bytes.len() / 3], &bytes[bytes.len() / 3..]]));
+    for frame in &whole {
+        let again = encode(frame.sequence, frame.system, frame.component, frame.message, &frame.payload);
+        assert!(frames([&again, &[]]) == [frame.clone()]);
+        if let Some(text) = StatusText::read(frame) {
+            assert!(text.text.chars().count() <= 50);
+        }
+        if let Some(version) = AutopilotVersion::read(frame) {
+            drop(version.text());
+        }
+        drop((Heartbeat::read(frame), Command::read(frame), Acknowledgement::read(frame).map(|ack| ack.word())));
+        drop((LocalPosition::read(frame), PositionTarget::read(frame)));
+        drop((HilSensor::read(frame), HilGps::read(frame), HilActuatorControls::read(frame)));
+    }
+}
+
+fn board_frames(bytes: &[u8]) {
+    let mut decoder = board::Decoder::default();
+    for &byte in bytes {
+        if let Some((_, payload)) = decoder.push(byte) {
+            messages(payload);
+        }
+    }
+    // Bytes that the checksum would have kept out.
+    messages(bytes);
+}
+
+fn messages(payload: &[u8]) {
+    drop((Begin::read(payload), Sensors::read(payload), Report::read(payload), Reply::read(payload)));
+}
+
+/// What is taken for an address is written so that it is taken again.
+fn addresses(text: &str) {
+    if let Ok(address) = text.parse::<AutopilotAddress>() {
+        assert!(address.to_string().parse() == Ok(address));
+    }
+    if let Ok(address) = text.parse::<BoardAddress>() {
+        let written = address.to_string();
+        assert!(written.parse::<BoardAddress>().is_ok(), "{written}");
+    }
+    drop(text.parse::<PilotAddress>());
+}
