@@ -325,6 +325,8 @@ impl Flight {
                 velocity_ned_m_s: fix.velocity_ned_m_s,
             }),
             range_m: sample.range_m,
+            battery_voltage_v: truth.battery_voltage_v,
+            battery_current_a: truth.battery_current_a,
             position_ned_m: truth.position_ned_m,
             velocity_ned_m_s: truth.velocity_ned_m_s,
             attitude_rad: truth.attitude_rad,

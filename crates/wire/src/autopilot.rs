@@ -30,6 +30,10 @@ pub struct Readings {
     pub gps: Option<Fix>,
     /// Distance to the ground along the body's down axis, m; `None`: out of reach.
     pub range_m: Option<f64>,
+    /// At the battery's terminals, V; 0: nobody says.
+    pub battery_voltage_v: f64,
+    /// Discharge positive, A.
+    pub battery_current_a: f64,
     /// True position, m, NED from home: for simulator links that make their own sensors.
     pub position_ned_m: [f64; 3],
     /// True velocity, m/s, NED.

@@ -104,6 +104,13 @@ pub fn write_answer(line: &mut String, readings: &Readings) {
     if let Some(range) = readings.range_m {
         line.push_str(&format!(",\"rng_1\":{range}"));
     }
+    // Builds that do not know it do not look for it.
+    if readings.battery_voltage_v > 0.0 {
+        line.push_str(&format!(
+            ",\"battery\":{{\"voltage\":{:.4},\"current\":{:.4}}}",
+            readings.battery_voltage_v, readings.battery_current_a
+        ));
+    }
     line.push_str("}\n");
 }
 
@@ -168,6 +175,8 @@ mod tests {
             specific_force_m_s2: [1e-9, 0.0, -9.80665],
             position_ned_m: [1.25, -3.0, -0.179],
             range_m: Some(0.2),
+            battery_voltage_v: 15.5,
+            battery_current_a: 12.25,
             ..Readings::default()
         };
         let mut line = String::new();
@@ -175,7 +184,7 @@ mod tests {
         assert_eq!(
             line,
             "\n{\"timestamp\":0.001500000,\"imu\":{\"gyro\":[0,0,0],\"accel_body\":[0.000000001,0,-9.80665]},\
-             \"position\":[1.25,-3,-0.179],\"attitude\":[0,0,0],\"velocity\":[0,0,0],\"rng_1\":0.2}\n"
+             \"position\":[1.25,-3,-0.179],\"attitude\":[0,0,0],\"velocity\":[0,0,0],\"rng_1\":0.2,\"battery\":{\"voltage\":15.5000,\"current\":12.2500}}\n"
         );
         assert!(!line.contains(": ") && serde_json::from_str::<serde_json::Value>(line.trim()).is_ok());
     }
