@@ -11,7 +11,7 @@ pub(crate) const FLY: &str = "\
 Examples:
   rotortwin fly hover --seed 7
   rotortwin fly hover --set initial.state_of_charge=0.4
-  rotortwin fly hover --pace real-time
+  rotortwin fly hover --pace real-time --mavlink udp:127.0.0.1:14550
   rotortwin fly hover --external controller
   rotortwin fly hover --model f550@v2 --out runs/mine
   rotortwin fly hover --server http://bench:8400";
@@ -112,6 +112,11 @@ Examples:
   rotortwin conform zenoh
   rotortwin conform serial:/dev/ttyUSB0@921600
   rotortwin conform virtual --json";
+
+pub(crate) const SPIN_TEST: &str = "\
+Examples:
+  rotortwin spin-test ardupilot
+  rotortwin spin-test px4 --pilot none";
 
 pub(crate) const SERVE: &str = "\
 Examples:

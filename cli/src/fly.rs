@@ -1,6 +1,7 @@
 //! `rotortwin fly`: one flight, in this process or in three.
 
 use crate::destination::{self, ResultFolder};
+use crate::ground_station::GroundStation;
 use crate::output;
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -26,6 +27,7 @@ use rotortwin_twin::model::ModelStore;
 use rotortwin_wire::autopilot::Autopilot;
 use rotortwin_wire::events::{Change, Mishap, Progress, RunEvent};
 use rotortwin_wire::link::LinkTiming;
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::io::IsTerminal as _;
@@ -113,6 +115,10 @@ pub(crate) struct Args {
     /// With --controller: compare every bit of the board with the host, and say where they part first
     #[arg(long, requires = "controller")]
     pub(crate) compare: bool,
+    /// Show the flight to a ground station that speaks MAVLink, such as udp:127.0.0.1:14550 for QGroundControl; verdicts come as texts. At
+    /// the speed of the flight: see --pace
+    #[arg(long, value_name = "udp:IP:PORT")]
+    pub(crate) mavlink: Option<crate::ground_station::Address>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub(crate) json: bool,
@@ -128,6 +134,12 @@ pub(crate) struct Args {
 }
 
 impl Args {
+    /// Samples a second that the plant is to tell.
+    fn live_hz(&self) -> Option<f64> {
+        let shown = self.mavlink.map(|_| crate::ground_station::RATE_HZ);
+        self.live.or(shown)
+    }
+
     /// The plant's process cannot read the scenario's file: it says less than what is flown.
     fn whole_documents(&self) -> bool {
         self.documents || !self.set.is_empty() || self.model.is_some() || self.fdi_model.is_some()
@@ -285,7 +297,13 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     if args.events {
         end_with_standard_input();
     }
-    let screen = Screen::new(args.json, args.events);
+    let station = match args.mavlink.map(|at| GroundStation::new(at, &scenario)).transpose() {
+        Ok(station) => station,
+        Err(sentence) => return output::failed(sentence),
+    };
+    let screen = Screen::new(args.json, args.events)
+        .with_samples(args.live.is_some())
+        .with_station(station);
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
         seed,
@@ -303,7 +321,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         },
         pace: args.pace.into(),
         run_id: new_run_id(),
-        live_hz: args.live,
+        live_hz: args.live_hz(),
     };
     let (mut board, mut placed) = (None, None);
     let result = match (address, foreign) {
@@ -553,11 +571,20 @@ fn fly_here(
 }
 
 /// What stands in the place of the controller, opened.
-enum Opened<'a> {
+pub(crate) enum Opened<'a> {
     Board(&'a BoardAddress, AnyLine),
     ArduPilot(Piloted<ArduPilot>, Supervisor),
     Px4(Piloted<Px4>, Supervisor),
     Betaflight(Box<Betaflight>, Supervisor),
+}
+
+/// Whose frames they are.
+pub(crate) fn autopilot_kind(protocol: Protocol) -> AutopilotKind {
+    match protocol {
+        Protocol::ArduPilot => AutopilotKind::ArduPilot,
+        Protocol::Px4 => AutopilotKind::Px4,
+        Protocol::Betaflight => AutopilotKind::Betaflight,
+    }
 }
 
 /// An address of this host.
@@ -566,7 +593,12 @@ fn address_text(address: Option<std::net::SocketAddr>) -> String {
 }
 
 /// Opens the line to a board, or the port where an autopilot is waited for.
-fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -> Result<Opened<'a>, ExitCode> {
+pub(crate) fn open<'a>(
+    args: &Args,
+    foreign: &'a Foreign,
+    scenario: &Scenario,
+    seed: u64,
+) -> Result<Opened<'a>, ExitCode> {
     let autopilot = match foreign {
         Foreign::Board(address) => {
             if args.pilot.is_some() {
@@ -592,11 +624,7 @@ fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -
             refusal.reason
         ))
     })?;
-    let kind = match autopilot.protocol {
-        Protocol::ArduPilot => AutopilotKind::ArduPilot,
-        Protocol::Px4 => AutopilotKind::Px4,
-        Protocol::Betaflight => AutopilotKind::Betaflight,
-    };
+    let kind = autopilot_kind(autopilot.protocol);
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).map_err(output::bad_input)?;
     let map = OutputMap {
         rotor_of_channel,
@@ -780,7 +808,7 @@ fn parts(
             "real-time"
         },
     );
-    if let Some(rate_hz) = args.live {
+    if let Some(rate_hz) = args.live_hz() {
         sim.option("--live", rate_hz.to_string());
     }
     if args.whole_documents() {
@@ -855,6 +883,9 @@ pub(crate) struct Screen {
     quiet: bool,
     /// Events as JSON lines instead.
     events: bool,
+    /// Among these the samples.
+    samples: bool,
+    station: RefCell<Option<GroundStation>>,
 }
 
 impl Screen {
@@ -870,11 +901,49 @@ impl Screen {
         let style = ProgressStyle::with_template("{bar:28.cyan/blue} {percent:>3} %  {msg}")
             .expect("the template is well formed");
         bar.set_style(style.progress_chars("━╸─"));
-        Self { bar, quiet, events }
+        Self {
+            bar,
+            quiet,
+            events,
+            samples: true,
+            station: RefCell::default(),
+        }
+    }
+
+    /// Samples are asked for by somebody who reads the events, not for a ground station alone.
+    fn with_samples(self, samples: bool) -> Self {
+        Self { samples, ..self }
+    }
+
+    fn with_station(self, station: Option<GroundStation>) -> Self {
+        Self {
+            station: RefCell::new(station),
+            ..self
+        }
+    }
+
+    /// Passes an event on to the ground station.
+    fn show_afar(&self, event: &RunEvent) {
+        let mut station = self.station.borrow_mut();
+        let Some(station) = station.as_mut() else { return };
+        match event {
+            RunEvent::Progress(progress) => station.charge(progress.state_of_charge),
+            RunEvent::Sample(sample) => station.sample(sample),
+            RunEvent::Change(change) => {
+                if let Some(line) = change_line(change) {
+                    station.change(change, &line);
+                }
+            }
+            RunEvent::Waiting | RunEvent::Recording { .. } | RunEvent::Finished => {}
+        }
     }
 
     pub(crate) fn show(&self, event: &RunEvent) {
+        self.show_afar(event);
         if self.events {
+            if matches!(event, RunEvent::Sample(_)) && !self.samples {
+                return;
+            }
             match serde_json::to_string(event) {
                 Ok(line) => output::line(&line),
                 Err(error) => tracing::error!(%error, "an event cannot be written"),

@@ -36,6 +36,7 @@ mod fdi_service;
 mod fit;
 mod fly;
 mod grid;
+mod ground_station;
 mod health;
 mod improve;
 mod log;
@@ -52,6 +53,7 @@ mod reproduce;
 mod router;
 mod serve;
 mod show;
+mod spin_test;
 mod terminal;
 mod token;
 mod vehicle;
@@ -138,6 +140,9 @@ enum Command {
     /// Play the plant to somebody else's controller, and name what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
     #[command(after_help = examples::CONFORM)]
     Conform(conform::Args),
+    /// Put an autopilot's simulator build on a stand, rock it, and say which of its motors is swapped or reversed
+    #[command(after_help = examples::SPIN_TEST)]
+    SpinTest(spin_test::Args),
     /// A zenoh router where the processes of runs meet, with access control
     Router(router::Args),
     /// Serve jobs, runs and results over HTTP
@@ -226,6 +231,7 @@ fn run_command() -> ExitCode {
         Command::Blind(args) => blind::run(&args),
         Command::Board(args) => board::run(&args),
         Command::Conform(args) => conform::run(&args),
+        Command::SpinTest(args) => spin_test::run(&args),
         Command::Router(args) => router::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Campaigns(args) => remote::jobs(&cli.server, "campaigns", &args),

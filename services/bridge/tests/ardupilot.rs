@@ -13,6 +13,7 @@ use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::servo_packet::ServoPacket;
 use rotortwin_flight::autopilot::AutopilotOutcome;
+use rotortwin_flight::conform::{SpinReport, spin_test};
 use rotortwin_flight::lockstep::FlightEnd;
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::AutopilotKind;
@@ -497,4 +498,34 @@ fn scenario_never_leaving_the_ground_ends_the_prelude() {
         );
         assert!(said.ends_with("it is 1.3 m away at 0.0 m/s, on the ground"), "{said}");
     });
+}
+
+/// On the stand, over the link, with the outputs of the autopilot going to the motors of `map`, our rotors from 1.
+fn on_the_stand(map: [usize; 6]) -> SpinReport {
+    let scenario = scenario(5.0, "");
+    let outputs = outputs(AutopilotKind::ArduPilot, &scenario);
+    let table = outputs.rotor_of_channel.clone();
+    let mut link = ArduPilot::listen(([127, 0, 0, 1], 0).into(), outputs, patience()).unwrap();
+    let mut peer = Peer::new(&scenario, link.local_address().unwrap());
+    peer.map = map.to_vec();
+    let peer = std::thread::spawn(move || peer.run(|_| Act::Normal));
+    let report = spin_test(&mut link, &scenario, 1, &table, &mut |_, _| {}).unwrap();
+    drop(link);
+    peer.join().unwrap();
+    report
+}
+
+#[test]
+fn scenario_swapped_motors_are_named_over_the_link() {
+    let right = on_the_stand([2, 5, 6, 3, 1, 4]);
+    assert!(right.is_right(), "{right:?}");
+    // Wires of channels 2 and 6 swapped.
+    let swapped = on_the_stand([2, 4, 6, 3, 1, 5]);
+    let wrong: Vec<[usize; 3]> = swapped
+        .motors
+        .iter()
+        .filter(|motor| !motor.is_right())
+        .map(|motor| [motor.channel, motor.rotor, motor.answers_as])
+        .collect();
+    assert_eq!(wrong, [[2, 5, 4], [6, 4, 5]], "{swapped:?}");
 }

@@ -5,6 +5,8 @@
 //!                                                                  └▶ gains ─▶ would they fly? in which unit?
 //!  a short flight, closed loop ─▶ does it hold, follow, turn? ─▶ extreme sensors ─▶ only fractions?
 //! ```
+//! An autopilot, which cannot be held still in a hover, goes on a stand instead ([`spin_test`]): order and spin of its motors.
+//!
 //! The flight decides, the answers name the reason: a controller that flies is not blamed for gains or a structure that are unusual. Blamed
 //! whatever becomes of the flight: what the protocol forbids (NaN, duties out of range, steps left out or answered twice), late or rarely
 //! computed answers, references that are not followed, a yaw that is not wrapped.
@@ -15,8 +17,11 @@
 mod flight;
 mod probe;
 mod response;
+mod stand;
 mod suspect;
 mod units;
+
+pub use stand::{MotorVerdict, SpinReport, spin_test};
 
 use crate::setup::run_setup;
 use probe::{Delays, Prober, Trouble};

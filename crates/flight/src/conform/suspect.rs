@@ -429,7 +429,7 @@ fn orders(airframe: &Airframe, responses: &Responses) -> Vec<Candidate> {
 }
 
 /// Calls `visit` with each order of the numbers from `first` on.
-fn permute(order: &mut Vec<usize>, first: usize, visit: &mut impl FnMut(&[usize])) {
+pub(super) fn permute(order: &mut Vec<usize>, first: usize, visit: &mut impl FnMut(&[usize])) {
     if first + 1 >= order.len() {
         visit(order);
         return;
@@ -442,7 +442,7 @@ fn permute(order: &mut Vec<usize>, first: usize, visit: &mut impl FnMut(&[usize]
 }
 
 /// What is wrong with an order: `order[i]` is the rotor whose duty is meant for rotor i.
-pub(super) fn order_words(order: &[usize]) -> String {
+fn order_words(order: &[usize]) -> String {
     let count = order.len();
     let moved: Vec<usize> = (0..count).filter(|&i| order[i] != i).collect();
     if let [a, b] = moved[..] {

@@ -65,7 +65,7 @@ impl Quaternion {
     }
 
     /// Rᵀ v: a NED vector in body axes.
-    pub(crate) fn body_from_ned(self, v: Vector3) -> Vector3 {
+    pub fn body_from_ned(self, v: Vector3) -> Vector3 {
         let [w, x, y, z] = self.0;
         let u = [-x, -y, -z];
         let once = cross(u, v);

@@ -177,17 +177,21 @@ impl InstrumentModel {
 
 /// What instruments look at.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Scene {
-    pub(crate) time_ns: u64,
-    pub(crate) position_ned: Vector3,
-    pub(crate) velocity_ned: Vector3,
-    pub(crate) body_rates: Vector3,
+pub struct Scene {
+    /// ns since the start of the plant.
+    pub time_ns: u64,
+    /// m.
+    pub position_ned: Vector3,
+    /// m/s.
+    pub velocity_ned: Vector3,
+    /// rad/s.
+    pub body_rates: Vector3,
     /// m/s², body.
-    pub(crate) specific_force: Vector3,
-    /// The Earth's field, body.
-    pub(crate) magnetic_field: Vector3,
+    pub specific_force: Vector3,
+    /// The Earth's field, gauss, body.
+    pub magnetic_field: Vector3,
     /// To the ground along the body's down axis, m; infinite without one.
-    pub(crate) distance: f64,
+    pub distance: f64,
 }
 
 /// One fix of the satellite receiver.
@@ -304,12 +308,12 @@ impl Instruments {
     }
 
     /// The Earth's field, gauss, NED.
-    pub(crate) fn magnetic_field_ned(&self) -> Vector3 {
+    pub fn magnetic_field_ned(&self) -> Vector3 {
         self.model.magnetic_field_ned_gauss
     }
 
     /// What they say of `scene`, which must not be before the last one.
-    pub(crate) fn measure(&mut self, scene: &Scene) -> InstrumentSample {
+    pub fn measure(&mut self, scene: &Scene) -> InstrumentSample {
         let interval = self.last_ns.map_or(FIRST_INTERVAL_S, |last| {
             (scene.time_ns.saturating_sub(last) as f64 * 1e-9).max(1e-6)
         });

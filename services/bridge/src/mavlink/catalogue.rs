@@ -2,8 +2,18 @@
 
 /// HEARTBEAT.
 pub const HEARTBEAT: u32 = 0;
+/// SYS_STATUS.
+pub const SYS_STATUS: u32 = 1;
+/// GPS_RAW_INT.
+pub const GPS_RAW_INT: u32 = 24;
+/// ATTITUDE.
+pub const ATTITUDE: u32 = 30;
 /// LOCAL_POSITION_NED.
 pub const LOCAL_POSITION_NED: u32 = 32;
+/// GLOBAL_POSITION_INT.
+pub const GLOBAL_POSITION_INT: u32 = 33;
+/// SERVO_OUTPUT_RAW.
+pub const SERVO_OUTPUT_RAW: u32 = 36;
 /// COMMAND_LONG.
 pub const COMMAND_LONG: u32 = 76;
 /// COMMAND_ACK.
@@ -25,7 +35,12 @@ pub const STATUSTEXT: u32 = 253;
 pub fn crc_extra(message: u32) -> Option<u8> {
     Some(match message {
         HEARTBEAT => 50,
+        SYS_STATUS => 124,
+        GPS_RAW_INT => 24,
+        ATTITUDE => 39,
         LOCAL_POSITION_NED => 185,
+        GLOBAL_POSITION_INT => 104,
+        SERVO_OUTPUT_RAW => 222,
         COMMAND_LONG => 152,
         COMMAND_ACK => 143,
         SET_POSITION_TARGET_LOCAL_NED => 143,

@@ -159,7 +159,8 @@ pub struct StatusText {
 impl StatusText {
     /// Least urgent severity of a warning.
     pub const WARNING: u8 = 4;
-    const LONGEST: usize = 50;
+    /// Bytes of a text.
+    pub const LONGEST: usize = 50;
 
     /// The payload.
     pub fn encode(&self) -> Vec<u8> {

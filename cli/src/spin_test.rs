@@ -1,0 +1,156 @@
+//! `rotortwin spin-test`: an autopilot on a stand; which of its motors is swapped or reversed.
+
+use crate::fly::{self, Foreign, Opened};
+use crate::output;
+use clap::Parser;
+use rotortwin_bridge::autopilot::address::AutopilotAddress;
+use rotortwin_flight::conform::{MotorVerdict, SpinReport, spin_test};
+use rotortwin_scenario::Scenario;
+use rotortwin_scenario::autopilot_frame::AutopilotFrame;
+use rotortwin_wire::autopilot::Autopilot;
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin spin-test`.
+#[derive(Debug, Parser)]
+pub(crate) struct Args {
+    /// The autopilot's simulator build, which is waited for: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]
+    autopilot: AutopilotAddress,
+    /// Scenario whose vehicle is put on the stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
+    #[arg(long, default_value = "autopilot-hover")]
+    scenario: String,
+    /// Where the autopilot takes commands over MAVLink, as with 'rotortwin fly'; none: somebody else has it climb to the first point
+    #[arg(long, value_name = "ADDR|none")]
+    pilot: Option<fly::PilotChoice>,
+    /// Seed of the noise of the instruments
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Longest wait for the autopilot, ms
+    #[arg(long, value_name = "MS", default_value_t = 600_000)]
+    join_timeout: u64,
+    /// Longest wait for an answer, ms
+    #[arg(long, value_name = "MS", default_value_t = 5_000)]
+    step_timeout: u64,
+    /// Print the report as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    // The same doors as a flight with this autopilot.
+    let words = [
+        "fly".to_owned(),
+        args.scenario.clone(),
+        format!("--seed={}", args.seed),
+        format!("--join-timeout={}", args.join_timeout),
+        format!("--step-timeout={}", args.step_timeout),
+        format!("--controller={}", args.autopilot),
+    ];
+    let flight = match fly::Args::try_parse_from(words) {
+        Ok(mut flight) => {
+            flight.pilot = args.pilot;
+            flight
+        }
+        Err(error) => return output::bad_input(error.to_string().lines().next().unwrap_or_default()),
+    };
+    let scenario = match fly::load(&flight) {
+        Ok(scenario) => scenario,
+        Err(error) => return output::bad_input(error),
+    };
+    let foreign = Foreign::Autopilot(args.autopilot);
+    let opened = match fly::open(&flight, &foreign, &scenario, args.seed) {
+        Ok(opened) => opened,
+        Err(code) => return code,
+    };
+    let tested = match opened {
+        Opened::ArduPilot(mut link, _supervisor) => test(&mut link, args, &scenario),
+        Opened::Px4(mut link, _supervisor) => test(&mut link, args, &scenario),
+        Opened::Betaflight(mut link, _supervisor) => test(&mut *link, args, &scenario),
+        Opened::Board(..) => Err("expected an autopilot".to_owned()),
+    };
+    match tested {
+        Ok(report) if args.json => {
+            output::line(&serde_json::to_string_pretty(&report).unwrap_or_default());
+            exit_code(&report)
+        }
+        Ok(report) => {
+            print!("{}", text(&report));
+            exit_code(&report)
+        }
+        Err(sentence) => output::failed(sentence),
+    }
+}
+
+fn exit_code(report: &SpinReport) -> ExitCode {
+    if report.is_right() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(rotortwin_process::EXIT_FAILED)
+    }
+}
+
+fn test(autopilot: &mut impl Autopilot, args: &Args, scenario: &Scenario) -> Result<SpinReport, String> {
+    let kind = fly::autopilot_kind(args.autopilot.protocol);
+    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle())?;
+    eprintln!(
+        "On the stand: {} with the outputs of {}; waiting for {}",
+        scenario.vehicle().name,
+        frame.name,
+        args.autopilot
+    );
+    let quiet = args.json;
+    let mut say = |time_s: f64, text: String| {
+        if !quiet {
+            eprintln!("plant {time_s:5.1} s  autopilot   {text}");
+        }
+    };
+    spin_test(autopilot, scenario, args.seed, &rotor_of_channel, &mut say)
+}
+
+/// What people read.
+fn text(report: &SpinReport) -> String {
+    let place = |rotor: usize| report.motors.iter().find(|motor| motor.rotor == rotor);
+    let mut text = format!("{}\n", report.peer);
+    for motor in &report.motors {
+        text.push_str(&format!(
+            "channel {:>2}  rotor {}  {:>4.0}° {}  {}\n",
+            motor.channel,
+            motor.rotor,
+            motor.azimuth_deg,
+            if motor.turns_ccw { "CCW" } else { "CW " },
+            verdict(motor, place(motor.answers_as))
+        ));
+    }
+    let [roll, pitch, yaw] = report.cosines;
+    text.push_str(&format!(
+        "answers against a swing compared with the vehicle, cosines: roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2}\n"
+    ));
+    text.push_str(if report.is_right() {
+        "All motors are right\n"
+    } else {
+        "Motors are wrong\n"
+    });
+    text
+}
+
+fn verdict(motor: &MotorVerdict, place: Option<&MotorVerdict>) -> String {
+    let mut words = Vec::new();
+    if let Some(place) = place.filter(|place| place.rotor != motor.rotor) {
+        let swapped = place.answers_as == motor.rotor;
+        words.push(format!(
+            "answers as the motor at {:.0}°: {} channel {}",
+            place.azimuth_deg,
+            if swapped { "swapped with" } else { "in the place of" },
+            place.channel
+        ));
+    }
+    if motor.reversed {
+        words.push("reversed: it is taken to turn the other way".to_owned());
+    }
+    if words.is_empty() {
+        "ok".to_owned()
+    } else {
+        words.join("; ")
+    }
+}

@@ -1,0 +1,422 @@
+//! Which motor answers which tilt: an autopilot on a stand.
+//!
+//! ```text
+//!  arms, climbs along a pole (only the sum of the thrust moves it) ─▶ is rocked in roll, pitch, yaw, 5.6 s each ─▶ which duties answer
+//! ```
+//! As a hand does that tilts a vehicle to see whether the right motors speed up: the attitude is given, whatever the autopilot does, so that
+//! one whose motors are swapped is not lost before it has been seen. Instruments say what is consistent with that motion.
+//!
+//! The answer to a swing A sin ωt is −(k A sin ωt + d A ω cos ωt), shared out over the motors as the autopilot believes that they stand. The share
+//! in roll and pitch says where it believes each to be, that in yaw how it believes it to turn.
+
+use super::response::{Airframe, Duties, PITCH, ROLL, YAW, cosine, length};
+use super::suspect::permute;
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::body::rigid_body::Quaternion;
+use rotortwin_plant::sensing::instruments::{InstrumentModel, Instruments, Scene};
+use rotortwin_plant::simulation::parts::{PART_NS, PARTS_PER_STEP};
+use rotortwin_scenario::Scenario;
+use rotortwin_wire::autopilot::{Autopilot, Fix, Readings, Wanted};
+use serde::Serialize;
+
+/// Simulated time until it has to hover near the first point, s.
+const CLIMB_S: f64 = 600.0;
+/// When it does: distance m, speed m/s, for how long s.
+const NEAR_M: f64 = 0.5;
+const STILL_M_S: f64 = 0.3;
+const HOVER_S: f64 = 2.0;
+/// Each axis: how long, s; amplitude, rad; period, s, short enough for integrators not to lead. The first two periods are not looked at.
+const ROCK_S: f64 = 5.6;
+const SWING_RAD: [f64; 3] = [0.08, 0.08, 0.15];
+const PERIOD_S: f64 = 0.8;
+/// Rest between two axes, s.
+const REST_S: f64 = 1.5;
+/// Longest landing, s.
+const LAND_S: f64 = 60.0;
+/// Smallest swing of a duty that is an answer.
+const ANSWER: f64 = 1e-3;
+/// Shares fit an order of the motors above this cosine.
+const FITS: f64 = 0.8;
+/// A mean cosine that leaves nothing to explain.
+const EXPLAINS: f64 = 0.97;
+/// By how much the mean cosine has to be better before motors are said to turn the other way.
+const CLEAR: f64 = 0.05;
+
+/// One rotor of the vehicle, and what the autopilot takes its motor for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MotorVerdict {
+    /// Ours, from 1.
+    pub rotor: usize,
+    /// Output of the autopilot that drives it, from 1.
+    pub channel: usize,
+    /// Where it stands, degrees clockwise from the nose.
+    pub azimuth_deg: f64,
+    /// It turns counter-clockwise, seen from above.
+    pub turns_ccw: bool,
+    /// The rotor in whose place the autopilot believes that motor to be, from 1.
+    pub answers_as: usize,
+    /// The autopilot believes that it turns the other way.
+    pub reversed: bool,
+}
+
+impl MotorVerdict {
+    /// Where the autopilot drives it right.
+    pub fn is_right(&self) -> bool {
+        self.rotor == self.answers_as && !self.reversed
+    }
+}
+
+/// What was seen on the stand.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SpinReport {
+    /// Who it was.
+    pub peer: String,
+    /// By channel.
+    pub motors: Vec<MotorVerdict>,
+    /// Cosines of the shares in roll, pitch and yaw with those of the vehicle, after motors were put where they are believed to be.
+    pub cosines: [f64; 3],
+}
+
+impl SpinReport {
+    /// Every motor is where the autopilot believes it to be, and turns as it believes.
+    pub fn is_right(&self) -> bool {
+        self.motors.iter().all(MotorVerdict::is_right)
+    }
+}
+
+/// Puts an autopilot on the stand. `rotor_of_channel` is the table under test; `say` hears the words of the autopilot with the time, s.
+///
+/// # Errors
+/// One sentence: the autopilot is lost or does not climb, or its answers fit no order of motors.
+pub fn spin_test(
+    autopilot: &mut impl Autopilot,
+    scenario: &Scenario,
+    seed: u64,
+    rotor_of_channel: &[usize],
+    say: &mut dyn FnMut(f64, String),
+) -> Result<SpinReport, String> {
+    let mut stand = Stand::new(scenario, seed)?;
+    let result = stand.test(autopilot, rotor_of_channel, say);
+    autopilot.finish();
+    result
+}
+
+/// The vehicle on its pole.
+struct Stand {
+    airframe: Airframe,
+    instruments: Instruments,
+    voltage_v: f64,
+    parts: u64,
+    parts_left: u32,
+    duty: [f64; MAX_ROTORS],
+    /// Thrust, as acceleration, behind the lag of the rotors, m/s².
+    lift: f64,
+    down_m: f64,
+    speed_down: f64,
+    acceleration_down: f64,
+    ground_m: f64,
+    first: [f64; 3],
+    attitude: [f64; 3],
+    rates: [f64; 3],
+}
+
+impl Stand {
+    fn new(scenario: &Scenario, seed: u64) -> Result<Self, String> {
+        let simulation = scenario.simulation(seed).map_err(|error| error.to_string())?;
+        let model: InstrumentModel = scenario.document().instruments.clone().unwrap_or_default();
+        let truth = simulation.truth();
+        let ground_m = truth.position_ned_m[2];
+        Ok(Self {
+            airframe: Airframe::new(scenario, simulation.hover_duty(), truth.battery_voltage_v as f32),
+            instruments: Instruments::new(&model, seed),
+            voltage_v: truth.battery_voltage_v,
+            parts: 0,
+            parts_left: 0,
+            duty: [0.0; MAX_ROTORS],
+            lift: 0.0,
+            down_m: ground_m,
+            speed_down: 0.0,
+            acceleration_down: 0.0,
+            ground_m,
+            first: simulation.first_point(),
+            attitude: [0.0; 3],
+            rates: [0.0; 3],
+        })
+    }
+
+    fn time_s(&self) -> f64 {
+        self.parts as f64 * PART_NS as f64 * 1e-9
+    }
+
+    fn readings(&mut self) -> Readings {
+        let position = [self.first[0], self.first[1], self.down_m];
+        let velocity = [0.0, 0.0, self.speed_down];
+        let ned_from_body = Quaternion::from_euler(self.attitude);
+        let specific_force_ned = [0.0, 0.0, self.acceleration_down - self.airframe.gravity];
+        let sample = self.instruments.measure(&Scene {
+            time_ns: self.parts * PART_NS,
+            position_ned: position,
+            velocity_ned: velocity,
+            body_rates: self.rates,
+            specific_force: ned_from_body.body_from_ned(specific_force_ned),
+            magnetic_field: ned_from_body.body_from_ned(self.instruments.magnetic_field_ned()),
+            distance: f64::INFINITY,
+        });
+        Readings {
+            time_ns: sample.time_ns,
+            specific_force_m_s2: sample.specific_force_m_s2,
+            body_rates_rad_s: sample.body_rates_rad_s,
+            magnetic_field_gauss: sample.magnetic_field_gauss,
+            pressure_hpa: sample.pressure_hpa,
+            pressure_altitude_m: sample.pressure_altitude_m,
+            temperature_c: sample.temperature_c,
+            gps: sample.gps.map(|fix| Fix {
+                latitude_deg: fix.latitude_deg,
+                longitude_deg: fix.longitude_deg,
+                altitude_m: fix.altitude_m,
+                velocity_ned_m_s: fix.velocity_ned_m_s,
+            }),
+            range_m: sample.range_m,
+            battery_voltage_v: self.voltage_v,
+            battery_current_a: 0.0,
+            position_ned_m: position,
+            velocity_ned_m_s: velocity,
+            attitude_rad: self.attitude,
+        }
+    }
+
+    /// 2.5 ms at an attitude and its rate.
+    fn step(
+        &mut self,
+        autopilot: &mut impl Autopilot,
+        (attitude, rates): ([f64; 3], [f64; 3]),
+        say: &mut dyn FnMut(f64, String),
+    ) -> Result<(), String> {
+        const DT: f64 = PART_NS as f64 * 1e-9;
+        (self.attitude, self.rates) = (attitude, rates);
+        autopilot.steer(&Wanted {
+            position_ned_m: self.first,
+            ..Wanted::default()
+        });
+        for _ in 0..PARTS_PER_STEP {
+            if self.parts_left == 0 {
+                let readings = self.readings();
+                let asked = autopilot.exchange(&readings);
+                while let Some(text) = autopilot.words() {
+                    say(self.time_s(), text);
+                }
+                self.duty = asked.map_err(|error| error.sentence)?;
+                self.parts_left = autopilot.interval_parts().max(1);
+            }
+            self.parts_left -= 1;
+            let tilt = self.attitude[0].cos() * self.attitude[1].cos();
+            let share = DT / (DT + self.airframe.lag_s);
+            // Linear around hover, nothing without a duty.
+            let wanted = if self.duty.iter().all(|duty| *duty == 0.0) {
+                0.0
+            } else {
+                (self.airframe.lift(&self.duty) * self.airframe.gravity).max(0.0)
+            };
+            self.lift += share * (wanted - self.lift);
+            self.acceleration_down = self.airframe.gravity - self.lift * tilt;
+            self.speed_down += DT * self.acceleration_down;
+            self.down_m += DT * self.speed_down;
+            if self.down_m >= self.ground_m {
+                (self.down_m, self.speed_down) = (self.ground_m, 0.0);
+                self.acceleration_down = self.acceleration_down.min(0.0);
+            }
+            self.parts += 1;
+        }
+        Ok(())
+    }
+
+    fn test(
+        &mut self,
+        autopilot: &mut impl Autopilot,
+        rotor_of_channel: &[usize],
+        say: &mut dyn FnMut(f64, String),
+    ) -> Result<SpinReport, String> {
+        self.climb(autopilot, say)?;
+        autopilot.flight_begins();
+        let mut shares = [[0.0; MAX_ROTORS]; 3];
+        for (axis, share) in shares.iter_mut().enumerate() {
+            *share = self.rock(autopilot, axis, say)?;
+            for _ in 0..(REST_S * 400.0) as u32 {
+                self.step(autopilot, Default::default(), say)?;
+            }
+        }
+        self.land(autopilot, say);
+        judge(&self.airframe, &shares, rotor_of_channel, autopilot.identity().peer)
+    }
+
+    fn climb(&mut self, autopilot: &mut impl Autopilot, say: &mut dyn FnMut(f64, String)) -> Result<(), String> {
+        let mut still_s = 0.0;
+        while still_s < HOVER_S {
+            self.step(autopilot, Default::default(), say)?;
+            let away = (self.down_m - self.first[2]).abs();
+            let near = away < NEAR_M && self.speed_down.abs() < STILL_M_S && self.down_m < self.ground_m;
+            still_s = if near { still_s + 0.0025 } else { 0.0 };
+            if self.time_s() > CLIMB_S {
+                return Err(format!(
+                    "{} did not come to rest near the first point in {CLIMB_S} s of simulated time: it is {away:.1} m away at {:.1} m/s",
+                    autopilot.identity().peer,
+                    self.speed_down
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Swings about one axis, and gives the share of each rotor in the answer against it.
+    fn rock(
+        &mut self,
+        autopilot: &mut impl Autopilot,
+        axis: usize,
+        say: &mut dyn FnMut(f64, String),
+    ) -> Result<Duties, String> {
+        let omega = std::f64::consts::TAU / PERIOD_S;
+        let angle = |time_s: f64| SWING_RAD[axis] * (0.5 * time_s / PERIOD_S).min(1.0) * (omega * time_s).sin();
+        let steps = (ROCK_S * 400.0) as u32;
+        let (mut sine, mut cosine) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
+        let mut looked = 0.0;
+        for step in 0..steps {
+            let time_s = f64::from(step) / 400.0;
+            let (mut attitude, mut rates) = ([0.0; 3], [0.0; 3]);
+            attitude[axis] = angle(time_s);
+            rates[axis] =
+                (angle(time_s + 1e-4) - angle((time_s - 1e-4).max(0.0))) / if time_s > 0.0 { 2e-4 } else { 1e-4 };
+            self.step(autopilot, (attitude, rates), say)?;
+            if time_s < 2.0 * PERIOD_S {
+                continue;
+            }
+            looked += 1.0;
+            for rotor in 0..MAX_ROTORS {
+                sine[rotor] += self.duty[rotor] * (omega * time_s).sin();
+                cosine[rotor] += self.duty[rotor] * (omega * time_s).cos();
+            }
+        }
+        let [sine, cosine] = [sine, cosine].map(|sum| sum.map(|x| -2.0 * x / looked));
+        // The phase in which the answer is largest, within a quarter turn of one against angle and rate alike.
+        let (ss, cc) = (length(&sine).powi(2), length(&cosine).powi(2));
+        let sc: f64 = sine.iter().zip(&cosine).map(|(s, c)| s * c).sum();
+        let mut phase = 0.5 * (2.0 * sc).atan2(ss - cc);
+        if phase < -std::f64::consts::FRAC_PI_4 {
+            phase += std::f64::consts::PI;
+        }
+        Ok(std::array::from_fn(|i| sine[i] * phase.cos() + cosine[i] * phase.sin()))
+    }
+
+    /// What becomes of the landing changes nothing.
+    fn land(&mut self, autopilot: &mut impl Autopilot, say: &mut dyn FnMut(f64, String)) {
+        if !autopilot.flight_ends() {
+            return;
+        }
+        for _ in 0..(LAND_S * 400.0) as u32 {
+            if autopilot.landed() || self.step(autopilot, Default::default(), say).is_err() {
+                return;
+            }
+        }
+    }
+}
+
+/// Names motors from their shares in the answers to roll, pitch and yaw.
+fn judge(
+    airframe: &Airframe,
+    shares: &[Duties; 3],
+    rotor_of_channel: &[usize],
+    peer: String,
+) -> Result<SpinReport, String> {
+    let rotors = airframe.rotor_count();
+    let patterns = airframe
+        .patterns(0)
+        .ok_or("the rotors of the vehicle do not span thrust, roll, pitch and yaw")?;
+    for (axis, name) in ["roll", "pitch"].into_iter().enumerate() {
+        if length(&shares[axis]) < ANSWER {
+            return Err(format!(
+                "{peer} does not answer a swing in {name}: no duty moves by more than {ANSWER}"
+            ));
+        }
+    }
+    let in_order = |order: &[usize], duties: &Duties| {
+        let mut ordered = [0.0; MAX_ROTORS];
+        for (place, &rotor) in order.iter().enumerate() {
+            ordered[place] = duties[rotor];
+        }
+        ordered
+    };
+    let cosines = |order: &[usize]| {
+        [(0, ROLL), (1, PITCH), (2, YAW)]
+            .map(|(axis, pattern)| cosine(&in_order(order, &shares[axis]), &patterns[pattern]))
+    };
+    // The yaw counts little: a motor that turns the other way is no other motor. Of equals the order as it is.
+    let worth = |order: &[usize]| {
+        let [roll, pitch, yaw] = cosines(order);
+        roll + pitch + 0.1 * yaw
+    };
+    let straight: Vec<usize> = (0..rotors).collect();
+    let mut best = (worth(&straight) + 0.02, straight.clone());
+    let mut order = straight;
+    permute(&mut order, 0, &mut |order| {
+        let worth = worth(order);
+        if worth > best.0 {
+            best = (worth, order.to_vec());
+        }
+    });
+    // Motors that turn otherwise change the shares of a least-squares mixer in roll and pitch, too: if they explain all, no order does.
+    let as_it_is: Vec<usize> = (0..rotors).collect();
+    let (_, mean) = reversed(airframe, shares);
+    let order = if mean > EXPLAINS { as_it_is } else { best.1 };
+    let cosines = cosines(&order);
+    if mean <= EXPLAINS && (cosines[0] < FITS || cosines[1] < FITS) {
+        return Err(format!(
+            "the answers of {peer} fit no order of the motors: the best has cosines of {:.2} in roll and {:.2} in pitch",
+            cosines[0], cosines[1]
+        ));
+    }
+    let ordered = [0, 1, 2].map(|axis| in_order(&order, &shares[axis]));
+    let (reversed, _) = reversed(airframe, &ordered);
+    let mut motors = Vec::new();
+    for (channel, &rotor) in rotor_of_channel.iter().enumerate() {
+        let place = order.iter().position(|&other| other == rotor).unwrap_or(rotor);
+        motors.push(MotorVerdict {
+            rotor: rotor + 1,
+            channel: channel + 1,
+            azimuth_deg: airframe.azimuth_deg(rotor),
+            turns_ccw: airframe.turns_ccw(rotor),
+            answers_as: place + 1,
+            reversed: reversed >> place & 1 == 1,
+        });
+    }
+    Ok(SpinReport { peer, motors, cosines })
+}
+
+/// Bit i: the autopilot takes rotor i to turn the other way; and the mean cosine with that. One that shares out by least squares lets all motors answer otherwise then, one that shares
+/// out by a table only that motor in yaw: each is tried.
+fn reversed(airframe: &Airframe, shares: &[Duties; 3]) -> (u32, f64) {
+    let Some(nominal) = airframe.patterns(0) else {
+        return (0, 0.0);
+    };
+    let axes = [(0, ROLL), (1, PITCH), (2, YAW)];
+    let mean = |patterns: &[Duties; 4]| {
+        axes.iter()
+            .map(|&(axis, k)| cosine(&shares[axis], &patterns[k]))
+            .sum::<f64>()
+            / 3.0
+    };
+    let (mut best, mut chosen) = (mean(&nominal) + CLEAR, 0);
+    let straight = best - CLEAR;
+    for mask in 1..1_u32 << airframe.rotor_count() {
+        let mut table = nominal;
+        for (rotor, share) in table[YAW].iter_mut().enumerate() {
+            if mask >> rotor & 1 == 1 {
+                *share = -*share;
+            }
+        }
+        let least_squares = airframe.patterns(mask).map_or(-1.0, |patterns| mean(&patterns));
+        let worth = least_squares.max(mean(&table));
+        if worth > best + 1e-9 {
+            (best, chosen) = (worth, mask);
+        }
+    }
+    (chosen, if chosen == 0 { straight } else { best })
+}
