@@ -4,6 +4,8 @@ use crate::fly::{External, Foreign, free_port, invitation, new_run_id};
 use crate::output;
 use clap::Parser;
 use rotortwin_bridge::address::BoardAddress;
+use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
+use rotortwin_bridge::autopilot::plant_check;
 use rotortwin_bridge::session::{BoardLink, SessionOptions};
 use rotortwin_flight::conform::{Demands, Report, conform};
 use rotortwin_links::endpoint::EndpointLink;
@@ -11,6 +13,7 @@ use rotortwin_links::host_name;
 use rotortwin_process::{AnyEndpoint, LinkAddress, PeerArgs};
 use rotortwin_proto::Role;
 use rotortwin_scenario::Scenario;
+use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
 use rotortwin_wire::link::LinkTiming;
 use rotortwin_wire::peers::FdiEnginePeer;
 use std::path::PathBuf;
@@ -31,7 +34,7 @@ const STEP_MS: f64 = 2.5;
 #[derive(Debug, Parser)]
 pub(crate) struct Args {
     /// The controller: iceoryx2[:DOMAIN], zenoh[:listen=tcp/IP:PORT|:connect=ENDPOINT] for one that joins by itself; serial:PORT[@BAUD],
-    /// pty, qemu, virtual[:KEY=NUMBER,...] for a board
+    /// pty, qemu, virtual[:KEY=NUMBER,...] for a board. The reverse: plant:ardupilot[:ADDR] plays ArduPilot to a plant that listens there
     endpoint: Endpoint,
     /// Scenario whose vehicle is flown: a file, or a name that 'rotortwin list scenarios' shows
     #[arg(long, value_parser = crate::named::scenario(), default_value = "short-hover")]
@@ -66,6 +69,8 @@ enum Endpoint {
     /// It joins by itself; `None`: over zenoh, at a free port.
     Link(Option<LinkAddress>),
     Board(BoardAddress),
+    /// A plant behind ArduPilot's JSON backend.
+    Plant(AutopilotAddress),
 }
 
 impl std::str::FromStr for Endpoint {
@@ -81,6 +86,15 @@ impl std::str::FromStr for Endpoint {
                 .map(|address| Self::Link(Some(address)))
                 .map_err(|error: rotortwin_process::LinkAddressError| error.to_string());
         }
+        if let Some(plant) = text.strip_prefix("plant:") {
+            let address: AutopilotAddress = plant.parse()?;
+            return match address.protocol {
+                Protocol::ArduPilot => Ok(Self::Plant(address)),
+                _ => Err(format!(
+                    "'{text}': expected plant:ardupilot[:ADDR]; the others' links are not played yet"
+                )),
+            };
+        }
         match text.parse()? {
             Foreign::Board(board) => Ok(Self::Board(board)),
             Foreign::Autopilot(autopilot) => Err(format!(
@@ -93,6 +107,9 @@ impl std::str::FromStr for Endpoint {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
+    if let Endpoint::Plant(address) = &args.endpoint {
+        return examine_plant(args, address);
+    }
     let scenario = match Scenario::load_with(&args.scenario, &HOVER) {
         Ok(scenario) => scenario,
         Err(error) => return output::bad_input(error),
@@ -113,6 +130,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             }
             Err(sentence) => return output::bad_input(sentence),
         },
+        Endpoint::Plant(_) => Err("a plant is examined elsewhere".to_owned()),
         Endpoint::Link(address) => {
             let address = match address.clone().map_or_else(free_address, Ok) {
                 Ok(address) => address,
@@ -195,6 +213,48 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
             run_id,
             &demands,
         ),
+    }
+}
+
+/// The outputs of ArduPilot's frame that fits the vehicle of the scenario are played to a plant.
+fn examine_plant(args: &Args, address: &AutopilotAddress) -> ExitCode {
+    let scenario = match Scenario::load(&args.scenario) {
+        Ok(scenario) => scenario,
+        Err(error) => return output::bad_input(error),
+    };
+    let frame = match AutopilotFrame::of_vehicle(AutopilotKind::ArduPilot, scenario.vehicle()) {
+        Ok((frame, _)) => frame,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    let mut azimuths = vec![0.0; frame.motor.len()];
+    for motor in &frame.motor {
+        azimuths[motor.channel as usize - 1] = motor.azimuth_deg;
+    }
+    let seen = match plant_check::examine(address.address, &azimuths) {
+        Ok(seen) => seen,
+        Err(sentence) => return output::failed(sentence),
+    };
+    let wrong = seen.iter().filter(|observation| !observation.right).count();
+    if args.json {
+        let list: Vec<_> = seen
+            .iter()
+            .map(|o| serde_json::json!({ "key": o.key, "right": o.right, "sentence": o.sentence }))
+            .collect();
+        output::line(&serde_json::json!({ "frame": frame.name, "observations": list }).to_string());
+    } else {
+        for observation in &seen {
+            let mark = if observation.right { "ok   " } else { "wrong" };
+            print!(
+                "{}",
+                output::fitted(&format!("{mark}  {:<11} {}\n", observation.key, observation.sentence))
+            );
+        }
+        println!("{}", if wrong == 0 { "Conforms" } else { "Does not conform" });
+    }
+    if wrong == 0 {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(rotortwin_process::EXIT_FAILED)
     }
 }
 

@@ -111,7 +111,8 @@ pub(crate) const CONFORM: &str = "\
 Examples:
   rotortwin conform zenoh
   rotortwin conform serial:/dev/ttyUSB0@921600
-  rotortwin conform virtual --json";
+  rotortwin conform virtual --json
+  rotortwin conform plant:ardupilot:127.0.0.1:9002";
 
 pub(crate) const SPIN_TEST: &str = "\
 Examples:

@@ -5,6 +5,7 @@
 //! * [`servo_packet`]: the bytes of that protocol.
 //! * [`px4`]: MAVLink over TCP, lockstep by the time of our samples.
 //! * [`pilot`]: arms them, flies the scenario with them, lands them.
+//! * [`plant_check`]: the reverse: ArduPilot played to an unknown plant.
 //! * [`betaflight`]: UDP, paced on the wall clock, not lockstep; its pilot holds sticks.
 //!
 //! All wait with time-outs that name the peer and its last frame; none takes a step of its own accord.
@@ -13,6 +14,7 @@ pub mod address;
 pub mod ardupilot;
 pub mod betaflight;
 pub mod pilot;
+pub mod plant_check;
 pub mod px4;
 pub mod servo_packet;
 mod sticks;
