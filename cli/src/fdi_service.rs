@@ -237,6 +237,14 @@ fn text_of(report: &LogReport) -> String {
             report.log.start_s
         );
     }
+    if let Some(smallest) = report
+        .final_window
+        .as_ref()
+        .and_then(|window| smallest_text(&window.smallest_loss))
+    {
+        text.truncate(text.trim_end().len());
+        text += &format!("\n{smallest}\n\n");
+    }
     let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
     let mut row = |time: String, view: &SequentialView, obstacle: Option<&ObstacleView>| {
         timeline.add_row([
@@ -313,6 +321,19 @@ fn text_of(report: &LogReport) -> String {
     text.trim_end().to_owned()
 }
 
+/// What would be seen at the end of the log.
+fn smallest_text(smallest: &[f32]) -> Option<String> {
+    let of = |sign: f32| (0..smallest.len()).max_by(|a, b| (sign * smallest[*a]).total_cmp(&(sign * smallest[*b])));
+    let (least, most) = (of(-1.0)?, of(1.0)?);
+    Some(format!(
+        "Would see    a loss from {:.1} % of its thrust on (rotor {}) to {:.1} % (rotor {}), within 10 s at the end",
+        100.0 * smallest[least],
+        least + 1,
+        100.0 * smallest[most],
+        most + 1
+    ))
+}
+
 /// The reason in a few words; all of them stand in the table of what was not judged.
 fn short(reason: Obstruction) -> &'static str {
     match reason {
@@ -324,6 +345,8 @@ fn short(reason: Obstruction) -> &'static str {
         Obstruction::Gap => "no values",
         Obstruction::Calibration => "calibrating",
         Obstruction::Unexplained => "the model does not explain the motion",
+        Obstruction::LoadChanged => "a load was dropped or taken up",
+        Obstruction::Unclear => "what was found has no clear explanation",
         Obstruction::ImpossibleLoss => "a loss beyond 100 % would explain the motion",
     }
 }

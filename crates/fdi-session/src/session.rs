@@ -191,6 +191,9 @@ pub struct Window {
     pub obstacle: Option<Obstacle>,
     /// Step that the calibration behind it began with.
     pub calibrated_from: u64,
+    /// Smallest lost share of each rotor's thrust that would be found within ten seconds now; empty without a verdict, and while something is
+    /// wrong.
+    pub smallest_loss: Vec<f32>,
 }
 
 /// What a chunk gave.
@@ -681,8 +684,14 @@ impl FdiSession {
             }
         }
         let engine = report(self.stamp(step), &output).canonical();
-        let report = possible(self.look.revise(engine, &output));
-        let obstacle = self.obstacle.or(self.turning.take());
+        let looked = self.look.revise(engine, &output);
+        let obstacle = self.obstacle.or(self.turning.take()).or(looked.err());
+        let report = possible(looked.unwrap_or(engine));
+        let smallest_loss = if obstacle.is_none() {
+            self.look.smallest_loss()
+        } else {
+            Vec::new()
+        };
         let window = Window {
             engine,
             report: obstacle.map_or(report, |_| without_verdict(report)),
@@ -694,6 +703,7 @@ impl FdiSession {
             calibration,
             obstacle,
             calibrated_from: self.started,
+            smallest_loss,
         };
         if spoilt && self.obstacle.is_none() {
             self.restart(self.next_step);
@@ -730,6 +740,7 @@ impl FdiSession {
                 calibration: Calibration::Noise,
                 obstacle: Some(obstacle),
                 calibrated_from: self.started,
+                smallest_loss: Vec::new(),
             }
         })
     }

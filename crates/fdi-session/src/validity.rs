@@ -92,6 +92,13 @@ pub enum Obstacle {
         /// What is left, share of a rotor's thrust in hover.
         left: f32,
     },
+    /// Only the vertical force has changed, as a load does that was dropped or taken up.
+    Load {
+        /// Taken up, kg; negative: dropped.
+        mass_kg: f32,
+    },
+    /// The engine has found something, and no loss of one to three rotors explains it, or too many do.
+    Unclear,
     /// The loss that would explain it is more than all.
     ImpossibleLoss {
         /// From 0.
@@ -120,6 +127,16 @@ impl std::fmt::Display for Obstacle {
                 out,
                 "the model does not explain the motion: what no loss of one or two rotors explains is {:.1} times a rotor's thrust in hover",
                 left
+            ),
+            Self::Load { mass_kg } => write!(
+                out,
+                "the vertical force alone has changed, as if {:.0} g had been {}; rotors are not judged beside it",
+                1000.0 * mass_kg.abs(),
+                if mass_kg < 0.0 { "dropped" } else { "taken up" }
+            ),
+            Self::Unclear => write!(
+                out,
+                "something acts on the vehicle that no loss of one to three rotors explains, or that too many would explain"
             ),
             Self::ImpossibleLoss { rotor, share } => write!(
                 out,

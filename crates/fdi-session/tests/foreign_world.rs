@@ -1,7 +1,7 @@
 //! What sessions say of faults in the independent generator's world. Shares are asserted with room for chance, at fixed seeds; figures with
 //! intervals come from `rotortwin blind --preset faults`.
 
-use rotortwin_blind::bench::faults::{Class, End, FaultRow, draw_cases, fly_case, score};
+use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
 use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
@@ -11,24 +11,34 @@ const VEHICLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicle
 /// Of an interval that is promised to hold 95 %, next to the chance of so few flights.
 const LEAST_INSIDE: f64 = 0.88;
 
-/// What a session says of a flight, scored.
-fn judged(class: Class, n: usize, seed: u64) -> Vec<FaultRow> {
+fn cases(class: Class, n: usize, seed: u64) -> Vec<FaultCase> {
+    let cases = draw_cases(n, seed, 60.0, &[(VEHICLE.to_owned(), 6)]);
+    cases.into_iter().filter(|case| case.class == class).collect()
+}
+
+/// What a session says of a flight.
+fn windows(case: &FaultCase) -> Vec<Window> {
     let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
     let detectors = Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration");
-    let cases = draw_cases(n, seed, 60.0, &[(VEHICLE.to_owned(), 6)]);
-    let cases = cases.iter().filter(|case| case.class == class);
-    cases
+    let mut session = FdiSession::new(*detectors.config(), 1).expect("a good configuration");
+    let mut windows = Vec::new();
+    for (part, rows) in fly_case(case).expect("flown").chunks(1000).enumerate() {
+        let chunk = Chunk {
+            first_step: 1000 * part as u64,
+            after_gap: false,
+            samples: rows.iter().map(sample).collect(),
+        };
+        windows.extend(session.feed(&chunk).expect("taken").windows);
+    }
+    windows
+}
+
+/// The same, scored.
+fn judged(class: Class, n: usize, seed: u64) -> Vec<FaultRow> {
+    cases(class, n, seed)
+        .iter()
         .map(|case| {
-            let mut session = FdiSession::new(*detectors.config(), 1).expect("a good configuration");
-            let mut windows = Vec::new();
-            for (part, rows) in fly_case(case).expect("flown").chunks(1000).enumerate() {
-                let chunk = Chunk {
-                    first_step: 1000 * part as u64,
-                    after_gap: false,
-                    samples: rows.iter().map(sample).collect(),
-                };
-                windows.extend(session.feed(&chunk).expect("taken").windows);
-            }
+            let windows = windows(case);
             let views: Vec<_> = windows.iter().map(view).collect();
             let report = json!({ "log": { "start_s": 0.0 }, "windows": views });
             score(case, &report.to_string()).expect("scored")
@@ -147,4 +157,45 @@ fn val_a_recovery_is_released_within_a_second() {
         .filter(|row| row.released_s.is_some_and(|seconds| seconds <= 1.0))
         .count();
     assert!(released >= 11, "{released} of 12");
+}
+
+#[test]
+fn val_a_loss_of_the_size_that_would_be_seen_is_seen() {
+    // What was announced before the onset is lost then: flown once to hear it, once with it.
+    let (mut announced, mut found, mut half_found) = (0, 0, 0);
+    for case in cases(Class::Step, 12, 5) {
+        let (rotor, onset_s) = (
+            case.effects[0].rotor.expect("a rotor"),
+            case.effects[0].onset_s.expect("an onset"),
+        );
+        let time_s = |window: &Window| window.report.stamp.sim_time_ns as f64 * 1e-9;
+        let before = windows(&case);
+        let before = before
+            .iter()
+            .rfind(|window| time_s(window) < onset_s)
+            .expect("a window");
+        let Some(smallest) = before.smallest_loss.get(rotor - 1) else {
+            continue;
+        };
+        announced += 1;
+        let is_found = |share: f64| {
+            let mut case = case.clone();
+            case.effects[0].parameters.insert("share".to_owned(), -share);
+            windows(&case).iter().any(|window| {
+                (onset_s..onset_s + 10.0).contains(&time_s(window)) && window.report.sequential == rotor as i32
+            })
+        };
+        found += usize::from(is_found(f64::from(*smallest)));
+        half_found += usize::from(is_found(0.5 * f64::from(*smallest)));
+    }
+    assert!(announced >= 11, "{announced} of 12 flights announce a size");
+    assert!(
+        found + 1 >= announced,
+        "{found} of {announced} losses of the announced size are found"
+    );
+    // The size is no idle caution either.
+    assert!(
+        half_found <= announced / 2,
+        "{half_found} of {announced} losses of half the size are found"
+    );
 }

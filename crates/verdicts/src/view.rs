@@ -70,6 +70,10 @@ pub enum Obstruction {
     Calibration,
     /// No loss of one or two rotors explains the motion.
     Unexplained,
+    /// The vertical force alone has changed, as a load does that was dropped or taken up.
+    LoadChanged,
+    /// No loss of one to three rotors explains what was found, or too many do.
+    Unclear,
     /// The loss that would explain the motion is more than all of a rotor's thrust.
     ImpossibleLoss,
 }
@@ -90,6 +94,8 @@ impl From<&Obstacle> for ObstacleView {
             Obstacle::TakeOff => Obstruction::TakeOff,
             Obstacle::Upset { .. } => Obstruction::Upset,
             Obstacle::Unexplained { .. } => Obstruction::Unexplained,
+            Obstacle::Load { .. } => Obstruction::LoadChanged,
+            Obstacle::Unclear => Obstruction::Unclear,
             Obstacle::ImpossibleLoss { .. } => Obstruction::ImpossibleLoss,
         };
         Self {
@@ -262,6 +268,8 @@ pub struct WindowView {
     pub engine: Option<SequentialView>,
     /// Why the verdicts are `cannot_judge`.
     pub cannot_judge: Option<ObstacleView>,
+    /// Smallest lost share of each rotor's thrust that would be found within 10 s now; empty without a verdict and while something is wrong.
+    pub smallest_loss: Vec<f32>,
 }
 
 /// The code of a detector, as JSON has it.
@@ -285,6 +293,7 @@ impl From<&Window> for WindowView {
             engine: Some(SequentialView::of(&window.engine))
                 .filter(|engine| *engine != SequentialView::in_window(window)),
             cannot_judge: window.obstacle.as_ref().map(ObstacleView::from),
+            smallest_loss: window.smallest_loss.clone(),
         }
     }
 }

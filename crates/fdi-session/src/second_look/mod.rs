@@ -16,6 +16,7 @@ mod meter;
 mod sets;
 mod wrench;
 
+use super::validity::Obstacle;
 use joint::JointFilter;
 use meter::{AXES, Block, Meter};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -30,8 +31,8 @@ use wrench::{AtSpeed, WrenchFilter};
 /// Half the width of a 95 % interval in standard deviations.
 const SIGMAS: f64 = 1.96;
 /// What a severity may be wrong by: share of itself, and share of the rotor's thrust in hover.
-const MODEL_ERROR: f64 = 0.015;
-const MODEL_FLOOR: f64 = 0.001;
+const MODEL_ERROR: f64 = 0.008;
+const MODEL_FLOOR: f64 = 0.0005;
 /// Blocks between two snapshots, and snapshots that are kept: a severity starts from the oldest.
 const SNAPSHOT_BLOCKS: usize = 160;
 const SNAPSHOTS: usize = 3;
@@ -43,8 +44,13 @@ const TRACKED: usize = 3;
 const UNKNOWN_LOSS: f64 = 0.15;
 /// A set that was named stays named down to this.
 const STILL_NAMED: f64 = 0.4;
-/// Three rotors that make the wrench of a pair are twins of it from this probability on: the name is not sure.
+/// Most probability that sets of rotors may leave to nothing, or to what is not listed; else nothing is said.
+const UNCLEAR: f64 = 0.1;
+/// A loss of so many standard deviations is found.
+const SEEN_SIGMAS: f64 = 8.0;
+/// Three rotors that make the wrench of a pair are twins of it from this probability on; then the pair is named only where it is sure.
 const TWIN: f64 = 0.02;
+const SURE: f64 = 0.95;
 /// A name is sure only after so many windows: the first ones hardly tell a loss from its neighbours.
 const SURE_WINDOWS: u32 = 8;
 /// Its probability until then is at most this.
@@ -64,6 +70,7 @@ const NAMED: f64 = 0.8;
 pub struct SecondLook {
     rotor_count: usize,
     hover: f64,
+    gravity: f64,
     hover_thrust: [f64; MAX_ROTORS],
     /// Columns of F, levers taken out.
     column: [[f64; AXES]; MAX_ROTORS],
@@ -99,6 +106,7 @@ impl SecondLook {
         Self {
             rotor_count,
             hover,
+            gravity: f64::from(config.gravity),
             hover_thrust,
             column: std::array::from_fn(|rotor| {
                 std::array::from_fn(|axis| f64::from(f[axis][rotor]) / meter.arm[axis])
@@ -238,20 +246,40 @@ impl SecondLook {
             .collect()
     }
 
-    /// The engine's report, looked at again.
-    pub fn revise(&mut self, report: FdiReport, output: &FdiOutput) -> FdiReport {
+    /// Smallest lost share of each rotor that would be found within ten seconds now; empty while there is no verdict, or something is wrong.
+    pub fn smallest_loss(&self) -> Vec<f32> {
+        if !self.filter.is_ready() || self.alarm.is_some() {
+            return Vec::new();
+        }
+        let variance = self.filter.variance_of_a_sudden_loss();
+        (0..self.rotor_count)
+            .map(|rotor| {
+                let information: f64 = (0..AXES)
+                    .map(|axis| self.column[rotor][axis].powi(2) / variance[axis])
+                    .sum();
+                (SEEN_SIGMAS / (information.sqrt() * self.hover_thrust[rotor])) as f32
+            })
+            .collect()
+    }
+
+    /// The engine's report, looked at again, or why it means nothing.
+    pub fn revise(&mut self, report: FdiReport, output: &FdiOutput) -> Result<FdiReport, Obstacle> {
         let found = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
         if !self.filter.is_ready() {
-            return report;
+            return Ok(report);
         }
         if !found {
             if self.alarm.take().is_some() {
                 self.snapshots.clear();
                 self.tracked.clear();
+                self.named = (0, 0);
             }
-            return report;
+            return Ok(report);
         }
         let (value, variance) = self.lost();
+        if !value.iter().chain(&variance).all(|x| x.is_finite()) {
+            return Ok(report);
+        }
         let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
         let nothing: f64 = found
             .iter()
@@ -259,15 +287,20 @@ impl SecondLook {
             .map(|e| e.probability)
             .sum();
         let is_there = match self.alarm {
-            None => nothing < 0.5,
             Some(true) => nothing < OVER,
-            Some(false) => nothing < BACK,
+            None | Some(false) => nothing < BACK,
         };
         self.alarm = Some(is_there);
-        self.said(report, &found, nothing)
+        self.said(report, &found, nothing, value[0])
     }
 
-    fn said(&mut self, report: FdiReport, found: &[Explanation], nothing: f64) -> FdiReport {
+    fn said(
+        &mut self,
+        report: FdiReport,
+        found: &[Explanation],
+        nothing: f64,
+        force_down: f64,
+    ) -> Result<FdiReport, Obstacle> {
         let mut said = FdiReport {
             sequential: UNKNOWN,
             sequential_probability: 0.0,
@@ -292,17 +325,27 @@ impl SecondLook {
         if self.alarm != Some(true) {
             said.sequential = HEALTHY;
             said.sequential_probability = nothing as f32;
-            return said;
+            return Ok(said);
+        }
+        let load = of(&|e| e.kind == Kind::Load);
+        if load > 0.5 * (1.0 - nothing) {
+            return Err(Obstacle::Load {
+                mass_kg: (force_down / self.gravity) as f32,
+            });
         }
         if any < 0.5 * (1.0 - nothing) {
-            said.sequential_probability = (1.0 - nothing) as f32;
-            return said;
+            return Err(Obstacle::Unclear);
         }
         let known = sets
             .iter()
             .find(|set| set.0 == self.named.0 && set.1 > STILL_NAMED * (1.0 - nothing));
-        let enough = if known.is_some() { STILL_NAMED } else { NAMED };
         let (first, probability) = *known.unwrap_or(&sets[0]);
+        let has_twins = first.count_ones() == 2 && of(&|e| e.rotors.count_ones() > 2) > TWIN;
+        let enough = match known {
+            _ if has_twins => SURE,
+            Some(_) => STILL_NAMED,
+            None => NAMED,
+        };
         let gain = of(&|e| e.kind == Kind::Gain && e.rotors == first);
         let rotors: Vec<usize> = (0..self.rotor_count).filter(|rotor| first >> rotor & 1 == 1).collect();
         said.suspect_rotors = first;
@@ -314,7 +357,6 @@ impl SecondLook {
             };
             let windows = if self.named.0 == first { self.named.1 + 1 } else { 1 };
             self.named = (first, windows);
-            let has_twins = rotors.len() == 2 && of(&|e| e.rotors.count_ones() > 2) > TWIN;
             let most = if windows < SURE_WINDOWS || has_twins {
                 NOT_SURE
             } else {
@@ -342,17 +384,21 @@ impl SecondLook {
                     said.second_thrust_loss = loss;
                 }
             }
-            return said;
+            return Ok(said);
         }
         self.named = (0, 0);
         said.sequential = AMBIGUOUS;
         said.sequential_probability = (1.0 - nothing) as f32;
         let listed: Vec<&(u32, f64)> = sets.iter().filter(|set| set.1 >= LISTED).collect();
+        let rest = 1.0 - nothing - listed.iter().map(|set| set.1).sum::<f64>();
+        if listed.len() > MAX_HYPOTHESES || nothing > UNCLEAR || rest > UNCLEAR {
+            return Err(Obstacle::Unclear);
+        }
         said.suspect_rotors = listed.iter().fold(0, |mask, set| mask | set.0);
         said.hypothesis_count = listed.len() as u32;
         for (slot, set) in said.hypothesis_rotors.iter_mut().zip(&listed) {
             *slot = set.0;
         }
-        said
+        Ok(said)
     }
 }

@@ -182,3 +182,105 @@ fn normal_below(x: f64) -> f64 {
     let above = 0.5 * poly * (-z * z).exp();
     if x > 0.0 { 1.0 - above } else { above }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A regular hexarotor: spins alternate, so that opposite rotors turn against each other.
+    fn hexarotor() -> [[f64; AXES]; MAX_ROTORS] {
+        std::array::from_fn(|rotor| {
+            let (sin, cos) = (std::f64::consts::PI * (rotor as f64 + 0.5) / 3.0).sin_cos();
+            let spin = if rotor % 2 == 0 { 1.0 } else { -1.0 };
+            [-1.0, -sin, cos, spin]
+        })
+    }
+
+    /// What losses (negative: gains) of rotors make, weighed with a standard deviation of each axis.
+    fn weighed(losses: &[(usize, f64)], deviation: [f64; AXES]) -> Vec<Explanation> {
+        let column = hexarotor();
+        let value = std::array::from_fn(|axis| losses.iter().map(|(rotor, loss)| -column[*rotor][axis] * loss).sum());
+        weigh(&column, 6, &value, &deviation.map(|x| x * x), 1.0)
+    }
+
+    fn of(found: &[Explanation], kind: Kind, rotors: u32) -> f64 {
+        let is = |e: &&Explanation| e.kind == kind && e.rotors == rotors;
+        found.iter().filter(is).map(|e| e.probability).sum()
+    }
+
+    #[test]
+    fn val_a_density_is_the_textbooks() {
+        // One axis with noise 1 and a part of size 2 along it: N(0, 5); the other axes N(0, 1).
+        let base: Matrix = std::array::from_fn(|a| std::array::from_fn(|b| f64::from(u8::from(a == b))));
+        let log = log_density(&base, &[3.0, 0.0, 0.0, 0.0], &[([1.0, 0.0, 0.0, 0.0], 2.0)], 0);
+        assert!((log + 0.5 * (9.0 / 5.0 + 5.0f64.ln())).abs() < 1e-9, "{log}");
+        // One-sided: the size is N(4/5 · 3, 4/5) after it, positive with Φ(2.4/√0.8) = 0.99635.
+        let one_sided = log_density(&base, &[3.0, 0.0, 0.0, 0.0], &[([1.0, 0.0, 0.0, 0.0], 2.0)], 1);
+        assert!(
+            (one_sided - log - (2.0 * 0.996_35f64).ln()).abs() < 1e-4,
+            "{one_sided} {log}"
+        );
+        assert!((normal_below(1.959_964) - 0.975).abs() < 1e-6 && (normal_below(-1.0) - 0.158_655).abs() < 1e-6);
+    }
+
+    #[test]
+    fn val_a_loss_is_named_and_a_gain_is_not_the_opposite_rotors_loss() {
+        let known = [0.004; AXES];
+        let found = weighed(&[(1, 0.1)], known);
+        assert!(
+            of(&found, Kind::Losses, 1 << 1) + of(&found, Kind::LossWithDrag, 1 << 1) > 0.95,
+            "{:?}",
+            &found[..3]
+        );
+        let found = weighed(&[(1, -0.08)], known);
+        assert!(of(&found, Kind::Gain, 1 << 1) > 0.9, "{:?}", &found[..3]);
+        // Where gusts hide the vertical force, both remain, and neither is sure.
+        let found = weighed(&[(1, -0.08)], [0.5, 0.004, 0.004, 0.004]);
+        let [opposite, gain] = [of(&found, Kind::Losses, 1 << 4), of(&found, Kind::Gain, 1 << 1)];
+        assert!(opposite < 0.95 && gain > LEAST_LISTED, "{:?}", &found[..4]);
+    }
+
+    /// As the second look lists them.
+    const LEAST_LISTED: f64 = 0.02;
+
+    #[test]
+    fn val_nothing_is_nothing_and_a_centred_force_is_a_load() {
+        let found = weighed(&[], [0.002; AXES]);
+        assert_eq!((found[0].kind, found[0].probability > 0.8), (Kind::Nothing, true));
+        // Upwards: no loss makes it.
+        let all: Vec<(usize, f64)> = (0..6).map(|rotor| (rotor, -0.1)).collect();
+        let found = weighed(&all, [0.004; AXES]);
+        assert_eq!(
+            (found[0].kind, found[0].probability > 0.9),
+            (Kind::Load, true),
+            "{:?}",
+            &found[..3]
+        );
+    }
+
+    #[test]
+    fn val_a_blade_that_drags_is_not_two_healthy_neighbours() {
+        let column = hexarotor();
+        let mut value: [f64; AXES] = std::array::from_fn(|axis| -column[2][axis] * 0.08);
+        value[3] += column[2][3] * 0.2;
+        let found = weigh(&column, 6, &value, &[1.6e-5; AXES], 1.0);
+        let neighbours = of(&found, Kind::Losses, 0b1010);
+        assert!(
+            of(&found, Kind::LossWithDrag, 1 << 2) > 0.5 && neighbours < 0.45,
+            "{:?}",
+            &found[..4]
+        );
+    }
+
+    #[test]
+    fn prop_probabilities_sum_to_one_likeliest_first() {
+        for k in 0..200 {
+            let x = |place: usize| (f64::from(k * 7 + 13) * (place as f64 + 1.7)).sin();
+            let value = std::array::from_fn(|axis| 0.1 * x(axis));
+            let variance = std::array::from_fn(|axis| (1e-3 + 0.02 * x(axis + 4).abs()).powi(2));
+            let found = weigh(&hexarotor(), 6, &value, &variance, 1.0);
+            let sum: f64 = found.iter().map(|e| e.probability).sum();
+            assert!((sum - 1.0).abs() < 1e-9 && found.is_sorted_by(|a, b| a.probability >= b.probability));
+        }
+    }
+}

@@ -4,7 +4,9 @@
 //!  D' = w + b + g φ_own + s φ_second + t φ_lag + j φ_gyr + u c    D: momentum defect, measured once per block
 //!  w' = −w/T + noise    u' = noise of one of four speeds          u: lost wrench at hover, c: thrust of all rotors over the weight
 //! ```
-//! b, g, s, t, j as in the engine's filters. The lost wrench has no moment of onset: it walks, at one of [`SPEEDS`], and the speed is
+//! b, s, t, j as in the engine's filters. φ_own is the wrench that *acted* (nominal and lost together: lagged rotors plus the measured defect), as an error of
+//! mass, inertia, arm or moment ratio scales both; in a steady hover after a loss it is zero, so that no such error is taken for a part of the
+//! loss. The lost wrench has no moment of onset: it walks, at one of [`SPEEDS`], and the speed is
 //! a Markov chain with the same speed on all axes (interacting multiple models). So a step, a loss that grows, one that comes and goes and one
 //! that heals are the same thing at different speeds. Level of the gusts and white force of each axis are those that make the calibration
 //! likeliest; afterwards their common scale follows the innovations slowly.
@@ -182,7 +184,7 @@ impl WrenchFilter {
             0.0,
             block.elapsed,
             block.elapsed,
-            block.wrench[axis],
+            block.wrench[axis] + block.defect[axis],
             second,
             block.lag_slope[axis],
             if axis == 0 { 0.0 } else { block.gyroscopic[axis - 1] },
@@ -333,6 +335,11 @@ impl WrenchFilter {
             });
             (state, covariance)
         })
+    }
+
+    /// Of the lost wrench at the highest speed: what it would be known to soon after a sudden loss, N².
+    pub(super) fn variance_of_a_sudden_loss(&self) -> [f64; AXES] {
+        std::array::from_fn(|axis| self.modes[SPEEDS.len() - 1][axis].p[LOST][LOST])
     }
 
     /// What is lost now.
