@@ -104,6 +104,16 @@ pub enum SourceKind {
     Memory,
 }
 
+impl SourceKind {
+    /// True where position and velocity are what an autopilot's estimator makes of its sensors, at whatever rate they are logged.
+    pub fn is_of_an_estimator(self) -> bool {
+        matches!(
+            self,
+            Self::Px4Ulog | Self::ArdupilotDataflash | Self::ArdupilotDataflashText | Self::MavlinkTlog
+        )
+    }
+}
+
 /// Where a log comes from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct LogSource {

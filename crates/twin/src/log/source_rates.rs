@@ -70,35 +70,59 @@ impl FlightLog {
             .min_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
     }
 
-    /// Deviation of the corrections that an estimator makes to its position between two of its samples, m: change of the position less
-    /// that of the integrated velocity, from one sample to the next (constant errors of either cancel). Worst axis; 0 where unknown.
+    /// Corrections that an estimator makes to its position beside its own velocity, as a random walk, m/√s: `m = p − ∫v` over windows of one
+    /// sample of its source up to 2 s, `q² = (⟨(m(t + B) − m(t))²⟩ − 2σ²)/B` about the median (a constant error of either cancels), less the
+    /// white noise σ of a reading, the largest hundredth left out (resets). Worst axis and window; 0 where unknown.
     ///
-    /// `e_k = p_k − p_{k−1} − ∫v`, white; `σ² = ⟨(e_k − e_{k−1})²⟩/2`, the largest hundredth left out (resets).
-    pub fn position_corrections_m(&self) -> f64 {
+    /// A fix pulls position and velocity each by its own gain, so that the position of an estimator is no integral of its velocity. Between
+    /// two samples of a slow source a column only repeats the last correction: as noise of each row it would cancel over a quarter of
+    /// a second, which corrections do not.
+    pub fn position_corrections(&self) -> f64 {
         let time = &self.time_s;
+        let step_s = self.duration_s() / (time.len() - 1) as f64;
         let axis = |axis: usize| -> Option<f64> {
             let (position, velocity) = (self.column(names::POSITION[axis])?, self.column(names::VELOCITY[axis])?);
-            let knots = knots(time, position);
-            let missed: Vec<f64> = knots
-                .windows(2)
-                .map(|pair| {
-                    let moved: f64 = (pair[0]..pair[1])
-                        .map(|row| 0.5 * (velocity[row] + velocity[row + 1]) * (time[row + 1] - time[row]))
-                        .sum();
-                    position[pair[1]] - position[pair[0]] - moved
+            let rate = self.source_rate(names::POSITION[axis])?;
+            let (source_s, white) = (1.0 / rate.source_hz, 2.0 * rate.noise * rate.noise);
+            let mut integral = 0.0;
+            let beside: Vec<f64> = (0..time.len())
+                .map(|row| {
+                    let moved = if row == 0 {
+                        0.0
+                    } else {
+                        0.5 * (velocity[row - 1] + velocity[row]) * (time[row] - time[row - 1])
+                    };
+                    // A gap costs the windows over it, not all that follow.
+                    integral += if moved.is_finite() { moved } else { 0.0 };
+                    if velocity[row].is_finite() {
+                        position[row] - integral
+                    } else {
+                        f64::NAN
+                    }
                 })
                 .collect();
-            let mut squares: Vec<f64> = missed
-                .windows(2)
-                .map(|pair| (pair[1] - pair[0]).powi(2))
-                .filter(|square| square.is_finite())
-                .collect();
-            if squares.len() < FEWEST {
-                return None;
-            }
-            squares.sort_by(f64::total_cmp);
-            squares.truncate(squares.len() - squares.len() / 100);
-            Some((0.5 * squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+            [source_s, 0.25, 0.5, 1.0, 2.0]
+                .into_iter()
+                .filter(|window_s| *window_s >= source_s)
+                .filter_map(|window_s| {
+                    let rows = ((window_s / step_s).round() as usize).max(1);
+                    let knots: Vec<f64> = beside.iter().step_by(rows).copied().collect();
+                    let mut moved: Vec<f64> = knots
+                        .windows(2)
+                        .map(|pair| pair[1] - pair[0])
+                        .filter(|moved| moved.is_finite())
+                        .collect();
+                    if moved.len() < FEWEST {
+                        return None;
+                    }
+                    let middle = median(&mut moved)?;
+                    let mut squares: Vec<f64> = moved.iter().map(|one| (one - middle).powi(2)).collect();
+                    squares.sort_by(f64::total_cmp);
+                    squares.truncate(squares.len() - squares.len() / 100);
+                    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+                    Some(((mean - white).max(0.0) / (rows as f64 * step_s)).sqrt())
+                })
+                .reduce(f64::max)
         };
         (0..3).filter_map(axis).fold(0.0, f64::max)
     }
@@ -222,6 +246,50 @@ mod tests {
         let of = |name: &str| found.iter().find(|rate| rate.column == name).expect(name);
         assert!(!of(names::RATES[0]).is_slower() && of(names::RATES[0]).between == 0.0);
         assert!(of(names::VELOCITY[0]).held && !of(names::VELOCITY[1]).held);
+    }
+
+    #[test]
+    fn val_corrections_of_a_slow_position_are_a_random_walk_and_a_true_integral_has_none() {
+        // 10 Hz on 50 Hz rows, each fix off by a pattern of deviation σ that no row foretells: q = σ/√0.1 s.
+        let rows = 5000;
+        let time: Vec<f64> = (0..rows).map(|k| f64::from(k) * 0.02).collect();
+        let speed = |t: f64| (0.7 * t).sin();
+        let velocity: Vec<f64> = time.iter().map(|t| speed(*t)).collect();
+        let fix = |k: i64| ((k * k * 31 + k * 7) % 101) as f64 / 101.0 - 0.5;
+        // ∫ sin 0.7 t dt; the walk of the corrections on top.
+        let walk: Vec<f64> = (0..=1001)
+            .scan(0.0, |sum, k| {
+                *sum += fix(k);
+                Some(*sum)
+            })
+            .collect();
+        let at = |k: usize, size: f64| -(0.07 * k as f64).cos() / 0.7 + size * walk[k];
+        let lines = |size: f64| -> Vec<f64> {
+            (0..rows as usize)
+                .map(|k| {
+                    let (k, part) = (k / 5, (k % 5) as f64 / 5.0);
+                    at(k, size) * (1.0 - part) + at(k + 1, size) * part
+                })
+                .collect()
+        };
+        let corrections = |size: f64| {
+            let columns = [
+                (names::POSITION[0].to_owned(), lines(size)),
+                (names::VELOCITY[0].to_owned(), velocity.clone()),
+            ];
+            FlightLog::from_columns("fixes", time.clone(), columns)
+                .expect("a log")
+                .position_corrections()
+        };
+        let deviation = {
+            let all: Vec<f64> = (0..1000).map(fix).collect();
+            let mean = all.iter().sum::<f64>() / 1000.0;
+            (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 1000.0).sqrt()
+        };
+        let found = corrections(0.1);
+        let truth = 0.1 * deviation / 0.1_f64.sqrt();
+        assert!((0.7..2.0).contains(&(found / truth)), "{found} {truth}");
+        assert!(corrections(0.0) < 0.05 * truth, "{}", corrections(0.0));
     }
 
     #[test]

@@ -42,6 +42,9 @@ pub struct NoiseModel {
     /// V.
     #[schema(value_type = Option<f64>)]
     pub voltage_v: f64,
+    /// Corrections of an estimator's position beside its velocity, a random walk, m/√s; 0 where every row is measured.
+    #[serde(skip)]
+    pub corrections_m_s05: f64,
     /// White disturbance of the angular acceleration in a step, rad/s², body.
     #[schema(value_type = Vec<Option<f64>>)]
     pub torque_floor_rad_s2: Vector3,
@@ -80,6 +83,7 @@ impl NoiseModel {
             rates_rad_s: of(&series.raw.rates, slow.rates.max(1e-4)),
             accel_m_s2: of(&series.raw.accel, slow.accel.max(FORCE_FLOOR * c.gravity_m_s2)).hypot(force),
             voltage_v: white_deviation(&series.voltage).max(slow.voltage).max(2e-3),
+            corrections_m_s05: slow.corrections,
             torque_floor_rad_s2: [0, 1, 2].map(|i| torque.hypot(thrust * lever(i)) / c.inertia_body_kg_m2[i][i]),
         }
     }
@@ -91,7 +95,11 @@ impl NoiseModel {
             KV..M => Covariance::of_difference(self.velocity_m_s, self.accel_m_s2, 0.0, step_s),
             M..KA => Covariance::of_difference(self.rates_rad_s, 0.0, self.torque_floor_rad_s2[channel - M], step_s),
             KA..KP => Covariance::of_difference(self.attitude_rad, self.rates_rad_s, 0.0, step_s),
-            KP..V => Covariance::of_difference(self.position_m, self.velocity_m_s, 0.0, step_s),
+            KP..V => {
+                // q √h in a step, as a speed.
+                let floor = self.corrections_m_s05 / step_s.sqrt();
+                Covariance::of_difference(self.position_m, self.velocity_m_s, floor, step_s)
+            }
             _ => Covariance::white(self.voltage_v),
         })
     }

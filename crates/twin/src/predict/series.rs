@@ -84,6 +84,8 @@ pub enum Drive {
 pub struct SlowNoise {
     /// m.
     pub position: f64,
+    /// Corrections of a slow position beside its velocity, a random walk: m/√s.
+    pub corrections: f64,
     /// m/s.
     pub velocity: f64,
     /// rad.
@@ -117,6 +119,7 @@ impl SlowNoise {
         };
         let mut slow = Self {
             position: worst("position", "m", &names::POSITION),
+            corrections: 0.0,
             velocity: worst("velocity", "m/s", &names::VELOCITY),
             attitude: worst("attitude", "rad", &names::ATTITUDE),
             rates: worst("rates", "rad/s", &names::RATES),
@@ -125,9 +128,9 @@ impl SlowNoise {
             duty: 0.0,
             mean_duty: 1.0,
         };
-        if slow.position > 0.0 {
+        if slow.position > 0.0 || log.source.kind.is_of_an_estimator() {
             // An estimator's position is no integral of its velocity: fixes correct it.
-            slow.position = slow.position.max(log.position_corrections_m());
+            slow.corrections = log.position_corrections();
         }
         if let Some(rate) = log.duty_rate().filter(SensorRate::is_slower) {
             // An error that lasts for n rows counts √n times as much over many as one of each row.
@@ -150,6 +153,13 @@ impl SlowNoise {
                 "slower than the rows ({:.1} Hz), so taken with the noise of their source and of what stands between its samples: {}",
                 log.sample_rate_hz(),
                 told.join(", ")
+            ));
+        }
+        if slow.corrections > 0.0 {
+            notes.push(format!(
+                "position is an estimator's: its corrections beside its own velocity (a random walk of {:.2} m/√s) count as noise, so that position tells nothing \
+                 smaller of the vehicle",
+                slow.corrections
             ));
         }
         slow
