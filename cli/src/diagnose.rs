@@ -11,7 +11,7 @@ use rotortwin_page::Report;
 use rotortwin_plant::effects::EffectDocument;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, diagnose};
+use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose};
 use rotortwin_twin::estimation::parameters::FittedParameter;
 use rotortwin_twin::model::ModelStore;
 use std::path::{Path, PathBuf};
@@ -214,15 +214,28 @@ fn trim(trim: &Trim) -> String {
     )
 }
 
+/// What a finding may be called under a verdict: only what is believed is missing.
+fn called(verdict: &Verdict) -> &'static str {
+    match verdict {
+        Verdict::Missing { .. } | Verdict::PartlyMissing { .. } => "Missing",
+        Verdict::CannotTell { .. } => "One of",
+        _ => "Looks like",
+    }
+}
+
 /// The diagnosis for a terminal: the verdict first.
 fn text(diagnosis: &Diagnosis) -> String {
     let mut text = diagnosis.trim.as_ref().map_or_else(String::new, trim);
     text += &format!("{}\n\n", diagnosis.sentence);
+    let label = called(&diagnosis.verdict);
     for found in &diagnosis.effects {
-        text += &format!("Missing      {}", finding(found));
+        text += &format!("{label:13}{}", finding(found));
     }
     for found in &diagnosis.sensor_or_timing {
         text += &format!("Log fault    {}", finding(found));
+    }
+    for one in diagnosis.calibrate.iter().filter(|one| !one.blocking) {
+        text += &format!("Calibrate    {}\n", one.sentence());
     }
     if let Some(proposal) = &diagnosis.proposal {
         text += &format!("Proposal     {}\n", proposal.sentence());

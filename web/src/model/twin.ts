@@ -149,7 +149,7 @@ export interface Diagnosis {
   ranking: { label: string; ln_bayes_factor: number; held_out_chi2_change: number }[];
   not_testable: Unseen[];
   not_considered: Unconsidered[];
-  calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; how: string; better: string }[];
+  calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; blocking: boolean; how: string; better: string }[];
   trim?: { sentence: string; thrust_change: number[]; spread: [number, number]; smallest_loss: number | null } | null;
   detectable: Unseen[];
   goodness: { explained_share: number | null; unexplained: string[] };

@@ -1,18 +1,46 @@
 //! What was found and is no missing physics: a constant that was guessed, and that the flights want to have another value.
 //!
 //! A vehicle of which no log told the inertia has that of its class. A flight that then needs another inertia does not lack an
-//! effect; it calls for a calibration, and what else it seems to lack is told once that is made.
+//! effect; it calls for a calibration, and what else it seems to lack is told once that is made ([`set_apart`]).
+//!
+//! A guess that is off by less is taken up by the small errors that every parameter is allowed, so that nothing is found; but the flights
+//! may know the constant far better than its class does, and then say so ([`learned`]): with all guesses open at once, each with the
+//! interval of its class as its prior, about a point that the first such fit has moved to.
 
-use rotortwin_plant::effects::CorrectionScale;
+use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass};
 
 use super::result::{Calibration, Finding};
-use crate::estimation::candidates::Library;
+use crate::estimation::candidates::{Candidate, Guess, Library};
+use crate::estimation::columns::Active;
+use crate::estimation::normal::Posterior;
+use crate::estimation::parameters::QUANTILE_95;
+use crate::estimation::posterior::pulled;
+use crate::estimation::problem::Problem;
+use crate::predict::PredictError;
+
+/// Share of the prior's deviation below which flights know a guess "much better" than its class.
+const NARROWED: f64 = 0.5;
+/// Share of the prior's deviation by which a guess must be off to be worth a calibration.
+const WORTH_TELLING: f64 = 0.25;
+/// Deviations of the flights' value by which the guess must be off it, to be called off: three in a thousand by chance.
+const CLEARLY_OFF: f64 = 3.0;
+
+/// What was found, parted by what it may be called.
+pub(crate) struct Parted {
+    /// What no guess of a constant explains.
+    pub(crate) found: Vec<Finding>,
+    /// Guesses that the flights contradict.
+    pub(crate) calibrations: Vec<Calibration>,
+    /// Names of what may only make up for these guesses, and is not named before they are known.
+    pub(crate) withheld: Vec<String>,
+}
 
 /// Takes the findings that are errors of guessed constants out of the others. Of several that are errors of one constant the first
-/// is told.
-pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> (Vec<Finding>, Vec<Calibration>) {
+/// is told. With a guess that is contradicted no effect of the whole vehicle is named that shows only where guesses show: several
+/// wrong constants at once look like one of them, and like a density or a mass.
+pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     let mut calibrations: Vec<Calibration> = Vec::new();
-    let rest = found
+    let mut rest: Vec<Finding> = found
         .into_iter()
         .filter(|finding| {
             let Some(wanted) = calibration(finding, library) else {
@@ -24,19 +52,60 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> (Vec<Finding>
             false
         })
         .collect();
-    (rest, calibrations)
+    let mut withheld = Vec::new();
+    if !calibrations.is_empty() {
+        let guesses = library.candidates.iter().filter(|c| c.guess.is_some());
+        let shown: Vec<ChannelGroup> = guesses.flat_map(|c| c.declaration.channels).copied().collect();
+        rest.retain(|finding| {
+            let declared = library
+                .candidates
+                .iter()
+                .find(|c| c.declaration.id == finding.instance.effect)
+                .map(|c| c.declaration);
+            let makes_up = declared.is_some_and(|d| {
+                d.class == EffectClass::Physics && !d.per_rotor && d.channels.iter().all(|group| shown.contains(group))
+            });
+            if makes_up {
+                withheld.push(finding.label.to_lowercase());
+            }
+            !makes_up
+        });
+    }
+    Parted {
+        found: rest,
+        calibrations,
+        withheld,
+    }
 }
 
+/// The constant that a finding is the error of, if it was guessed.
 fn calibration(finding: &Finding, library: &Library) -> Option<Calibration> {
     let instance = &finding.instance;
     let candidate = library
         .candidates
         .iter()
         .find(|c| c.declaration.id == instance.effect && c.rotor == instance.rotor)?;
-    let (parameter, constant) = candidate.guess.as_ref()?;
-    let scale = candidate.parameters[*parameter].corrects?.scale;
-    let fitted = &finding.parameters[*parameter];
-    let (offset, unit) = match scale {
+    let guess = candidate.guess.as_ref()?;
+    let fitted = &finding.parameters[guess.parameter];
+    wanted(
+        candidate,
+        guess,
+        (fitted.value, fitted.interval_95),
+        finding.ln_bayes_factor,
+        true,
+    )
+}
+
+/// What a guess should be, by the error that was found of it with half its 95 % interval.
+fn wanted(
+    candidate: &Candidate,
+    guess: &Guess,
+    (error, interval_95): (f64, f64),
+    ln_bayes_factor: f64,
+    blocking: bool,
+) -> Option<Calibration> {
+    let constant = &guess.constant;
+    let (offset, unit) = match candidate.parameters[guess.parameter].corrects?.scale {
         CorrectionScale::Share => (constant.value, constant.value.abs()),
         CorrectionScale::Difference => (1.0, 1.0),
         CorrectionScale::Whole => return None,
@@ -49,10 +118,120 @@ fn calibration(finding: &Finding, library: &Library) -> Option<Calibration> {
         low: constant.low,
         high: constant.high,
         source: constant.source,
-        wanted: constant.value + offset * fitted.value,
-        wanted_interval_95: unit * fitted.interval_95,
-        ln_bayes_factor: finding.ln_bayes_factor,
+        wanted: constant.value + offset * error,
+        wanted_interval_95: unit * interval_95,
+        ln_bayes_factor,
+        blocking,
         how: constant.how.clone(),
         better: constant.better.clone(),
     })
+}
+
+/// A guess in the problem: its candidate and the place of its unknown.
+struct Open {
+    candidate: usize,
+    unknown: usize,
+    /// Of the unknown, by the interval of the constant.
+    deviation: f64,
+    size: f64,
+}
+
+/// Guessed constants that are not errors of what was named, of each one parameter.
+fn open_guesses(problem: &Problem) -> Vec<Open> {
+    let (library, offset) = (&problem.library, problem.nuisances());
+    let mut keys: Vec<&str> = Vec::new();
+    let named = |candidate: usize| problem.active.iter().any(|a| a.candidate == candidate);
+    // What was named may be the error of the same constant.
+    for (place, candidate) in library.candidates.iter().enumerate() {
+        if let Some(guess) = candidate.guess.as_ref().filter(|_| named(place)) {
+            keys.push(&guess.constant.key);
+        }
+    }
+    let mut open = Vec::new();
+    for (place, candidate) in library.candidates.iter().enumerate() {
+        let Some(guess) = candidate.guess.as_ref() else {
+            continue;
+        };
+        let Some(column) = candidate.columns[guess.parameter] else {
+            continue;
+        };
+        if keys.contains(&guess.constant.key.as_str()) {
+            continue;
+        }
+        keys.push(&guess.constant.key);
+        let size = library.columns[column].size;
+        open.push(Open {
+            candidate: place,
+            unknown: offset + column,
+            deviation: guess.deviation / size,
+            size,
+        });
+    }
+    open
+}
+
+/// The posterior with every guess free within its interval.
+fn posterior(problem: &Problem, open: &[Open]) -> Result<Posterior, PredictError> {
+    let mut prior = problem.deviations(&problem.active);
+    for one in open {
+        prior[one.unknown] = one.deviation;
+    }
+    pulled(problem, problem.normal(|_| true), &prior)
+        .ok_or_else(|| PredictError("the fit of the guessed constants met numbers that are not finite".into()))
+}
+
+/// Guesses within their class that nothing was named for, and that the flights nevertheless know much better, and otherwise.
+///
+/// # Errors
+/// One sentence: the model cannot be evaluated at the values that the flights want.
+pub(crate) fn learned(problem: &Problem) -> Result<Vec<Calibration>, PredictError> {
+    let open = open_guesses(problem);
+    if open.is_empty() {
+        return Ok(Vec::new());
+    }
+    let first = posterior(problem, &open)?;
+    let deviation = |posterior: &Posterior, at: usize| posterior.covariance.at(at, at).max(0.0).sqrt();
+    let narrow: Vec<&Open> = open
+        .iter()
+        .filter(|one| deviation(&first, one.unknown) < NARROWED * one.deviation)
+        .filter(|one| first.mean[one.unknown].abs() > CLEARLY_OFF * deviation(&first, one.unknown))
+        .collect();
+    if narrow.is_empty() {
+        return Ok(Vec::new());
+    }
+    // A third of an inertia is no small step: told from where it leads to.
+    let mut there = problem.clone();
+    there.active.extend(narrow.iter().map(|one| Active {
+        candidate: one.candidate,
+        values: problem.library.candidates[one.candidate].neutral(),
+        onset_s: None,
+    }));
+    there.advance(&first.mean);
+    there.linearise(&|_| ())?;
+    let second = posterior(&there, &open)?;
+    Ok(narrow
+        .into_iter()
+        .filter_map(|one| {
+            let candidate = &problem.library.candidates[one.candidate];
+            let guess = candidate.guess.as_ref()?;
+            let at = there.active.iter().find(|a| a.candidate == one.candidate)?.values[guess.parameter];
+            let error = at + second.mean[one.unknown] * one.size;
+            let deviation = deviation(&second, one.unknown);
+            let off = error.abs() / (deviation * one.size);
+            // Savage and Dickey: the prior's density at no error over the posterior's.
+            let ln_bayes_factor = (deviation / one.deviation).ln() + 0.5 * off * off;
+            let worth_telling = error.abs() > WORTH_TELLING * guess.deviation;
+            (worth_telling && deviation < NARROWED * one.deviation && off > CLEARLY_OFF)
+                .then(|| {
+                    wanted(
+                        candidate,
+                        guess,
+                        (error, QUANTILE_95 * deviation * one.size),
+                        ln_bayes_factor,
+                        false,
+                    )
+                })
+                .flatten()
+        })
+        .collect())
 }

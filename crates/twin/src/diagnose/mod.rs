@@ -106,7 +106,11 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
         Some(baseline::trim(logs, &options.baseline, model)?)
     };
     let mut diagnosis = search::search(predictors, &catalogue, &instances, &model.constant, options, start)?;
-    diagnosis.notes.extend(model.guesses());
+    let guesses = model.guesses();
+    if let (true, Some(warning)) = (model.lacks_intervals() && !diagnosis.effects.is_empty(), &guesses) {
+        diagnosis.sentence = format!("{warning}. Put it there first. {}", diagnosis.sentence);
+    }
+    diagnosis.notes.extend(guesses);
     if diagnosis.verdict == Verdict::OutsideCatalogue {
         diagnosis.proposal = Some(propose::propose(logs, model)?);
     }

@@ -70,6 +70,9 @@ pub struct HeldOutError {
     pub negligible: f64,
 }
 
+/// Share of an error by which it must rise to count: what the sentence tells as a change.
+const TOLD: f64 = 0.01;
+
 /// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
 const RISEN: f64 = 3.0;
 
@@ -77,9 +80,12 @@ const RISEN: f64 = 3.0;
 const WORTH_NAMING: f64 = 0.1;
 
 impl HeldOutError {
-    /// True if the effects found make the error larger, by more than the blocks scatter and more than a trace of the noise.
+    /// True if the effects found make the error larger: by more than a trace of the noise, and by a hundredth or more than the blocks
+    /// scatter. The scatter alone is no excuse: what sets in on the last of n blocks changes one of them, which is one deviation of their
+    /// scatter however large it is.
     pub fn rises(&self) -> bool {
-        self.after - self.before > (RISEN * self.change_deviation).max(self.negligible)
+        let rise = self.after - self.before;
+        rise > self.negligible && (rise > TOLD * self.before || rise > RISEN * self.change_deviation)
     }
 
     /// Share of the mean square that the effects found explain; below 0 where they make it worse.
@@ -392,6 +398,8 @@ pub struct Calibration {
     pub wanted_interval_95: f64,
     /// ln of the Bayes factor against the value as it is.
     pub ln_bayes_factor: f64,
+    /// Nothing can be called missing before it is known; else the guess is within its class, and the flights know it better.
+    pub blocking: bool,
     /// Why it was guessed.
     pub how: String,
     /// What would make it better.

@@ -234,7 +234,12 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             )
         }
         Verdict::CalibrateFirst { .. } => {
-            let constants: Vec<String> = diagnosis.calibrate.iter().map(Calibration::sentence).collect();
+            let constants: Vec<String> = diagnosis
+                .calibrate
+                .iter()
+                .filter(|one| one.blocking)
+                .map(Calibration::sentence)
+                .collect();
             let part = if found.is_empty() {
                 String::new()
             } else {

@@ -24,7 +24,18 @@ pub(crate) struct Candidate {
     /// Range of each parameter: what documents accept, or less where that makes no vehicle ([`Library::tighten`]).
     pub(crate) limits: Vec<(f64, f64)>,
     /// The parameter that is the error of a constant that is a guess, and that constant.
-    pub(crate) guess: Option<(usize, ConstantInterval)>,
+    pub(crate) guess: Option<Guess>,
+}
+
+/// A parameter that is the error of a constant that was guessed.
+#[derive(Debug, Clone)]
+pub(crate) struct Guess {
+    /// Place in [`Candidate::parameters`].
+    pub(crate) parameter: usize,
+    /// The constant.
+    pub(crate) constant: ConstantInterval,
+    /// Deviation of the error by the constant's interval, in the unit of the parameter.
+    pub(crate) deviation: f64,
 }
 
 impl Candidate {

@@ -16,7 +16,7 @@
 
 use rotortwin_plant::effects::{CorrectionScale, ParameterDeclaration};
 
-use super::candidates::Library;
+use super::candidates::{Guess, Library};
 use super::parameters::QUANTILE_95;
 use crate::model::ConstantInterval;
 use crate::model::constants::Source;
@@ -92,7 +92,11 @@ impl Library {
                     let margin = BEYOND * (high - low);
                     p.plausible_low = p.plausible_low.min(low - margin);
                     p.plausible_high = p.plausible_high.max(high + margin);
-                    candidate.guess = Some((i, constant.clone()));
+                    candidate.guess = Some(Guess {
+                        parameter: i,
+                        constant: constant.clone(),
+                        deviation,
+                    });
                 }
                 column.size = p.size;
                 column.spike = p.clutter / p.size;

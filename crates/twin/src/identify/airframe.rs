@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::class::{self, Class};
 use super::estimate::{Estimate, Z95};
+use super::excitation::Excitation;
 use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
@@ -259,6 +260,7 @@ pub(crate) struct Findings<'a> {
     pub(crate) rotors: usize,
     /// [`Airframe::against_the_motion`]
     pub(crate) against_the_motion: bool,
+    pub(crate) excitation: Excitation,
 }
 
 /// Deviation of the thrust level's logarithm where the accelerometer reads what it should: scale of an ordinary one.
@@ -288,6 +290,14 @@ fn whose(data: f64, prior: f64) -> Source {
         Source::LogAndClass
     } else {
         Source::Class
+    }
+}
+
+/// Deviation and source of a value whose channel may not be excited: it is then known no better than by its class.
+fn as_far_as_excited(excited: bool, (data, class): (f64, f64), source: Source) -> (f64, Source) {
+    match (excited, source) {
+        (true, _) | (false, Source::Class) => (data, source),
+        (false, _) => (data.max(class), Source::LogAndClass),
     }
 }
 
@@ -388,7 +398,12 @@ impl Findings<'_> {
                     fitted.parts,
                     flown / (mass * arm * arm)
                 );
-                (flown, fitted.covariance[(i, i)].sqrt(), source, how)
+                let (deviation, source) = as_far_as_excited(
+                    self.excitation.rate[axis],
+                    (fitted.covariance[(i, i)].sqrt(), class::INERTIA_LOG_DEVIATION),
+                    source,
+                );
+                (flown, deviation, source, how)
             };
             values.push(
                 Estimate::log_normal(key, name, "kg·m²", value, deviation, source)
@@ -412,7 +427,8 @@ impl Findings<'_> {
         let (mut log_inertia, mut log_ratio) = ((share * sum).ln(), self.class.moment_ratio_m.ln());
         let (mut inertia_deviation, mut ratio_deviation) = (inertia_variance.sqrt(), class::MOMENT_LOG_DEVIATION);
         let mut ratio_source = Source::Class;
-        let told = self.yaw.filter(|_| !self.against_the_motion).filter(|yaw| {
+        let counts = self.excitation.rate[2] && !self.against_the_motion;
+        let told = self.yaw.filter(|_| counts).filter(|yaw| {
             let ratio = yaw.gain / mass * share * sum;
             let possible = MOMENT_RATIO_OVER_ARM.contains(&(ratio / arm));
             if !possible {
@@ -593,13 +609,18 @@ impl Findings<'_> {
                 .min(slope_variance.sqrt() * 2.0),
             class::SLOPE_DEVIATION,
         );
+        let (slope_deviation, slope_source) = as_far_as_excited(
+            self.excitation.lift,
+            (slope_variance.sqrt(), class::SLOPE_DEVIATION),
+            slope_source,
+        );
         values.push(
             Estimate::normal(
                 "rotors.thrust_slope",
                 "n = d ln thrust/d ln duty at hover",
                 "",
                 curve.slope(),
-                slope_variance.sqrt(),
+                slope_deviation,
                 slope_source,
             )
             .how("thrust curve: hover level, this slope, and its bend")

@@ -17,6 +17,7 @@ mod airframe;
 mod class;
 mod curve;
 mod estimate;
+mod excitation;
 mod filters;
 mod fit;
 pub mod frames;
@@ -41,6 +42,7 @@ pub use write::{Files, files};
 
 use crate::log::{FlightLog, SensorRate};
 use curve::Curve;
+use excitation::Excitation;
 use frames::Place;
 use grid::Grid;
 
@@ -208,6 +210,7 @@ fn estimate_all(
     class: Class,
 ) -> Result<Identified, IdentifyError> {
     let places = &airframe.places;
+    let excitation = Excitation::of(grids);
     let problem = |voltage_slope| fit::Problem {
         grids,
         places: Some(places),
@@ -225,6 +228,9 @@ fn estimate_all(
     }
     let yaw = yaw::fit(grids, places, &fitted);
     let mut notes: Vec<String> = grids.iter().flat_map(|grid| grid.notes.clone()).collect();
+    if grids.iter().all(|grid| grid.rates.is_some() && grid.accel[2].is_some()) {
+        notes.extend(excitation.note());
+    }
     if grids.iter().any(|grid| grid.accel_from_estimator) {
         notes.push(
             "the vertical force is made from the estimator's acceleration: there is no accelerometer in the log"
@@ -243,6 +249,7 @@ fn estimate_all(
         has_voltage,
         rotors,
         against_the_motion: airframe.against_the_motion,
+        excitation,
     }
     .values(&mut notes);
     Ok(Identified {

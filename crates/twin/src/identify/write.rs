@@ -7,7 +7,7 @@ use rotortwin_scenario::VehicleDocuments;
 
 use super::slow::CELL_CHART;
 use super::{Estimate, Identified, lever_unit};
-use crate::model::constants::Source;
+use crate::model::constants::{FROM_LOG, Source};
 
 /// Texts of the files; the vehicle names the blades by `BLADES_NAME`.
 #[derive(Debug, Clone)]
@@ -108,10 +108,7 @@ fn vehicle(found: &Identified, name: &str) -> String {
     line(format!("name = {}", quoted(name)));
     line(format!(
         "description = {}",
-        quoted(&format!(
-            "identified from {}; mass and arm as entered",
-            found.logs.join(", ")
-        ))
+        quoted(&format!("identified from {}{FROM_LOG}", found.logs.join(", ")))
     ));
     line(String::new());
     line("[body]".to_owned());

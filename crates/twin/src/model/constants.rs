@@ -14,6 +14,9 @@ use rotortwin_scenario::ConfigError;
 use rotortwin_scenario::toml_document::Document;
 use serde::{Deserialize, Serialize};
 
+/// How the description of a vehicle ends that an identification wrote.
+pub(crate) const FROM_LOG: &str = "; mass and arm as entered";
+
 /// Where a value came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]

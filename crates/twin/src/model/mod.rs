@@ -251,8 +251,20 @@ impl ModelVersion {
         next
     }
 
+    /// True for a vehicle that `vehicle from-log` wrote and whose intervals are not with it: its guesses pass for exact values.
+    pub fn lacks_intervals(&self) -> bool {
+        self.constant.is_empty() && self.vehicle.description.ends_with(constants::FROM_LOG)
+    }
+
     /// Says which constants are guesses of the vehicle's class; `None` if there are none.
     pub fn guesses(&self) -> Option<String> {
+        if self.lacks_intervals() {
+            return Some(format!(
+                "{0}: this vehicle was identified from a log, and the intervals of its constants ({0}.intervals.toml) are not beside it: all are taken as \
+                 exact, guesses of its class, too",
+                self.name
+            ));
+        }
         let guessed = self.constant.iter().filter(|c| c.source == constants::Source::Class);
         let names: Vec<&str> = guessed.map(|c| c.name.as_str()).collect();
         (!names.is_empty()).then(|| {

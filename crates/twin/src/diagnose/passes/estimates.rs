@@ -24,8 +24,16 @@ impl Pass for Estimates {
             },
         };
         let named = std::mem::take(&mut state.named);
-        let (mut found, impossible) = findings::findings(&state.problem, named, &posterior);
-        (found, state.diagnosis.calibrate) = calibration::set_apart(found, &state.problem.library);
+        let (found, impossible) = findings::findings(&state.problem, named, &posterior);
+        let parted = calibration::set_apart(found, &state.problem.library);
+        let mut found = parted.found;
+        state.diagnosis.calibrate = parted.calibrations;
+        if !parted.withheld.is_empty() {
+            state.diagnosis.notes.push(format!(
+                "not named before the guesses are known, because it may only make up for them: {}",
+                parted.withheld.join(", ")
+            ));
+        }
         let gusts = state.weather.as_ref();
         found.extend(gusts.and_then(|gusts| findings::weather_finding(&state.problem, gusts)));
         let (physics, faults) = found

@@ -4,7 +4,7 @@ use super::Pass;
 use super::refinement::LEFT_FACTOR;
 use crate::diagnose::result::Verdict;
 use crate::diagnose::state::{Doubt, State};
-use crate::diagnose::{findings, words};
+use crate::diagnose::{calibration, findings, words};
 use crate::predict::PredictError;
 
 pub(crate) struct FinalVerdict;
@@ -29,6 +29,10 @@ impl Pass for FinalVerdict {
         } else {
             Verdict::OutsideCatalogue
         };
+        // While something is unexplained, an interval is too narrow to speak against a guess.
+        if state.doubts.is_empty() && diagnosis.goodness.unexplained.is_empty() {
+            diagnosis.calibrate.extend(calibration::learned(&state.problem)?);
+        }
         let doubts = state.doubts.iter().map(words::doubt);
         diagnosis.goodness.unexplained.extend(doubts);
         Ok(())
