@@ -179,7 +179,7 @@ pub(crate) fn fdi_log(
 /// A vehicle from logs: what was found, and the three files of it (vehicle, blades, intervals).
 #[expect(clippy::too_many_arguments, reason = "Python's keyword arguments")]
 #[pyfunction]
-#[pyo3(signature = (logs, mass_kg, arm_m, name, frame = None, capacity_ah = None, cells = None))]
+#[pyo3(signature = (logs, mass_kg, arm_m, name, frame = None, trust_frame = false, capacity_ah = None, cells = None))]
 pub(crate) fn identify(
     py: Python<'_>,
     logs: Vec<Log<'_>>,
@@ -187,6 +187,7 @@ pub(crate) fn identify(
     arm_m: f64,
     name: &str,
     frame: Option<String>,
+    trust_frame: bool,
     capacity_ah: Option<f64>,
     cells: Option<u32>,
 ) -> PyResult<(String, [String; 3])> {
@@ -195,6 +196,7 @@ pub(crate) fn identify(
         mass_kg,
         arm_m,
         frame,
+        trust_frame,
         capacity_ah,
         cells,
     };

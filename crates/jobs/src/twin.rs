@@ -78,6 +78,9 @@ pub struct Identification {
     /// Frame, where the log does not say it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<String>,
+    /// Also where the motion contradicts it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub trust_frame: bool,
     /// Of the battery, A h.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capacity_ah: Option<f64>,

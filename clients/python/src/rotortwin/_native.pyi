@@ -89,6 +89,7 @@ def identify(
     arm_m: float,
     name: str,
     frame: str | None = ...,
+    trust_frame: bool = ...,
     capacity_ah: float | None = ...,
     cells: int | None = ...,
 ) -> tuple[str, list[str]]: ...

@@ -225,9 +225,13 @@ def vehicle_from_log(
     arm_m: float,
     name: str = "my-vehicle",
     frame: str | None = None,
+    trust_frame: bool = False,
     capacity_ah: float | None = None,
     cells: int | None = None,
 ) -> IdentifiedVehicle:
-    """A vehicle from a log, a scale (mass with battery) and a ruler (centre to the furthest rotor)."""
-    found, files = _native.identify(_logs(logs), mass_kg, arm_m, name, frame, capacity_ah, cells)
+    """A vehicle from a log, a scale (mass with battery) and a ruler (centre to the furthest rotor).
+
+    A `frame` that the motion contradicts is refused, unless you `trust_frame`.
+    """
+    found, files = _native.identify(_logs(logs), mass_kg, arm_m, name, frame, trust_frame, capacity_ah, cells)
     return IdentifiedVehicle(Result(json.loads(found)), name, (files[0], files[1], files[2]))

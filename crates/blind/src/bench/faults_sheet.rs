@@ -131,7 +131,7 @@ fn of_windows(count: WindowCount) -> String {
     if count.of == 0 {
         return "–".to_owned();
     }
-    format!("{:.0} % inside", 100.0 * count.inside as f64 / count.of as f64)
+    format!("{:.0} %", 100.0 * count.inside as f64 / count.of as f64)
 }
 
 fn pair(pair: Option<[f64; 2]>) -> String {
@@ -185,7 +185,7 @@ pub fn text(sheets: &[ClassSheet]) -> String {
     }
     text += &format!(
         "\n{:<18}{:>6}{:>8}{:>6}{:>8}{:>7}   {:<15}{}\n",
-        "at the end", "right", "in set", "open", "missed", "wrong", "windows: still", "moving"
+        "at the end", "right", "in set", "open", "missed", "wrong", "inside: still", "moving"
     );
     for sheet in sheets {
         let [right, in_set, open, missed, wrong] = sheet.ends;
@@ -216,7 +216,7 @@ pub fn text(sheets: &[ClassSheet]) -> String {
     if failed > 0 {
         text += &format!("No score         {failed} flights: lost by the pilot, or without a report\n");
     }
-    text + "Shares with Wilson's 95 % interval in per cent; times are median / worst, from a\nloss of 2 % on.\n"
+    text + "Shares with Wilson's 95 % interval in per cent; times are median / worst, from a\nloss of 2 % on; inside: windows whose interval holds the loss, still and moving.\n"
 }
 
 /// Writes `score.json`.

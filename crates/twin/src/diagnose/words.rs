@@ -180,7 +180,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
     let held_out: Vec<String> = diagnosis
         .held_out
         .iter()
-        .filter(|e| (e.before - e.after).abs() > 0.01 * e.before)
+        .filter(|e| (e.before - e.after).abs() > (0.01 * e.before).max(e.negligible))
         .map(|e| {
             format!(
                 " Held-out {} error {} → {} m{}.",

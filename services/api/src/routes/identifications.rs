@@ -48,6 +48,9 @@ pub(crate) struct IdentificationSubmission {
     /// Frame, where the log does not say it, such as `quad-x` (numbers as in ArduPilot).
     #[schema(max_length = 40)]
     frame: Option<String>,
+    /// Take this frame also where the motion contradicts it; else it is refused, with the evidence.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    trust_frame: bool,
     /// Capacity of the battery, A h.
     #[schema(exclusive_minimum = 0)]
     capacity_ah: Option<f64>,
@@ -123,6 +126,7 @@ pub(crate) async fn submit(
         mass_kg: body.mass_kg,
         arm_m: body.arm_m,
         frame: body.frame.clone(),
+        trust_frame: body.trust_frame,
         capacity_ah: body.capacity_ah,
         cells: body.cells,
         held_out: body.held_out,

@@ -38,7 +38,9 @@ const MAPPING: &str = "mapping.toml";
 /// Bytes.
 const LONGEST_MAPPING: usize = 64 << 10;
 /// Endings by which the import knows what a file is.
-const ENDINGS: [&str; 10] = ["csv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "usd"];
+const ENDINGS: [&str; 10] = [
+    "csv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "usd",
+];
 
 /// How a log is to be read.
 #[derive(Debug, Deserialize, Serialize, IntoParams, ToSchema)]

@@ -108,6 +108,7 @@ pub(super) fn words(job: &Job) -> Result<Vec<OsString>, String> {
                 .plain(["--json"]);
             words.plain([format!("--mass={}", found.mass_kg), format!("--arm={}", found.arm_m)]);
             words.plain(found.frame.as_ref().map(|frame| format!("--frame={frame}")));
+            words.plain(found.trust_frame.then_some("--trust-frame"));
             words.maybe("--capacity", found.capacity_ah);
             words.maybe("--cells", found.cells);
             words.plain(found.held_out.then_some("--held-out"));
