@@ -92,3 +92,17 @@ fn scenario_peer_without_a_run() {
         assert!(scratch.shared_memory().is_empty(), "{:?}", scratch.shared_memory());
     }
 }
+
+/// The plant is played to a controller that joins by itself: ours conforms, one that is too slow for a bound that nobody keeps does not.
+#[test]
+fn scenario_conform_over_zenoh() {
+    let scratch = Scratch::new();
+    for (within_ms, code, words) in [("0", 0, "\nConforms\n"), ("0.000001", 1, "FAULT  latency")] {
+        let args = ["conform", "zenoh", "--answer-within", within_ms].map(str::to_owned);
+        let mut run = Call::new(&scratch, args.to_vec()).start();
+        let controller = Call::new(&scratch, printed_command(&mut run, "controller")).start();
+        let ended = run.end(PATIENCE).expect_code(code);
+        assert!(ended.stdout.contains(words), "{}", ended.stdout);
+        controller.end(PATIENCE).expect_code(0);
+    }
+}
