@@ -205,11 +205,10 @@ fn list(text: &str, key: &str) -> Result<Vec<f64>, String> {
 }
 
 fn vector(text: &str, key: &str) -> Result<[f64; 3], String> {
-    let values = list(text, key)?;
-    let count = values.len();
-    values
-        .try_into()
-        .map_err(|_| format!("{count} numbers in \"{key}\", expected 3"))
+    match list(text, key)?[..] {
+        [x, y, z] => Ok([x, y, z]),
+        ref other => Err(format!("{} numbers in \"{key}\", expected 3", other.len())),
+    }
 }
 
 /// Roll, pitch, yaw of "quaternion".
