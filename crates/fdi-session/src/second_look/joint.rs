@@ -8,11 +8,9 @@
 //! [`SPEEDS`], as there. Starts from a snapshot of the wrench filter before the fault and is led to the present.
 
 use super::meter::{AXES, Block};
-use super::wrench::{Noise, SPEEDS, STATES, chance, log_density};
+use super::wrench::{AxisState, Noise, OWN, SPEEDS, STATES, chance, log_density};
 use rotortwin_flight_core::MAX_ROTORS;
 
-/// States of an axis.
-const OWN: usize = STATES - 1;
 const DEFECT: usize = 0;
 const GUST: usize = 1;
 /// A speed with a smaller chance adds nothing to a mixture.
@@ -27,9 +25,6 @@ struct Mode {
     x: Vec<f64>,
     p: Vec<f64>,
 }
-
-/// Where to start from: states and covariance of each axis.
-pub(super) type AxisState = ([f64; OWN], [[f64; OWN]; OWN]);
 
 /// See the module.
 #[derive(Clone, Debug)]

@@ -11,11 +11,12 @@
 //! that heals are the same thing at different speeds. Level of the gusts and white force of each axis are those that make the calibration
 //! likeliest; afterwards their common scale follows the innovations slowly.
 
-use super::joint::AxisState;
 use super::meter::{AXES, Block};
 use rotortwin_flight_core::fdi::FdiConfig;
 
 pub(super) const STATES: usize = 8;
+/// Of an axis without the lost wrench.
+pub(super) const OWN: usize = STATES - 1;
 const DEFECT: usize = 0;
 const GUST: usize = 1;
 const BIAS: usize = 2;
@@ -39,6 +40,9 @@ const LIMIT: f64 = 6.0;
 const SCALE_WEIGHT: f64 = 2e-3;
 /// Degrees of freedom of the innovations' distribution.
 const FREEDOM: f64 = 8.0;
+
+/// States of an axis without the lost wrench, and their covariance.
+pub(super) type AxisState = ([f64; OWN], [[f64; OWN]; OWN]);
 
 #[derive(Clone, Copy, Debug)]
 struct Filter {
@@ -321,7 +325,7 @@ impl WrenchFilter {
         std::array::from_fn(|axis| {
             let Filter { x, p } = &self.modes[likeliest][axis];
             // b ← b + u.
-            let mut to = [[0.0; STATES]; STATES - 1];
+            let mut to = [[0.0; STATES]; OWN];
             for (i, row) in to.iter_mut().enumerate() {
                 row[i] = 1.0;
             }
