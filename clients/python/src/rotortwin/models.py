@@ -284,6 +284,10 @@ class FdiWindow:
     sequential: Json
     #: Why the verdicts are `cannot_judge`: on the ground, upset, or the model does not explain the motion.
     cannot_judge: Json | None = None
+    #: Smallest lost share of each rotor's thrust that would be found within 10 s now; empty without a verdict and while something is wrong.
+    smallest_loss: list[float] = field(default_factory=list)
+    #: What `sequential` was before the second look, as a run would record it; only where it says something else.
+    engine: Json | None = None
 
 
 @dataclass(frozen=True)
