@@ -19,7 +19,7 @@ const NO_FILES: [&str; 7] = [
     // A file of iceoryx2 in the folder where it is started.
     "config/iceoryx2.toml",
     // Made by the command before it; an example of an error message.
-    "config/vehicles/half-lag.toml",
+    "config/vehicles/short-lag.toml",
     "config/blades/none.toml",
 ];
 
