@@ -9,10 +9,10 @@ use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_page::Report;
 use rotortwin_process::LinkAddress;
 use rotortwin_scenario::Detectors;
-use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::log::{FlightLog, ReadOptions};
 use rotortwin_twin::model::ModelStore;
 use rotortwin_verdicts::detectors::DetectorChoice;
-use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge, judge_file};
+use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge};
 use rotortwin_verdicts::view::{ObstacleView, Obstruction, SequentialView, VerdictKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -79,14 +79,15 @@ pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
         Ok(detectors) => detectors,
         Err(sentence) => return bad_input(sentence),
     };
+    let options = ReadOptions {
+        most_cells: args.most_cells,
+        ..ReadOptions::default()
+    };
     let mut reports = Vec::with_capacity(args.logs.len());
     for path in &args.logs {
-        let judged = match args.most_cells {
-            Some(most) => judge_file(path, &detectors, Some(most)).map_err(|refusal| refusal.to_string()),
-            None => FlightLog::read_part(path).and_then(|log| {
-                judge(&log, &detectors, args.windows).map_err(|refusal| format!("{}: {refusal}", path.display()))
-            }),
-        };
+        let judged = FlightLog::read_part_with(path, &options).and_then(|log| {
+            judge(&log, &detectors, args.windows).map_err(|refusal| format!("{}: {refusal}", path.display()))
+        });
         match judged {
             Ok(mut report) => {
                 report.notes.extend(note.clone());

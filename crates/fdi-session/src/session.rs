@@ -20,7 +20,7 @@
 //!
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
-use super::second_look::SecondLook;
+use super::second_look::{SecondLook, with_sequential};
 use super::validity::{FlightWatch, MOST_TILT, ModelCheck, Obstacle};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
@@ -28,7 +28,7 @@ use rotortwin_flight_core::fdi::window::{Baseline, WrenchStatistics};
 use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError, FdiEngine, FdiOutput, Residuals};
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
 use rotortwin_flight_core::signals::{Measurement, MotorCommand, NavState};
-use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES, Stamp};
+use rotortwin_wire::frames::{FdiReport, Stamp};
 use rotortwin_wire::peers::report;
 use std::collections::VecDeque;
 use std::hash::Hasher as _;
@@ -294,14 +294,7 @@ fn without_verdict(report: FdiReport) -> FdiReport {
     FdiReport {
         t_test: NOT_READY,
         network: NOT_READY,
-        sequential: NOT_READY,
-        sequential_probability: 0.0,
-        thrust_loss: LossEstimate::default(),
-        second_thrust_loss: LossEstimate::default(),
-        suspect_rotors: 0,
-        hypothesis_count: 0,
-        hypothesis_rotors: [0; MAX_HYPOTHESES],
-        ..report
+        ..with_sequential(report, NOT_READY)
     }
 }
 

@@ -13,7 +13,7 @@ use crate::run_hash::RunHasher;
 use crate::sample::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Simulation;
-use rotortwin_plant::sensing::instruments::{InstrumentModel, Instruments};
+use rotortwin_plant::sensing::instruments::{InstrumentModel, InstrumentSample, Instruments};
 use rotortwin_plant::simulation::parts::PARTS_PER_STEP;
 use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Fix, Readings, Wanted};
 use rotortwin_wire::convert;
@@ -308,29 +308,36 @@ impl Flight {
     }
 
     fn readings(&mut self, simulation: &Simulation) -> Readings {
-        let sample = simulation.measure(&mut self.instruments);
         let truth = simulation.truth();
         Readings {
-            time_ns: sample.time_ns,
-            specific_force_m_s2: sample.specific_force_m_s2,
-            body_rates_rad_s: sample.body_rates_rad_s,
-            magnetic_field_gauss: sample.magnetic_field_gauss,
-            pressure_hpa: sample.pressure_hpa,
-            pressure_altitude_m: sample.pressure_altitude_m,
-            temperature_c: sample.temperature_c,
-            gps: sample.gps.map(|fix| Fix {
-                latitude_deg: fix.latitude_deg,
-                longitude_deg: fix.longitude_deg,
-                altitude_m: fix.altitude_m,
-                velocity_ned_m_s: fix.velocity_ned_m_s,
-            }),
-            range_m: sample.range_m,
             battery_voltage_v: truth.battery_voltage_v,
             battery_current_a: truth.battery_current_a,
             position_ned_m: truth.position_ned_m,
             velocity_ned_m_s: truth.velocity_ned_m_s,
             attitude_rad: truth.attitude_rad,
+            ..sensed(&simulation.measure(&mut self.instruments))
         }
+    }
+}
+
+/// What instruments have measured, as an autopilot gets it; of the battery and the true motion they say nothing.
+pub(crate) fn sensed(sample: &InstrumentSample) -> Readings {
+    Readings {
+        time_ns: sample.time_ns,
+        specific_force_m_s2: sample.specific_force_m_s2,
+        body_rates_rad_s: sample.body_rates_rad_s,
+        magnetic_field_gauss: sample.magnetic_field_gauss,
+        pressure_hpa: sample.pressure_hpa,
+        pressure_altitude_m: sample.pressure_altitude_m,
+        temperature_c: sample.temperature_c,
+        gps: sample.gps.map(|fix| Fix {
+            latitude_deg: fix.latitude_deg,
+            longitude_deg: fix.longitude_deg,
+            altitude_m: fix.altitude_m,
+            velocity_ned_m_s: fix.velocity_ned_m_s,
+        }),
+        range_m: sample.range_m,
+        ..Readings::default()
     }
 }
 

@@ -19,9 +19,8 @@ use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
-use rotortwin_twin::log::{FlightLog, ReadOptions, names};
+use rotortwin_twin::log::{FlightLog, names};
 use serde::Serialize;
-use std::path::Path;
 use utoipa::ToSchema;
 
 /// Longest log, s: at 400 Hz, 5.8 million steps.
@@ -158,21 +157,6 @@ pub struct LogReport {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct LogRefusal(String);
-
-/// Reads a log and judges it.
-///
-/// * `most_cells`: of a table; for files of strangers
-///
-/// # Errors
-/// One sentence: the file is no log, it belongs to another vehicle, it is too long.
-pub fn judge_file(path: &Path, detectors: &Detectors, most_cells: Option<usize>) -> Result<LogReport, LogRefusal> {
-    let options = ReadOptions {
-        most_cells,
-        ..ReadOptions::default()
-    };
-    let log = FlightLog::read_with(path, &options).map_err(|error| LogRefusal(error.to_string()))?;
-    judge(&log, detectors, false)
-}
 
 /// Channels that the detectors need: what for, and their columns.
 fn needed(rotor_count: usize) -> Vec<(&'static str, Vec<String>)> {

@@ -301,16 +301,7 @@ impl SecondLook {
         nothing: f64,
         force_down: f64,
     ) -> Result<FdiReport, Obstacle> {
-        let mut said = FdiReport {
-            sequential: UNKNOWN,
-            sequential_probability: 0.0,
-            thrust_loss: LossEstimate::default(),
-            second_thrust_loss: LossEstimate::default(),
-            suspect_rotors: 0,
-            hypothesis_count: 0,
-            hypothesis_rotors: [0; MAX_HYPOTHESES],
-            ..report
-        };
+        let mut said = with_sequential(report, UNKNOWN);
         let of = |is: &dyn Fn(&Explanation) -> bool| found.iter().filter(|e| is(e)).map(|e| e.probability).sum::<f64>();
         // The same rotors, whatever happened to them.
         let mut sets: Vec<(u32, f64)> = Vec::new();
@@ -400,5 +391,19 @@ impl SecondLook {
             *slot = set.0;
         }
         Ok(said)
+    }
+}
+
+/// A report in which the sequential detector says no more than a code.
+pub(crate) fn with_sequential(report: FdiReport, code: i32) -> FdiReport {
+    FdiReport {
+        sequential: code,
+        sequential_probability: 0.0,
+        thrust_loss: LossEstimate::default(),
+        second_thrust_loss: LossEstimate::default(),
+        suspect_rotors: 0,
+        hypothesis_count: 0,
+        hypothesis_rotors: [0; MAX_HYPOTHESES],
+        ..report
     }
 }

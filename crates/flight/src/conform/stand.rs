@@ -11,12 +11,13 @@
 
 use super::response::{Airframe, Duties, PITCH, ROLL, YAW, cosine, length};
 use super::suspect::permute;
+use crate::autopilot::sensed;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::body::rigid_body::Quaternion;
 use rotortwin_plant::sensing::instruments::{InstrumentModel, Instruments, Scene};
 use rotortwin_plant::simulation::parts::{PART_NS, PARTS_PER_STEP};
 use rotortwin_scenario::Scenario;
-use rotortwin_wire::autopilot::{Autopilot, Fix, Readings, Wanted};
+use rotortwin_wire::autopilot::{Autopilot, Readings, Wanted};
 use serde::Serialize;
 
 /// Simulated time until it has to hover near the first point, s.
@@ -163,25 +164,12 @@ impl Stand {
             distance: f64::INFINITY,
         });
         Readings {
-            time_ns: sample.time_ns,
-            specific_force_m_s2: sample.specific_force_m_s2,
-            body_rates_rad_s: sample.body_rates_rad_s,
-            magnetic_field_gauss: sample.magnetic_field_gauss,
-            pressure_hpa: sample.pressure_hpa,
-            pressure_altitude_m: sample.pressure_altitude_m,
-            temperature_c: sample.temperature_c,
-            gps: sample.gps.map(|fix| Fix {
-                latitude_deg: fix.latitude_deg,
-                longitude_deg: fix.longitude_deg,
-                altitude_m: fix.altitude_m,
-                velocity_ned_m_s: fix.velocity_ned_m_s,
-            }),
-            range_m: sample.range_m,
             battery_voltage_v: self.voltage_v,
             battery_current_a: 0.0,
             position_ned_m: position,
             velocity_ned_m_s: velocity,
             attitude_rad: self.attitude,
+            ..sensed(&sample)
         }
     }
 

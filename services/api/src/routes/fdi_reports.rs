@@ -124,6 +124,7 @@ pub(crate) async fn judge(
         let path = file.path().display().to_string();
         problem.detail = library
             .without_root(&problem.detail)
+            .replace(&format!("{path}: the log "), "the log ")
             .replace(&format!("{path}: "), "the log: ")
             .replace(&path, "the log");
         problem
