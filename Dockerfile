@@ -11,7 +11,7 @@ ARG BINARY=built
 FROM ${BUILD_IMAGE} AS built
 WORKDIR /source
 COPY . .
-RUN cargo build --release --locked --package rotortwin && mkdir /out && cp target/release/rotortwin /out/ && strip /out/rotortwin
+RUN cargo build --release --locked --package rotortwin-network && mkdir /out && strip -o /out/rotortwin target/release/rotortwin-network
 
 FROM ${BASE_IMAGE} AS prebuilt
 COPY target/image/rotortwin /out/rotortwin

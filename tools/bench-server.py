@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Load on a real server over loopback; prints what docs/server.md says.
 
-  tools/bench-server.py [--program target/release/rotortwin] [--watchers 1000] [--submissions 1000] [--runs 10000]
+  tools/bench-server.py [--program target/release/rotortwin-network] [--watchers 1000] [--submissions 1000] [--runs 10000]
 
 1. Submissions per second (one after the other, and 8 at a time), each on disk before it is answered.
 2. From the answer 202 to the event `started`, with an idle worker: median and 99th percentile of 200.
@@ -170,7 +170,7 @@ def tables(program, folder, count):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--program", default=ROOT / "target/release/rotortwin")
+    parser.add_argument("--program", default=ROOT / "target/release/rotortwin-network")
     parser.add_argument("--watchers", type=int, default=1000)
     parser.add_argument("--submissions", type=int, default=1000)
     parser.add_argument("--starts", type=int, default=200)

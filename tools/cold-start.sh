@@ -33,11 +33,21 @@ for revision in "${revisions[@]}"; do
   if [ -n "$empty_cache" ]; then rm -rf "$CARGO_HOME"; else (cd "$clone" && cargo fetch --quiet --locked); fi
   echo "== $commit: ./run --exit, $(nproc) CPUs, load $(cut -d' ' -f1 /proc/loadavg), package cache $([ -n "$empty_cache" ] && echo empty || echo kept)"
   begin=$SECONDS
-  (cd "$clone" && cargo build --release --locked --package rotortwin --timings > build.log 2>&1) || { tail -n 20 "$clone/build.log" >&2; stop "the build failed at $commit"; }
-  built=$SECONDS
-  (cd "$clone" && ./run --exit > run.log 2>&1) || { tail -n 20 "$clone/run.log" >&2; stop "./run --exit failed at $commit"; }
-  echo "build $((built - begin)) s, flight and table $((SECONDS - built)) s, program $(($(stat -c %s "$clone/target/release/rotortwin") / 1000000)) MB"
-  python3 - "$clone"/target/cargo-timings/cargo-timing.html <<'PYTHON'
+  # Revisions before docs/decisions/0060 have one program.
+  programs=(rotortwin)
+  packages=(--package rotortwin)
+  [ ! -d "$clone/services/network" ] || { programs+=(rotortwin-network); packages+=(--package rotortwin-network); }
+  for program in "${programs[@]}"; do
+    start=$SECONDS
+    (cd "$clone" && cargo build --release --locked "${packages[@]}" --bin "$program" --timings > build.log 2>&1) || { tail -n 20 "$clone/build.log" >&2; stop "the build failed at $commit"; }
+    echo "$program: $((SECONDS - start)) s, $(($(stat -c %s "$clone/target/release/$program") / 1000000)) MB"
+    [ "$program" = rotortwin ] || break
+    mv "$clone/target/cargo-timings" "$clone/target/timings-of-$program"
+    built=$SECONDS
+    (cd "$clone" && ./run --exit > run.log 2>&1) || { tail -n 20 "$clone/run.log" >&2; stop "./run --exit failed at $commit"; }
+    echo "flight and table $((SECONDS - built)) s, $((SECONDS - begin)) s after the clone"
+  done
+  python3 - "$clone"/target/timings-of-rotortwin/cargo-timing.html <<'PYTHON'
 import json, re, sys
 
 page = open(sys.argv[1], encoding="utf-8").read()

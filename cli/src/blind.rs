@@ -24,7 +24,7 @@ use std::process::ExitCode;
 /// Arguments of `rotortwin blind`.
 #[derive(Debug, Parser)]
 #[command(args_conflicts_with_subcommands = true)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(subcommand)]
     command: Option<Sub>,
     #[command(flatten)]
@@ -43,17 +43,18 @@ enum Sub {
     },
 }
 
+/// Which bench.
 #[derive(Debug, ClapArgs)]
-pub(crate) struct BenchArgs {
+pub struct BenchArgs {
     /// What to show; several with commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "mixed")]
-    pub(crate) preset: Vec<Preset>,
+    pub preset: Vec<Preset>,
     /// Cases of each preset
     #[arg(long, default_value_t = 200)]
-    pub(crate) n: usize,
+    pub n: usize,
     /// Seed of the draws
     #[arg(long, default_value_t = 1)]
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// Vehicle documents, taken in turn; several with commas
     #[arg(
         long = "model",
@@ -63,13 +64,13 @@ pub(crate) struct BenchArgs {
         default_value = "f550",
         value_parser = crate::named::vehicle()
     )]
-    pub(crate) vehicles: Vec<PathBuf>,
+    pub vehicles: Vec<PathBuf>,
     /// Length of a flight, s
     #[arg(long, default_value_t = 90.0)]
-    pub(crate) duration_s: f64,
+    pub duration_s: f64,
     /// Folder of the results; a bench that was stopped goes on there
     #[arg(long, default_value = "runs/blind")]
-    pub(crate) out: PathBuf,
+    pub out: PathBuf,
     /// Processes at a time [default: 1]
     #[arg(long)]
     jobs: Option<usize>,
@@ -84,7 +85,7 @@ pub(crate) struct BenchArgs {
     cases: Option<Range<u64>>,
     /// Print the score as JSON
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
     /// With --json: print each case as a JSON line when it is done; end when the standard input does
     #[arg(long, requires = "json")]
     events: bool,
@@ -92,7 +93,7 @@ pub(crate) struct BenchArgs {
 
 impl BenchArgs {
     /// An option that a server cannot be asked for.
-    pub(crate) fn only_here(&self) -> Option<&'static str> {
+    pub fn only_here(&self) -> Option<&'static str> {
         let options = [
             (self.jobs.is_some(), "--jobs"),
             (self.keep_logs, "--keep-logs"),
@@ -107,7 +108,7 @@ impl BenchArgs {
     ///
     /// # Errors
     /// It cannot be run.
-    pub(crate) fn request(&self) -> Result<Request, BlindError> {
+    pub fn request(&self) -> Result<Request, BlindError> {
         let request = Request {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             presets: self.preset.clone(),
@@ -123,13 +124,13 @@ impl BenchArgs {
 
 impl Args {
     /// The bench that is asked for; `None`: something by hand.
-    pub(crate) fn bench(&self) -> Option<&BenchArgs> {
+    pub fn bench(&self) -> Option<&BenchArgs> {
         self.command.is_none().then_some(&self.bench)
     }
 }
 
 /// Runs the bench or the generator.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     let result = match &args.command {
         Some(Sub::Generate(generate)) => return self::generate(generate),
         Some(Sub::Effects { json }) => return command::run(&command::Command::Effects { json: *json }),
@@ -307,12 +308,13 @@ fn case_event(row: &Row) -> serde_json::Value {
     })
 }
 
-pub(crate) fn progress_bar(hidden: bool, cases: u64, present: u64) -> ProgressBar {
+/// A bar over cases; the first `present` are there already.
+pub fn progress_bar(hidden: bool, cases: u64, present: u64) -> ProgressBar {
     resumed_bar("{bar:30} {pos}/{len}  {elapsed}, {left}  {msg}", hidden, cases, present)
 }
 
 /// The score sheet, and where the report is.
-pub(crate) fn print_text(sheet: &Sheet, folder: &Path) {
+pub fn print_text(sheet: &Sheet, folder: &Path) {
     print!("{}", sheet::text(sheet));
     println!("Report: {}", folder.join("report.html").display());
 }

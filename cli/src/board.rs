@@ -20,7 +20,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin board`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(subcommand)]
     command: Command,
 }

@@ -30,7 +30,7 @@ const EVENT_INTERVAL: Duration = Duration::from_millis(500);
 /// Arguments of `rotortwin campaign`.
 #[derive(Debug, Parser)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(subcommand)]
     command: Option<Sub>,
     #[command(flatten)]
@@ -62,13 +62,13 @@ struct MergeArgs {
 
 /// Flights of a campaign.
 #[derive(Debug, ClapArgs)]
-pub(crate) struct FlightArgs {
+pub struct FlightArgs {
     /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
     #[arg(value_parser = crate::named::campaign())]
-    pub(crate) campaign: PathBuf,
+    pub campaign: PathBuf,
     /// Folder of the campaign; one that holds a part of it is gone on with [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// Threads [default: as many as this process may use]
     #[arg(long = "jobs", alias = "threads", value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
@@ -99,7 +99,7 @@ pub(crate) struct FlightArgs {
     shards: Option<Range<u64>>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
     /// With --json: print the progress as JSON lines before; end when the standard input does
     #[arg(long, requires = "json", conflicts_with_all = ["flight", "hunt", "check"])]
     events: bool,
@@ -107,14 +107,14 @@ pub(crate) struct FlightArgs {
 
 impl Args {
     /// The campaign that is to be flown; `None`: something else is to be done.
-    pub(crate) fn flights(&self) -> Option<&FlightArgs> {
+    pub fn flights(&self) -> Option<&FlightArgs> {
         self.flights.as_ref()
     }
 }
 
 impl FlightArgs {
     /// An option that a server cannot be asked for.
-    pub(crate) fn only_here(&self) -> Option<&'static str> {
+    pub fn only_here(&self) -> Option<&'static str> {
         let options = [
             (self.threads.is_some(), "--jobs"),
             (self.limit.is_some(), "--limit"),
@@ -129,7 +129,7 @@ impl FlightArgs {
 }
 
 /// Prints what a folder of another machine says, as if it had been flown here.
-pub(crate) fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Result<(), String> {
+pub fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Result<(), String> {
     let folder = CampaignFolder::open(path, campaign)?;
     let totals = results::collect(campaign, &folder)?;
     let go_on = command_line(&args.campaign, args.out.as_deref());
@@ -138,7 +138,7 @@ pub(crate) fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path)
 }
 
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     match (&args.command, &args.flights) {
         (Some(Sub::Merge(args)), _) => merge(args),
@@ -339,7 +339,8 @@ fn tell(told: &Mutex<Instant>, flights: u64, of: u64, failed: u64, false_alarms:
     output::line(&event.to_string());
 }
 
-pub(crate) fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
+/// A bar over flights; the first `present` are there already.
+pub fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
     let template = "{bar:28.cyan/blue} {pos}/{len} flights, {rate}, {left}  {msg}";
     resumed_bar(template, hidden, wanted, present)
 }

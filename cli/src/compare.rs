@@ -13,29 +13,29 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin compare`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
     #[arg(required = true, value_name = "LOG")]
-    pub(crate) logs: Vec<PathBuf>,
+    pub logs: Vec<PathBuf>,
     /// Models to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long = "model", required = true, num_args = 1.., value_name = "MODEL")]
-    pub(crate) model: Vec<String>,
+    pub model: Vec<String>,
     /// What to call the models in the result, one for each
     #[arg(long, value_name = "NAME")]
-    pub(crate) label: Vec<String>,
+    pub label: Vec<String>,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
-    pub(crate) models: PathBuf,
+    pub models: PathBuf,
     /// Write report.html, comparison.json, comparison.txt and residuals of each log as Parquet into this folder; must not exist or be empty
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// Print the comparison as JSON, nothing else
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
 }
 
 /// Runs the command.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     if !args.label.is_empty() && args.label.len() != args.model.len() {
         return output::bad_input(format!(
             "{} --label for {} --model; expected one for each, or none",
@@ -90,7 +90,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 }
 
 /// The models that texts name.
-pub(crate) fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<NamedModel>, ExitCode> {
+pub fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<NamedModel>, ExitCode> {
     texts
         .iter()
         .map(|text| {
@@ -104,10 +104,7 @@ pub(crate) fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<N
 }
 
 /// Refuses the first log that must be mended before a diagnosis against this vehicle.
-pub(crate) fn refused(
-    logs: &[FlightLog],
-    vehicle: &rotortwin_plant::vehicle::model::VehicleModel,
-) -> Result<(), ExitCode> {
+pub fn refused(logs: &[FlightLog], vehicle: &rotortwin_plant::vehicle::model::VehicleModel) -> Result<(), ExitCode> {
     match logs.iter().find_map(|log| log.refusal_before_diagnosis(vehicle)) {
         Some(sentence) => Err(output::bad_input(sentence)),
         None => Ok(()),
@@ -115,7 +112,7 @@ pub(crate) fn refused(
 }
 
 /// The logs at these paths, or parts of them.
-pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, ExitCode> {
+pub fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, ExitCode> {
     paths
         .iter()
         .map(|path| FlightLog::read_part(path).map_err(output::bad_input))
@@ -213,7 +210,7 @@ fn worst(model: &ModelOnLog) -> String {
 }
 
 /// One row per quantity and horizon, one column per model: the waterfall in numbers.
-pub(crate) fn error_table(log: &LogComparison) -> Grid {
+pub fn error_table(log: &LogComparison) -> Grid {
     let mut header = vec!["quantity".to_owned()];
     header.extend(log.models.iter().map(|model| model.model.clone()));
     header.push("noise".to_owned());

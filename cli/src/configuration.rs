@@ -60,7 +60,7 @@ impl Written {
 
 /// Arguments of `rotortwin list`.
 #[derive(Debug, Parser)]
-pub(crate) struct ListArgs {
+pub struct ListArgs {
     /// What to list [default: all]
     #[arg(value_enum)]
     folder: Option<Folder>,
@@ -71,7 +71,7 @@ pub(crate) struct ListArgs {
 
 /// Arguments of `rotortwin new`.
 #[derive(Debug, Parser)]
-pub(crate) struct NewArgs {
+pub struct NewArgs {
     /// What to begin
     #[arg(value_enum)]
     kind: Written,

@@ -32,7 +32,7 @@ const STEP_MS: f64 = 2.5;
 
 /// Arguments of `rotortwin conform`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// The controller: iceoryx2[:DOMAIN], zenoh[:listen=tcp/IP:PORT|:connect=ENDPOINT] for one that joins by itself; serial:PORT[@BAUD],
     /// pty, qemu, virtual[:KEY=NUMBER,...] for a board. The reverse: plant:ardupilot[:ADDR] plays ArduPilot to a plant that listens there
     endpoint: Endpoint,
@@ -60,6 +60,17 @@ fn milliseconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(time) if (0.0..=60_000.0).contains(&time) => Ok(time),
         _ => Err("expected 0 to 60000 ms".to_owned()),
+    }
+}
+
+impl Args {
+    /// True if the controller is met over zenoh.
+    pub(crate) fn is_over_zenoh(&self) -> bool {
+        match &self.endpoint {
+            Endpoint::Link(Some(address)) => address.transport() == "zenoh",
+            Endpoint::Link(None) => true,
+            Endpoint::Board(_) | Endpoint::Plant(_) => false,
+        }
     }
 }
 
@@ -207,7 +218,7 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
             &demands,
         ),
         AnyEndpoint::Zenoh(endpoint) => conform(
-            &mut EndpointLink::new(*endpoint, timing),
+            &mut EndpointLink::new(endpoint, timing),
             scenario,
             args.seed,
             run_id,

@@ -25,36 +25,36 @@ const PROPOSAL_FILE: &str = "proposed-effect.toml";
 
 /// Arguments of `rotortwin diagnose`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Flight logs of one vehicle, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
-    pub(crate) logs: Vec<PathBuf>,
+    pub logs: Vec<PathBuf>,
     /// Model to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long, value_name = "MODEL")]
-    pub(crate) model: String,
+    pub model: String,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
-    pub(crate) models: PathBuf,
+    pub models: PathBuf,
     /// Effect document of your own that may be named, too; may be given several times
     #[arg(long, value_name = "FILE", value_parser = crate::named::effect())]
-    pub(crate) effects: Vec<PathBuf>,
+    pub effects: Vec<PathBuf>,
     /// Healthy flights of the same vehicle, three at least: what changed against them, by the thrust that each rotor is asked for
     #[arg(long, num_args = 1.., value_name = "LOG")]
-    pub(crate) baseline: Vec<PathBuf>,
+    pub baseline: Vec<PathBuf>,
     /// Write report.html, diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml where the error is in no catalogue; must not exist or
     /// be empty
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// Print the diagnosis as JSON, nothing else
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
     /// Say on standard output, as JSON lines, how far it is
     #[arg(long, hide = true)]
     events: bool,
 }
 
 /// Runs the command.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     let start = Instant::now();
     let found = match ModelStore::new(&args.models).find(&args.model) {
         Ok(found) => found,

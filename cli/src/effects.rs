@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin effects`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(subcommand)]
     command: Option<Command>,
     /// Effect document of your own; may be given several times

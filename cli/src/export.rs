@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin export`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Run folder, or its telemetry.parquet
     run: PathBuf,
     /// What to write

@@ -2,10 +2,6 @@
 
 use crate::grid::Grid;
 use crate::output::{bad_input, failed, line};
-use rotortwin_fdi::topic::{TopicService, is_session_name, measurement_topic, report_topic};
-use rotortwin_fdi_session::FdiSession;
-use rotortwin_links::topics::TopicSession;
-use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_page::Report;
 use rotortwin_process::LinkAddress;
 use rotortwin_scenario::Detectors;
@@ -16,13 +12,10 @@ use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge};
 use rotortwin_verdicts::view::{ObstacleView, Obstruction, SequentialView, VerdictKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
 /// Which detectors.
 #[derive(Debug, clap::Args)]
-struct DetectorArgs {
+pub struct DetectorArgs {
     /// What the detectors take for healthy: a vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file, with what the detectors can hold of its
     /// effects
     #[arg(long, alias = "vehicle", value_name = "MODEL")]
@@ -40,7 +33,7 @@ struct DetectorArgs {
 
 impl DetectorArgs {
     /// The detectors, and what they cannot hold of the model.
-    fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
+    pub fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
         let choice = DetectorChoice {
             store: &ModelStore::new(&self.models),
             model: &self.model,
@@ -53,7 +46,7 @@ impl DetectorArgs {
 
 /// Arguments of `rotortwin fdi-log`.
 #[derive(Debug, clap::Args)]
-pub(crate) struct LogArgs {
+pub struct LogArgs {
     /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
@@ -74,7 +67,7 @@ pub(crate) struct LogArgs {
 }
 
 /// Judges logs; exit code 2 if one is none or lacks what every detector needs.
-pub(crate) fn judge_logs(args: &LogArgs) -> ExitCode {
+pub fn judge_logs(args: &LogArgs) -> ExitCode {
     let (detectors, note) = match args.detectors.detectors() {
         Ok(detectors) => detectors,
         Err(sentence) => return bad_input(sentence),
@@ -352,7 +345,8 @@ fn short(reason: Obstruction) -> &'static str {
     }
 }
 
-fn verdict_text(view: &SequentialView) -> String {
+/// A verdict in words, as a line of a terminal has it.
+pub fn verdict_text(view: &SequentialView) -> String {
     let losses = || -> Vec<String> {
         view.thrust_loss
             .iter()
@@ -386,94 +380,14 @@ fn verdict_text(view: &SequentialView) -> String {
 
 /// Arguments of `rotortwin fdi-service`.
 #[derive(Debug, clap::Args)]
-pub(crate) struct ServiceArgs {
+pub struct ServiceArgs {
     /// Where measurements come from: zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT
     #[arg(long, value_name = "LINK")]
-    link: LinkAddress,
+    pub link: LinkAddress,
+    /// Which detectors.
     #[command(flatten)]
-    detectors: DetectorArgs,
+    pub detectors: DetectorArgs,
     /// Name of the session, part of its topics
     #[arg(long, value_name = "NAME", default_value = "default")]
-    session: String,
-}
-
-/// Feeds one session from its topic until Ctrl-C or SIGTERM.
-pub(crate) fn serve(args: &ServiceArgs) -> ExitCode {
-    if !is_session_name(&args.session) {
-        return bad_input(format!(
-            "--session {}: expected 1 to 64 letters, digits, '-' and '_'",
-            args.session
-        ));
-    }
-    let options = match &args.link {
-        LinkAddress::ZenohListen { endpoint, config: None } => ZenohOptions::listen(endpoint.clone()),
-        LinkAddress::ZenohConnect { endpoint, config: None } => ZenohOptions::connect(endpoint.clone()),
-        LinkAddress::ZenohListen { .. } | LinkAddress::ZenohConnect { .. } => {
-            return bad_input(
-                "--link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, in a network that you \
-                 trust",
-            );
-        }
-        LinkAddress::Iceoryx2 { .. } => {
-            return bad_input(
-                "--link: measurements do not come over iceoryx2; expected zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT",
-            );
-        }
-    };
-    let session = args.detectors.detectors().and_then(|(detectors, note)| {
-        let session = FdiSession::new(*detectors.config(), 1).map_err(|error| error.to_string())?;
-        Ok((session, note))
-    });
-    let session = match session {
-        Ok((session, note)) => {
-            if let Some(note) = note {
-                line(&format!("Note         {note}"));
-            }
-            Arc::new(Mutex::new(session))
-        }
-        Err(sentence) => return bad_input(sentence),
-    };
-    rotortwin_process::start_logging();
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        if let Err(error) = signal_hook::flag::register(signal, Arc::clone(&stop)) {
-            return failed(format!("signals cannot be handled: {error}"));
-        }
-    }
-    let topics = match TopicSession::open(&options) {
-        Ok(topics) => topics,
-        Err(error) => return bad_input(error),
-    };
-    let last = Mutex::new(None);
-    let service = TopicService::start(&topics, &args.session, session, move |answer| match answer {
-        Ok(answer) => {
-            let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            for note in &answer.notes {
-                line(&format!("note         {note}"));
-            }
-            for window in answer.windows.iter().filter(|_| !answer.repeated) {
-                let view = SequentialView::in_window(window);
-                if last.as_ref() != Some(&view.verdict) {
-                    let time_s = window.report.stamp.sim_time_ns as f64 * 1e-9;
-                    let said = match &window.obstacle {
-                        Some(obstacle) => format!("cannot judge: {obstacle}"),
-                        None => format!("{} (probability {:.4})", verdict_text(&view), view.probability),
-                    };
-                    line(&format!("t {time_s:>9.3} s  {said}"));
-                    *last = Some(view.verdict);
-                }
-            }
-        }
-        Err(refusal) => line(&format!("refused      {refusal}")),
-    });
-    let _service = match service {
-        Ok(service) => service,
-        Err(error) => return bad_input(error),
-    };
-    line(&format!("Measurements {}", measurement_topic(&args.session)));
-    line(&format!("Verdicts     {}", report_topic(&args.session)));
-    while !stop.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    ExitCode::SUCCESS
+    pub session: String,
 }

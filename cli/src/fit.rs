@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin fit`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(subcommand)]
     what: What,
 }

@@ -44,93 +44,93 @@ const EXTERNAL_JOIN_TIMEOUT_MS: u64 = 600_000;
 
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Scenario: a file, or a name that 'rotortwin list scenarios' shows
     #[arg(value_parser = crate::named::scenario())]
-    pub(crate) scenario: PathBuf,
+    pub scenario: PathBuf,
     /// How plant, controller and FDI engine are connected
     #[arg(long, value_enum, default_value_t = LinkKind::Iceoryx2)]
-    pub(crate) link: LinkKind,
+    pub link: LinkKind,
     /// zenoh: the plant listens here, e.g. tcp/0.0.0.0:7447 [default: a free port of 127.0.0.1]
     #[arg(long, value_name = "ENDPOINT", conflicts_with = "connect")]
-    pub(crate) listen: Option<String>,
+    pub listen: Option<String>,
     /// zenoh: all processes connect to this router instead, e.g. tcp/10.0.0.1:7447
     #[arg(long, value_name = "ENDPOINT")]
-    pub(crate) connect: Option<String>,
+    pub connect: Option<String>,
     /// zenoh: file with certificates, user and password: docs/hosts.md [default for endpoints tls/…: $ROTORTWIN_ZENOH_CONFIG]
     #[arg(long, value_name = "FILE")]
-    pub(crate) zenoh_config: Option<PathBuf>,
+    pub zenoh_config: Option<PathBuf>,
     /// iceoryx2: runs in different domains do not see each other [default: default]
     #[arg(long, value_name = "NAME")]
-    pub(crate) domain: Option<String>,
+    pub domain: Option<String>,
     /// As fast as possible, or 400 steps per second of wall clock
     #[arg(long, value_enum, default_value_t = PaceArg::Fast)]
-    pub(crate) pace: PaceArg,
+    pub pace: PaceArg,
     /// Seed of all noise and random draws [default: the scenario's]
     #[arg(long, value_parser = whole_number(0..=u64::MAX))]
-    pub(crate) seed: Option<u64>,
+    pub seed: Option<u64>,
     /// Set a key of the scenario before it is checked, such as initial.state_of_charge=0.4; may be given several times
     #[arg(long, value_name = "KEY=VALUE", conflicts_with = "documents")]
-    pub(crate) set: Vec<String>,
+    pub set: Vec<String>,
     /// Run folder to write; must not exist or be empty [default: runs/SCENARIO-SEED, with a number if that exists]
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// Do not start these processes: they join by themselves, with the command that is printed
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHO")]
-    pub(crate) external: Vec<External>,
+    pub external: Vec<External>,
     /// Longest wait for both peers to join, ms [default: 10000, with --external 600000]
     #[arg(long, value_name = "MS", value_parser = whole_number(1..=3_600_000))]
-    pub(crate) join_timeout: Option<u64>,
+    pub join_timeout: Option<u64>,
     /// Longest wait for the answer of a peer that is alive, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = whole_number(1..=3_600_000))]
-    pub(crate) step_timeout: u64,
+    pub step_timeout: u64,
     /// Steps that the FDI engine may trail behind the plant; 0: wait for each report
     #[arg(long, value_name = "STEPS", default_value_t = LinkTiming::default().fdi_window, value_parser = whole_number(0..=256))]
-    pub(crate) fdi_window: u64,
+    pub fdi_window: u64,
     /// Run every process on this CPU [default: a free one while the pace is fast and all processes are started here]
     #[arg(long, value_name = "CPU", value_parser = cpu_number())]
-    pub(crate) cpu: Option<usize>,
+    pub cpu: Option<usize>,
     /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file
     #[arg(long, value_name = "MODEL")]
-    pub(crate) model: Option<String>,
+    pub model: Option<String>,
     /// The detectors believe in this model, as far as their parameters can hold it
     #[arg(long, value_name = "MODEL")]
-    pub(crate) fdi_model: Option<String>,
+    pub fdi_model: Option<String>,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
-    pub(crate) models: PathBuf,
+    pub models: PathBuf,
     /// A flight board stands where controller and FDI engine stand: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
     /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build flies, which is waited for: ardupilot[:ADDR], px4[:ADDR],
     /// betaflight[:ADDR][@SPEED]
     #[arg(long, value_name = "BOARD|AUTOPILOT", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
-    pub(crate) controller: Option<Foreign>,
+    pub controller: Option<Foreign>,
     /// With an autopilot: where it takes commands over MAVLink, tcp:IP:PORT or udp:IP:PORT; there it is armed, flown and landed. none:
     /// somebody else does that. Betaflight: none, or nothing: we hold its sticks [default: ardupilot tcp:127.0.0.1:5760, px4
     /// udp:127.0.0.1:14540]
     #[arg(long, value_name = "ADDR|none", requires = "controller")]
-    pub(crate) pilot: Option<PilotChoice>,
+    pub pilot: Option<PilotChoice>,
     /// With --controller: where the FDI engine runs
     #[arg(long, value_enum, default_value_t = FdiPlace::Board, requires = "controller")]
-    pub(crate) fdi: FdiPlace,
+    pub fdi: FdiPlace,
     /// With --controller: compare every bit of the board with the host, and say where they part first
     #[arg(long, requires = "controller")]
-    pub(crate) compare: bool,
+    pub compare: bool,
     /// Show the flight to a ground station that speaks MAVLink, such as udp:127.0.0.1:14550 for QGroundControl; verdicts come as texts. At
     /// the speed of the flight: see --pace
     #[arg(long, value_name = "udp:IP:PORT")]
-    pub(crate) mavlink: Option<crate::ground_station::Address>,
+    pub mavlink: Option<crate::ground_station::Address>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
     /// SCENARIO holds all documents of a run, as its summary does
     #[arg(long, conflicts_with_all = ["model", "fdi_model"])]
-    pub(crate) documents: bool,
+    pub documents: bool,
     /// Print each event of the run as a JSON line, nothing else; end when the standard input does
     #[arg(long, conflicts_with = "json")]
-    pub(crate) events: bool,
+    pub events: bool,
     /// With --events: also samples of the telemetry, so many a second of simulated time, at most 100 a second of wall clock
     #[arg(long, value_name = "HZ", requires = "events", value_parser = rotortwin_sim::process::parse_rate)]
-    pub(crate) live: Option<f64>,
+    pub live: Option<f64>,
 }
 
 impl Args {
@@ -148,7 +148,7 @@ impl Args {
 
 /// What is not of ours and stands in the place of the controller.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Foreign {
+pub enum Foreign {
     /// A flight board.
     Board(BoardAddress),
     /// An autopilot of its own clock.
@@ -170,7 +170,7 @@ impl std::str::FromStr for Foreign {
 
 /// Who commands an autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum PilotChoice {
+pub enum PilotChoice {
     /// Somebody else.
     Nobody,
     /// We do, there.
@@ -190,7 +190,7 @@ impl std::str::FromStr for PilotChoice {
 
 /// Where the FDI engine of a run with a board is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum FdiPlace {
+pub enum FdiPlace {
     /// On the board
     Board,
     /// In this process
@@ -216,7 +216,7 @@ fn cpu_number() -> impl Fn(&str) -> Result<usize, String> + Clone {
 
 /// How the processes are connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum LinkKind {
+pub enum LinkKind {
     /// Function calls in this process
     InProcess,
     /// Three processes, shared memory of this host
@@ -227,7 +227,7 @@ pub(crate) enum LinkKind {
 
 /// How fast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum PaceArg {
+pub enum PaceArg {
     /// As fast as possible
     Fast,
     /// 400 Hz of wall clock
@@ -245,7 +245,7 @@ impl From<PaceArg> for Pace {
 
 /// A process that somebody else starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
-pub(crate) enum External {
+pub enum External {
     /// The controller
     Controller,
     /// The FDI engine
@@ -262,7 +262,7 @@ impl External {
 }
 
 /// Runs the command.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let scenario = match load(args) {
         Ok(scenario) => scenario,
@@ -380,7 +380,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
-pub(crate) fn load(args: &Args) -> Result<Scenario, ConfigError> {
+/// The scenario that the arguments mean, with what they set.
+pub fn load(args: &Args) -> Result<Scenario, ConfigError> {
     if !args.documents {
         let set: Vec<&str> = args.set.iter().map(String::as_str).collect();
         return Scenario::load_with(&args.scenario, &set);
@@ -392,7 +393,7 @@ pub(crate) fn load(args: &Args) -> Result<Scenario, ConfigError> {
 }
 
 /// Who started this holds our standard input open as long as it lives: its end is a wish to stop.
-pub(crate) fn end_with_standard_input() {
+pub fn end_with_standard_input() {
     std::thread::spawn(|| {
         let ended = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         tracing::debug!(?ended, "the standard input has ended");
@@ -403,7 +404,7 @@ pub(crate) fn end_with_standard_input() {
 }
 
 /// The scenario with the models that were asked for: their vehicle and effects in the plant, their constants in the detectors.
-pub(crate) fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
+pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
     let store = ModelStore::new(&args.models);
     let find = |text: &str| store.find(text).map_err(|error| crate::versions::store_failed(&error));
     let mut scenario = scenario;
@@ -451,7 +452,7 @@ fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
 }
 
 /// Makes the folder of the run, and makes sure that files can be written there.
-pub(crate) fn run_folder(args: &Args, name: &str, seed: u64) -> Result<RunFolder, String> {
+pub fn run_folder(args: &Args, name: &str, seed: u64) -> Result<RunFolder, String> {
     let path = args.out.clone().map_or_else(|| next_free_folder(name, seed), Ok)?;
     ResultFolder::create(&path).map(ResultFolder::keep)
 }
@@ -517,7 +518,7 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
 }
 
 /// A TCP port of the loopback address that nobody listens on now.
-pub(crate) fn free_port() -> Result<u16, String> {
+pub fn free_port() -> Result<u16, String> {
     std::net::TcpListener::bind("127.0.0.1:0")
         .and_then(|listener| listener.local_addr())
         .map(|address| address.port())
@@ -545,7 +546,7 @@ fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
 }
 
 /// A number that no other execution has; 0 is kept for "none".
-pub(crate) fn new_run_id() -> u64 {
+pub fn new_run_id() -> u64 {
     rand::random::<u64>().max(1)
 }
 
@@ -579,7 +580,7 @@ pub(crate) enum Opened<'a> {
 }
 
 /// Whose frames they are.
-pub(crate) fn autopilot_kind(protocol: Protocol) -> AutopilotKind {
+pub fn autopilot_kind(protocol: Protocol) -> AutopilotKind {
     match protocol {
         Protocol::ArduPilot => AutopilotKind::ArduPilot,
         Protocol::Px4 => AutopilotKind::Px4,
@@ -844,7 +845,7 @@ impl ArgList {
 }
 
 /// The command that starts our own program in that place.
-pub(crate) fn invitation(who: External, link: &str, run_id: u64, step_timeout: u64) -> String {
+pub fn invitation(who: External, link: &str, run_id: u64, step_timeout: u64) -> String {
     format!(
         "rotortwin {} --link {link} --run-id {run_id:016x} --step-timeout {step_timeout}",
         who.name()
@@ -878,7 +879,7 @@ fn invite(args: &Args, config: &SessionConfig, address: &LinkAddress, external: 
 }
 
 /// The progress bar, and lines above it.
-pub(crate) struct Screen {
+pub struct Screen {
     bar: ProgressBar,
     quiet: bool,
     /// Events as JSON lines instead.
@@ -889,7 +890,8 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    pub(crate) fn new(quiet: bool, events: bool) -> Self {
+    /// * `quiet`: prints nothing; `events`: prints events as JSON lines instead
+    pub fn new(quiet: bool, events: bool) -> Self {
         let bar = ProgressBar::with_draw_target(
             None,
             if quiet || events {
@@ -938,7 +940,8 @@ impl Screen {
         }
     }
 
-    pub(crate) fn show(&self, event: &RunEvent) {
+    /// Shows an event.
+    pub fn show(&self, event: &RunEvent) {
         self.show_afar(event);
         if self.events {
             if matches!(event, RunEvent::Sample(_)) && !self.samples {
@@ -967,7 +970,8 @@ impl Screen {
         }
     }
 
-    pub(crate) fn line(&self, text: &str) {
+    /// Prints a line above the bar.
+    pub fn line(&self, text: &str) {
         if self.quiet {
             return;
         }
@@ -978,7 +982,8 @@ impl Screen {
         }
     }
 
-    pub(crate) fn close(&self) {
+    /// Takes the bar away.
+    pub fn close(&self) {
         self.bar.finish_and_clear();
     }
 }

@@ -24,14 +24,15 @@ const EDGE: usize = 1;
 
 /// A table: texts on the left of their columns, numbers on the right.
 #[derive(Clone, Debug)]
-pub(crate) struct Grid {
+pub struct Grid {
     header: Vec<String>,
     rows: Vec<Vec<String>>,
     numbers: BTreeSet<usize>,
 }
 
 impl Grid {
-    pub(crate) fn new<T: Into<String>>(header: impl IntoIterator<Item = T>) -> Self {
+    /// A table without rows.
+    pub fn new<T: Into<String>>(header: impl IntoIterator<Item = T>) -> Self {
         Self {
             header: header.into_iter().map(Into::into).collect(),
             rows: Vec::new(),
@@ -41,19 +42,20 @@ impl Grid {
 
     /// These columns hold numbers.
     #[must_use]
-    pub(crate) fn numbers(mut self, columns: impl IntoIterator<Item = usize>) -> Self {
+    pub fn numbers(mut self, columns: impl IntoIterator<Item = usize>) -> Self {
         self.numbers.extend(columns);
         self
     }
 
     /// These and all further columns hold numbers.
     #[must_use]
-    pub(crate) fn numbers_from(self, first: usize) -> Self {
+    pub fn numbers_from(self, first: usize) -> Self {
         let columns = self.header.len();
         self.numbers(first..columns)
     }
 
-    pub(crate) fn add_row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
+    /// Adds a row below the others.
+    pub fn add_row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
         self.rows.push(cells.into_iter().map(Into::into).collect());
     }
 
@@ -157,7 +159,7 @@ fn widest_word(text: &str) -> usize {
 }
 
 /// Lines of at most `width` letters, broken between words.
-pub(crate) fn fold(text: &str, width: usize) -> String {
+pub fn fold(text: &str, width: usize) -> String {
     let mut lines: Vec<String> = Vec::new();
     for line in text.lines() {
         if line.chars().count() <= width {

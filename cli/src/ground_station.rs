@@ -19,7 +19,7 @@ const NOTICE: u8 = 5;
 
 /// Where a ground station listens, as it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Address(SocketAddr);
+pub struct Address(SocketAddr);
 
 impl std::str::FromStr for Address {
     type Err = String;

@@ -20,41 +20,41 @@ use std::time::Instant;
 
 /// Arguments of `rotortwin improve`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Flight logs of one vehicle to learn from, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
-    pub(crate) logs: Vec<PathBuf>,
+    pub logs: Vec<PathBuf>,
     /// Model to improve: MODEL or MODEL@BRANCH; a vehicle file begins one of its name
     #[arg(long, value_name = "MODEL")]
-    pub(crate) model: String,
+    pub model: String,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
-    pub(crate) models: PathBuf,
+    pub models: PathBuf,
     /// Logs of the same vehicle that no fit sees, as proof
     #[arg(long, value_name = "LOG", num_args = 1..)]
-    pub(crate) held_out: Vec<PathBuf>,
+    pub held_out: Vec<PathBuf>,
     /// Take every step without asking
     #[arg(long)]
-    pub(crate) yes: bool,
+    pub yes: bool,
     /// What is really missing, if it is known: a model version, a file with `[[effect]]`, or the truth of 'rotortwin blind generate'
     #[arg(long, value_name = "FILE")]
-    pub(crate) truth: Option<PathBuf>,
+    pub truth: Option<PathBuf>,
     /// Write report.html, improvement.json and improvement.txt into this folder; must not exist or be empty
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// Write the version that it ends with into this file, as 'rotortwin model export' does
     #[arg(long = "final", value_name = "FILE")]
-    pub(crate) final_version: Option<PathBuf>,
+    pub final_version: Option<PathBuf>,
     /// Print the result as JSON, nothing else; needs --yes
     #[arg(long, requires = "yes")]
-    pub(crate) json: bool,
+    pub json: bool,
     /// Say on standard output, as JSON lines, how far it is
     #[arg(long, hide = true)]
     events: bool,
 }
 
 /// Runs the command.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     if !args.yes && !std::io::stdin().is_terminal() {
         return output::bad_input(
             "this command asks before each step and there is nobody at the terminal: expected --yes",

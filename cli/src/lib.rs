@@ -5,62 +5,67 @@
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 // In this crate these four write through `terminal`: those of the standard library panic when the reader has closed the pipe.
+/// Prints to standard output; a reader who has gone is no error.
+#[macro_export]
 macro_rules! print {
     ($($text:tt)*) => { $crate::terminal::print(format_args!($($text)*)) };
 }
+/// Prints a line to standard output; a reader who has gone is no error.
+#[macro_export]
 macro_rules! println {
     () => { $crate::terminal::print(format_args!("\n")) };
     ($($text:tt)*) => { $crate::terminal::print(format_args!("{}\n", format_args!($($text)*))) };
 }
+/// Prints to standard error; a reader who has gone is no error.
+#[macro_export]
 macro_rules! eprint {
     ($($text:tt)*) => { $crate::terminal::print_error(format_args!($($text)*)) };
 }
+/// Prints a line to standard error; a reader who has gone is no error.
+#[macro_export]
 macro_rules! eprintln {
     () => { $crate::terminal::print_error(format_args!("\n")) };
     ($($text:tt)*) => { $crate::terminal::print_error(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-mod blind;
+pub mod blind;
 mod board;
-mod campaign;
-mod compare;
+pub mod campaign;
+pub mod compare;
 mod configuration;
 mod conform;
 mod destination;
-mod diagnose;
+pub mod diagnose;
 mod effects;
 mod examples;
 mod export;
 mod fdi_models;
-mod fdi_service;
+pub mod fdi_service;
 mod fit;
-mod fly;
-mod grid;
+pub mod fly;
+pub mod grid;
 mod ground_station;
-mod health;
-mod improve;
-mod log;
+pub mod improve;
+pub mod log;
 mod log_example;
 mod manual;
 mod model;
 mod named;
+pub mod network;
 mod next_flight;
-mod output;
+pub mod output;
 mod progress;
-mod remote;
-mod replay;
-mod reproduce;
-mod router;
-mod serve;
-mod show;
+pub mod replay;
+pub mod reproduce;
+pub mod show;
 mod spin_test;
-mod terminal;
-mod token;
+pub mod terminal;
 mod vehicle;
-mod versions;
+pub mod versions;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
+use network::Needs;
 use std::process::ExitCode;
 
 /// Co-simulation of multirotors with propeller fault detection and isolation.
@@ -68,7 +73,7 @@ use std::process::ExitCode;
 #[command(name = "rotortwin", bin_name = "rotortwin", version, propagate_version = true, max_term_width = 100, after_help = examples::FIRST)]
 struct Cli {
     #[command(flatten)]
-    server: remote::ServerArgs,
+    server: network::remote::ServerArgs,
     /// End when the standard input does: whoever started this holds it open
     #[arg(long, hide = true)]
     end_with_stdin: bool,
@@ -76,8 +81,9 @@ struct Cli {
     command: Command,
 }
 
+/// What is asked for.
 #[derive(Debug, Subcommand)]
-enum Command {
+pub enum Command {
     /// Fly a scenario: plant, controller and FDI engine in lockstep; leaves a run folder
     #[command(after_help = examples::FLY)]
     Fly(fly::Args),
@@ -144,23 +150,23 @@ enum Command {
     #[command(after_help = examples::SPIN_TEST)]
     SpinTest(spin_test::Args),
     /// A zenoh router where the processes of runs meet, with access control
-    Router(router::Args),
+    Router(network::router::Args),
     /// Serve jobs, runs and results over HTTP
     #[command(after_help = examples::SERVE)]
-    Serve(serve::Args),
+    Serve(network::serve::Args),
     /// Runs of a server: list, get, events, cancel, delete, fetch
     #[command(after_help = examples::RUNS)]
-    Runs(remote::JobArgs),
+    Runs(network::remote::JobArgs),
     /// Campaigns of a server: as runs
-    Campaigns(remote::JobArgs),
+    Campaigns(network::remote::JobArgs),
     /// Blind benches of a server: as runs
-    BlindBenches(remote::JobArgs),
+    BlindBenches(network::remote::JobArgs),
     /// Does a server or router answer? Exit code 0 if so
-    Health(health::Args),
+    Health(network::health::Args),
     /// Who may use a server: create, list, revoke
-    Token(token::Args),
+    Token(network::token::Args),
     /// Do jobs for the servers that share a Postgres database, on this or another host
-    Worker(serve::WorkerArgs),
+    Worker(network::serve::WorkerArgs),
     /// Scenarios, vehicles, campaigns … that can be named wherever a file is expected
     #[command(after_help = examples::LIST)]
     List(configuration::ListArgs),
@@ -190,15 +196,17 @@ enum Command {
 }
 
 /// Does what the command line of this process asks for.
-pub fn run() -> ExitCode {
-    let code = run_command();
+///
+/// * `perform`: does commands that need other hosts; none in a program that leaves them to `rotortwin-network`
+pub fn run(perform: Option<network::Perform>) -> ExitCode {
+    let code = run_command(perform);
     match terminal::failure() {
         Some(reason) => output::failed(format!("the standard output cannot be written: {reason}")),
         None => code,
     }
 }
 
-fn run_command() -> ExitCode {
+fn run_command(perform: Option<network::Perform>) -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => return refuse(&error),
@@ -206,8 +214,10 @@ fn run_command() -> ExitCode {
     if cli.end_with_stdin {
         fly::end_with_standard_input();
     }
-    if cli.server.server.is_some() {
-        return remote::run(&cli.server, &cli.command);
+    match (network::needs(&cli), perform) {
+        (Needs::Network, Some(perform)) => return perform(&cli.server, &cli.command),
+        (Needs::Network | Needs::Zenoh, None) => return network::hand_over(),
+        (Needs::Nothing, _) | (Needs::Zenoh, Some(_)) => {}
     }
     match cli.command {
         Command::Fly(args) => fly::run(&args),
@@ -216,7 +226,6 @@ fn run_command() -> ExitCode {
         Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
         Command::FdiLog(args) => fdi_service::judge_logs(&args),
-        Command::FdiService(args) => fdi_service::serve(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),
@@ -232,14 +241,6 @@ fn run_command() -> ExitCode {
         Command::Board(args) => board::run(&args),
         Command::Conform(args) => conform::run(&args),
         Command::SpinTest(args) => spin_test::run(&args),
-        Command::Router(args) => router::run(&args),
-        Command::Serve(args) => serve::run(&args),
-        Command::Campaigns(args) => remote::jobs(&cli.server, "campaigns", &args),
-        Command::BlindBenches(args) => remote::jobs(&cli.server, "blind-benches", &args),
-        Command::Runs(args) => remote::jobs(&cli.server, "runs", &args),
-        Command::Health(args) => health::run(&args),
-        Command::Token(args) => token::run(&args),
-        Command::Worker(args) => serve::work(&args),
         Command::List(args) => configuration::list(&args),
         Command::New(args) => configuration::new(&args),
         Command::Config => configuration::config(),
@@ -249,6 +250,15 @@ fn run_command() -> ExitCode {
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),
         Command::Fdi(args) => rotortwin_fdi::run(args),
+        Command::Serve(_)
+        | Command::Worker(_)
+        | Command::Token(_)
+        | Command::Router(_)
+        | Command::Health(_)
+        | Command::FdiService(_)
+        | Command::Runs(_)
+        | Command::Campaigns(_)
+        | Command::BlindBenches(_) => network::hand_over(),
     }
 }
 

@@ -10,13 +10,15 @@ use std::process::ExitCode;
 
 /// Import flight logs, and show what they hold.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
+    /// What is done.
     #[command(subcommand)]
-    pub(crate) command: Command,
+    pub command: Command,
 }
 
+/// What is done with logs.
 #[derive(Debug, clap::Subcommand)]
-pub(crate) enum Command {
+pub enum Command {
     /// Bring logs into the canonical format: NAME.parquet, NAME.toml, NAME.import.json
     Import(ImportArgs),
     /// Print columns, ranges, rate, gaps, and what a log can and cannot test
@@ -27,8 +29,9 @@ pub(crate) enum Command {
     Example(crate::log_example::Args),
 }
 
+/// How logs are read.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Reading {
+pub struct Reading {
     /// Mapping file whose rows go before the built-in ones (config/log-mappings)
     #[arg(long, value_name = "FILE", value_parser = crate::named::log_mapping())]
     mapping: Option<PathBuf>,
@@ -43,8 +46,9 @@ pub(crate) struct Reading {
     damaged: bool,
 }
 
+/// Which columns become what.
 #[derive(Debug, clap::Args)]
-pub(crate) struct MapArgs {
+pub struct MapArgs {
     /// CSV with whatever columns
     #[arg(value_name = "FILE")]
     file: PathBuf,
@@ -53,16 +57,17 @@ pub(crate) struct MapArgs {
     out: Option<PathBuf>,
 }
 
+/// What is imported, and where to.
 #[derive(Debug, clap::Args)]
-pub(crate) struct ImportArgs {
+pub struct ImportArgs {
     /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, blackbox, MAVLink .tlog, Crazyflie micro-SD log; LOG@35:65 takes these seconds
     #[arg(required = true, value_name = "FILE")]
-    pub(crate) files: Vec<PathBuf>,
+    pub files: Vec<PathBuf>,
     #[command(flatten)]
     reading: Reading,
     /// Folder for the imported logs
     #[arg(long, value_name = "DIR", default_value = "logs")]
-    pub(crate) out: PathBuf,
+    pub out: PathBuf,
     /// Bring every column to this constant rate, Hz
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
@@ -71,12 +76,12 @@ pub(crate) struct ImportArgs {
     align: bool,
     /// Print one line per log
     #[arg(long)]
-    pub(crate) quiet: bool,
+    pub quiet: bool,
 }
 
 impl ImportArgs {
     /// An option that a server does not know.
-    pub(crate) fn only_here(&self) -> Option<&'static str> {
+    pub fn only_here(&self) -> Option<&'static str> {
         let options = [
             (self.reading.mapping.is_some(), "--mapping"),
             (self.reading.truth, "--truth"),
@@ -86,7 +91,7 @@ impl ImportArgs {
     }
 
     /// The others, as parameters of an upload.
-    pub(crate) fn query(&self) -> String {
+    pub fn query(&self) -> String {
         let mut query = self.rate.map_or_else(String::new, |rate| format!("&rate_hz={rate}"));
         for (given, name) in [(self.align, "align"), (self.reading.damaged, "damaged")] {
             if given {
@@ -97,8 +102,9 @@ impl ImportArgs {
     }
 }
 
+/// What is shown of a log.
 #[derive(Debug, clap::Args)]
-pub(crate) struct ShowArgs {
+pub struct ShowArgs {
     /// The log, or a part of it: LOG@35:65 (seconds), LOG@NAME (a segment)
     #[arg(value_name = "LOG")]
     file: PathBuf,
@@ -209,7 +215,7 @@ fn import(args: &ImportArgs) -> ExitCode {
 }
 
 /// File names without extension; where files share one, as many of their folders go before it as it takes.
-pub(crate) fn unique_names(files: &[PathBuf]) -> Vec<String> {
+pub fn unique_names(files: &[PathBuf]) -> Vec<String> {
     let parts = |file: &Path, folders: usize| -> String {
         let stem = file
             .file_stem()

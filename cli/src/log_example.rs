@@ -19,7 +19,7 @@ const TRUTH: &str = "truth.json";
 
 /// Arguments of `rotortwin log example`.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     /// Vehicle document
     #[arg(long = "model", value_name = "VEHICLE", default_value = "f550", value_parser = crate::named::vehicle())]
     vehicle: PathBuf,

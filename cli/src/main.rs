@@ -1,5 +1,5 @@
 //! `rotortwin`: see the library of this package.
 
 fn main() -> std::process::ExitCode {
-    rotortwin_cli::run()
+    rotortwin_cli::run(None)
 }

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin completions`.
 #[derive(Debug, Parser)]
-pub(crate) struct CompletionsArgs {
+pub struct CompletionsArgs {
     /// The shell
     #[arg(value_enum)]
     shell: Shell,
@@ -16,7 +16,7 @@ pub(crate) struct CompletionsArgs {
 
 /// Arguments of `rotortwin man`.
 #[derive(Debug, Parser)]
-pub(crate) struct ManArgs {
+pub struct ManArgs {
     /// Command whose page is printed, such as fly or model add [default: the page of rotortwin]
     #[arg(conflicts_with = "out", value_name = "COMMAND")]
     command: Vec<String>,

@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin model`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models", global = true)]
     models: PathBuf,

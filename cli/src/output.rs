@@ -2,7 +2,7 @@
 
 use crate::grid::{Grid, fold};
 use crate::terminal;
-pub(crate) use crate::terminal::line;
+pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
 use std::ops::Range;
@@ -10,19 +10,19 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Prints a sentence to standard error and gives exit code 2: bad input, nothing was written.
-pub(crate) fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
+pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
     eprintln!("rotortwin: {sentence}");
     ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
 }
 
 /// Prints a sentence to standard error and gives exit code 1: the run failed.
-pub(crate) fn failed(sentence: impl std::fmt::Display) -> ExitCode {
+pub fn failed(sentence: impl std::fmt::Display) -> ExitCode {
     eprintln!("rotortwin: {sentence}");
     ExitCode::from(rotortwin_process::EXIT_FAILED)
 }
 
 /// `FIRST..END` of an argument.
-pub(crate) fn range(text: &str) -> Result<Range<u64>, String> {
+pub fn range(text: &str) -> Result<Range<u64>, String> {
     let refuse = || "expected FIRST..END, such as 0..4, with FIRST below END".to_owned();
     let (first, end) = text.split_once("..").ok_or_else(refuse)?;
     let number = |text: &str| text.parse::<u64>().map_err(|_no| refuse());
@@ -31,12 +31,12 @@ pub(crate) fn range(text: &str) -> Result<Range<u64>, String> {
 }
 
 /// Writes a text that was also printed.
-pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), String> {
+pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
     std::fs::write(path, text).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
 /// Exit code of a run that ended like this.
-pub(crate) fn exit_code(summary: &Summary) -> ExitCode {
+pub fn exit_code(summary: &Summary) -> ExitCode {
     match summary.status {
         Status::Done => ExitCode::SUCCESS,
         Status::Failed | Status::Canceled => ExitCode::from(rotortwin_process::EXIT_FAILED),
@@ -44,7 +44,7 @@ pub(crate) fn exit_code(summary: &Summary) -> ExitCode {
 }
 
 /// The whole result of a run as text.
-pub(crate) fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
+pub fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
     let mut text = String::new();
     let mut line = |content: String| {
         text.push_str(&content);
@@ -228,7 +228,7 @@ fn thousands(value: f64) -> String {
 }
 
 /// A table of results: names on the left, numbers on the right.
-pub(crate) fn result_table(result: &ResultTable) -> Grid {
+pub fn result_table(result: &ResultTable) -> Grid {
     let mut table = Grid::new(result.columns.iter().map(ToString::to_string)).numbers_from(1);
     for row in &result.rows {
         table.add_row(row.iter().map(ToString::to_string));
@@ -237,13 +237,13 @@ pub(crate) fn result_table(result: &ResultTable) -> Grid {
 }
 
 /// A note in lines that fit the terminal, the later ones indented.
-pub(crate) fn wrapped(text: &str) -> String {
+pub fn wrapped(text: &str) -> String {
     let width = terminal::width().unwrap_or(100).min(100);
     format!("· {}", fold(text, width - 2).replace('\n', "\n  "))
 }
 
 /// A text for the terminal: lines that are too long are broken between words and go on below their beginning, or beside their label.
-pub(crate) fn fitted(text: &str) -> String {
+pub fn fitted(text: &str) -> String {
     match terminal::width() {
         Some(width) => text
             .split_inclusive('\n')
@@ -279,7 +279,7 @@ fn indent(line: &str) -> usize {
 }
 
 /// `runs/NAME`, or the first of `runs/NAME-2`, `-3`, … that does not exist.
-pub(crate) fn next_free_folder(name: &str) -> Result<PathBuf, String> {
+pub fn next_free_folder(name: &str) -> Result<PathBuf, String> {
     let base = Path::new("runs").join(name);
     (1..10_000)
         .map(|number| match number {
@@ -296,7 +296,7 @@ pub(crate) fn next_free_folder(name: &str) -> Result<PathBuf, String> {
 }
 
 /// Four significant digits at most, without trailing zeros.
-pub(crate) fn significant(value: f64) -> String {
+pub fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }

@@ -13,16 +13,16 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin replay`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Run folder, or its summary.json
-    pub(crate) run: PathBuf,
+    pub run: PathBuf,
     /// Print the comparison as JSON
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
 }
 
 /// Executes the recorded scenario again, in this process; exit code 0 if the run hash is the same, 1 if it differs.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let summary = match load_summary(&args.run) {
         Ok(summary) => summary,

@@ -47,7 +47,7 @@ struct Common {
 
 /// Arguments of `rotortwin reproduce`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Only this table; may be given several times [default: all tables and figures]
     #[arg(long, value_enum, value_name = "TABLE")]
     table: Vec<TableArg>,
@@ -69,7 +69,7 @@ pub(crate) struct Args {
 
 /// Arguments of `rotortwin train`.
 #[derive(Debug, Parser)]
-pub(crate) struct TrainArgs {
+pub struct TrainArgs {
     /// Classifier file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -81,19 +81,19 @@ pub(crate) struct TrainArgs {
 }
 
 /// What a server is asked to train.
-pub(crate) struct TrainRequest<'a> {
+pub struct TrainRequest<'a> {
     /// Classifier file to write here.
-    pub(crate) out: &'a Path,
+    pub out: &'a Path,
     /// `paper` or `improved`.
-    pub(crate) method: &'static str,
+    pub method: &'static str,
     /// Of which the server must have the same.
-    pub(crate) scenario: &'a Path,
+    pub scenario: &'a Path,
     /// Data sets.
-    pub(crate) seeds: u16,
+    pub seeds: u16,
     /// First seed.
-    pub(crate) first_seed: u64,
+    pub first_seed: u64,
     /// Print JSON.
-    pub(crate) json: bool,
+    pub json: bool,
 }
 
 impl TrainArgs {
@@ -101,7 +101,7 @@ impl TrainArgs {
     ///
     /// # Errors
     /// One sentence: what a server cannot do.
-    pub(crate) fn request(&self) -> Result<TrainRequest<'_>, String> {
+    pub fn request(&self) -> Result<TrainRequest<'_>, String> {
         if self.common.threads.is_some() {
             return Err("--jobs belongs to training on this machine; expected it without --server".to_owned());
         }
@@ -208,7 +208,7 @@ impl Common {
 }
 
 /// Reproduces what was asked for; exit code 0 if everything was written, 1 if it failed, 2 for bad input.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let base = match Scenario::load_without_classifier(&args.common.scenario) {
         Ok(base) => base,
@@ -513,7 +513,7 @@ fn save_classifier(
 }
 
 /// Trains a classifier and writes its file; exit code as for [`run`].
-pub(crate) fn train(args: &TrainArgs) -> ExitCode {
+pub fn train(args: &TrainArgs) -> ExitCode {
     rotortwin_process::start_logging();
     let base = match Scenario::load_without_classifier(&args.common.scenario) {
         Ok(base) => base,
@@ -550,7 +550,7 @@ fn train_classifier(args: &TrainArgs, base: &Scenario) -> Result<(), String> {
 }
 
 /// Says what was trained.
-pub(crate) fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
+pub fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
     let provenance = &classifier.provenance;
     let cross_validation = &provenance.cross_validation;
     if json {

@@ -9,16 +9,16 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin show`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Run folder, or its summary.json
-    pub(crate) run: PathBuf,
+    pub run: PathBuf,
     /// Print the summary as JSON
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
 }
 
 /// Prints the result of a recorded run; exit code 0 whether it failed or not: showing it worked.
-pub(crate) fn run(args: &Args) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     match load_summary(&args.run) {
         Ok(summary) if args.json => print!("{}", summary.to_json()),
         Ok(summary) => print!(
@@ -32,17 +32,17 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 
 /// Arguments of `rotortwin check`.
 #[derive(Debug, Parser)]
-pub(crate) struct CheckArgs {
+pub struct CheckArgs {
     /// Scenario: a file or a name
     #[arg(value_parser = crate::named::scenario())]
-    pub(crate) scenario: PathBuf,
+    pub scenario: PathBuf,
     /// Print the settings in effect as JSON
     #[arg(long)]
-    pub(crate) json: bool,
+    pub json: bool,
 }
 
 /// Checks a scenario without flying it.
-pub(crate) fn check(args: &CheckArgs) -> ExitCode {
+pub fn check(args: &CheckArgs) -> ExitCode {
     let checked =
         Scenario::load(&args.scenario).and_then(|scenario| scenario.simulation(scenario.seed()).map(|_| scenario));
     match checked {

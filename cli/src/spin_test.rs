@@ -12,7 +12,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin spin-test`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// The autopilot's simulator build, which is waited for: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]
     autopilot: AutopilotAddress,
     /// Scenario whose vehicle is put on the stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground

@@ -14,23 +14,23 @@ static CLOSED: AtomicBool = AtomicBool::new(false);
 static FAILURE: OnceLock<String> = OnceLock::new();
 
 /// Writes to the standard output.
-pub(crate) fn print(text: Arguments<'_>) {
+pub fn print(text: Arguments<'_>) {
     note(std::io::stdout().lock().write_fmt(text));
 }
 
 /// Writes to the standard error. There is nobody to tell if that fails.
-pub(crate) fn print_error(text: Arguments<'_>) {
+pub fn print_error(text: Arguments<'_>) {
     std::io::stderr().lock().write_fmt(text).ok();
 }
 
 /// Writes a line that a program reads as soon as it is there.
-pub(crate) fn line(text: &str) {
+pub fn line(text: &str) {
     let mut out = std::io::stdout().lock();
     note(writeln!(out, "{text}").and_then(|()| out.flush()));
 }
 
 /// The reader of the standard output has closed it: what only tells may stop.
-pub(crate) fn is_closed() -> bool {
+pub fn is_closed() -> bool {
     CLOSED.load(Ordering::Relaxed)
 }
 
@@ -45,13 +45,13 @@ fn note(written: std::io::Result<()>) {
 }
 
 /// Why the answer of this command could not be written, other than that nobody reads it: a full disk, for instance.
-pub(crate) fn failure() -> Option<&'static str> {
+pub fn failure() -> Option<&'static str> {
     note(std::io::stdout().lock().flush());
     FAILURE.get().map(String::as_str)
 }
 
 /// Letters in a line of the terminal: `COLUMNS` if it is set, otherwise what the terminal says; none where there is no terminal.
-pub(crate) fn width() -> Option<usize> {
+pub fn width() -> Option<usize> {
     let set = std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok());
     let asked = || {
         terminal_size::terminal_size_of(std::io::stdout())

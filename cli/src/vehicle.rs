@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin vehicle`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(subcommand)]
     what: What,
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// A failure of the store, with its exit code.
-pub(crate) fn store_failed(error: &StoreError) -> ExitCode {
+pub fn store_failed(error: &StoreError) -> ExitCode {
     match error {
         StoreError::Io { .. } => output::failed(error),
         StoreError::Document(_) | StoreError::Refused(_) => output::bad_input(error),
@@ -15,33 +15,35 @@ pub(crate) fn store_failed(error: &StoreError) -> ExitCode {
 }
 
 /// The version that a text names.
-pub(crate) fn find(store: &ModelStore, text: &str) -> Result<ModelVersion, StoreError> {
+pub fn find(store: &ModelStore, text: &str) -> Result<ModelVersion, StoreError> {
     store.find(text).map(|found| found.version)
 }
 
 /// MODEL and BRANCH of a text that must not name a version by number.
-pub(crate) fn model_and_branch(text: &str) -> (&str, &str) {
+pub fn model_and_branch(text: &str) -> (&str, &str) {
     text.split_once('@').unwrap_or((text, MAIN))
 }
 
 /// A model of the store at the head of a branch; a vehicle or version file begins one of its name.
-pub(crate) fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVersion, String), StoreError> {
+pub fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVersion, String), StoreError> {
     let head = Head::find(store, text)?;
     head.begin(store)?;
     Ok((head.version, head.branch))
 }
 
 /// Where a model stands, or would begin.
-pub(crate) struct Head {
-    pub(crate) version: ModelVersion,
-    pub(crate) branch: String,
+pub struct Head {
+    /// The version.
+    pub version: ModelVersion,
+    /// Its branch.
+    pub branch: String,
     /// The store does not have the model yet.
     is_new: bool,
 }
 
 impl Head {
     /// Begins the model if it is new.
-    pub(crate) fn begin(&self, store: &ModelStore) -> Result<(), StoreError> {
+    pub fn begin(&self, store: &ModelStore) -> Result<(), StoreError> {
         if self.is_new {
             store.create(&self.version)?;
         }
@@ -49,7 +51,7 @@ impl Head {
     }
 
     /// The versions from the first to this one.
-    pub(crate) fn line(&self, store: &ModelStore) -> Result<Vec<ModelVersion>, StoreError> {
+    pub fn line(&self, store: &ModelStore) -> Result<Vec<ModelVersion>, StoreError> {
         if self.is_new {
             return Ok(vec![self.version.clone()]);
         }
@@ -63,7 +65,7 @@ impl Head {
     }
 
     /// Looks it up, and writes nothing.
-    pub(crate) fn find(store: &ModelStore, text: &str) -> Result<Self, StoreError> {
+    pub fn find(store: &ModelStore, text: &str) -> Result<Self, StoreError> {
         let named = store.vehicle_named(text);
         let path = named.as_deref().unwrap_or(Path::new(text));
         if path.is_file() {

@@ -2,15 +2,15 @@
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::RowAccessor as _;
-use rotortwin_fdi::topic::{TopicClient, report_topic};
 use rotortwin_fdi_session::{Chunk, Sample};
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_links::topics::TopicSession;
 use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_tests::program::{Call, Link};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::websocket::WebSocket;
+use rotortwin_zenoh::fdi_topic::{TopicClient, report_topic};
+use rotortwin_zenoh::topics::TopicSession;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -44,7 +44,7 @@ pub(crate) fn side_by_side_only(root: &Path) -> Result<()> {
 
 /// What the benchmarks run.
 pub(crate) fn build(root: &Path) -> Result<()> {
-    let mut targets = vec!["--bin", "rotortwin"];
+    let mut targets = vec!["--bin", "rotortwin", "--bin", "rotortwin-network"];
     for example in ["closed_loop_rate", "batch_rate", "link_rate"] {
         targets.extend(["--example", example]);
     }

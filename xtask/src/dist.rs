@@ -1,7 +1,7 @@
 //! `cargo xtask dist`: what people install who do not build: an archive, a Debian package, a Python wheel.
 //!
 //! ```text
-//!  target/release/rotortwin ─▶ stripped ─┬─▶ rotortwin-V-x86_64-linux.tar.gz   program, completions, manual pages
+//!  rotortwin-network ───────▶ stripped ─┬─▶ rotortwin-V-x86_64-linux.tar.gz   program, completions, manual pages
 //!  lib_native.so ────────────▶ stripped ─┤─▶ rotortwin_V_amd64.deb             the same where Debian puts them
 //!  clients/python ───────────▶ its wheel ┴─▶ rotortwin-V-cp310-abi3-….whl      the command, the native module and the client
 //! ```
@@ -24,14 +24,15 @@ const SHELLS: [(&str, &str); 3] = [
 
 /// Makes all packages in `target/packages`.
 pub(crate) fn run(root: &Path) -> Result<()> {
-    command::build(root, &["--bin", "rotortwin", "--lib"])?;
+    command::build(root, &["--bin", "rotortwin-network", "--lib"])?;
     let out = root.join("target/packages");
     if out.exists() {
         fs::remove_dir_all(&out).with_context(|| format!("emptying {}", out.display()))?;
     }
     let stage = out.join("stage");
     fs::create_dir_all(&stage)?;
-    let program = stripped(&root.join("target/release/rotortwin"), &stage.join("rotortwin"))?;
+    // It knows every command: who installs needs no second program.
+    let program = stripped(&root.join("target/release/rotortwin-network"), &stage.join("rotortwin"))?;
     let module = stripped(
         &root.join("target/release/lib_native.so"),
         &stage.join("_native.abi3.so"),

@@ -80,7 +80,7 @@ impl Server {
 
 /// Measures and prints.
 pub(crate) fn run(root: &Path) -> Result<()> {
-    crate::command::build(root, &["--bin", "rotortwin"])?;
+    crate::command::build(root, &["--bin", "rotortwin", "--bin", "rotortwin-network"])?;
     let data = std::env::temp_dir().join(format!("rotortwin-telemetry-bench-{}", std::process::id()));
     let measured = measure(root, &data);
     std::fs::remove_dir_all(&data).with_context(|| format!("removing {}", data.display()))?;

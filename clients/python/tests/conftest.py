@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[3]
 def program() -> str:
     """The program under test."""
     named = os.environ.get("ROTORTWIN_PROGRAM")
-    built = ROOT / "target/release/rotortwin"
+    built = ROOT / "target/release/rotortwin-network"
     found = named or (str(built) if built.exists() else shutil.which("rotortwin"))
     if found is None:
         pytest.exit(f"no rotortwin program: build {built} or name one with ROTORTWIN_PROGRAM", returncode=2)

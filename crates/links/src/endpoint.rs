@@ -108,6 +108,44 @@ pub trait Endpoint {
     fn is_gone(&mut self, role: Role, thorough: bool) -> bool;
 }
 
+impl<E: Endpoint + ?Sized> Endpoint for Box<E> {
+    fn role(&self) -> Role {
+        (**self).role()
+    }
+
+    fn run_id(&self) -> u64 {
+        (**self).run_id()
+    }
+
+    fn transport(&self) -> &'static str {
+        (**self).transport()
+    }
+
+    fn address(&self) -> String {
+        (**self).address()
+    }
+
+    fn send(&mut self, packet: &Packet) -> Result<Delivery, LinkError> {
+        (**self).send(packet)
+    }
+
+    fn wake(&mut self, role: Role) -> Result<(), LinkError> {
+        (**self).wake(role)
+    }
+
+    fn poll(&mut self) -> Result<Option<Packet>, LinkError> {
+        (**self).poll()
+    }
+
+    fn wait(&mut self, at_most: Duration) -> Result<(), LinkError> {
+        (**self).wait(at_most)
+    }
+
+    fn is_gone(&mut self, role: Role, thorough: bool) -> bool {
+        (**self).is_gone(role, thorough)
+    }
+}
+
 /// The only clock of this crate.
 fn now() -> Instant {
     Instant::now()
@@ -976,7 +1014,7 @@ pub fn serve_fdi<E: Endpoint>(
 }
 
 /// A message that could not be decoded, blamed on its sender.
-pub(crate) fn malformed(sender: Role, step: u64, error: &ConvertError) -> LinkError {
+pub fn malformed(sender: Role, step: u64, error: &ConvertError) -> LinkError {
     nonsense(sender, step, error)
 }
 

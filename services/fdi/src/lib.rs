@@ -2,11 +2,7 @@
 //!
 //! It holds no vehicle and no scenario; everything it needs comes with the hand-shake. To run an FDI engine of your own instead, speak
 //! the messages of `proto/rotortwin/v1` (or implement [`rotortwin_wire::link::FdiPeer`]) and start the run with
-//! `rotortwin fly … --external fdi`.
-//!
-//! [`topic`]: the same engine for flights that somebody else flies, over zenoh.
-
-pub mod topic;
+//! `rotortwin fly … --external fdi`. The same engine for flights that somebody else flies, over zenoh: `rotortwin_zenoh::fdi_topic`.
 
 use clap::Parser;
 use rotortwin_process::PeerArgs;

@@ -3,9 +3,9 @@
 use crate::address::DEFAULT_DOMAIN;
 use crate::{EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, complain};
 use clap::Args;
-use rotortwin_links::endpoint::{PeerOptions, serve_controller, serve_fdi};
+use rotortwin_links::endpoint::{Endpoint, PeerOptions, serve_controller, serve_fdi};
 use rotortwin_links::iox2::{Iox2Endpoint, Iox2Options};
-use rotortwin_links::zenoh::{ZenohEndpoint, ZenohOptions};
+use rotortwin_links::zenoh::{self, ZenohOptions};
 use rotortwin_proto::Role;
 use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, LinkTiming};
 use std::process::ExitCode;
@@ -39,7 +39,7 @@ impl PeerArgs {
     pub fn serve_controller(&self, program: &str, controller: &mut impl ControllerPeer) -> ExitCode {
         self.serve(program, Role::Controller, |endpoint, options| match endpoint {
             AnyEndpoint::Iox2(mut endpoint) => serve_controller(endpoint.as_mut(), controller, options),
-            AnyEndpoint::Zenoh(mut endpoint) => serve_controller(endpoint.as_mut(), controller, options),
+            AnyEndpoint::Zenoh(mut endpoint) => serve_controller(&mut endpoint, controller, options),
         })
     }
 
@@ -47,7 +47,7 @@ impl PeerArgs {
     pub fn serve_fdi(&self, program: &str, fdi: &mut impl FdiPeer) -> ExitCode {
         self.serve(program, Role::Fdi, |endpoint, options| match endpoint {
             AnyEndpoint::Iox2(mut endpoint) => serve_fdi(endpoint.as_mut(), fdi, options),
-            AnyEndpoint::Zenoh(mut endpoint) => serve_fdi(endpoint.as_mut(), fdi, options),
+            AnyEndpoint::Zenoh(mut endpoint) => serve_fdi(&mut endpoint, fdi, options),
         })
     }
 
@@ -126,7 +126,7 @@ pub enum AnyEndpoint {
     /// Shared memory.
     Iox2(Box<Iox2Endpoint>),
     /// TCP.
-    Zenoh(Box<ZenohEndpoint>),
+    Zenoh(Box<dyn Endpoint + Send>),
 }
 
 impl AnyEndpoint {
@@ -148,8 +148,7 @@ impl AnyEndpoint {
                 ..ZenohOptions::connect(endpoint.clone())
             },
         };
-        ZenohEndpoint::new(role, run_id, ZenohOptions { security, ..options })
-            .map(|endpoint| Self::Zenoh(Box::new(endpoint)))
+        zenoh::open(role, run_id, ZenohOptions { security, ..options }).map(Self::Zenoh)
     }
 
     /// Removes what killed processes have left in shared memory.

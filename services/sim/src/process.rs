@@ -155,7 +155,7 @@ fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Resul
     };
     match AnyEndpoint::open(&args.link, Role::Plant, args.run_id, timing.join) {
         Ok(AnyEndpoint::Iox2(endpoint)) => fly_over(*endpoint, timing, scenario, &config, folder, &supervisor),
-        Ok(AnyEndpoint::Zenoh(endpoint)) => fly_over(*endpoint, timing, scenario, &config, folder, &supervisor),
+        Ok(AnyEndpoint::Zenoh(endpoint)) => fly_over(endpoint, timing, scenario, &config, folder, &supervisor),
         Err(error) => session::never_opened(scenario, &config, folder, &error).map_err(|error| error.to_string()),
     }
 }

@@ -1,5 +1,5 @@
-//! `rotortwin`, as the system tests start it.
+//! `rotortwin-network`, which knows all commands, as the system tests start it.
 
 fn main() -> std::process::ExitCode {
-    rotortwin_cli::run()
+    rotortwin_network::run()
 }

@@ -5,13 +5,13 @@
 
 use crate::access::Caller;
 use crate::problem::Problem;
-use rotortwin_fdi::topic::TopicService;
 use rotortwin_fdi_session::{Answer, Chunk, FdiSession, Refusal};
-use rotortwin_links::topics::TopicSession;
 use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_process::LinkAddress;
 use rotortwin_scenario::Detectors;
 use rotortwin_verdicts::view::{CalibrationState, ChangeView, ChunkAnswer, DetectorsView, ObstacleView, WindowView};
+use rotortwin_zenoh::fdi_topic::TopicService;
+use rotortwin_zenoh::topics::TopicSession;
 use serde::Serialize;
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -15,7 +15,7 @@ use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_
 use axum::extract::{Path, State};
 use axum::response::Response;
 use prost::Message as _;
-use rotortwin_fdi::topic::answer_message;
+use rotortwin_zenoh::fdi_topic::answer_message;
 use std::sync::Arc;
 use tokio::sync::watch;
 

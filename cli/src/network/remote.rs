@@ -1,0 +1,77 @@
+//! Which server is asked, and what of its jobs; done by `rotortwin-network`.
+
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+
+/// The server, its certificate, and who asks.
+#[derive(Debug, Clone, Parser)]
+pub struct ServerArgs {
+    /// Let this server do it, such as http://bench:8400
+    #[arg(long, value_name = "URL", global = true, help_heading = "Server")]
+    pub server: Option<String>,
+    /// With --server: file with the token [default: what ROTORTWIN_TOKEN holds]
+    #[arg(long, value_name = "FILE", global = true, help_heading = "Server")]
+    pub token_file: Option<PathBuf>,
+    /// With --server: certificate (PEM) of the authority that signed the server's [default: those of this machine]
+    #[arg(long, value_name = "FILE", global = true, help_heading = "Server")]
+    pub ca: Option<PathBuf>,
+}
+
+/// Arguments of `rotortwin runs`.
+#[derive(Debug, Parser)]
+pub struct JobArgs {
+    /// What is done.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What is done with jobs of a server.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// The latest ones
+    List {
+        /// Only those in this state: queued, running, done, failed, canceled
+        #[arg(long, value_name = "STATE")]
+        status: Option<String>,
+        /// Only those of this name
+        #[arg(long, value_name = "NAME")]
+        name: Option<String>,
+        /// At most so many
+        #[arg(long, value_name = "N", default_value_t = 20)]
+        limit: u64,
+        /// Print them as JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// All that is known of one, as JSON
+    Get {
+        /// Its id
+        id: String,
+    },
+    /// Its events as JSON lines, until it has ended
+    Events {
+        /// Its id
+        id: String,
+        /// Only those after this number
+        #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+        after: u64,
+    },
+    /// Ask it to end; what it has done so far is kept
+    Cancel {
+        /// Its id
+        id: String,
+    },
+    /// Delete one that has ended, with its files
+    Delete {
+        /// Its id
+        id: String,
+    },
+    /// Fetch all its files
+    Fetch {
+        /// Its id
+        id: String,
+        /// Folder to write; must not exist or be empty [default: runs/NAME-SEED, with a number if that exists]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
+}

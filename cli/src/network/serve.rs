@@ -1,0 +1,136 @@
+//! What `rotortwin serve` and `rotortwin worker` are asked for; done by `rotortwin-network`.
+
+use clap::{Parser, ValueEnum};
+use rotortwin_process::LinkAddress;
+use std::net::SocketAddr;
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+
+/// Where jobs and their files are, and how many are done at the same time.
+#[derive(Debug, Parser)]
+pub struct WorkArgs {
+    /// Folder of this process: database, files or copies of them
+    #[arg(long, value_name = "DIR", default_value = "data")]
+    pub data: PathBuf,
+    /// Files of jobs: a folder that all hosts share, or s3://BUCKET[/PREFIX] with the credentials in AWS_… [default: the data folder]
+    #[arg(long, value_name = "WHERE", env = "ROTORTWIN_ARTIFACTS")]
+    pub artifacts: Option<String>,
+    /// postgres://USER:PASSWORD@HOST/DATABASE, shared by servers and workers [default: SQLite in the data folder]
+    #[arg(long, value_name = "URL", env = "DATABASE_URL", hide_env_values = true)]
+    pub database_url: Option<String>,
+    /// Jobs that are done at the same time [default: half of the CPUs]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256))]
+    pub workers: Option<u16>,
+    /// Jobs of one tenant that are done at the same time, at most
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..))]
+    pub tenant_running: u32,
+    /// Memory that each process of a job may take, MB
+    #[arg(long, value_name = "MB", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(64..=1_000_000))]
+    pub job_memory: u64,
+    /// Runs over zenoh: their plants listen here; port 0: a free one
+    #[arg(
+        long,
+        value_name = "ENDPOINT",
+        default_value = "tcp/127.0.0.1:0",
+        conflicts_with = "zenoh_router"
+    )]
+    pub zenoh_listen: String,
+    /// Runs over zenoh: all processes connect to this router, e.g. tcp/router:7447
+    #[arg(long, value_name = "ENDPOINT", env = "ROTORTWIN_ZENOH_ROUTER")]
+    pub zenoh_router: Option<String>,
+}
+
+/// Arguments of `rotortwin serve`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// Address to listen on; other than loopback only with a certificate and a token; port 0: a free one
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8400")]
+    pub listen: SocketAddr,
+    /// Certificate chain (PEM): HTTPS
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// Private key of the certificate (PEM)
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
+    /// Requests of a tenant per second, at most
+    #[arg(long, value_name = "N", default_value = "2000")]
+    pub rate: NonZeroU32,
+    /// Files of a tenant, GB, at most
+    #[arg(long, value_name = "GB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub tenant_gigabytes: u64,
+    /// Largest flight log that is taken, MB
+    #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub largest_upload: u64,
+    /// Longest flight that is taken, s of simulated time
+    #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub longest_flight: u32,
+    /// Name by which the server may be called, beside localhost, e.g. bench.example [default: any, if it listens to other hosts]
+    #[arg(long, value_name = "NAME")]
+    pub allow_host: Vec<String>,
+    /// Pages of this origin may use the API from a browser, e.g. https://bench.example
+    #[arg(long, value_name = "ORIGIN")]
+    pub cors_origin: Vec<String>,
+    /// Scenarios and vehicles that clients can name, laid out as config/ [default: config, if it is there, else the program's own]
+    #[arg(long, value_name = "DIR")]
+    pub library: Option<PathBuf>,
+    /// Jobs of one tenant that wait or run, at most
+    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(1..))]
+    pub tenant_jobs: u32,
+    /// Where jobs and their files are.
+    #[command(flatten)]
+    pub work: WorkArgs,
+    /// FDI sessions that are open at the same time
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    pub fdi_sessions: u16,
+    /// An FDI session ends when nothing is asked of it for so long, s
+    #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub fdi_idle: u64,
+    /// FDI sessions also take measurements over zenoh: zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT
+    #[arg(long, value_name = "LINK")]
+    pub fdi_link: Option<LinkAddress>,
+    /// Print the OpenAPI document and end
+    #[arg(long)]
+    pub openapi: bool,
+}
+
+/// What a worker does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Role {
+    /// Jobs: flights with their plants, campaigns, diagnoses
+    Jobs,
+    /// Controllers of runs that are flown elsewhere
+    Controller,
+    /// FDI engines of runs that are flown elsewhere
+    Fdi,
+}
+
+impl Role {
+    /// How a run offers its seat, if it does.
+    pub fn seat(self) -> Option<&'static str> {
+        match self {
+            Self::Jobs => None,
+            Self::Controller => Some("controller"),
+            Self::Fdi => Some("fdi"),
+        }
+    }
+}
+
+/// Arguments of `rotortwin worker`.
+#[derive(Debug, Parser)]
+pub struct WorkerArgs {
+    /// What it does
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "jobs",
+        value_name = "ROLES"
+    )]
+    pub roles: Vec<Role>,
+    /// Controllers and FDI engines that run at the same time
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub seats: u16,
+    /// Where jobs and their files are.
+    #[command(flatten)]
+    pub work: WorkArgs,
+}

@@ -1,0 +1,50 @@
+//! What `rotortwin token` is asked for; done by `rotortwin-network`.
+
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Arguments of `rotortwin token`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// What is done.
+    #[command(subcommand)]
+    pub what: What,
+    /// Data folder of the server
+    #[arg(long, value_name = "DIR", default_value = "data", global = true)]
+    pub data: PathBuf,
+    /// Database of the server, where it is not SQLite in the data folder
+    #[arg(
+        long,
+        value_name = "URL",
+        env = "DATABASE_URL",
+        hide_env_values = true,
+        global = true
+    )]
+    pub database_url: Option<String>,
+}
+
+/// What is done with tokens.
+#[derive(Debug, Subcommand)]
+pub enum What {
+    /// Make a token; it is printed once and stored nowhere
+    Create {
+        /// Whose it is, for people
+        name: String,
+        /// On whose account its jobs are
+        #[arg(long, default_value = "local")]
+        tenant: String,
+        /// read: see the tenant's jobs; write: submit, cancel, delete; admin: everything of every tenant
+        #[arg(long, value_delimiter = ',', default_value = "read,write", value_parser = ["read", "write", "admin"])]
+        scopes: Vec<String>,
+        /// It is worth nothing after so many days; 0: it does not expire
+        #[arg(long, value_name = "DAYS", default_value_t = 90, value_parser = clap::value_parser!(i64).range(0..=3650))]
+        days: i64,
+    },
+    /// All tokens, without their secrets
+    List,
+    /// Take a token back
+    Revoke {
+        /// The part between `rtw_` and the next `_`
+        id: String,
+    },
+}

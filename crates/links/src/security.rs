@@ -1,0 +1,359 @@
+//! Who is let in over zenoh, and what each may say and hear.
+//!
+//! ```text
+//!  stranger ──▶ TLS: a certificate that our CA has signed? ──▶ user and password? ──▶ access control: role, space, run ──▶ topics
+//! ```
+//! Whoever listens (the plant, or a router) checks all three; whoever connects checks the listener's certificate. The first two end a
+//! connection; the third drops single messages: a controller can publish its commands and nothing else.
+//!
+//! | Role | publishes below `SPACE/v1/RUN/` | hears |
+//! |---|---|---|
+//! | plant | sensors, steps, setup/…, finish | command, reports, join/…, ready/… |
+//! | controller | command, join/controller, ready/controller | sensors, setup/controller, finish |
+//! | fdi | reports, join/fdi, ready/fdi | steps, setup/fdi, finish |
+//!
+//! All of a run see who of it is alive. A plant that listens lets nobody near another run than its own; a router does not know the
+//! runs: there a space is what keeps tenants apart.
+//!
+//! # Limits
+//! * A connecting process also believes in certificates of the public authorities that zenoh carries with it.
+//! * Within one run and role nobody is told apart unless a grant names him.
+//! * User and password without TLS prove who it is (the password itself is not sent) and encrypt nothing.
+
+use crate::zenoh::Attachment;
+use rotortwin_proto::Role;
+use std::fmt;
+use std::path::PathBuf;
+
+/// First part of all keys where no other is asked for.
+pub const DEFAULT_SPACE: &str = "rotortwin";
+
+/// Credentials of a process, and what it lets others do if it listens.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Security {
+    /// First part of all keys: letters, digits, `-` and `_`.
+    pub space: String,
+    /// For endpoints `tls/…`.
+    pub tls: Option<Tls>,
+    /// Who this process says it is.
+    pub login: Option<Login>,
+    /// Listener: users and passwords, `user:password` a line; everybody must be one of them.
+    pub users_file: Option<PathBuf>,
+    /// Listener: only certificates that the CA has signed.
+    pub demand_certificate: bool,
+    /// Listener: who may do what; empty: everybody who was let in may play every role.
+    pub grants: Vec<Grant>,
+}
+
+/// Files of a process's TLS, PEM.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tls {
+    /// Certificates that are believed.
+    pub ca: PathBuf,
+    /// Own certificate and its private key.
+    pub certificate: Option<(PathBuf, PathBuf)>,
+}
+
+/// User and password.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Login {
+    /// Name.
+    pub user: String,
+    /// Password.
+    pub password: String,
+}
+
+impl fmt::Debug for Login {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "Login {{ user: {:?}, password: … }}", self.user)
+    }
+}
+
+/// What some of those who were let in may do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Grant {
+    /// Common names of certificates, any of them; empty: any certificate.
+    pub certificates: Vec<String>,
+    /// Users, any of them; empty: any user.
+    pub users: Vec<String>,
+    /// Roles; empty: all.
+    pub roles: Vec<Role>,
+    /// First part of the keys that they may touch.
+    pub space: String,
+}
+
+/// Runs that a listener lets others take part in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Runs {
+    /// The plant's own.
+    One(u64),
+    /// Router: all.
+    All,
+}
+
+impl Security {
+    /// A sentence if an endpoint cannot be used with this.
+    pub fn check(&self, endpoint: &str, attachment: &Attachment) -> Result<(), String> {
+        let listens = *attachment == Attachment::Listen;
+        if !is_name(&self.space) {
+            return Err(format!(
+                "the space {:?} cannot be part of a key; expected letters, digits, '-' and '_'",
+                self.space
+            ));
+        }
+        match (&self.tls, endpoint.starts_with("tls/")) {
+            (None, true) => return Err(format!("{endpoint} needs a section [tls] with ca")),
+            (Some(_), false) => {
+                return Err(format!(
+                    "{endpoint} would not be encrypted although there is a section [tls]; expected tls/HOST:PORT"
+                ));
+            }
+            (Some(tls), true) if listens && tls.certificate.is_none() => {
+                return Err(format!(
+                    "listening on {endpoint} needs tls.certificate and tls.private_key"
+                ));
+            }
+            _ => {}
+        }
+        let certifies = self.tls.is_some() && self.demand_certificate;
+        if listens && !certifies && self.users_file.is_none() {
+            return Err(format!(
+                "everybody would be let in at {endpoint}; expected listen.users_file, or [tls] with listen.demand_certificate = true"
+            ));
+        }
+        let grants = self.grants.iter();
+        for (number, grant) in grants.enumerate().filter(|_| listens) {
+            if !is_name(&grant.space) {
+                return Err(format!(
+                    "listen.allow {}: the space {:?} cannot be part of a key; expected letters, digits, '-' and '_'",
+                    number + 1,
+                    grant.space
+                ));
+            }
+            if !grant.certificates.is_empty() && !certifies {
+                return Err(format!(
+                    "listen.allow {} names certificates, and none are demanded; expected [tls] and listen.demand_certificate = true",
+                    number + 1
+                ));
+            }
+            if !grant.users.is_empty() && self.users_file.is_none() {
+                return Err(format!(
+                    "listen.allow {} names users, and there are none; expected listen.users_file",
+                    number + 1
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Settings of zenoh: key and JSON.
+    pub fn settings(&self, attachment: &Attachment, runs: Runs) -> Vec<(&'static str, String)> {
+        let listens = *attachment == Attachment::Listen;
+        let mut settings = Vec::new();
+        let path = |path: &PathBuf| json(&path.to_string_lossy());
+        if let Some(tls) = &self.tls {
+            settings.push(("transport/link/tls/root_ca_certificate", path(&tls.ca)));
+            if let Some((certificate, key)) = &tls.certificate {
+                let (certificate_key, private_key) = if listens {
+                    (
+                        "transport/link/tls/listen_certificate",
+                        "transport/link/tls/listen_private_key",
+                    )
+                } else {
+                    (
+                        "transport/link/tls/connect_certificate",
+                        "transport/link/tls/connect_private_key",
+                    )
+                };
+                settings.push((certificate_key, path(certificate)));
+                settings.push((private_key, path(key)));
+            }
+            let mutual = if listens {
+                self.demand_certificate
+            } else {
+                tls.certificate.is_some()
+            };
+            settings.push(("transport/link/tls/enable_mtls", mutual.to_string()));
+        }
+        match (listens, &self.login, &self.users_file) {
+            (true, _, Some(users)) => settings.push(("transport/auth/usrpwd/dictionary_file", path(users))),
+            (false, Some(login), _) => {
+                let login = format!("{{ user: {}, password: {} }}", json(&login.user), json(&login.password));
+                settings.push(("transport/auth/usrpwd", login));
+            }
+            _ => {}
+        }
+        if listens {
+            settings.push(("access_control", self.access_control(runs)));
+        }
+        settings
+    }
+
+    /// What zenoh calls access control: everything that is not allowed is denied.
+    fn access_control(&self, runs: Runs) -> String {
+        let everybody = [Grant {
+            certificates: Vec::new(),
+            users: Vec::new(),
+            roles: Vec::new(),
+            space: self.space.clone(),
+        }];
+        let grants: &[Grant] = if self.grants.is_empty() {
+            &everybody
+        } else {
+            &self.grants
+        };
+        let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
+        for (number, grant) in grants.iter().enumerate() {
+            let run = match runs {
+                // Nothing that this plant knows of.
+                Runs::One(_) if grant.space != self.space => continue,
+                Runs::One(run) => format!("{run:016x}"),
+                Runs::All => "*".to_owned(),
+            };
+            let prefix = format!("{}/v1/{run}", grant.space);
+            let roles = [Role::Plant, Role::Controller, Role::Fdi];
+            let may_be = |role: &Role| {
+                (grant.roles.is_empty() || grant.roles.contains(role))
+                    // Where the plant listens, nobody else is the plant.
+                    && (runs == Runs::All || *role != Role::Plant)
+            };
+            let mut own = Vec::new();
+            for role in roles.into_iter().filter(may_be) {
+                for (id, flow, messages, keys) in rules_of(role) {
+                    let id = format!("{number}-{}-{id}", slug(role));
+                    let keys: Vec<String> = keys.iter().map(|key| json(&format!("{prefix}/{key}"))).collect();
+                    rules.push(format!(
+                        "{{ id: {}, permission: \"allow\", flows: [\"{flow}\"], messages: {messages:?}, key_exprs: [{}] }}",
+                        json(&id),
+                        keys.join(", ")
+                    ));
+                    own.push(json(&id));
+                }
+            }
+            if own.is_empty() {
+                continue;
+            }
+            let names = |key: &str, names: &[String]| {
+                if names.is_empty() {
+                    return String::new();
+                }
+                let names: Vec<String> = names.iter().map(|name| json(name)).collect();
+                format!(", {key}: [{}]", names.join(", "))
+            };
+            subjects.push(format!(
+                "{{ id: \"{number}\"{}{} }}",
+                names("cert_common_names", &grant.certificates),
+                names("usernames", &grant.users)
+            ));
+            policies.push(format!("{{ rules: [{}], subjects: [\"{number}\"] }}", own.join(", ")));
+        }
+        format!(
+            "{{ enabled: true, default_permission: \"deny\", rules: [{}], subjects: [{}], policies: [{}] }}",
+            rules.join(", "),
+            subjects.join(", "),
+            policies.join(", ")
+        )
+    }
+
+    /// What was shown at a door that stayed shut.
+    pub fn shown(&self) -> String {
+        let certificate = match &self.tls {
+            Some(Tls {
+                certificate: Some((certificate, _)),
+                ..
+            }) => format!("the certificate {}", certificate.display()),
+            _ => "no certificate".to_owned(),
+        };
+        let user = match &self.login {
+            Some(login) => format!("the user {:?} with a password", login.user),
+            None => "no user".to_owned(),
+        };
+        let believed = match &self.tls {
+            Some(tls) => format!(" and believes in {}", tls.ca.display()),
+            None => String::new(),
+        };
+        format!("shows {certificate} and {user}{believed}")
+    }
+}
+
+/// Rules of a role as seen by whoever listens: name, direction, messages, keys.
+type Rule = (
+    &'static str,
+    &'static str,
+    &'static [&'static str],
+    &'static [&'static str],
+);
+
+fn rules_of(role: Role) -> [Rule; 8] {
+    let (alive, says, hears): (&[&str], &[&str], &[&str]) = match role {
+        Role::Plant => (
+            &["alive/plant"],
+            &["sensors", "steps", "setup/controller", "setup/fdi", "finish"],
+            &[
+                "command",
+                "reports",
+                "join/controller",
+                "join/fdi",
+                "ready/controller",
+                "ready/fdi",
+            ],
+        ),
+        Role::Fdi => (
+            &["alive/fdi"],
+            &["reports", "join/fdi", "ready/fdi"],
+            &["steps", "setup/fdi", "finish"],
+        ),
+        Role::Controller | Role::Unspecified => (
+            &["alive/controller"],
+            &["command", "join/controller", "ready/controller"],
+            &["sensors", "setup/controller", "finish"],
+        ),
+    };
+    [
+        ("says", "ingress", &["put"], says),
+        // So that it learns that somebody hears.
+        ("is-heard", "egress", &["declare_subscriber"], says),
+        ("asks", "ingress", &["declare_subscriber"], hears),
+        ("hears", "egress", &["put"], hears),
+        ("lives", "ingress", &["liveliness_token"], alive),
+        ("looks", "ingress", &["declare_liveliness_subscriber"], &["alive/*"]),
+        ("is-seen", "egress", &["declare_liveliness_subscriber"], &["alive/*"]),
+        // Out only: the other way it would speak for others.
+        (
+            "sees",
+            "egress",
+            &["liveliness_token"],
+            &["alive/plant", "alive/controller", "alive/fdi"],
+        ),
+    ]
+}
+
+/// A role as a part of keys.
+pub fn slug(role: Role) -> &'static str {
+    match role {
+        Role::Plant => "plant",
+        Role::Controller => "controller",
+        Role::Fdi => "fdi",
+        Role::Unspecified => "nobody",
+    }
+}
+
+/// Letters, digits, `-` and `_`.
+fn is_name(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    !text.is_empty() && text.len() <= 64 && text.chars().all(plain)
+}
+
+/// A JSON string.
+fn json(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            c if c.is_control() => quoted.push_str(&format!("\\u{:04x}", u32::from(c))),
+            c => quoted.push(c),
+        }
+    }
+    quoted.push('"');
+    quoted
+}

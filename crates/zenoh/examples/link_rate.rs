@@ -1,0 +1,192 @@
+//! How many steps a second the bare link carries: plant, controller and FDI engine that compute nothing, in three processes.
+//!
+//! ```text
+//! cargo run --release -p rotortwin-wire --example link_rate -- iceoryx2 [steps [window [batch]]]
+//! taskset -c 0 target/release/examples/link_rate iceoryx2        # all three on one core: the fastest
+//! ```
+//! Links: `in-process`, `iceoryx2`, `zenoh`. A window of 0 waits for each report. Prints one line.
+
+use rotortwin_links::endpoint::{Endpoint, EndpointLink, PeerOptions, serve_controller, serve_fdi};
+use rotortwin_links::iox2::{Iox2Endpoint, Iox2Options};
+use rotortwin_links::zenoh::ZenohOptions;
+use rotortwin_proto::{ControllerSetup, FdiSetup, Role, Rotor};
+use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame, Stamp};
+use rotortwin_wire::link::in_process::InProcessLink;
+use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkTiming, PlantLink, RunSetup};
+use rotortwin_zenoh::endpoint::ZenohEndpoint;
+use std::error::Error;
+use std::process::Command;
+use std::time::Instant;
+
+struct Echo;
+
+impl ControllerPeer for Echo {
+    fn setup(&mut self, _: &ControllerSetup) -> Result<(), String> {
+        Ok(())
+    }
+    fn step(&mut self, sensors: &SensorFrame) -> CommandFrame {
+        CommandFrame {
+            stamp: sensors.stamp,
+            ..CommandFrame::default()
+        }
+    }
+}
+
+impl FdiPeer for Echo {
+    fn setup(&mut self, _: &FdiSetup) -> Result<(), String> {
+        Ok(())
+    }
+    fn step(&mut self, sensors: &SensorFrame, _: &CommandFrame) -> FdiReport {
+        FdiReport {
+            stamp: sensors.stamp,
+            ..FdiReport::default()
+        }
+    }
+}
+
+fn fly(link: &mut impl PlantLink, run_id: u64, steps: u64) -> Result<f64, Box<dyn Error>> {
+    let rotors = vec![Rotor::default(); 6];
+    link.open(&RunSetup {
+        run_id,
+        scenario: "link_rate".to_owned(),
+        model_hash: String::new(),
+        step_count: steps,
+        controller: ControllerSetup {
+            rotors: rotors.clone(),
+            ..ControllerSetup::default()
+        },
+        fdi: FdiSetup {
+            rotors,
+            ..FdiSetup::default()
+        },
+    })?;
+    let begin = Instant::now();
+    let mut reports = 0;
+    for step in 0..steps {
+        let stamp = Stamp {
+            run_id,
+            step,
+            sim_time_ns: step * 2_500_000,
+        };
+        let command = link.exchange(&SensorFrame {
+            stamp,
+            ..SensorFrame::default()
+        })?;
+        assert_eq!(command.stamp, stamp);
+        while let Some(report) = link.next_report(false)? {
+            assert_eq!(report.stamp.step, reports);
+            reports += 1;
+        }
+    }
+    while let Some(report) = link.next_report(true)? {
+        assert_eq!(report.stamp.step, reports);
+        reports += 1;
+    }
+    assert_eq!(reports, steps);
+    let elapsed = begin.elapsed().as_secs_f64();
+    link.finish(steps, None);
+    Ok(elapsed)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args: Vec<String> = std::env::args().collect();
+    let get = |index: usize, default: &str| args.get(index).cloned().unwrap_or_else(|| default.to_owned());
+    let transport = get(1, "iceoryx2");
+    let steps: u64 = get(2, if transport == "zenoh" { "10000" } else { "200000" }).parse()?;
+    let timing = LinkTiming {
+        fdi_window: get(3, "128").parse()?,
+        fdi_batch: get(4, "32").parse()?,
+        ..LinkTiming::default()
+    };
+    let role = get(5, "plant");
+    let run_id: u64 = get(6, &(u64::from(std::process::id()) << 20 | 1).to_string()).parse()?;
+    let place = get(7, "tcp/127.0.0.1:17447");
+    let spin: u32 = std::env::var("SPIN").map_or(Ok(0), |spin| spin.parse())?;
+
+    if role != "plant" {
+        let role = if role == "controller" {
+            Role::Controller
+        } else {
+            Role::Fdi
+        };
+        return match transport.as_str() {
+            "iceoryx2" => serve(
+                Iox2Endpoint::new(
+                    role,
+                    run_id,
+                    Iox2Options {
+                        spin,
+                        ..Iox2Options::default()
+                    },
+                )?,
+                role,
+                &timing,
+            ),
+            _ => serve(
+                ZenohEndpoint::new(role, run_id, ZenohOptions::connect(place))?,
+                role,
+                &timing,
+            ),
+        };
+    }
+
+    if transport == "in-process" {
+        let elapsed = fly(&mut InProcessLink::new(Echo, Echo), run_id, steps)?;
+        println!("in-process: {:.0} steps/s", steps as f64 / elapsed);
+        return Ok(());
+    }
+    let children = ["controller", "fdi"]
+        .map(|role| {
+            Command::new(std::env::current_exe()?)
+                .args([
+                    &transport,
+                    &steps.to_string(),
+                    &get(3, "128"),
+                    &get(4, "32"),
+                    role,
+                    &run_id.to_string(),
+                    &place,
+                ])
+                .spawn()
+        })
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()?;
+    let elapsed = match transport.as_str() {
+        "iceoryx2" => {
+            let endpoint = Iox2Endpoint::new(
+                Role::Plant,
+                run_id,
+                Iox2Options {
+                    spin,
+                    ..Iox2Options::default()
+                },
+            )?;
+            fly(&mut EndpointLink::new(endpoint, timing), run_id, steps)?
+        }
+        _ => {
+            let endpoint = ZenohEndpoint::new(Role::Plant, run_id, ZenohOptions::listen(place))?;
+            fly(&mut EndpointLink::new(endpoint, timing), run_id, steps)?
+        }
+    };
+    for mut child in children {
+        assert!(child.wait()?.success());
+    }
+    println!(
+        "{transport}, window {}, batch {}: {:.0} steps/s, {:.2} us a step",
+        timing.fdi_window,
+        timing.fdi_batch,
+        steps as f64 / elapsed,
+        elapsed / steps as f64 * 1e6
+    );
+    Ok(())
+}
+
+fn serve(mut endpoint: impl Endpoint, role: Role, timing: &LinkTiming) -> Result<(), Box<dyn Error>> {
+    let options = PeerOptions::new("link_rate", timing);
+    if role == Role::Controller {
+        serve_controller(&mut endpoint, &mut Echo, &options)?;
+    } else {
+        serve_fdi(&mut endpoint, &mut Echo, &options)?;
+    }
+    Ok(())
+}

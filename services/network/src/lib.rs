@@ -1,0 +1,39 @@
+//! `rotortwin` with all that talks to other hosts: the HTTP server and its client, workers, tokens, zenoh.
+//!
+//! It knows every command of [`rotortwin_cli`], and that program starts this one for those which it cannot do itself.
+
+#[macro_use]
+extern crate rotortwin_cli;
+
+mod fdi_service;
+mod health;
+mod remote;
+mod router;
+mod serve;
+mod token;
+
+use rotortwin_cli::network::remote::ServerArgs;
+use rotortwin_cli::{Command, network};
+use std::process::ExitCode;
+
+/// Does what the command line of this process asks for.
+pub fn run() -> ExitCode {
+    rotortwin_zenoh::provide();
+    rotortwin_cli::run(Some(perform))
+}
+
+fn perform(server: &ServerArgs, command: &Command) -> ExitCode {
+    match command {
+        Command::Campaigns(args) => remote::jobs(server, "campaigns", args),
+        Command::BlindBenches(args) => remote::jobs(server, "blind-benches", args),
+        Command::Runs(args) => remote::jobs(server, "runs", args),
+        command if server.server.is_some() => remote::run(server, command),
+        Command::Serve(args) => serve::run(args),
+        Command::Worker(args) => serve::work(args),
+        Command::Token(args) => token::run(args),
+        Command::Router(args) => router::run(args),
+        Command::Health(args) => health::run(args),
+        Command::FdiService(args) => fdi_service::run(args),
+        _ => rotortwin_cli::output::failed(format!("{} does not know this command", network::PROGRAM)),
+    }
+}

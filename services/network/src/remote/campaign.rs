@@ -1,0 +1,135 @@
+//! `rotortwin --server URL campaign`: flown by the server's workers, in parts; table and files here.
+
+use super::events::Event;
+use super::http::{Ask, Remote};
+use super::{RemoteError, fetch, task, with_server};
+use indicatif::ProgressBar;
+use rotortwin_campaign::study::Campaign;
+use rotortwin_cli::campaign::{self, Args, FlightArgs};
+use rotortwin_cli::network::remote::ServerArgs;
+use rotortwin_cli::output;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Runs the command.
+pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    let Some(args) = args.flights() else {
+        return output::bad_input("merge puts folders of this machine together; expected it without --server");
+    };
+    if let Some(option) = args.only_here() {
+        return output::bad_input(format!(
+            "{option} belongs to campaigns on this machine; expected it without --server"
+        ));
+    }
+    let campaign = match Campaign::load(&args.campaign) {
+        Ok(campaign) => campaign,
+        Err(error) => return output::bad_input(error),
+    };
+    let text = match std::fs::read_to_string(&args.campaign) {
+        Ok(text) => text,
+        Err(error) => return output::bad_input(format!("{}: cannot be read: {error}", args.campaign.display())),
+    };
+    let name = &campaign.document().name;
+    let folder = args
+        .out
+        .clone()
+        .map_or_else(|| output::next_free_folder(&format!("campaign-{name}")), Ok);
+    let folder = match folder.and_then(|folder| fetch::empty(&folder).map(|()| folder)) {
+        Ok(folder) => folder,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    with_server(server, async |remote| {
+        let ask = Ask::post("/api/v1/campaigns").json(json!({ "text": text })).once();
+        let job = remote.json(&ask).await?;
+        let id = fetch::text(&job, "id").to_owned();
+        eprintln!("campaign {id} of {}", remote.url());
+        let ended = watch(remote, &id, &campaign, args.json).await;
+        match ended {
+            Ok(()) => finish(remote, &id, &campaign, &folder, args).await,
+            Err(error) => Err(error),
+        }
+        .map_err(|error| {
+            let (RemoteError::BadInput(sentence) | RemoteError::Failed(sentence)) = error;
+            RemoteError::Failed(format!(
+                "{sentence}; campaign {id} is the server's: 'rotortwin --server {} campaigns fetch {id}' gets it",
+                remote.url()
+            ))
+        })
+    })
+}
+
+/// Shows it until it has ended; Ctrl-C asks the server to end it.
+async fn watch(remote: &Remote, id: &str, campaign: &Campaign, quiet: bool) -> Result<(), RemoteError> {
+    let path = format!("/api/v1/campaigns/{id}");
+    let parts = remote.json(&Ask::get(&path)).await?["facts"]["parts"]
+        .as_u64()
+        .unwrap_or(0);
+    let bar = campaign::progress_bar(quiet, campaign.flights(), 0);
+    let mut done = 0;
+    task::follow(remote, &path, &bar, &mut |event| {
+        show(&bar, event, &mut done, parts, campaign.flights());
+    })
+    .await
+}
+
+fn show(bar: &ProgressBar, event: &Event, done: &mut u64, parts: u64, flights: u64) {
+    if event.kind == "part" {
+        *done += 1;
+        bar.set_position(flights * *done / parts.max(*done));
+        bar.set_message(format!("{done} of {parts} parts"));
+    } else if let Some(flown) = event.data["flights"].as_u64().filter(|_| event.kind == "progress") {
+        bar.set_position(flown);
+    }
+}
+
+/// The files, and what they say.
+async fn finish(
+    remote: &Remote,
+    id: &str,
+    campaign: &Campaign,
+    folder: &Path,
+    args: &FlightArgs,
+) -> Result<ExitCode, RemoteError> {
+    let path = format!("/api/v1/campaigns/{id}");
+    let job = remote.json(&Ask::get(&path)).await?;
+    if job["status"] != "done" {
+        let why = job["error"]
+            .as_str()
+            .map(|error| format!(": {error}"))
+            .unwrap_or_default();
+        return Err(RemoteError::Failed(format!(
+            "it ended as {}{why}",
+            fetch::text(&job, "status")
+        )));
+    }
+    fetch::everything(remote, &path, folder).await?;
+    // Results of the server are beside its log and what it was given.
+    let folder = if folder.join("out").is_dir() {
+        folder.join("out")
+    } else {
+        folder.to_owned()
+    };
+    let summary: &Value = &job["result"];
+    if args.json {
+        output::line(&format!("{summary:#}"));
+        return Ok(ExitCode::SUCCESS);
+    }
+    if let Err(sentence) = campaign::print_fetched(args, campaign, &folder) {
+        // Of another version, or of other vehicles than those that are here.
+        tracing::debug!(sentence, "the folder cannot be read as one of ours");
+        let number = |key: &str| summary[key].as_u64().unwrap_or(0);
+        output::line(&format!(
+            "{}: {} of {} flights, {} failed, {} could not be flown; hash {}\nFiles        {}",
+            campaign.document().name,
+            number("flights"),
+            number("planned_flights"),
+            number("failed"),
+            number("refused"),
+            fetch::text(summary, "hash"),
+            folder.display()
+        ));
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,168 @@
+//! A job that is no flight: submitted, shown, waited for; then its result as text, and its files.
+
+use super::events::{Event, Follow};
+use super::http::{Ask, Remote};
+use super::stop::Stop;
+use super::{RemoteError, fetch};
+use indicatif::{ProgressBar, ProgressStyle};
+use rotortwin_cli::output;
+use serde_json::Value;
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// Between two turns of the spinner.
+const TURN: Duration = Duration::from_millis(120);
+
+/// A job that is done.
+#[derive(Debug)]
+pub(super) struct Done {
+    /// `/api/v1/COLLECTION/ID`
+    pub(super) path: String,
+    /// All that is known of it.
+    pub(super) job: Value,
+}
+
+/// Submits a job; its address. `what`: one word for people, `quiet`: nothing on the terminal.
+pub(super) async fn submit(
+    remote: &Remote,
+    collection: &str,
+    what: &str,
+    body: Value,
+    quiet: bool,
+) -> Result<String, RemoteError> {
+    let ask = Ask::post(format!("/api/v1/{collection}")).json(body).once();
+    let job = remote.json(&ask).await?;
+    let id = fetch::text(&job, "id");
+    if !quiet {
+        eprintln!("{what} {id} of {}", remote.url());
+    }
+    Ok(format!("/api/v1/{collection}/{id}"))
+}
+
+/// Submits a job, shows it, and waits until it is done; `what`: one word for people, `quiet`: nothing on the terminal.
+pub(super) async fn perform(
+    remote: &Remote,
+    collection: &str,
+    what: &str,
+    body: Value,
+    quiet: bool,
+) -> Result<Done, RemoteError> {
+    let path = submit(remote, collection, what, body, quiet).await?;
+    let id = path.rsplit('/').next().unwrap_or_default().to_owned();
+    done(remote, path, what, quiet).await.map_err(|error| {
+        let (RemoteError::BadInput(sentence) | RemoteError::Failed(sentence)) = error;
+        RemoteError::Failed(format!("{sentence}; {what} {id} is the server's"))
+    })
+}
+
+/// Waits until a job is done; Ctrl-C asks the server to end it.
+pub(super) async fn done(remote: &Remote, path: String, what: &str, quiet: bool) -> Result<Done, RemoteError> {
+    let bar = if quiet {
+        ProgressBar::hidden()
+    } else {
+        let style = ProgressStyle::with_template("{spinner:.cyan} {msg}").expect("the template is well formed");
+        ProgressBar::new_spinner().with_style(style)
+    };
+    bar.enable_steady_tick(TURN);
+    follow(remote, &path, &bar, &mut |event| show(&bar, event)).await?;
+    ended(remote, path, what).await
+}
+
+/// Shows a job until it has ended; Ctrl-C asks the server to end it.
+pub(super) async fn follow(
+    remote: &Remote,
+    path: &str,
+    bar: &ProgressBar,
+    show: &mut dyn FnMut(&Event),
+) -> Result<(), RemoteError> {
+    let mut stop = Stop::new()?;
+    let mut events = Follow::new(remote, path.to_owned(), 0);
+    let mut canceled = false;
+    loop {
+        tokio::select! {
+            event = events.next() => match event? {
+                Some(event) => show(&event),
+                None => break,
+            },
+            () = stop.wanted() => {
+                if canceled {
+                    return Err(RemoteError::Failed("given up".to_owned()));
+                }
+                canceled = true;
+                bar.println("the server is asked to end it; once more to leave it there");
+                match remote.call(&Ask::cancel(format!("{path}/cancel"))).await {
+                    Ok(_) => {}
+                    // Ended meanwhile.
+                    Err(RemoteError::BadInput(sentence)) => tracing::debug!(sentence, "nothing to cancel"),
+                    Err(error) => return Err(error),
+                }
+            }
+        }
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+/// A job that has ended, if it is done.
+pub(super) async fn ended(remote: &Remote, path: String, what: &str) -> Result<Done, RemoteError> {
+    let job = remote.json(&Ask::get(&path)).await?;
+    if job["status"] == "done" {
+        return Ok(Done { path, job });
+    }
+    // What the command said there is a whole sentence already.
+    Err(RemoteError::Failed(job["error"].as_str().map_or_else(
+        || format!("the {what} ended as {}", fetch::text(&job, "status")),
+        |error| error.trim_start_matches("rotortwin: ").to_owned(),
+    )))
+}
+
+fn show(bar: &ProgressBar, event: &Event) {
+    match event.kind.as_str() {
+        "queued" => bar.set_message("waits for a worker"),
+        "started" => bar.set_message(format!("at {}", event.data["worker"].as_str().unwrap_or("a worker"))),
+        "progress" => {
+            let text = event.data["text"].as_str().unwrap_or_default().to_owned();
+            bar.set_message(match event.data["share"].as_f64() {
+                Some(share) => format!("{:3.0} % {text}", 100.0 * share),
+                None => text,
+            });
+        }
+        "requeued" => {
+            let why = event.data["why"].as_str().unwrap_or("it did not say why");
+            bar.println(format!("the server begins it again: {why}"));
+        }
+        _ => {}
+    }
+}
+
+impl Done {
+    /// A file of it, as text.
+    pub(super) async fn text(&self, remote: &Remote, name: &str) -> Result<String, RemoteError> {
+        let answer = remote
+            .call(&Ask::get(format!("{}/artifacts/{}", self.path, fetch::in_url(name))))
+            .await?;
+        let told = |error: reqwest::Error| RemoteError::Failed(format!("{name} did not come whole: {error}"));
+        answer.text().await.map_err(told)
+    }
+
+    /// Fetches its files if a folder is named, and prints `NAME.json` or `NAME.txt`, as the command does here; the files' names follow.
+    pub(super) async fn print(
+        &self,
+        remote: &Remote,
+        name: &str,
+        json: bool,
+        out: Option<&Path>,
+    ) -> Result<ExitCode, RemoteError> {
+        if let Some(folder) = out {
+            fetch::everything(remote, &self.path, folder).await?;
+        }
+        let ending = if json { "json" } else { "txt" };
+        let text = self.text(remote, &format!("{name}.{ending}")).await?;
+        output::line(text.strip_suffix('\n').unwrap_or(&text));
+        if let Some(folder) = out.filter(|_| !json) {
+            output::line(&format!("Files        {}", folder.display()));
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,71 @@
+//! `rotortwin token`: who may use a server.
+
+use rotortwin_api::tokens::{self, NewToken, Scope, Token, Tokens};
+use rotortwin_cli::grid::Grid;
+use rotortwin_cli::network::token::{Args, What};
+use rotortwin_cli::output::{bad_input, failed, line};
+use std::process::ExitCode;
+
+/// Exit code 0, 1 if the database fails, 2 for bad input.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    crate::serve::in_runtime(async {
+        let tokens = match tokens::open(&args.data, args.database_url.as_deref()).await {
+            Ok(tokens) => tokens,
+            Err(sentence) => return bad_input(sentence),
+        };
+        match perform(&args.what, &tokens).await {
+            Ok(code) => code,
+            Err(sentence) => failed(sentence),
+        }
+    })
+}
+
+async fn perform(what: &What, tokens: &Tokens) -> Result<ExitCode, String> {
+    match what {
+        What::Create {
+            name,
+            tenant,
+            scopes,
+            days,
+        } => {
+            if name.trim().is_empty() || tenant.trim().is_empty() {
+                return Ok(bad_input("a token has a NAME and a --tenant; expected words"));
+            }
+            let new = NewToken {
+                name: name.clone(),
+                tenant: tenant.clone(),
+                scopes: scopes
+                    .iter()
+                    .map(|scope| scope.parse::<Scope>())
+                    .collect::<Result<_, _>>()?,
+                valid_ms: (*days > 0).then_some(days * 24 * 3_600_000),
+            };
+            line(&tokens.create(&new).await?);
+        }
+        What::List => {
+            let mut table = Grid::new(["id", "name", "tenant", "scopes", "state"]);
+            for token in tokens.list().await? {
+                let scopes: Vec<&str> = token.scopes.iter().map(|scope| scope.as_str()).collect();
+                table.add_row([&token.id, &token.name, &token.tenant, &scopes.join(","), state(&token)]);
+            }
+            line(&table.to_string());
+        }
+        What::Revoke { id } => {
+            if !tokens.revoke(id).await? {
+                return Ok(bad_input(format!(
+                    "there is no token '{id}' that is worth something; `rotortwin token list` shows them"
+                )));
+            }
+            line(&format!("{id} is revoked"));
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn state(token: &Token) -> &'static str {
+    match (token.revoked_ms, token.expires_ms) {
+        (Some(_), _) => "revoked",
+        (None, Some(at)) if rotortwin_api::tokens::has_passed(at) => "expired",
+        _ => "valid",
+    }
+}

@@ -1,0 +1,5 @@
+//! `rotortwin`, which leaves what needs other hosts to `rotortwin-network`.
+
+fn main() -> std::process::ExitCode {
+    rotortwin_cli::run(None)
+}
