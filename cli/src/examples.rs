@@ -114,6 +114,12 @@ Examples:
   rotortwin conform virtual --json
   rotortwin conform plant:ardupilot:127.0.0.1:9002";
 
+pub(crate) const CONTROLLERS: &str = "\
+Examples:
+  rotortwin controllers autopilot-hover --controller own --controller ardupilot
+  rotortwin controllers hover --controller own --controller external --within 0.3
+  rotortwin controllers --runs runs/hover-1 runs/hover-1-2";
+
 pub(crate) const SPIN_TEST: &str = "\
 Examples:
   rotortwin spin-test ardupilot

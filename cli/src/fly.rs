@@ -104,6 +104,9 @@ pub struct Args {
     /// betaflight[:ADDR][@SPEED]
     #[arg(long, value_name = "BOARD|AUTOPILOT", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
     pub controller: Option<Foreign>,
+    /// With --server: an autopilot that the server's operator has listed flies ('GET /api/v1/autopilots')
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["controller", "link", "pace"])]
+    pub autopilot: Option<String>,
     /// With an autopilot: where it takes commands over MAVLink, tcp:IP:PORT or udp:IP:PORT; there it is armed, flown and landed. none:
     /// somebody else does that. Betaflight: none, or nothing: we hold its sticks [default: ardupilot tcp:127.0.0.1:5760, px4
     /// udp:127.0.0.1:14540]
@@ -264,6 +267,11 @@ impl External {
 /// Runs the command.
 pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
+    if args.autopilot.is_some() {
+        return output::bad_input(
+            "--autopilot names one of a server's: expected --server URL; here it is --controller ADDRESS",
+        );
+    }
     let scenario = match load(args) {
         Ok(scenario) => scenario,
         Err(error) => return output::bad_input(error),

@@ -34,6 +34,7 @@ pub mod campaign;
 pub mod compare;
 mod configuration;
 mod conform;
+mod controllers;
 mod destination;
 pub mod diagnose;
 mod effects;
@@ -146,6 +147,9 @@ pub enum Command {
     /// Play the plant to somebody else's controller, and name what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
     #[command(after_help = examples::CONFORM)]
     Conform(conform::Args),
+    /// Fly one scenario with several controllers, or take flights that were flown, and compare them in one table
+    #[command(after_help = examples::CONTROLLERS)]
+    Controllers(controllers::Args),
     /// Put an autopilot's simulator build on a stand, rock it, and say which of its motors is swapped or reversed
     #[command(after_help = examples::SPIN_TEST)]
     SpinTest(spin_test::Args),
@@ -240,6 +244,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Blind(args) => blind::run(&args),
         Command::Board(args) => board::run(&args),
         Command::Conform(args) => conform::run(&args),
+        Command::Controllers(args) => controllers::run(&args),
         Command::SpinTest(args) => spin_test::run(&args),
         Command::List(args) => configuration::list(&args),
         Command::New(args) => configuration::new(&args),

@@ -4,6 +4,7 @@
 //! would be compiled with it, so they are in `rotortwin-network`, which knows all commands of this one as well. Whoever asks this program for
 //! one of them is answered by that one, in its place: docs/decisions/0060.
 
+pub mod autopilot;
 pub mod health;
 pub mod remote;
 pub mod router;

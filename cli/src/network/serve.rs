@@ -1,5 +1,6 @@
 //! What `rotortwin serve` and `rotortwin worker` are asked for; done by `rotortwin-network`.
 
+use super::autopilot::ListedAutopilot;
 use clap::{Parser, ValueEnum};
 use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
@@ -27,6 +28,10 @@ pub struct WorkArgs {
     /// Memory that each process of a job may take, MB
     #[arg(long, value_name = "MB", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(64..=1_000_000))]
     pub job_memory: u64,
+    /// An autopilot on this host that runs can name, such as bench-1=ardupilot:127.0.0.1:9002; ,pilot=ADDR|none as 'rotortwin fly --pilot';
+    /// may be given several times
+    #[arg(long, value_name = "NAME=ADDRESS[,pilot=ADDR|none]")]
+    pub autopilot: Vec<ListedAutopilot>,
     /// Runs over zenoh: their plants listen here; port 0: a free one
     #[arg(
         long,

@@ -25,6 +25,7 @@ MODELS: dict[type, str] = {
     models.Artifact: "Artifact",
     models.Channel: "ChannelInfo",
     models.Verification: "Verification",
+    models.Autopilot: "ListedAutopilot",
     models.Validation: "Validation",
     models.Complaint: "Complaint",
     models.FdiWindow: "WindowView",

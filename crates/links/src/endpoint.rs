@@ -18,6 +18,7 @@
 use crate::watch::{ProcessWatch, host_name, process_space};
 use rotortwin_proto::{Finish, Join, Ready, Role, Setup, setup::Parameters};
 use rotortwin_wire::PROTOCOL_VERSION;
+use rotortwin_wire::autopilot::Identity;
 use rotortwin_wire::convert::{self, ConvertError};
 use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame};
 use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, LinkTiming, PlantLink, RunSetup, Strays, role_name};
@@ -649,6 +650,12 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
 
     fn strays(&self) -> Strays {
         self.strays
+    }
+
+    fn controller(&self) -> Option<Identity> {
+        // Its process and host are for messages about this one execution.
+        let program = self.controller.program.split(", process ").next()?;
+        self.controller.present.then(|| Identity::of_program(program))
     }
 
     fn finish(&mut self, steps: u64, failure: Option<&str>) {

@@ -282,7 +282,11 @@ impl Analysis {
                     score.isolated_after_s = Some(time + self.step_s - open.interval.start_s);
                 }
             }
-            let alarm = label == HEALTHY && verdict != HEALTHY && verdict != NOT_READY;
+            let names_fault = verdict != HEALTHY && verdict != NOT_READY;
+            if names_fault && label != HEALTHY && score.detected_after_s.is_none() {
+                score.detected_after_s = Some(time + self.step_s - open.interval.start_s);
+            }
+            let alarm = names_fault && label == HEALTHY;
             score.false_alarm_windows += u64::from(alarm);
             score.false_alarm_events += u64::from(alarm && !self.alarm[slot]);
             self.alarm[slot] = alarm;
@@ -404,7 +408,7 @@ impl Analysis {
 }
 
 /// An angle in [−π, π).
-fn wrapped(angle: f64) -> f64 {
+pub(crate) fn wrapped(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     (angle + PI).rem_euclid(TAU) - PI
 }

@@ -15,6 +15,7 @@
 //! scenario and no clock: facts about those come in as text and numbers.
 
 pub mod analysis;
+pub mod controllers;
 pub mod error;
 pub mod export;
 mod figures;

@@ -94,6 +94,18 @@ pub struct ScenarioRecord {
     pub text: String,
 }
 
+/// Who flew.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ControllerRecord {
+    /// Program or peer, e.g. "rotortwin-controller" or "ArduPilot at 127.0.0.1:40112".
+    pub peer: String,
+    /// What it calls its version; absent if it did not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<String>,
+    /// It answers each step before the next one begins, so that the same seed gives the same flight.
+    pub lockstep: bool,
+}
+
 /// How well a run kept to the wall clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RealTime {
@@ -215,6 +227,10 @@ pub struct Score {
     /// From the start of the interval to the end of the last step of the first window with the right verdict, s; absent if there
     /// is none, and in intervals without a fault.
     pub isolated_after_s: Option<f64>,
+    /// From the start of the interval to the end of the last step of the first window with a fault verdict, right or not, s; absent if there
+    /// is none, and in intervals without a fault.
+    #[serde(default)]
+    pub detected_after_s: Option<f64>,
     /// Windows with a fault verdict although no rotor is faulty.
     pub false_alarm_windows: u64,
     /// Uninterrupted series of such windows.
@@ -401,6 +417,9 @@ pub struct Summary {
     pub seed: u64,
     /// How the processes were connected: `in-process`, `iceoryx2`, `zenoh`.
     pub link: String,
+    /// Who flew; absent if nobody joined, or an earlier version wrote this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub controller: Option<ControllerRecord>,
     /// `fast` or `real-time`.
     pub pace: String,
     /// When the run started, RFC 3339; empty if it was not noted.

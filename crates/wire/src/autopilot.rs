@@ -77,6 +77,24 @@ pub struct Identity {
     pub lockstep: bool,
 }
 
+impl Identity {
+    /// Of a controller in lockstep that calls itself `NAME VERSION`.
+    pub fn of_program(program: &str) -> Self {
+        let versioned = program
+            .rsplit_once(' ')
+            .filter(|(_, version)| version.starts_with(|first: char| first.is_ascii_digit()));
+        let (peer, version) = match versioned {
+            Some((name, version)) => (name, Some(version.to_owned())),
+            None => (program, None),
+        };
+        Self {
+            peer: peer.to_owned(),
+            version,
+            lockstep: true,
+        }
+    }
+}
+
 /// Why an autopilot is not waited for any longer.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{sentence}")]

@@ -39,6 +39,11 @@ impl ControllerPeer for PidPeer {
             saturated_rotors: output.saturated_rotors,
         }
     }
+
+    fn program(&self) -> String {
+        // As the process of its own calls itself.
+        concat!("rotortwin-controller ", env!("CARGO_PKG_VERSION")).to_owned()
+    }
 }
 
 /// Residual generators, T-test, network and sequential detector of `flight-core`.

@@ -81,6 +81,8 @@ pub struct WorkConfig {
     pub most_running: u32,
     /// Memory that each process of a job may take, bytes.
     pub job_memory: u64,
+    /// Autopilots that can be reached from this host; runs name them.
+    pub autopilots: Vec<Autopilot>,
     /// The plants of runs over zenoh listen here: `tcp/10.0.0.2:0`.
     pub zenoh_listen: String,
     /// All processes of runs over zenoh connect to this router instead.
@@ -89,6 +91,21 @@ pub struct WorkConfig {
     pub program: PathBuf,
     /// Of this process, for people.
     pub name: String,
+}
+
+/// An autopilot on this host that runs may be flown with.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Autopilot {
+    /// As runs name it.
+    pub name: String,
+    /// `ardupilot`, `px4`, `betaflight`.
+    pub protocol: String,
+    /// It waits for the plant in each of its steps.
+    pub lockstep: bool,
+    /// As `rotortwin fly --controller` takes it.
+    pub address: String,
+    /// As `rotortwin fly --pilot` takes it; none: the protocol's own place.
+    pub pilot: Option<String>,
 }
 
 /// What the server needs to know beside that.
@@ -185,9 +202,15 @@ impl Worker {
         worker::requeue(&database, !database.is_shared())
             .await
             .map_err(|error| format!("the queue cannot be read: {error}"))?;
+        if !database.is_shared() {
+            // Whoever has offered one here before is gone.
+            let withdrawn = database.withdraw_autopilots(None).await;
+            withdrawn.map_err(|error| format!("the list of autopilots cannot be written: {error}"))?;
+        }
         let shop = Arc::new(Workshop {
             database,
             artifacts,
+            autopilots: config.autopilots.clone(),
             program: config.program.clone(),
             name: config.name.clone(),
             share: FairShare {
@@ -202,6 +225,9 @@ impl Worker {
             ending: watch::channel(false).0,
             traces,
         });
+        worker::offer_autopilots(&shop)
+            .await
+            .map_err(|error| format!("the list of autopilots cannot be written: {error}"))?;
         Ok(Self {
             shop,
             config,
@@ -218,6 +244,9 @@ impl Worker {
             tasks.spawn(worker::sit(Arc::clone(&self.shop), self.config.roles.clone()));
         }
         tasks.spawn(worker::look_after_claims(Arc::clone(&self.shop)));
+        if !self.shop.autopilots.is_empty() {
+            tasks.spawn(worker::keep_offering(Arc::clone(&self.shop)));
+        }
         tasks
     }
 

@@ -1,6 +1,7 @@
 //! `rotortwin serve` and `rotortwin worker`: jobs over HTTP, and more hands for them on other hosts.
 
-use rotortwin_api::{FdiLimits, ServeConfig, Server, WorkConfig, Worker};
+use rotortwin_api::{Autopilot, FdiLimits, ServeConfig, Server, WorkConfig, Worker};
+use rotortwin_cli::network::autopilot::ListedAutopilot;
 use rotortwin_cli::network::serve::{Args, Role, WorkArgs, WorkerArgs};
 use rotortwin_cli::output::{bad_input, failed, line};
 use std::path::PathBuf;
@@ -25,11 +26,49 @@ fn work_config(args: &WorkArgs, roles: &[Role], seats: usize) -> Result<WorkConf
         roles: roles.iter().filter_map(|role| role.seat()).map(str::to_owned).collect(),
         most_running: args.tenant_running,
         job_memory: args.job_memory * 1_000_000,
+        autopilots: args.autopilot.iter().map(listed).collect(),
         zenoh_listen: args.zenoh_listen.clone(),
         zenoh_router: args.zenoh_router.clone(),
         program,
         name: format!("{}-{}", rotortwin_links::host_name(), std::process::id()),
     })
+}
+
+fn listed(autopilot: &ListedAutopilot) -> Autopilot {
+    Autopilot {
+        name: autopilot.name.clone(),
+        protocol: autopilot.address.protocol.name().to_owned(),
+        lockstep: autopilot.address.protocol.lockstep(),
+        address: autopilot.address.to_string(),
+        pilot: autopilot.pilot.clone(),
+    }
+}
+
+/// Two runs at once with one autopilot, or a listed one with which nobody flies, would be found out too late.
+fn check_autopilots(work: &WorkConfig) -> Result<(), String> {
+    for (place, one) in work.autopilots.iter().enumerate() {
+        for other in &work.autopilots[..place] {
+            if other.name == one.name || other.address == one.address {
+                return Err(format!(
+                    "--autopilot {}={}: {} is listed already; expected another name and another address",
+                    one.name,
+                    one.address,
+                    if other.name == one.name {
+                        &one.name
+                    } else {
+                        &one.address
+                    }
+                ));
+            }
+        }
+    }
+    if work.workers == 0 && !work.autopilots.is_empty() {
+        return Err(
+            "--autopilot: nobody here would fly with it; expected --workers of at least 1, and the role jobs"
+                .to_owned(),
+        );
+    }
+    Ok(())
 }
 
 /// Where what clients can name lies.
@@ -56,6 +95,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(work) => work,
         Err(sentence) => return failed(sentence),
     };
+    if let Err(sentence) = check_autopilots(&work) {
+        return bad_input(sentence);
+    }
     let library = match library(args) {
         Ok(library) => library,
         Err(error) => return failed(format!("the program's own configuration cannot be laid out: {error}")),
@@ -106,6 +148,9 @@ pub(crate) fn work(args: &WorkerArgs) -> ExitCode {
         Ok(config) => config,
         Err(sentence) => return failed(sentence),
     };
+    if let Err(sentence) = check_autopilots(&config) {
+        return bad_input(sentence);
+    }
     in_runtime(async {
         let name = config.name.clone();
         let worker = match Worker::open(config).await {

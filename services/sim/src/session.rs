@@ -14,8 +14,8 @@ use rotortwin_scenario::Scenario;
 use rotortwin_store::StoreError;
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::spool::{SpoolHeader, SpoolReader, SpoolWriter};
-use rotortwin_store::summary::{Failure, RealTime, ScenarioRecord, Status, Summary};
-use rotortwin_wire::autopilot::Autopilot;
+use rotortwin_store::summary::{ControllerRecord, Failure, RealTime, ScenarioRecord, Status, Summary};
+use rotortwin_wire::autopilot::{Autopilot, Identity};
 use rotortwin_wire::events::RunEvent;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
@@ -75,7 +75,7 @@ pub fn fly(
 ) -> Result<Summary, StoreError> {
     let fly = |simulation: &mut Simulation, setup: &RunSetup, recorder: &mut Recorder<'_>| {
         let outcome = lockstep::fly(simulation, link, setup, config.pace, recorder);
-        (outcome, config.link_name.clone())
+        (outcome, config.link_name.clone(), link.controller())
     };
     recorded(scenario, config, folder, (emit, stop), fly)
 }
@@ -98,20 +98,21 @@ pub fn fly_autopilot(
             Ok(recording) => recording,
             Err(sentence) => {
                 let outcome = FlightOutcome::before_step_0(failed(sentence));
-                return (outcome, config.link_name.clone());
+                return (outcome, config.link_name.clone(), None);
             }
         };
         let hand_over = HandOver::default();
         let mut outcome = autopilot::fly(simulation, &mut recording, setup, instruments, hand_over, recorder).flight;
         // Which version flew is known afterwards.
-        let link_name = match recording.identity().version {
+        let identity = recording.identity();
+        let link_name = match &identity.version {
             Some(version) => format!("{}, {version}", config.link_name),
             None => config.link_name.clone(),
         };
         if let Err(sentence) = recording.close() {
             outcome.end = failed(sentence);
         }
-        (outcome, link_name)
+        (outcome, link_name, Some(identity))
     };
     recorded(scenario, config, folder, (emit, stop), fly)
 }
@@ -151,13 +152,13 @@ pub fn replay_autopilot(
     }
 }
 
-/// Records what `flown` flies; it gives the outcome, and who flew over which link.
+/// Records what `flown` flies; it gives the outcome, over which link, and who flew.
 fn recorded(
     scenario: &Scenario,
     config: &SessionConfig,
     folder: &RunFolder,
     (emit, stop): (&mut dyn FnMut(RunEvent), &mut dyn FnMut() -> Option<StopReason>),
-    flown: impl FnOnce(&mut Simulation, &RunSetup, &mut Recorder<'_>) -> (FlightOutcome, String),
+    flown: impl FnOnce(&mut Simulation, &RunSetup, &mut Recorder<'_>) -> (FlightOutcome, String, Option<Identity>),
 ) -> Result<Summary, StoreError> {
     let mut simulation = scenario
         .simulation(config.seed)
@@ -177,11 +178,16 @@ fn recorded(
     if let Some(rate_hz) = config.live_hz {
         recorder = recorder.with_live(rate_hz, simulation.rotor_count());
     }
-    let (outcome, link) = flown(&mut simulation, &setup, &mut recorder);
+    let (outcome, link, controller) = flown(&mut simulation, &setup, &mut recorder);
     recorder.finish()?;
     emit(RunEvent::Recording { steps: outcome.steps });
     let summary = Summary {
         link,
+        controller: controller.map(|identity| ControllerRecord {
+            peer: identity.peer,
+            version: identity.version,
+            lockstep: identity.lockstep,
+        }),
         ..summary_of(scenario, config, &outcome)
     };
     let summary = finalise(folder, summary)?;

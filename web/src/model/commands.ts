@@ -10,6 +10,8 @@ export interface Wish {
   model?: string | undefined;
   /** Name of the model that the detectors assume. */
   fdiModel?: string | undefined;
+  /** Name of an autopilot that the operator has listed, instead of our own controller; pace and link are its own. */
+  autopilot?: string | undefined;
 }
 
 /** What `POST /runs` takes. */
@@ -20,8 +22,7 @@ export function submissionOf(wish: Wish) {
     ...(wish.set.length > 0 ? { set: [...wish.set] } : {}),
     ...(wish.model ? { model: { model: wish.model } } : {}),
     ...(wish.fdiModel ? { fdi_model: { model: wish.fdiModel } } : {}),
-    pace: wish.pace,
-    link: wish.link,
+    ...(wish.autopilot ? { controller: { autopilot: wish.autopilot } } : { pace: wish.pace, link: wish.link }),
   };
 }
 
@@ -40,7 +41,8 @@ export function asPython(wish: Wish, origin: string): string {
   if (wish.set.length > 0) words.push(`set=${JSON.stringify(wish.set)}`);
   if (wish.model) words.push(`model=${JSON.stringify({ model: wish.model })}`);
   if (wish.fdiModel) words.push(`fdi_model=${JSON.stringify({ model: wish.fdiModel })}`);
-  words.push(`pace=${JSON.stringify(wish.pace)}`, `link=${JSON.stringify(wish.link)}`);
+  if (wish.autopilot) words.push(`controller=${JSON.stringify({ autopilot: wish.autopilot })}`);
+  else words.push(`pace=${JSON.stringify(wish.pace)}`, `link=${JSON.stringify(wish.link)}`);
   return [
     "from rotortwin import Client",
     "",
@@ -51,12 +53,14 @@ export function asPython(wish: Wish, origin: string): string {
   ].join("\n");
 }
 
-export function asCommand(wish: Wish): string {
+/** An autopilot is the server's: the command asks the server for it. */
+export function asCommand(wish: Wish, origin: string): string {
   const words = ["rotortwin", "fly", `config/scenarios/${wish.scenario}.toml`];
   if (wish.seed !== undefined) words.push("--seed", String(wish.seed));
   for (const one of wish.set) words.push("--set", quoted(one));
   if (wish.model) words.push("--model", quoted(wish.model));
   if (wish.fdiModel) words.push("--fdi-model", quoted(wish.fdiModel));
-  words.push("--pace", wish.pace, "--link", wish.link);
+  if (wish.autopilot) words.push("--autopilot", quoted(wish.autopilot), "--server", quoted(origin));
+  else words.push("--pace", wish.pace, "--link", wish.link);
   return words.join(" ");
 }

@@ -12,14 +12,19 @@ const TYPING_MS = 350;
 
 export function NewRun(props: { onSubmitted: () => void }) {
   const names = createLoad(() => true, async (_, signal) => {
-    const [scenarios, models] = await Promise.all([get("/api/v1/scenarios", { signal }), get("/api/v1/models", { signal })]);
-    return { scenarios: scenarios.items, models: models.items };
+    const [scenarios, models, autopilots] = await Promise.all([
+      get("/api/v1/scenarios", { signal }),
+      get("/api/v1/models", { signal }),
+      get("/api/v1/autopilots", { signal }),
+    ]);
+    return { scenarios: scenarios.items, models: models.items, autopilots: autopilots.items };
   });
   const [scenario, setScenario] = createSignal("reference-flight");
   const [seed, setSeed] = createSignal("");
   const [set, setSet] = createSignal("");
   const [pace, setPace] = createSignal<Wish["pace"]>("fast");
   const [link, setLink] = createSignal<Wish["link"]>("in-process");
+  const [autopilot, setAutopilot] = createSignal("");
   const [model, setModel] = createSignal(route().query.get("model") ?? "");
   const [fdiModel, setFdiModel] = createSignal(route().query.get("fdi_model") ?? "");
   const [check, setCheck] = createSignal<Schemas["Validation"]>();
@@ -36,6 +41,7 @@ export function NewRun(props: { onSubmitted: () => void }) {
     link: link(),
     model: model() || undefined,
     fdiModel: fdiModel() || undefined,
+    autopilot: autopilot() || undefined,
   }));
 
   let control: AbortController | undefined;
@@ -87,16 +93,27 @@ export function NewRun(props: { onSubmitted: () => void }) {
             Seed
             <input type="text" inputmode="numeric" size="10" placeholder="scenario's" value={seed()} aria-invalid={seedWrong() !== undefined} onInput={(event) => setSeed(event.currentTarget.value.trim())} />
           </label>
+          <Show when={(names.data()?.autopilots.length ?? 0) > 0}>
+            <label class="field">
+              Controller
+              <select value={autopilot()} onChange={(event) => setAutopilot(event.currentTarget.value)}>
+                <option value="">our own</option>
+                <For each={names.data()?.autopilots}>
+                  {(one) => <option value={one.name} selected={one.name === autopilot()}>{`${one.name} (${one.kind}, ${one.state}${one.lockstep ? "" : ", not lockstep"})`}</option>}
+                </For>
+              </select>
+            </label>
+          </Show>
           <label class="field">
             Pace
-            <select value={pace()} onChange={(event) => setPace(event.currentTarget.value as Wish["pace"])}>
+            <select value={pace()} disabled={autopilot() !== ""} onChange={(event) => setPace(event.currentTarget.value as Wish["pace"])}>
               <option value="fast">as fast as possible</option>
               <option value="real-time">real time (400 Hz of wall clock)</option>
             </select>
           </label>
           <label class="field">
             Link
-            <select value={link()} onChange={(event) => setLink(event.currentTarget.value as Wish["link"])}>
+            <select value={link()} disabled={autopilot() !== ""} onChange={(event) => setLink(event.currentTarget.value as Wish["link"])}>
               <option value="in-process">in one process</option>
               <option value="iceoryx2">iceoryx2 (three processes)</option>
               <option value="zenoh">zenoh (three processes)</option>
@@ -143,13 +160,13 @@ export function NewRun(props: { onSubmitted: () => void }) {
           <span class="grow" />
           <Copy label="Copy as curl" text={() => asCurl(wish(), location.origin)} />
           <Copy label="Python" text={() => asPython(wish(), location.origin)} />
-          <Copy label="CLI" text={() => asCommand(wish())} />
+          <Copy label="CLI" text={() => asCommand(wish(), location.origin)} />
         </div>
         <details>
           <summary>The same as text, and every setting in effect</summary>
           <pre tabindex="0" aria-label="curl">{asCurl(wish(), location.origin)}</pre>
           <pre tabindex="0" aria-label="Python">{asPython(wish(), location.origin)}</pre>
-          <pre tabindex="0" aria-label="command line">{asCommand(wish())}</pre>
+          <pre tabindex="0" aria-label="command line">{asCommand(wish(), location.origin)}</pre>
           <Show when={check()?.effective}>
             <h3>Every setting in effect</h3>
             <pre tabindex="0" aria-label="settings in effect">{check()?.effective}</pre>

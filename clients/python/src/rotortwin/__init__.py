@@ -40,6 +40,7 @@ from .errors import (
 from .fdi import Fdi, FdiSession
 from .models import (
     Artifact,
+    Autopilot,
     Channel,
     Complaint,
     Event,

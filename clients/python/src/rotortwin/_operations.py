@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, Union
 from ._exchange import Operation, Settings
 from ._stream import in_path
 from .errors import JobFailed, RotortwinError, UnexpectedAnswer
-from .models import Artifact, Channel, Event, Job, Json, Run, Ticket, Validation, Verification, read
+from .models import Artifact, Autopilot, Channel, Event, Job, Json, Run, Ticket, Validation, Verification, read
 
 if TYPE_CHECKING:
     import pandas
@@ -110,6 +110,15 @@ class RunOperations(JobOperations[Run]):
         answer = yield from self.settings.call("POST", self.path(id, "verify"), timeout_s=600.0)
         return read(Verification, answer.json())
 
+    def compare_controllers(self, ids: Sequence[str], within_m: float | None) -> Operation[Json]:
+        params = {"runs": ",".join(ids), "within_m": within_m}
+        answer = yield from self.settings.call("GET", "/api/v1/controllers", params=params)
+        table: Json = answer.json()
+        return table
+
+    def autopilots(self) -> Operation[list[Autopilot]]:
+        answer = yield from self.settings.call("GET", "/api/v1/autopilots")
+        return [read(Autopilot, item) for item in answer.json()["items"]]
 
     def ticket(self, id: str) -> Operation[list[Ticket]]:
         answer = yield from self.settings.call("GET", self.path(id, "ticket"))

@@ -26,7 +26,7 @@ from ._operations import (
 from ._transport import AsyncTransport
 from .aio_fdi import AsyncFdi
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .models import Channel, Job, Json, Link, Pace, Place, Run, Ticket, Validation, Verification
+from .models import Autopilot, Channel, Controller, Job, Json, Link, Pace, Place, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
@@ -116,7 +116,7 @@ class AsyncRuns(AsyncResource[Run]):
         link: Link = "iceoryx2",
         pace: Pace = "fast",
         priority: int = 0,
-        controller: Place = "beside",
+        controller: Controller = "beside",
         fdi: Place = "beside",
         classifier: str | None = None,
         model: Mapping[str, str] | None = None,
@@ -150,6 +150,18 @@ class AsyncRuns(AsyncResource[Run]):
     async def verify(self, id: str) -> Verification:
         """Flies it again in one process and compares the run hash."""
         return await self._do(self._operations.verify(id))
+
+    async def compare_controllers(self, ids: Sequence[str], *, within_m: float | None = None) -> Json:
+        """Runs of one scenario that different controllers have flown: `rows` with tracking, energy, what the fault did and what was seen of it.
+
+        within_m: a vehicle has recovered when it stays so close to its reference, 0.5 m without it. `differences` says in what the runs
+        differ beside their controllers.
+        """
+        return await self._do(self._operations.compare_controllers(ids, within_m))
+
+    async def autopilots(self) -> Sequence[Autopilot]:
+        """The autopilots that a run can name: `controller={"autopilot": NAME}`."""
+        return await self._do(self._operations.autopilots())
 
     async def telemetry(self, id: str, columns: Sequence[str] | None = None) -> pyarrow.Table:
         """Its samples, every step, as an Arrow table."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Literal, TypedDict, TypeVar
+from typing import Any, Literal, TypedDict, TypeVar, Union
 
 from .errors import UnexpectedAnswer
 
@@ -16,6 +16,8 @@ Status = Literal["queued", "running", "done", "failed", "canceled"]
 Link = Literal["in-process", "iceoryx2", "zenoh"]
 Pace = Literal["fast", "real-time"]
 Place = Literal["beside", "worker", "external"]
+#: Who flies: a place, or `{"autopilot": NAME}`, one that the operator of the server has listed.
+Controller = Union[Place, Mapping[str, str]]
 Method = Literal["paper", "improved"]
 CalibrationState = Literal["noise", "disturbances", "done"]
 
@@ -68,13 +70,15 @@ class Run:
     cancel_requested: bool
     #: On whose account.
     tenant: str = ""
-    #: Who flies, who detects: `beside` the plant, on a `worker`, `external`.
-    controller: str = "beside"
+    #: Who flies, who detects: `beside` the plant, on a `worker`, `external`; `{"autopilot": NAME}`.
+    controller: str | Mapping[str, str] = "beside"
     fdi: str = "beside"
     #: The run that it was forked from.
     parent: str | None = None
     #: Who has or had it.
     worker: str | None = None
+    #: What it waits for in the queue, beside a free worker: its autopilot is busy or away. Not in lists.
+    waits_because: str | None = None
     #: Bytes of its files.
     bytes: int = 0
     started_ms: int | None = None
@@ -180,6 +184,28 @@ class Channel:
     description: str
     #: `f64`, `f32`, `i32`, `i64`, `bool`; `text` and `other` cannot be asked for.
     kind: str
+
+
+@dataclass(frozen=True)
+class Autopilot:
+    """An autopilot that the operator of the server has listed. Times are ms since 1970, UTC."""
+
+    #: As a submission names it: `controller={"autopilot": NAME}`.
+    name: str
+    #: `ardupilot`, `px4`, `betaflight`.
+    kind: str
+    #: It waits for the plant in each of its steps; otherwise two flights of one seed differ.
+    lockstep: bool
+    #: `free`, `busy` with a run, `away`: the process that lists it is not there.
+    state: str
+    #: The process that lists it, or did.
+    worker: str
+    #: The run that has it, if it may be seen.
+    run: str | None = None
+    #: What it called itself in its last flight.
+    version: str | None = None
+    #: End of that flight.
+    flown_ms: int | None = None
 
 
 @dataclass(frozen=True)

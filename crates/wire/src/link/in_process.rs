@@ -4,6 +4,7 @@
 //! checks and hands over the same `canonical` frames as the links between processes, so a run has the same hash over each.
 
 use super::{ControllerPeer, FdiPeer, LinkError, PlantLink, RunSetup};
+use crate::autopilot::Identity;
 use crate::convert;
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
 use rotortwin_proto::Role;
@@ -74,6 +75,10 @@ impl<C: ControllerPeer, F: FdiPeer> PlantLink for InProcessLink<C, F> {
     #[inline]
     fn next_report(&mut self, _wait: bool) -> Result<Option<FdiReport>, LinkError> {
         Ok(self.reports.pop_front())
+    }
+
+    fn controller(&self) -> Option<Identity> {
+        Some(Identity::of_program(&self.controller.program()))
     }
 
     fn finish(&mut self, _steps: u64, _failure: Option<&str>) {}

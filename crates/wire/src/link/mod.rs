@@ -21,6 +21,7 @@
 //! Every wait has a time-out. A peer whose process ends is named at once ([`LinkError::PeerDied`]), a peer that is alive and silent
 //! after the time-out ([`LinkError::PeerSilent`]); both with the last step it answered and the length of its silence.
 
+use crate::autopilot::Identity;
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
 use rotortwin_proto::{ControllerSetup, FdiSetup, Role};
 use std::time::Duration;
@@ -46,6 +47,11 @@ pub trait PlantLink {
         Strays::default()
     }
 
+    /// Who flies, as far as it has said; of use once the link was opened.
+    fn controller(&self) -> Option<Identity> {
+        None
+    }
+
     /// Tells both peers that the run is over; `failure` is the reason if it failed. Never blocks for longer than 100 ms.
     fn finish(&mut self, steps: u64, failure: Option<&str>);
 }
@@ -64,6 +70,11 @@ pub trait ControllerPeer {
 
     /// The command of one step. Called once for each step, in order.
     fn step(&mut self, sensors: &SensorFrame) -> CommandFrame;
+
+    /// What it calls itself: name and version.
+    fn program(&self) -> String {
+        "a controller in the process of the plant".to_owned()
+    }
 }
 
 /// What an FDI engine does.

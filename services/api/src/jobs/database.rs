@@ -331,6 +331,11 @@ fn migrations(dialect: Dialect) -> Migrator {
                 "events_in_order",
                 include_str!("../../migrations/sqlite/0006_events_in_order.sql"),
             ),
+            (
+                7,
+                "autopilots",
+                include_str!("../../migrations/sqlite/0007_autopilots.sql"),
+            ),
         ],
         Dialect::Postgres => &[
             (1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql")),
@@ -349,6 +354,11 @@ fn migrations(dialect: Dialect) -> Migrator {
                 5,
                 "events_in_order",
                 include_str!("../../migrations/postgres/0005_events_in_order.sql"),
+            ),
+            (
+                6,
+                "autopilots",
+                include_str!("../../migrations/postgres/0006_autopilots.sql"),
             ),
         ],
     };

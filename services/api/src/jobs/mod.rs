@@ -7,6 +7,7 @@
 //! ```
 //! All that is said about a job stands in the database ([`store`]); [`hub`] only wakes those who look there.
 
+pub(crate) mod autopilots;
 pub(crate) mod database;
 pub(crate) mod hub;
 pub(crate) mod live;
@@ -177,6 +178,8 @@ pub(crate) struct NewJob {
     pub(crate) request_hash: String,
     /// It is stopped when one attempt takes longer, ms.
     pub(crate) wall_limit_ms: i64,
+    /// The autopilot that flies it: one run at a time, by the process that lists it.
+    pub(crate) autopilot: Option<String>,
     /// Its parts: it is begun when all of them are done.
     pub(crate) parts: Vec<NewJob>,
 }

@@ -82,8 +82,8 @@ impl Database {
     ) -> Result<bool, sqlx::Error> {
         let inserted = sqlx::query(self.sql(
             "INSERT INTO job (id, kind, name, tenant, status, priority, spec, facts, parent, part_of, waits_for, idempotency_key, \
-             request_hash, submitted_ms, wall_limit_ms) \
-             VALUES ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10, $11, $12, @NOW, $13) \
+             request_hash, submitted_ms, wall_limit_ms, autopilot) \
+             VALUES ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10, $11, $12, @NOW, $13, $14) \
              ON CONFLICT (tenant, kind, idempotency_key) DO NOTHING",
         ))
         .bind(id)
@@ -99,6 +99,7 @@ impl Database {
         .bind(&new.idempotency_key)
         .bind(&new.request_hash)
         .bind(new.wall_limit_ms)
+        .bind(&new.autopilot)
         .execute(&mut **transaction)
         .await?
         .rows_affected();
@@ -108,8 +109,8 @@ impl Database {
         Ok(inserted > 0)
     }
 
-    /// Takes a queued job, if there is one: of the tenant with the fewest running jobs, there the most urgent, there the oldest. The token
-    /// stands for the claim.
+    /// Takes a queued job, if there is one: of the tenant with the fewest running jobs, there the most urgent, there the oldest. One that an
+    /// autopilot flies is taken only by the worker that lists the autopilot, while no other run has it. The token stands for the claim.
     ///
     /// # Errors
     /// The database.
@@ -126,18 +127,28 @@ impl Database {
              worker = $3 WHERE status = 'queued' AND id = (SELECT j.id FROM job j LEFT JOIN \
                (SELECT tenant, COUNT(*) AS running FROM job WHERE status = 'running' GROUP BY tenant) r ON r.tenant = j.tenant \
                WHERE j.status = 'queued' AND j.waits_for = 0 AND j.not_before_ms <= @NOW AND COALESCE(r.running, 0) < $4 \
+               AND (j.autopilot IS NULL OR (\
+                 EXISTS (SELECT 1 FROM autopilot a WHERE a.name = j.autopilot AND a.worker = $5 AND a.until_ms > @NOW) \
+                 AND NOT EXISTS (SELECT 1 FROM job b WHERE b.status = 'running' AND b.autopilot = j.autopilot))) \
                ORDER BY COALESCE(r.running, 0), j.priority DESC, j.id LIMIT 1 @SKIP) RETURNING *",
         ))
         .bind(&token)
         .bind(lease.as_millis() as i64)
         .bind(worker)
         .bind(share.most_running)
+        .bind(worker)
         .fetch_optional(&mut *transaction)
         .await?;
         let Some(row) = row else {
             return Ok(None);
         };
         let job = job_of(&row)?;
+        if let Some(autopilot) = &job.new.autopilot
+            && !self.has_alone(&mut transaction, autopilot, &job.id).await?
+        {
+            // Somebody was faster; the claim is rolled back.
+            return Ok(None);
+        }
         let data = serde_json::json!({ "attempt": job.attempts, "worker": worker }).to_string();
         self.append(&mut transaction, &job.id, "started", &data).await?;
         transaction.commit().await?;

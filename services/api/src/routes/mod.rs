@@ -2,10 +2,12 @@
 
 mod all_events;
 mod artifacts;
+mod autopilots;
 mod blind_benches;
 mod campaigns;
 mod classifiers;
 mod collection;
+mod controllers;
 mod documents;
 mod events;
 mod exports;
@@ -68,6 +70,7 @@ const LARGEST_BODY: usize = 2 << 20;
     ),
     tags(
         (name = "runs", description = "Flights: submit, list, watch, stop, compare"),
+        (name = "autopilots", description = "Autopilots that operators have listed: runs name them"),
         (name = "telemetry", description = "What was recorded: channels, intervals, decimated so that a picture is true"),
         (name = "campaigns", description = "Many flights with statistics"),
         (name = "blind_benches", description = "Does the diagnosis find what is missing? Logs with hidden effects, diagnosed and scored"),
@@ -114,6 +117,8 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(submissions::fork))
         .routes(routes!(runs::verify))
         .routes(routes!(runs::ticket))
+        .routes(routes!(autopilots::list))
+        .routes(routes!(controllers::compare))
         .routes(routes!(table::table))
         .routes(routes!(events::events))
         .routes(routes!(artifacts::list))

@@ -12,7 +12,7 @@ use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::StatusCode;
 use rotortwin_jobs::StoredJob;
-use rotortwin_jobs::flight::{Flight, Link, Pace, Place};
+use rotortwin_jobs::flight::{Controller, Flight, Link, Pace, Place};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use utoipa::ToSchema;
@@ -29,7 +29,7 @@ pub(super) struct Facts {
     pub(super) link: Link,
     pub(super) pace: Pace,
     #[serde(default)]
-    pub(super) controller: Place,
+    pub(super) controller: Controller,
     #[serde(default)]
     pub(super) fdi: Place,
     #[serde(default)]
@@ -56,7 +56,7 @@ pub(crate) struct Run {
     /// How fast.
     pace: Pace,
     /// Who flies.
-    controller: Place,
+    controller: Controller,
     /// Who detects.
     fdi: Place,
     /// Larger goes first.
@@ -73,6 +73,8 @@ pub(crate) struct Run {
     attempts: i64,
     /// Who has or had it.
     worker: Option<String>,
+    /// What the run waits for in the queue, beside a free worker: its autopilot is busy or away. Not in lists.
+    waits_because: Option<String>,
     /// Somebody wants it stopped.
     cancel_requested: bool,
     /// Bytes of its files.
@@ -109,6 +111,7 @@ impl From<Job> for Run {
             finished_ms: job.finished_ms,
             attempts: job.attempts,
             worker: job.worker,
+            waits_because: None,
             cancel_requested: job.cancel_requested,
             bytes: job.bytes,
             run_hash: job.run_hash,
@@ -160,7 +163,12 @@ pub(crate) async fn get(
     caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<Json<Run>, Problem> {
-    Ok(Json(find(&app, &caller, id).await?.into()))
+    let run = find(&app, &caller, id).await?;
+    let waits_because = super::autopilots::waits_because(&app, &caller, &run).await?;
+    Ok(Json(Run {
+        waits_because,
+        ..run.into()
+    }))
 }
 
 /// Deletes a run that has ended, with its files.
@@ -313,7 +321,7 @@ pub(crate) async fn ticket(
 ) -> Result<Json<Tickets>, Problem> {
     let run = find(&app, &caller, id).await?;
     let facts: Facts = serde_json::from_str(&run.new.facts).unwrap_or_default();
-    if facts.controller == Place::Beside && facts.fdi == Place::Beside {
+    if matches!(facts.controller, Controller::Beside | Controller::Autopilot(_)) && facts.fdi == Place::Beside {
         return Err(Problem::conflict(
             "all parts of this run are started beside its plant; submit it with `controller` or `fdi` = `external`",
         ));

@@ -14,7 +14,7 @@ use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::StoredJob;
-use rotortwin_jobs::flight::{Flight, Link, Pace, Place, join_timeout};
+use rotortwin_jobs::flight::{Controller, Flight, Link, Pace, Place, join_timeout};
 use rotortwin_scenario::classifier::Classifier;
 use rotortwin_scenario::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
@@ -61,9 +61,10 @@ pub(crate) struct Submission {
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// Who flies: ours beside the plant, ours on a worker that offers it, or somebody else's that joins with the run's ticket.
+    /// Who flies: ours beside the plant, ours on a worker that offers it, somebody else's that joins with the run's ticket, or an autopilot
+    /// by its name.
     #[serde(default)]
-    controller: Place,
+    controller: Controller,
     /// Who detects: as for the controller.
     #[serde(default)]
     fdi: Place,
@@ -208,6 +209,14 @@ async fn accept(
     };
     let wall_limit_ms = terms.check()?;
     check_places(&body)?;
+    let link = match &body.controller {
+        Controller::Autopilot(name) => {
+            let how = (body.link, body.fdi, body.pace);
+            super::autopilots::check(app, name, scenario, body.seed, how).await?;
+            Link::InProcess
+        }
+        _ => body.link,
+    };
     let documents = scenario.documents();
     let duration = documents.scenario.duration_s;
     let longest = app.config.longest_flight_s;
@@ -228,18 +237,18 @@ async fn accept(
     let spec = Flight {
         documents: documents.to_toml(),
         seed: seed.to_string(),
-        link: body.link,
+        link,
         pace: body.pace,
-        controller: body.controller,
+        controller: body.controller.clone(),
         fdi: body.fdi,
         join_timeout_ms: body.join_timeout_ms,
     };
     let facts = Facts {
         vehicle: documents.vehicle.name.clone(),
         seed: seed.to_string(),
-        link: body.link,
+        link,
         pace: body.pace,
-        controller: body.controller,
+        controller: body.controller.clone(),
         fdi: body.fdi,
         warnings: scenario.warnings().into_iter().chain(notes).collect(),
     };
@@ -256,6 +265,7 @@ async fn accept(
         idempotency_key: jobs::idempotency_key(headers)?,
         request_hash,
         wall_limit_ms,
+        autopilot: body.controller.autopilot().map(str::to_owned),
         parts: Vec::new(),
     };
     jobs::accept(app, new, Run::from).await
@@ -273,7 +283,10 @@ fn check_places(body: &Submission) -> Result<(), Problem> {
             body.join_timeout_ms
         )));
     }
-    for (name, place) in [("controller", body.controller), ("fdi", body.fdi)] {
+    for (name, place) in [
+        ("controller", body.controller.place().unwrap_or_default()),
+        ("fdi", body.fdi),
+    ] {
         if place != Place::Beside && body.link != Link::Zenoh {
             return Err(Problem::unprocessable(format!(
                 "`{name}` is not beside the plant, and `link` is {}; expected `link: zenoh`",

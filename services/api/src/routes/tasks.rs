@@ -58,6 +58,7 @@ impl Draft {
             idempotency_key: None,
             request_hash: String::new(),
             wall_limit_ms: self.terms.check()?,
+            autopilot: None,
             parts: Vec::new(),
         })
     }

@@ -1,9 +1,9 @@
-//! A flight: `rotortwin fly`, which starts plant, controller and FDI engine, or waits for those that join from elsewhere.
+//! A flight: `rotortwin fly`, which starts plant, controller and FDI engine, or waits for those that join from elsewhere, or for an autopilot.
 
 use super::child::{self, Limits, Listener, Reason};
 use super::{Ended, Meeting, Workshop, files_key};
 use crate::jobs::{Job, Outcome, Status};
-use rotortwin_jobs::flight::{Flight, Link, Place};
+use rotortwin_jobs::flight::{Controller, Flight, Link, Place};
 use rotortwin_store::summary::{Status as FlightStatus, Summary, load_summary};
 use serde_json::Value;
 use std::path::Path;
@@ -65,6 +65,13 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
         Ok(bytes) => bytes,
         Err(error) => return Ended::Failed(format!("the flight's files cannot be kept: {error}")),
     };
+    if let (Some(name), Some(controller)) = (spec.controller.autopilot(), &summary.controller) {
+        // What is shown beside its name, nothing more.
+        let noted = shop.database.autopilot_flew(name, controller.version.as_deref()).await;
+        if let Err(error) = noted {
+            tracing::warn!(autopilot = name, %error, "its version cannot be noted");
+        }
+    }
     let mut outcome = outcome(&summary, files_key(job), bytes);
     if end.reason == Reason::TooLong {
         outcome.status = Status::Failed;
@@ -77,7 +84,7 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
 /// One of our own processes is gone. Somebody else's that is gone is a result.
 fn is_worth_another_try(spec: &Flight, peer: &str) -> bool {
     match peer {
-        "controller" => spec.controller != Place::External,
+        "controller" => matches!(spec.controller.place(), Some(Place::Beside | Place::Worker)),
         "fdi" => spec.fdi != Place::External,
         "plant" | "supervisor" => true,
         _ => false,
@@ -106,7 +113,20 @@ fn command(shop: &Workshop, spec: &Flight, folder: &Path, out: &Path) -> std::io
     let mut command = Command::new(&shop.program);
     command
         .args(["fly", "--documents", "--events", "--live", LIVE_HZ])
-        .args(["--seed", &spec.seed])
+        .args(["--seed", &spec.seed]);
+    if let Controller::Autopilot(name) = &spec.controller {
+        let autopilot = shop.autopilots.iter().find(|autopilot| autopilot.name == *name);
+        let autopilot =
+            autopilot.ok_or_else(|| std::io::Error::other(format!("no autopilot '{name}' is listed here")))?;
+        command.args(["--controller", &autopilot.address]);
+        if let Some(pilot) = &autopilot.pilot {
+            command.args(["--pilot", pilot]);
+        }
+        command.args(["--join-timeout", &spec.join_timeout_ms.to_string()]);
+        command.arg("--out").arg(out).arg("--").arg(&documents);
+        return Ok(command);
+    }
+    command
         .args(["--link", spec.link.as_str()])
         .args(["--pace", spec.pace.as_str()]);
     let others: Vec<&str> = roles(spec)
@@ -139,7 +159,8 @@ fn with_port(endpoint: &str) -> std::io::Result<String> {
 }
 
 fn roles(spec: &Flight) -> impl Iterator<Item = (&'static str, Place)> {
-    [("controller", spec.controller), ("fdi", spec.fdi)].into_iter()
+    let controller = spec.controller.place().map(|place| ("controller", place));
+    controller.into_iter().chain([("fdi", spec.fdi)])
 }
 
 /// Hands out the tickets once the plant waits.

@@ -52,6 +52,8 @@ pub(crate) struct Workshop {
     pub(crate) name: String,
     /// How much a tenant may run at the same time.
     pub(crate) share: FairShare,
+    /// Autopilots that can be reached from here.
+    pub(crate) autopilots: Vec<crate::Autopilot>,
     /// How processes on other hosts reach a plant that is started here.
     pub(crate) zenoh: Meeting,
     /// Threads of one job.
@@ -146,6 +148,40 @@ pub(crate) async fn sit(shop: Arc<Workshop>, roles: Vec<String>) {
             _ = ending.changed() => {}
             () = tokio::time::sleep(LOOK / 4) => {}
         }
+    }
+}
+
+/// Says once more that the autopilots of this process can be flown with.
+///
+/// # Errors
+/// The database.
+pub(crate) async fn offer_autopilots(shop: &Workshop) -> Result<(), sqlx::Error> {
+    for autopilot in &shop.autopilots {
+        if !shop.database.offer_autopilot(&shop.name, autopilot, LEASE).await? {
+            tracing::warn!(
+                autopilot = autopilot.name,
+                "another worker lists an autopilot of this name and flies with it; this one's is not used"
+            );
+        }
+    }
+    Ok(())
+}
+
+/// [`offer_autopilots`] until the process ends.
+pub(crate) async fn keep_offering(shop: Arc<Workshop>) {
+    let mut ending = shop.ending.subscribe();
+    while !*ending.borrow() {
+        tokio::select! {
+            _ = ending.changed() => {}
+            () = tokio::time::sleep(LEASE / 3) => {
+                if let Err(error) = offer_autopilots(&shop).await {
+                    tracing::error!(%error, "autopilots cannot be offered");
+                }
+            }
+        }
+    }
+    if let Err(error) = shop.database.withdraw_autopilots(Some(&shop.name)).await {
+        tracing::warn!(%error, "autopilots are offered until their time is over");
     }
 }
 

@@ -87,7 +87,11 @@ impl Flight<'_> {
             PaceArg::Fast => "fast",
             PaceArg::RealTime => "real-time",
         };
-        let body = json!({ "documents": scenario.documents().to_toml(), "seed": seed, "link": link, "pace": pace });
+        let documents = scenario.documents().to_toml();
+        let body = match &self.args.autopilot {
+            Some(name) => json!({ "documents": documents, "seed": seed, "controller": { "autopilot": name } }),
+            None => json!({ "documents": documents, "seed": seed, "link": link, "pace": pace }),
+        };
         let run = remote.json(&Ask::post("/api/v1/runs").json(body).once()).await?;
         let id = fetch::text(&run, "id").to_owned();
         self.screen.line(&format!("run {id} of {}", remote.url()));

@@ -1,0 +1,327 @@
+//! Autopilots that an operator has listed on a server, and controllers compared; the autopilot is a scripted peer.
+
+mod scripted_ardupilot;
+
+use rotortwin_scenario::Scenario;
+use rotortwin_tests::postgres::Postgres;
+use rotortwin_tests::process::wait_until;
+use rotortwin_tests::program::{Call, PATIENCE};
+use rotortwin_tests::scratch::{Scratch, repository};
+use rotortwin_tests::server::{Server, Worker};
+use scripted_ardupilot::ScriptedArduPilot;
+use serde_json::{Value, json};
+use std::net::{SocketAddr, UdpSocket};
+use std::time::Duration;
+
+/// Seconds from the hand-over on, and its damage.
+const FLIGHT: &str = r#"
+name = "autopilot"
+description = "a hover from the ground"
+vehicle = "../vehicles/f550-skids.toml"
+duration_s = 16.0
+[initial]
+start = "on-ground"
+[trajectory]
+kind = "hover"
+position_ned_m = [0.0, 0.0, -1.5]
+[ground]
+down_m = 0.0
+[ground.contact]
+[[fault]]
+time_s = 12.0
+rotor = 3
+thrust_loss_percent = 10.0
+"#;
+
+fn scenario() -> Scenario {
+    Scenario::parse(FLIGHT, repository().join("config/scenarios")).expect("a good scenario")
+}
+
+/// A UDP port of this host that nobody uses now.
+fn free_address() -> SocketAddr {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    socket.local_addr().expect("it is bound")
+}
+
+fn listed(name: &str, at: SocketAddr) -> String {
+    format!("{name}=ardupilot:{at},pilot=none")
+}
+
+fn flight(name: &str) -> Value {
+    json!({ "text": FLIGHT, "controller": { "autopilot": name } })
+}
+
+fn detail(server: &Server, body: &Value) -> String {
+    let answer = server.ask("POST", "/api/v1/runs", &[], &body.to_string());
+    assert_eq!(answer.status, 422, "{}", answer.json());
+    answer.json()["detail"].as_str().expect("a sentence").to_owned()
+}
+
+fn autopilot(server: &Server, name: &str) -> Value {
+    let all = server.get("/api/v1/autopilots");
+    let items = all["items"].as_array().expect("a list");
+    items
+        .iter()
+        .find(|one| one["name"] == name)
+        .expect("it is listed")
+        .clone()
+}
+
+#[test]
+fn scenario_runs_name_an_autopilot_and_have_it_one_after_the_other() {
+    let scratch = Scratch::new();
+    let at = free_address();
+    let more = ["--workers", "3", "--autopilot", &listed("bench-1", at)];
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &more);
+    let state = autopilot(&server, "bench-1");
+    assert_eq!(
+        (&state["kind"], &state["lockstep"], &state["state"], &state["version"]),
+        (&json!("ardupilot"), &json!(true), &json!("free"), &Value::Null)
+    );
+    let ids = [server.submit(&flight("bench-1")), server.submit(&flight("bench-1"))];
+    // Nobody flies yet: one waits for the autopilot, the other one for the first.
+    let busy = wait_until(PATIENCE, || autopilot(&server, "bench-1")["state"] == "busy");
+    assert!(busy.is_some());
+    let first = autopilot(&server, "bench-1")["run"]
+        .as_str()
+        .expect("its own run")
+        .to_owned();
+    let second = ids.iter().find(|id| **id != first).expect("one of the two");
+    let waiting = server.get(&format!("/api/v1/runs/{second}"));
+    assert_eq!(waiting["status"], "queued", "{waiting}");
+    assert_eq!(
+        waiting["waits_because"],
+        format!("the autopilot 'bench-1' is busy with run {first}")
+    );
+    // Others are not held up.
+    let other = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
+    assert_eq!(server.ended(&other)["status"], "done");
+
+    let peer = ScriptedArduPilot::start(at, &scenario(), 1.5);
+    let [one, two] = ids.each_ref().map(|id| server.ended(id));
+    for run in [&one, &two] {
+        assert_eq!(run["status"], "done", "{run}");
+        assert_eq!(run["attempts"], 1);
+        assert_eq!(
+            (&run["link"], &run["controller"]),
+            (&json!("in-process"), &json!({ "autopilot": "bench-1" }))
+        );
+        let who = &run["summary"]["controller"];
+        assert!(
+            who["peer"]
+                .as_str()
+                .is_some_and(|peer| peer.starts_with("ArduPilot at 127.0.0.1:")),
+            "{who}"
+        );
+        assert_eq!(who["lockstep"], true);
+    }
+    let begun = |run: &Value| run["started_ms"].as_i64().expect("a time");
+    let ended = |run: &Value| run["finished_ms"].as_i64().expect("a time");
+    assert!(begun(&one) >= ended(&two) || begun(&two) >= ended(&one), "{one} {two}");
+    assert!(peer.answered() > 2 * 16_000, "{}", peer.answered());
+    let state = autopilot(&server, "bench-1");
+    assert_eq!((&state["state"], &state["run"]), (&json!("free"), &Value::Null));
+    assert!(state["flown_ms"].is_i64(), "{state}");
+
+    // Flown again with what the autopilot sent, without it.
+    drop(peer);
+    let answer = server.ask("POST", &format!("/api/v1/runs/{}/verify", ids[0]), &[], "");
+    assert_eq!(answer.status, 200, "{}", answer.json());
+
+    // Side by side with ours.
+    let own = server.submit(&json!({ "text": FLIGHT.replace("on-ground", "trimmed"), "link": "in-process" }));
+    assert_eq!(server.ended(&own)["status"], "done");
+    let table = server.get(&format!("/api/v1/controllers?runs={own},{}&within_m=0.3", ids[0]));
+    assert_eq!(table["differences"], json!([]), "{table}");
+    let rows = table["rows"].as_array().expect("rows");
+    assert_eq!(
+        (rows.len(), &rows[0]["controller"]),
+        (2, &json!("rotortwin-controller")),
+        "{table}"
+    );
+    for row in rows {
+        let number = |path: &str| {
+            row.pointer(path)
+                .and_then(Value::as_f64)
+                .unwrap_or_else(|| panic!("{path}: {row}"))
+        };
+        assert!((0.0..0.3).contains(&number("/position_m/rms")), "{row}");
+        // 16 s of hover of this vehicle at some 150 to 250 W.
+        assert!((0.4..1.4).contains(&number("/energy_wh")), "{row}");
+        assert!((0.0..3.0).contains(&number("/fault/isolated_after_s")), "{row}");
+        assert!(
+            number("/fault/detected_after_s") <= number("/fault/isolated_after_s"),
+            "{row}"
+        );
+        assert_eq!(
+            (&row["fault"]["right_at_end"], &row["false_alarms"]),
+            (&json!(true), &json!(0)),
+            "{row}"
+        );
+        assert!(number("/fault/recovered_after_s") >= 0.0);
+    }
+    for (query, status, words) in [
+        ("runs=", 422, "names 0 runs"),
+        ("runs=nothing", 404, "no run nothing"),
+        (&format!("runs={own}&within_m=-1"), 422, "within_m"),
+    ] {
+        let answer = server.ask("GET", &format!("/api/v1/controllers?{query}"), &[], "");
+        assert_eq!(answer.status, status, "{}", answer.json());
+        assert!(
+            answer.json()["detail"]
+                .as_str()
+                .is_some_and(|detail| detail.contains(words)),
+            "{}",
+            answer.json()
+        );
+    }
+}
+
+#[test]
+fn scenario_addresses_are_not_taken_from_requests() {
+    let scratch = Scratch::new();
+    let more = ["--workers", "1", "--autopilot", &listed("bench-1", free_address())];
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &more);
+    let address = detail(&server, &flight("ardupilot:0.0.0.0:9002"));
+    assert!(
+        address.contains("expected one of: bench-1; an address is not taken from a request"),
+        "{address}"
+    );
+    let unknown = detail(&server, &flight("bench-2"));
+    assert!(
+        unknown.contains("'bench-2', which nobody has listed; expected one of: bench-1"),
+        "{unknown}"
+    );
+    for (change, words) in [
+        (json!({ "link": "zenoh" }), "one process"),
+        (json!({ "link": "zenoh", "fdi": "worker" }), "one process"),
+        (json!({ "pace": "real-time" }), "a pace of its own"),
+        (
+            json!({ "text": FLIGHT.replace("on-ground", "trimmed") }),
+            "initial.start",
+        ),
+        (json!({ "text": FLIGHT.replace("f550-skids", "quad-x") }), ""),
+    ] {
+        let mut body = flight("bench-1");
+        body.as_object_mut()
+            .expect("an object")
+            .extend(change.as_object().expect("an object").clone());
+        let sentence = detail(&server, &body);
+        assert!(sentence.contains(words), "{sentence}");
+    }
+    // What is no such controller is no request at all.
+    let wrong = json!({ "text": FLIGHT, "controller": { "address": "127.0.0.1:9002" } });
+    let answer = server.ask("POST", "/api/v1/runs", &[], &wrong.to_string());
+    assert!(matches!(answer.status, 400 | 422), "{}", answer.json());
+
+    // What is wrong on the command line is said before anything is opened.
+    for (words, sentence) in [
+        (&["bench 1=ardupilot"][..], "expected 1 to 64 letters"),
+        (&["ardupilot"], "expected NAME=ADDRESS"),
+        (&["a=inav"], "expected ardupilot"),
+        (&["a=ardupilot", "--autopilot", "b=ardupilot"], "is listed already"),
+        (
+            &["a=betaflight,pilot=tcp:127.0.0.1:1"],
+            "takes no commands over MAVLink",
+        ),
+        (&["a=ardupilot", "--workers", "0"], "nobody here would fly with it"),
+    ] {
+        let data = scratch.path("refused");
+        let call = Call::new(&scratch, ["serve", "--listen", "127.0.0.1:0", "--data"]).with([data.into_os_string()]);
+        let ended = call
+            .with(["--autopilot"])
+            .with(words.iter().copied())
+            .run()
+            .expect_code(2);
+        assert!(ended.stderr.concat().contains(sentence), "{:?}", ended.stderr);
+    }
+}
+
+#[test]
+fn scenario_a_silent_autopilot_ends_the_run_at_the_first_attempt() {
+    let scratch = Scratch::new();
+    let at = free_address();
+    let more = ["--workers", "1", "--autopilot", &listed("bench-1", at)];
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &more);
+    // It never comes.
+    let mut body = flight("bench-1");
+    body["join_timeout_ms"] = json!(700);
+    let run = server.ended(&server.submit(&body));
+    assert_eq!(
+        (&run["status"], &run["attempts"]),
+        (&json!("failed"), &json!(1)),
+        "{run}"
+    );
+    let error = run["error"].as_str().expect("a sentence");
+    assert!(
+        error.contains("ArduPilot") && error.contains(&at.port().to_string()),
+        "{error}"
+    );
+
+    // It falls silent in flight.
+    let peer = ScriptedArduPilot::start(at, &scenario(), 1.5);
+    let id = server.submit(&flight("bench-1"));
+    assert!(wait_until(PATIENCE, || peer.answered() > 8000).is_some());
+    peer.silence(true);
+    let run = server.ended(&id);
+    assert_eq!(
+        (&run["status"], &run["attempts"]),
+        (&json!("failed"), &json!(1)),
+        "{run}"
+    );
+    let error = run["error"].as_str().expect("a sentence");
+    assert!(
+        error.contains("ArduPilot at 127.0.0.1:") && error.contains("frame"),
+        "{error}"
+    );
+    assert_eq!(autopilot(&server, "bench-1")["state"], "free");
+}
+
+/// Only the worker on whose host it is listed flies with it, and when that one is gone a run waits and says for what.
+#[test]
+fn scenario_the_worker_that_lists_it_flies_with_it() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(scratch.folder()) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let shared = ["--database-url", &url, "--artifacts", &artifacts];
+    let at = free_address();
+    let name = listed("bench-1", at);
+    let with = |more: &[&'static str]| [&shared[..], more].concat();
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("server"), &with(&["--workers", "1"]));
+    let _idle = Worker::start(&scratch.path("idle"), &with(&["--workers", "2"]));
+    let mut listing = [&shared[..], &["--workers", "2", "--autopilot", &name]].concat();
+    let mut worker = Worker::start(&scratch.path("lists"), &listing);
+    let process = autopilot(&server, "bench-1")["worker"].clone();
+    let peer = ScriptedArduPilot::start(at, &scenario(), 1.5);
+    let ids: Vec<String> = (0..3).map(|_| server.submit(&flight("bench-1"))).collect();
+    let runs: Vec<Value> = ids.iter().map(|id| server.ended(id)).collect();
+    let mut times: Vec<(i64, i64)> = Vec::new();
+    for run in &runs {
+        assert_eq!((&run["status"], &run["worker"]), (&json!("done"), &process), "{run}");
+        let time = |key: &str| run[key].as_i64().expect("a time");
+        times.push((time("started_ms"), time("finished_ms")));
+    }
+    times.sort_unstable();
+    assert!(times.windows(2).all(|two| two[0].1 <= two[1].0), "{times:?}");
+
+    worker.kill();
+    drop(peer);
+    let away = wait_until(PATIENCE, || autopilot(&server, "bench-1")["state"] == "away");
+    assert!(away.is_some(), "{}", autopilot(&server, "bench-1"));
+    let id = server.submit(&flight("bench-1"));
+    std::thread::sleep(Duration::from_secs(3));
+    let run = server.get(&format!("/api/v1/runs/{id}"));
+    assert_eq!(run["status"], "queued");
+    let why = run["waits_because"].as_str().expect("a reason");
+    assert!(why.contains("is away: the worker that lists it"), "{why}");
+    // Another one lists it, and the run is flown.
+    listing.truncate(4);
+    let at = free_address();
+    let name = listed("bench-1", at);
+    listing.extend(["--workers", "1", "--autopilot", &name]);
+    let _peer = ScriptedArduPilot::start(at, &scenario(), 1.5);
+    let _worker = Worker::start(&scratch.path("again"), &listing);
+    assert_eq!(server.ended(&id)["status"], "done");
+}

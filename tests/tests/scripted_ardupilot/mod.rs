@@ -1,0 +1,170 @@
+//! ArduPilot as the plant sees it, written from docs/autopilots.md alone: servo packets by UDP, a reply to each, our own PID behind them. It
+//! lives on from run to run, as the real one does: a plant whose time falls back is a new one.
+
+use rotortwin_flight_core::control::Controller;
+use rotortwin_flight_core::frames::{EulerAngles, Vec3};
+use rotortwin_flight_core::signals::{NavState, Reference};
+use rotortwin_scenario::Scenario;
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Our rotor of each channel: hexarotor X.
+const ROTOR_OF_CHANNEL: [usize; 6] = [2, 5, 6, 3, 1, 4];
+/// Simulated time at which it arms, s.
+const ARMS_S: f64 = 0.5;
+/// Height above the ground of a vehicle on its skids, and rate of climb: m, m/s.
+const CLIMB: (f64, f64) = (0.179, 1.0);
+
+/// A peer in a thread; it ends with this.
+pub(crate) struct ScriptedArduPilot {
+    stop: Arc<AtomicBool>,
+    silent: Arc<AtomicBool>,
+    frames: Arc<AtomicU64>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl ScriptedArduPilot {
+    /// Sends to the plant at `to`, and hovers at `height_m` over the origin.
+    pub(crate) fn start(to: SocketAddr, scenario: &Scenario, height_m: f64) -> Self {
+        let (stop, silent, frames) = (
+            Arc::<AtomicBool>::default(),
+            Arc::<AtomicBool>::default(),
+            Arc::default(),
+        );
+        let pilot = Pilot {
+            scenario: scenario.clone(),
+            controller: Controller::new(scenario.controller_config()).expect("a good controller"),
+            height_m,
+            duty: [0.0; 6],
+            next_s: ARMS_S,
+            last_s: 0.0,
+        };
+        let shared = (Arc::clone(&stop), Arc::clone(&silent), Arc::clone(&frames));
+        let thread = std::thread::spawn(move || run(to, pilot, &shared.0, &shared.1, &shared.2));
+        Self {
+            stop,
+            silent,
+            frames,
+            thread: Some(thread),
+        }
+    }
+
+    /// It sends nothing any more, or again.
+    pub(crate) fn silence(&self, silent: bool) {
+        self.silent.store(silent, Ordering::Relaxed);
+    }
+
+    /// Frames that were answered.
+    pub(crate) fn answered(&self) -> u64 {
+        self.frames.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for ScriptedArduPilot {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let ended = thread.join();
+            if !std::thread::panicking() {
+                ended.expect("the peer understood the plant");
+            }
+        }
+    }
+}
+
+fn run(to: SocketAddr, mut pilot: Pilot, stop: &AtomicBool, silent: &AtomicBool, frames: &AtomicU64) {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    socket
+        .set_read_timeout(Some(Duration::from_millis(100)))
+        .expect("a time-out");
+    let mut buffer = [0; 2048];
+    while !stop.load(Ordering::Relaxed) {
+        if silent.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(20));
+            continue;
+        }
+        let frame = frames.load(Ordering::Relaxed);
+        let packet = servo_packet(u32::try_from(frame).expect("a short flight"), &pilot.duty);
+        // Without a plant nobody listens there; it asks again for the same frame.
+        let Ok(length) = socket.send_to(&packet, to).and_then(|_| socket.recv(&mut buffer)) else {
+            std::thread::sleep(Duration::from_millis(20));
+            continue;
+        };
+        let line = std::str::from_utf8(&buffer[..length]).expect("a line of ASCII");
+        pilot.take(line);
+        frames.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// u16 magic, u16 frame rate, u32 frame, u16 pulse\[16\]; little endian.
+fn servo_packet(frame: u32, duty: &[f64; 6]) -> Vec<u8> {
+    let mut pulses = [1000_u16; 16];
+    for (channel, rotor) in ROTOR_OF_CHANNEL.into_iter().enumerate() {
+        pulses[channel] = (1000.0 + 1000.0 * duty[rotor - 1]).round() as u16;
+    }
+    let mut packet = [18458_u16, 1000].map(u16::to_le_bytes).concat();
+    packet.extend(frame.to_le_bytes());
+    packet.extend(pulses.into_iter().flat_map(u16::to_le_bytes));
+    packet
+}
+
+/// Numbers behind a key, found by searching, without a space in between.
+fn numbers(line: &str, key: &str) -> Vec<f64> {
+    let start = line.find(&format!("\"{key}\":")).expect("the key") + key.len() + 3;
+    let rest = line[start..].trim_start_matches('[');
+    let end = rest.find([']', '}']).expect("an end");
+    let parsed = rest[..end].split(',').map_while(|number| number.parse().ok());
+    parsed.collect()
+}
+
+struct Pilot {
+    scenario: Scenario,
+    controller: Controller,
+    height_m: f64,
+    /// By our rotors.
+    duty: [f64; 6],
+    next_s: f64,
+    last_s: f64,
+}
+
+impl Pilot {
+    fn take(&mut self, line: &str) {
+        let time_s = numbers(line, "timestamp")[0];
+        if time_s < self.last_s {
+            self.controller = Controller::new(self.scenario.controller_config()).expect("a good controller");
+            (self.duty, self.next_s) = ([0.0; 6], ARMS_S);
+        }
+        self.last_s = time_s;
+        let three = |key: &str| {
+            let values = numbers(line, key);
+            [values[0] as f32, values[1] as f32, values[2] as f32]
+        };
+        let attitude = numbers(line, "attitude");
+        // The controller of flight-core counts in steps of 2.5 ms.
+        while time_s >= self.next_s {
+            self.next_s += 0.0025;
+            let height = (CLIMB.0 + CLIMB.1 * (time_s - ARMS_S)).min(self.height_m);
+            let climbs = height < self.height_m;
+            let nav = NavState {
+                position_ned: Vec3::from_array(three("position")),
+                velocity_ned: Vec3::from_array(three("velocity")),
+                attitude: EulerAngles {
+                    roll: attitude[0] as f32,
+                    pitch: attitude[1] as f32,
+                    yaw: attitude[2] as f32,
+                },
+                body_rates: Vec3::from_array(three("gyro")),
+            };
+            let reference = Reference {
+                position_ned: Vec3::from_array([0.0, 0.0, -height as f32]),
+                velocity_ned: Vec3::from_array([0.0, 0.0, if climbs { -CLIMB.1 as f32 } else { 0.0 }]),
+                yaw: 0.0,
+            };
+            let duty = self.controller.step(&nav, &reference, 15.5).command.duty;
+            self.duty = std::array::from_fn(|rotor| f64::from(duty[rotor]));
+        }
+    }
+}
