@@ -60,7 +60,7 @@ pub struct MapArgs {
 /// What is imported, and where to.
 #[derive(Debug, clap::Args)]
 pub struct ImportArgs {
-    /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, blackbox, MAVLink .tlog, Crazyflie micro-SD log; LOG@35:65 takes these seconds
+    /// Canonical CSV or Parquet, run folder, PX4 ULog, ArduPilot .bin or .log, blackbox, MAVLink .tlog, ROS 2 .mcap, Crazyflie micro-SD log; LOG@35:65 takes these seconds
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     #[command(flatten)]

@@ -37,9 +37,34 @@ fn val_excerpts_hold_what_other_readers_find() {
     ];
     assert_eq!(expected.len(), files.len());
     for (name, extension, kind) in files {
+        holds(name, extension, kind, &expected[name]);
+    }
+}
+
+#[test]
+fn val_a_recording_of_ros_2_holds_what_was_flown() {
+    let text = std::fs::read_to_string(data("expected_ros2.toml")).expect("in the repository");
+    let expected: BTreeMap<String, BTreeMap<String, Expected>> =
+        toml::from_str(&text).expect("printed by make_ros2.py");
+    holds("ros2", "mcap", SourceKind::Ros2Bag, &expected["ros2"]);
+    let log = FlightLog::read(&data("ros2.mcap")).expect("a log");
+    let notes = log.report.notes.join("\n");
+    assert!(notes.contains("/drone1 is taken, /drone2 left out"), "{notes}");
+    assert_eq!(log.report.clock_start_s.map(f64::round), Some(1_750_000_000.0));
+    let unused = &log.report.unused_columns;
+    assert!(
+        unused
+            .iter()
+            .any(|one| one.column == "/camera/image" && one.reason.contains("sensor_msgs/Image (20 messages)")),
+        "{unused:?}"
+    );
+}
+
+fn holds(name: &str, extension: &str, kind: SourceKind, expected: &BTreeMap<String, Expected>) {
+    {
         let log = FlightLog::read(&data(&format!("{name}.{extension}"))).expect(name);
         assert_eq!(log.source.kind, kind);
-        for (column, expected) in &expected[name] {
+        for (column, expected) in expected {
             let values = if column == "time_s" {
                 &log.time_s[..]
             } else {

@@ -63,7 +63,7 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
             base_s.len()
         ));
     }
-    report.clock_start_s = Some(start_s);
+    report.clock_start_s = Some(log.clock_s + start_s);
     let mut table = Table::default();
     table.push(names::TIME, base_s.iter().map(|time| time - start_s).collect());
     let mut origin = None;
@@ -117,7 +117,7 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
         let found = log
             .streams
             .iter()
-            .position(|stream| stream.name == place.topic && stream.instance == place.instance);
+            .position(|stream| stream.is_called(place.topic, place.instance));
         let Some(index) = found else { continue };
         let stream = &log.streams[index];
         let fields = find_fields(stream, &place.fields);
@@ -179,7 +179,13 @@ fn base_stream(log: &SourceLog, mapping: &MappingFile, served: &[Served<'_>]) ->
     mapping
         .base
         .iter()
-        .filter_map(|name| used.iter().find(|index| log.streams[**index].label() == *name))
+        .filter_map(|name| {
+            let means = |index: &&usize| {
+                let stream = &log.streams[**index];
+                stream.label() == *name || stream.is_called(name, 0)
+            };
+            used.iter().find(means)
+        })
         .find(|index| rate(index) >= SLOWEST_SHARE * fastest)
         .copied()
         .or_else(|| used.iter().copied().max_by(|a, b| rate(a).total_cmp(&rate(b))))
@@ -566,6 +572,12 @@ fn keep_rest(stream: &RawStream, base: usize, served: &[Served<'_>], table: &mut
 }
 
 fn list_unused(log: &SourceLog, served: &[Served<'_>], report: &mut ImportReport) {
+    report
+        .unused_columns
+        .extend(log.unread.iter().map(|unread| UnusedColumn {
+            column: unread.name.clone(),
+            reason: unread.reason.clone(),
+        }));
     let used: BTreeSet<usize> = served.iter().map(|served| served.stream).collect();
     for (index, stream) in log.streams.iter().enumerate() {
         if !used.contains(&index) {

@@ -18,6 +18,7 @@ use super::units::{self, Dimension};
 use super::{LogError, error, names};
 use rotortwin_flight_core::MAX_ROTORS;
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// A mapping file.
@@ -29,6 +30,9 @@ pub(crate) struct MappingFile {
     /// Streams that may give the time base, best first; others only if none of these is there.
     #[serde(default)]
     pub(crate) base: Vec<String>,
+    /// Recordings of ROS 2: beginnings of topic names that are taken before others of their type (`/drone2/`).
+    #[serde(default)]
+    pub(crate) topics: Vec<String>,
     /// Keep the fields that no row takes, as `topic.field`, of the stream that gives the time base.
     #[serde(default)]
     pub(crate) keep_rest: bool,
@@ -51,6 +55,8 @@ pub(crate) enum SourceName {
     /// CSV and Parquet: columns that are not what their names say.
     Canonical,
     MavlinkTlog,
+    Ros2,
+    RunMcap,
     /// A table of whatever columns: the mapping says how it is laid out.
     Csv,
 }
@@ -153,6 +159,13 @@ impl Frame {
             Self::NwuFlu => "NWU-FLU",
             Self::Geodetic => "geodetic",
         }
+    }
+}
+
+impl MappingFile {
+    /// Topics, messages and types that the rows name.
+    pub(crate) fn places(&self) -> BTreeSet<&str> {
+        self.rows.iter().filter_map(|row| Some(row.place()?.topic)).collect()
     }
 }
 
@@ -283,7 +296,7 @@ impl Row {
 }
 
 /// Built-in mapping files.
-const BUILT_IN: [(&str, &str); 5] = [
+const BUILT_IN: [(&str, &str); 7] = [
     (
         "px4-ulog.toml",
         include_str!("../../../../config/log-mappings/px4-ulog.toml"),
@@ -303,6 +316,11 @@ const BUILT_IN: [(&str, &str); 5] = [
     (
         "mavlink-tlog.toml",
         include_str!("../../../../config/log-mappings/mavlink-tlog.toml"),
+    ),
+    ("ros2.toml", include_str!("../../../../config/log-mappings/ros2.toml")),
+    (
+        "run-mcap.toml",
+        include_str!("../../../../config/log-mappings/run-mcap.toml"),
     ),
 ];
 
@@ -381,6 +399,7 @@ pub(crate) fn load(source: SourceName, user: Option<&Path>) -> Result<MappingFil
     }
     mapping.rows.extend(built_in.rows);
     mapping.base.extend(built_in.base);
+    mapping.topics.extend(built_in.topics);
     mapping.keep_rest |= built_in.keep_rest;
     Ok(mapping)
 }

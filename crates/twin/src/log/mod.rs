@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! CSV, Parquet, run folder (canonical names) ───────────────────────────▶ Table ─▶ accept: refusals, Euler angles ─▶ FlightLog
-//! ULog, DataFlash, usdlog, blackbox ─▶ streams ─▶ mapping: units, frames, one time ──▶ Table ─┘
+//! ULog, DataFlash, usdlog, blackbox, tlog, MCAP ─▶ streams ─▶ mapping: units, frames, one time ──▶ Table ─┘
 //! ```
 //! A log has one time base and columns of numbers: the canonical ones ([`names`]) in SI, NED and FRD, and whatever else the file
 //! holds under its own name. A cell without a value is NaN in memory and nowhere else.
@@ -62,6 +62,8 @@ pub const MAX_COLUMNS: usize = 4096;
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
 /// The table in a run folder; the same name as in `rotortwin-store`.
 const RUN_TELEMETRY: &str = "telemetry.parquet";
+/// The account in a folder of a recording of ROS 2.
+const RECORDING_METADATA: &str = "metadata.yaml";
 
 /// How [`FlightLog::read_with`] reads.
 #[derive(Clone, Debug, Default)]
@@ -77,7 +79,7 @@ pub struct ReadOptions {
 }
 
 /// What a log was read from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SourceKind {
     /// Canonical CSV.
@@ -98,6 +100,10 @@ pub enum SourceKind {
     Blackbox,
     /// MAVLink telemetry log.
     MavlinkTlog,
+    /// Recording of ROS 2 (MCAP).
+    Ros2Bag,
+    /// `run.mcap` of a simulated run.
+    RunMcap,
     /// CSV of whatever columns, by a mapping.
     MappedCsv,
     /// Made in this process.
@@ -105,11 +111,19 @@ pub enum SourceKind {
 }
 
 impl SourceKind {
+    /// True for files that a vehicle, or what listens to it, wrote, in a format of its own.
+    pub(crate) fn is_of_a_vehicle(self) -> bool {
+        !matches!(
+            self,
+            Self::Csv | Self::Parquet | Self::RunFolder | Self::RunMcap | Self::Memory
+        )
+    }
+
     /// True where position and velocity are what an autopilot's estimator makes of its sensors, at whatever rate they are logged.
     pub fn is_of_an_estimator(self) -> bool {
         matches!(
             self,
-            Self::Px4Ulog | Self::ArdupilotDataflash | Self::ArdupilotDataflashText | Self::MavlinkTlog
+            Self::Px4Ulog | Self::ArdupilotDataflash | Self::ArdupilotDataflashText | Self::MavlinkTlog | Self::Ros2Bag
         )
     }
 }
@@ -117,7 +131,7 @@ impl SourceKind {
 /// Where a log comes from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct LogSource {
-    /// Kind of file.
+    /// Kind of file; of a stored import, that of the file which was imported.
     pub kind: SourceKind,
     /// The file; empty for a log made in this process.
     pub path: PathBuf,
@@ -199,11 +213,23 @@ fn read_autopilot(
             (SourceKind::Blackbox, mapping::SourceName::Blackbox)
         }
         sources::Format::Tlog => (SourceKind::MavlinkTlog, mapping::SourceName::MavlinkTlog),
+        sources::Format::RunMcap => (SourceKind::RunMcap, mapping::SourceName::RunMcap),
+        sources::Format::Mcap | sources::Format::Ros1Bag | sources::Format::Ros2Sqlite | sources::Format::Zstd => {
+            (SourceKind::Ros2Bag, mapping::SourceName::Ros2)
+        }
     };
+    if options.truth && format == sources::Format::RunMcap {
+        return Err(LogError::format(file, "--truth is for run folders; name the folder"));
+    }
     refuse_truth(file, options)?;
     let mapping = mapping::load(name, options.mapping.as_deref())?;
-    let parsed = sources::parse(format, bytes, options.accept_damaged, most_cells(options))
-        .map_err(|reason| LogError::format(file, reason))?;
+    let asked = sources::Asked {
+        accept_damaged: options.accept_damaged,
+        most_cells: most_cells(options),
+        places: mapping.places(),
+        topics: mapping.topics.clone(),
+    };
+    let parsed = sources::parse(format, bytes, &asked).map_err(|reason| LogError::format(file, reason))?;
     accepted(source(kind), file, &parsed, &mapping, side, options)
 }
 
@@ -241,11 +267,48 @@ fn accepted(
     Ok(log)
 }
 
+/// The file of a recording of ROS 2, which is a folder with `metadata.yaml` beside one file or several; `None` for anything else.
+fn recording_in(path: &Path) -> Result<Option<PathBuf>, LogError> {
+    if !path.join(RECORDING_METADATA).is_file() {
+        return Ok(None);
+    }
+    let entries = std::fs::read_dir(path).map_err(error::io(path, "cannot read the folder"))?;
+    let is_recording = |file: &PathBuf| {
+        let name = file
+            .file_name()
+            .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        [".mcap", ".db3", ".mcap.zstd", ".db3.zstd"]
+            .iter()
+            .any(|ending| name.ends_with(ending))
+    };
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(is_recording)
+        .collect();
+    files.sort();
+    match files.as_slice() {
+        [file] => Ok(Some(file.clone())),
+        [] => Err(LogError::format(
+            path,
+            "a folder of ROS 2 without a recording (.mcap) in it",
+        )),
+        [first, .., last] => Err(LogError::format(
+            path,
+            format!(
+                "a recording in {} files, {} to {}; name one of them",
+                files.len(),
+                first.display(),
+                last.display()
+            ),
+        )),
+    }
+}
+
 impl FlightLog {
     /// Reads a flight log; the kind of file is found from its content.
     ///
     /// Takes canonical CSV and Parquet, run folders (`telemetry.parquet`), PX4 ULog, ArduPilot DataFlash (binary and text),
-    /// Crazyflie usdlog, and Betaflight or INAV blackbox. A side file `NAME.toml` beside `NAME.csv` or `NAME.parquet` is read with it.
+    /// Crazyflie usdlog, Betaflight or INAV blackbox, MAVLink tlog, and recordings of ROS 2 (a file or its folder). A side file `NAME.toml` beside `NAME.csv` or `NAME.parquet` is read with it.
     ///
     /// # Errors
     /// Whatever the canonical format forbids, with file, row and column.
@@ -258,11 +321,12 @@ impl FlightLog {
     /// # Errors
     /// Whatever the canonical format forbids, with file, row and column.
     pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
-        let is_run = path.is_dir();
-        let file = if is_run {
-            path.join(RUN_TELEMETRY)
-        } else {
-            path.to_path_buf()
+        let recording = recording_in(path)?;
+        let is_run = recording.is_none() && path.is_dir();
+        let file = match recording {
+            Some(file) => file,
+            None if is_run => path.join(RUN_TELEMETRY),
+            None => path.to_path_buf(),
         };
         let length = std::fs::metadata(&file)
             .map_err(error::io(&file, "cannot read the log"))?
@@ -296,7 +360,7 @@ impl FlightLog {
             return accepted(source(SourceKind::MappedCsv), &file, &parsed, &mapping, None, options);
         }
         let most_cells = most_cells(options);
-        let (kind, mut table) = if bytes.starts_with(b"PAR1") {
+        let (kind, (mut table, kept)) = if bytes.starts_with(b"PAR1") {
             let kind = if is_run {
                 SourceKind::RunFolder
             } else {
@@ -304,7 +368,7 @@ impl FlightLog {
             };
             (kind, parquet::read(&file, bytes, most_cells)?)
         } else {
-            (SourceKind::Csv, csv::read(&file, &bytes, most_cells)?)
+            (SourceKind::Csv, (csv::read(&file, &bytes, most_cells)?, None))
         };
         if options.truth {
             table.take_truth().map_err(|reason| LogError::format(&file, reason))?;
@@ -316,6 +380,9 @@ impl FlightLog {
         }
         let simulated = simulated::of_columns(&table);
         let mut log = accept::accept(source(kind), table, side)?;
+        if let Some(kept) = kept {
+            stored::Kept::restore(&kept, &mut log);
+        }
         log.report.conversions.splice(0..0, remapped);
         log.report.notes.extend(simulated);
         Ok(log)

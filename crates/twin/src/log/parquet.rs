@@ -3,6 +3,7 @@
 //! Read: any flat schema with double, float, integer or Boolean columns; zstd, snappy or no compression. Text columns are named in
 //! the report. Written: f64 columns, optional (null = no value), zstd.
 
+use super::stored::Kept;
 use super::table::{RawColumn, Table};
 use super::{FlightLog, LogError, MAX_COLUMNS, error, names};
 use parquet::basic::{Compression, Encoding, Repetition, Type as Physical, ZstdLevel};
@@ -20,10 +21,13 @@ use std::sync::Arc;
 /// Rows asked for at a time.
 const BATCH: usize = 16_384;
 
-/// Reads the table of a Parquet file.
+/// Key of what a stored import keeps of its source.
+const KEPT: &str = "rotortwin.import";
+
+/// Reads the table of a Parquet file, and what a stored import kept of its source.
 ///
 /// The decoder panics on some damaged pages (an index past the end in `byte_stream_split`, parquet 60.1); that is a refusal here.
-pub(crate) fn read(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Table, LogError> {
+pub(crate) fn read(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Option<String>), LogError> {
     std::panic::catch_unwind(|| decode(path, bytes, most_cells)).unwrap_or_else(|_| {
         Err(LogError::format(
             path,
@@ -32,7 +36,7 @@ pub(crate) fn read(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Tab
     })
 }
 
-fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Table, LogError> {
+fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Option<String>), LogError> {
     let wrap = |source: ParquetError| LogError::format(path, format!("not a Parquet file that can be read: {source}"));
     let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(wrap)?;
     let metadata = reader.metadata();
@@ -107,7 +111,9 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<Table, LogEr
         }
         columns.push(raw);
     }
-    Ok(Table { columns })
+    let facts = metadata.file_metadata().key_value_metadata();
+    let kept = facts.and_then(|facts| facts.iter().find(|fact| fact.key == KEPT)?.value.clone());
+    Ok((Table { columns }, kept))
 }
 
 /// Appends the cells of one column of one row group; text becomes bad cells.
@@ -194,11 +200,12 @@ impl FlightLog {
             .iter()
             .filter_map(|(name, _)| Some(format!("{name}: {}", names::unit(name)?)))
             .collect::<Vec<_>>();
-        let metadata = vec![
+        let mut metadata = vec![
             KeyValue::new("rotortwin.log".to_owned(), self.name.clone()),
             KeyValue::new("rotortwin.source_hash".to_owned(), self.source.content_hash.clone()),
             KeyValue::new("rotortwin.units".to_owned(), units.join("; ")),
         ];
+        metadata.extend(Kept::of(self).map(|kept| KeyValue::new(KEPT.to_owned(), kept)));
         let properties = WriterProperties::builder()
             .set_created_by(format!("rotortwin-twin {}", env!("CARGO_PKG_VERSION")))
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))

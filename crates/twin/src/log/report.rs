@@ -1,7 +1,7 @@
 //! What an import did: nothing of an accepted log is dropped silently.
 
 use super::findings::Finding;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Account of one import.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -51,7 +51,8 @@ pub struct Gap {
 }
 
 /// One stream of a log with several time bases.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Stream {
     /// Topic or message name.
     pub name: String,

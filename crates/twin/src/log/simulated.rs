@@ -20,6 +20,9 @@ pub(super) fn of_streams(log: &SourceLog) -> Option<String> {
     if let Some(stream) = log.streams.iter().find(|s| s.name.ends_with("_groundtruth")) {
         return Some(note(&format!("it holds the truth, {}", stream.name)));
     }
+    if log.streams.iter().any(|s| s.kind.starts_with("rotortwin.v1.")) {
+        return Some(note("it is the recording of a run of this program"));
+    }
     if log.streams.iter().any(|s| s.name == "SIM" || s.name == "SIM2") {
         return Some(note("it holds messages SIM of ArduPilot's simulator"));
     }

@@ -1,8 +1,75 @@
 //! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the account of the import `NAME.import.json`.
 
-use super::{FlightLog, LogError, Origin, Segment, error};
-use serde::Serialize;
+use super::report::Stream;
+use super::{FlightLog, LogError, Origin, Segment, SourceKind, error, sources};
+use rotortwin_flight_core::MAX_ROTORS;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+/// Longest text that is read of a file's metadata; thousands of parameters are some hundred kilobytes.
+const MOST_KEPT_BYTES: usize = 1 << 22;
+/// Streams of one log.
+const MOST_STREAMS: usize = 4096;
+
+/// What the Parquet file of an import keeps of its source: what the columns alone do not tell.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Kept {
+    source: SourceKind,
+    clock_start_s: Option<f64>,
+    rotor_outputs: Vec<usize>,
+    streams: Vec<Stream>,
+    parameters: BTreeMap<String, f64>,
+}
+
+impl Kept {
+    /// As JSON; `None` for logs that have no other source than their columns.
+    pub(crate) fn of(log: &FlightLog) -> Option<String> {
+        if !log.source.kind.is_of_a_vehicle() {
+            return None;
+        }
+        let kept = Self {
+            source: log.source.kind,
+            clock_start_s: log.report.clock_start_s,
+            rotor_outputs: log.report.rotor_outputs.clone(),
+            streams: log.report.streams.clone(),
+            parameters: log.parameters.clone(),
+        };
+        serde_json::to_string(&kept).ok()
+    }
+
+    /// Gives the log back what was kept; what cannot be read is said.
+    pub(crate) fn restore(text: &str, log: &mut FlightLog) {
+        let read = if text.len() > MOST_KEPT_BYTES {
+            Err(format!("{} bytes", text.len()))
+        } else {
+            serde_json::from_str::<Self>(text).map_err(|error| error.to_string())
+        };
+        let possible = |kept: &Self| {
+            kept.source.is_of_a_vehicle()
+                && kept.rotor_outputs.len() <= MAX_ROTORS
+                && kept.streams.len() <= MOST_STREAMS
+                && kept.parameters.len() <= sources::MOST_PARAMETERS
+        };
+        match read {
+            Ok(kept) if possible(&kept) => {
+                log.source.kind = kept.source;
+                log.report.clock_start_s = kept.clock_start_s;
+                log.report.rotor_outputs = kept.rotor_outputs;
+                log.report.streams = kept.streams;
+                log.parameters = kept.parameters;
+            }
+            Ok(_) => log
+                .report
+                .notes
+                .push("what the file says of its source cannot be: not used".to_owned()),
+            Err(reason) => log.report.notes.push(format!(
+                "what the file says of its source cannot be read ({reason}): not used"
+            )),
+        }
+    }
+}
 
 /// The side file as written.
 #[derive(Serialize)]

@@ -38,8 +38,8 @@ const MAPPING: &str = "mapping.toml";
 /// Bytes.
 const LONGEST_MAPPING: usize = 64 << 10;
 /// Endings by which the import knows what a file is.
-const ENDINGS: [&str; 10] = [
-    "csv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "usd",
+const ENDINGS: [&str; 11] = [
+    "csv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "mcap", "usd",
 ];
 
 /// How a log is to be read.

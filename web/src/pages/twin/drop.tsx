@@ -15,7 +15,7 @@ const EXAMPLES = [
   { preset: "damaged-blade", title: "A damaged blade", text: "One rotor lost some lift. Which one, and how much?" },
   { preset: "healthy", title: "A healthy flight", text: "Nothing is hidden. Does the twin say so?" },
 ] as const;
-const ENDINGS = ".ulg,.bin,.log,.tlog,.bbl,.bfl,.txt,.csv,.parquet,.usd";
+const ENDINGS = ".ulg,.bin,.log,.tlog,.bbl,.bfl,.txt,.mcap,.csv,.parquet,.usd";
 
 export function Drop(props: { twin: Twin }) {
   const [over, setOver] = createSignal(false);
@@ -98,7 +98,7 @@ export function Drop(props: { twin: Twin }) {
           onDrop={(event) => { event.preventDefault(); setOver(false); void send([...(event.dataTransfer?.files ?? [])]); }}
         >
           <p><strong>Drop a log here</strong>, or several of one vehicle: the first is learnt from, the others are held out as proof.</p>
-          <p class="small muted">PX4 .ulg, ArduPilot .bin and .log, MAVLink .tlog, Betaflight and INAV .bbl, .bfl and .txt, .csv, .parquet, Crazyflie logs without an ending.</p>
+          <p class="small muted">PX4 .ulg, ArduPilot .bin and .log, MAVLink .tlog, Betaflight and INAV .bbl, .bfl and .txt, ROS 2 .mcap, .csv, .parquet, Crazyflie logs without an ending.</p>
           <label class="button">
             Choose files
             <input class="sr" type="file" multiple accept={`${ENDINGS},application/octet-stream`} onChange={(event) => { void send([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />

@@ -1,7 +1,7 @@
 //! Log files of autopilots, each parsed into streams; nothing is converted here.
 //!
 //! ```text
-//! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox · tlog · csv_table ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
+//! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox · tlog · ros · csv_table ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
 //! ```
 //! Each parser takes any bytes: it never panics, and what it allocates is bounded by [`Room`], which refuses a file that wants more before
 //! the memory is taken. A damaged or cut file yields what can be read before and after the damage, with a note that says how much was lost.
@@ -10,19 +10,20 @@ mod blackbox;
 pub(crate) mod csv_table;
 mod dataflash;
 mod dataflash_text;
+mod ros;
 mod tlog;
 mod ulog;
 mod usdlog;
 
 use super::MAX_COLUMNS;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Most descriptions of messages, streams, and topics that are logged twice; logs of real flights have some hundreds.
 const MOST_STREAMS: usize = 4096;
 /// Most numbers of all streams' samples together; logs of real flights have some thousands.
 const MOST_FIELDS: usize = 1 << 16;
 /// Most parameters; real vehicles have some thousands.
-const MOST_PARAMETERS: usize = 1 << 14;
+pub(crate) const MOST_PARAMETERS: usize = 1 << 14;
 
 /// What a file may still make of itself. Each is counted where it would grow; the error is the reason of the refusal.
 #[derive(Clone, Copy, Debug)]
@@ -101,6 +102,31 @@ pub(crate) enum Format {
     Blackbox,
     BlackboxCsv,
     Tlog,
+    /// Recording of ROS 2.
+    Mcap,
+    /// `run.mcap` of this program.
+    RunMcap,
+    /// Not read; each is refused with what makes a log of it.
+    Ros1Bag,
+    Ros2Sqlite,
+    Zstd,
+}
+
+/// What a mapping asks of a file, and how it is to be read.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Asked<'a> {
+    pub(crate) accept_damaged: bool,
+    pub(crate) most_cells: usize,
+    /// Topics and types that the mapping names; sources with many more are read for these only.
+    pub(crate) places: BTreeSet<&'a str>,
+    /// Beginnings of topic names that are taken before others of their type.
+    pub(crate) topics: Vec<String>,
+}
+
+impl Asked<'_> {
+    fn wants(&self, place: &str) -> bool {
+        self.places.contains(place)
+    }
 }
 
 /// A parsed file.
@@ -109,6 +135,17 @@ pub(crate) struct SourceLog {
     pub(crate) streams: Vec<RawStream>,
     pub(crate) parameters: BTreeMap<String, f64>,
     pub(crate) notes: Vec<String>,
+    /// What is in the file and was not read.
+    pub(crate) unread: Vec<Unread>,
+    /// What the file's clock says at 0 s of the streams.
+    pub(crate) clock_s: f64,
+}
+
+/// A stream that was not read, and why.
+#[derive(Clone, Debug)]
+pub(crate) struct Unread {
+    pub(crate) name: String,
+    pub(crate) reason: String,
 }
 
 /// Samples of one topic (or message, or event), as in the file.
@@ -116,6 +153,8 @@ pub(crate) struct SourceLog {
 pub(crate) struct RawStream {
     /// Topic name.
     pub(crate) name: String,
+    /// Type of its messages, where topics have names of their own; mappings name either.
+    pub(crate) kind: String,
     /// 0 for the first instance.
     pub(crate) instance: u16,
     /// Time of each sample, s, on the file's clock.
@@ -127,8 +166,18 @@ pub(crate) struct RawStream {
 }
 
 impl RawStream {
+    /// True if a mapping that names this means this stream.
+    pub(crate) fn is_called(&self, name: &str, instance: u16) -> bool {
+        if self.kind.is_empty() {
+            self.name == name && self.instance == instance
+        } else {
+            // A topic's own name is never of several.
+            (self.name == name && instance == 0) || (self.kind == name && self.instance == instance)
+        }
+    }
+
     pub(crate) fn label(&self) -> String {
-        if self.instance == 0 {
+        if self.instance == 0 || !self.kind.is_empty() {
             self.name.clone()
         } else {
             format!("{}#{}", self.name, self.instance)
@@ -189,6 +238,18 @@ pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
         Some(Format::Blackbox)
     } else if blackbox::decoded::looks_like(bytes) {
         Some(Format::BlackboxCsv)
+    } else if bytes.starts_with(ros::mcap::MAGIC) {
+        Some(if ros::mcap::is_own(bytes) {
+            Format::RunMcap
+        } else {
+            Format::Mcap
+        })
+    } else if bytes.starts_with(b"#ROSBAG V") {
+        Some(Format::Ros1Bag)
+    } else if bytes.starts_with(b"SQLite format 3\0") {
+        Some(Format::Ros2Sqlite)
+    } else if bytes.starts_with(&[0x28, 0xb5, 0x2f, 0xfd]) {
+        Some(Format::Zstd)
     } else if tlog::looks_like(bytes) {
         Some(Format::Tlog)
     } else {
@@ -197,21 +258,25 @@ pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
 }
 
 /// Parses a file; the error is the reason without the file's name.
-pub(crate) fn parse(
-    format: Format,
-    bytes: &[u8],
-    accept_damaged: bool,
-    most_cells: usize,
-) -> Result<SourceLog, String> {
-    let room = Room::new(most_cells);
+pub(crate) fn parse(format: Format, bytes: &[u8], asked: &Asked<'_>) -> Result<SourceLog, String> {
+    let room = Room::new(asked.most_cells);
     let log = match format {
         Format::Ulog => ulog::parse(bytes, room),
         Format::DataFlash => dataflash::parse(bytes, room),
         Format::DataFlashText => dataflash_text::parse(bytes, room),
-        Format::Usdlog => usdlog::parse(bytes, accept_damaged, room),
+        Format::Usdlog => usdlog::parse(bytes, asked.accept_damaged, room),
         Format::Blackbox => blackbox::parse(bytes, room),
         Format::BlackboxCsv => blackbox::decoded::parse(bytes, room),
         Format::Tlog => tlog::parse(bytes, room),
+        Format::Mcap | Format::RunMcap => ros::mcap::parse(bytes, asked),
+        Format::Ros1Bag => Err(
+            "a bag of ROS 1; 'rosbags-convert --src FILE --dst FOLDER' makes a recording of ROS 2 of it, which is read".to_owned(),
+        ),
+        Format::Ros2Sqlite => Err(
+            "an SQLite database, such as older ROS 2 records (.db3); 'ros2 bag convert' with 'storage_id: mcap' makes an MCAP file of it, which is read"
+                .to_owned(),
+        ),
+        Format::Zstd => Err("the whole file is compressed; 'zstd -d FILE' unpacks it".to_owned()),
     }?;
     Ok(log.finish())
 }
