@@ -33,7 +33,7 @@ for revision in "${revisions[@]}"; do
   if [ -n "$empty_cache" ]; then rm -rf "$CARGO_HOME"; else (cd "$clone" && cargo fetch --quiet --locked); fi
   echo "== $commit: ./run --exit, $(nproc) CPUs, load $(cut -d' ' -f1 /proc/loadavg), package cache $([ -n "$empty_cache" ] && echo empty || echo kept)"
   begin=$SECONDS
-  # Revisions before docs/decisions/0060 have one program.
+  # Revisions before docs/decisions/0062 have one program.
   programs=(rotortwin)
   packages=(--package rotortwin)
   [ ! -d "$clone/services/network" ] || { programs+=(rotortwin-network); packages+=(--package rotortwin-network); }

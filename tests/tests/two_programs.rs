@@ -1,4 +1,4 @@
-//! `rotortwin` flies by itself and lets `rotortwin-network` do what needs other hosts: docs/decisions/0060-two-programs.md.
+//! `rotortwin` flies by itself and lets `rotortwin-network` do what needs other hosts: docs/decisions/0062-two-programs.md.
 
 use rotortwin_tests::program::program;
 use rotortwin_tests::scratch::Scratch;

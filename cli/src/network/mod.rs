@@ -2,7 +2,7 @@
 //!
 //! `rotortwin` flies, compares, diagnoses and judges on this machine. HTTP server and client, workers and zenoh are four fifths of all that
 //! would be compiled with it, so they are in `rotortwin-network`, which knows all commands of this one as well. Whoever asks this program for
-//! one of them is answered by that one, in its place: docs/decisions/0060.
+//! one of them is answered by that one, in its place: docs/decisions/0062.
 
 pub mod autopilot;
 pub mod health;

@@ -1,7 +1,7 @@
 //! How many steps a second the bare link carries: plant, controller and FDI engine that compute nothing, in three processes.
 //!
 //! ```text
-//! cargo run --release -p rotortwin-wire --example link_rate -- iceoryx2 [steps [window [batch]]]
+//! cargo run --release -p rotortwin-zenoh --example link_rate -- iceoryx2 [steps [window [batch]]]
 //! taskset -c 0 target/release/examples/link_rate iceoryx2        # all three on one core: the fastest
 //! ```
 //! Links: `in-process`, `iceoryx2`, `zenoh`. A window of 0 waits for each report. Prints one line.
