@@ -3,8 +3,13 @@
 use crate::grid::Grid;
 use crate::{destination, output};
 use clap::{Parser, Subcommand};
-use rotortwin_twin::identify::{Estimate, Files, HeldOut, Identified, Request, Source, files, held_out, identify};
+use rotortwin_page::{Report, rounded};
+use rotortwin_twin::identify::{
+    Bench, Estimate, Files, HeldOut, Identified, Part, Request, Source, files, held_out_with, identify_with,
+    known_rotor_places,
+};
 use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::log::flight_parts::FlightParts;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -38,13 +43,17 @@ struct FromLog {
     /// Take the frame as it is stated even where the motion contradicts it
     #[arg(long)]
     trust_frame: bool,
+    /// Thrust bench of one rotor, or a datasheet table: command, thrust, and where it has them voltage, current, torque, power; may be given
+    /// several times
+    #[arg(long, value_name = "FILE")]
+    bench: Vec<PathBuf>,
     /// Capacity of the battery, Ah
     #[arg(long, value_name = "AH")]
     capacity: Option<f64>,
     /// Cells in series
     #[arg(long)]
     cells: Option<u32>,
-    /// Write NAME.toml, NAME.blades.toml and NAME.intervals.toml; must not exist
+    /// Write NAME.toml, NAME.blades.toml, NAME.intervals.toml and NAME.report.html; must not exist
     #[arg(long, value_name = "NAME.toml")]
     out: Option<PathBuf>,
     /// Fit each half of each flight and score it on the other: R² beside the class default
@@ -63,10 +72,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     if let Some((_, paths)) = &found.targets {
-        for (path, text) in paths
-            .iter()
-            .zip([&found.texts.vehicle, &found.texts.blades, &found.texts.intervals])
-        {
+        let report = found.report();
+        let texts = [
+            &found.texts.vehicle,
+            &found.texts.blades,
+            &found.texts.intervals,
+            &report,
+        ];
+        for (path, text) in paths.iter().zip(texts) {
             if let Err(sentence) = output::write_text(path, text) {
                 return destination::failed_at(path, sentence);
             }
@@ -85,8 +98,46 @@ struct Found {
     vehicle: Identified,
     scores: Vec<HeldOut>,
     texts: Files,
+    /// What the report draws of each log.
+    flights: Vec<Flight>,
     /// Name and paths of the files, where they are written.
-    targets: Option<(String, [PathBuf; 3])>,
+    targets: Option<(String, [PathBuf; 4])>,
+}
+
+/// A flight on the time axis of the report.
+#[derive(serde::Serialize)]
+struct Flight {
+    name: String,
+    duration_s: f64,
+    clock_start_s: Option<f64>,
+    parts: FlightParts,
+    used: Vec<Part>,
+    time_s: Vec<Option<f64>>,
+    /// By rotor.
+    duty: Vec<Vec<Option<f64>>>,
+}
+
+/// Means of the motor outputs that a report draws, as many as a screen shows.
+const DRAWN: usize = 800;
+
+impl Flight {
+    fn of(log: &FlightLog, found: &Identified) -> Self {
+        let rows = log.time_s.len().div_ceil(DRAWN).max(1);
+        let means = |values: &[f64]| -> Vec<Option<f64>> {
+            let mean = |values: &[f64]| rounded(values.iter().sum::<f64>() / values.len() as f64);
+            values.chunks(rows).map(mean).collect()
+        };
+        let used = found.airborne.iter().filter(|part| part.log == log.name);
+        Self {
+            name: log.name.clone(),
+            duration_s: log.duration_s(),
+            clock_start_s: log.report.clock_start_s,
+            parts: log.flight_parts(known_rotor_places(log).as_deref()),
+            used: used.cloned().collect(),
+            time_s: means(&log.time_s),
+            duty: log.duties().into_iter().map(means).collect(),
+        }
+    }
 }
 
 fn find(args: &FromLog) -> Result<Found, String> {
@@ -104,10 +155,14 @@ fn find(args: &FromLog) -> Result<Found, String> {
         capacity_ah: args.capacity,
         cells: args.cells,
     };
-    let vehicle = identify(&logs, &request).map_err(|error| error.to_string())?;
+    let bench = match args.bench.as_slice() {
+        [] => None,
+        files => Some(Bench::read(files).map_err(|error| error.to_string())?),
+    };
+    let vehicle = identify_with(&logs, &request, bench.as_ref()).map_err(|error| error.to_string())?;
     let scores = if args.held_out {
         logs.iter()
-            .map(|log| held_out(log, &request).map_err(|error| error.to_string()))
+            .map(|log| held_out_with(log, &request, bench.as_ref()).map_err(|error| error.to_string()))
             .collect::<Result<Vec<_>, _>>()?
     } else {
         Vec::new()
@@ -117,15 +172,34 @@ fn find(args: &FromLog) -> Result<Found, String> {
     texts
         .documents()
         .map_err(|reason| format!("the identified vehicle is not valid, so nothing was written: {reason}"))?;
+    let flights = logs.iter().map(|log| Flight::of(log, &vehicle)).collect();
     Ok(Found {
         vehicle,
         scores,
         texts,
+        flights,
         targets,
     })
 }
 
 impl Found {
+    /// The same on a page.
+    fn report(&self) -> String {
+        let name = self.targets.as_ref().map_or("vehicle", |(name, _)| name.as_str());
+        let data = serde_json::json!({
+            "name": name, "identified": self.vehicle, "held_out": self.scores, "flights": self.flights,
+            "vehicle": self.texts.vehicle, "blades": self.texts.blades,
+        });
+        let page = Report {
+            kind: "identification",
+            title: &format!("Vehicle {name} from {}", self.vehicle.logs.join(", ")),
+            summary: &self.text(),
+            program: rotortwin_twin::model::TOOL,
+            data: &data,
+        };
+        page.render().expect("text and numbers are JSON")
+    }
+
     fn json(&self) -> serde_json::Value {
         let written: Vec<String> = self
             .targets
@@ -145,7 +219,7 @@ impl Found {
         }
         text.push_str(&match &self.targets {
             Some((_, [vehicle, ..])) => format!(
-                "\nWritten: {0} with its blades and intervals. Next:\n  rotortwin compare LOG --model {0}\n",
+                "\nWritten: {0} with its blades, intervals and report. Next:\n  rotortwin compare LOG --model {0}\n",
                 vehicle.display()
             ),
             None => "\nNothing was written; --out NAME.toml writes the vehicle.\n".to_owned(),
@@ -154,15 +228,16 @@ impl Found {
     }
 }
 
-/// Name and paths of the three files; none may exist.
-fn targets(out: &Path) -> Result<(String, [PathBuf; 3]), String> {
+/// Name and paths of the files; none may exist.
+fn targets(out: &Path) -> Result<(String, [PathBuf; 4]), String> {
     let name = out
         .file_name()
         .and_then(|name| name.to_str())
         .and_then(|name| name.strip_suffix(".toml"))
         .filter(|name| !name.is_empty())
         .ok_or_else(|| format!("--out {}: expected a name that ends in .toml", out.display()))?;
-    let paths = ["toml", "blades.toml", "intervals.toml"].map(|ending| out.with_file_name(format!("{name}.{ending}")));
+    let paths = ["toml", "blades.toml", "intervals.toml", "report.html"]
+        .map(|ending| out.with_file_name(format!("{name}.{ending}")));
     for path in &paths {
         if path.exists() {
             return Err(format!("{} exists already; nothing was written", path.display()));

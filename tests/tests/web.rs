@@ -8,7 +8,7 @@ use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::skip;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Versions that were tried together.
@@ -101,7 +101,36 @@ fn reports(scratch: &Scratch) {
     let models = at("models");
     // Name, command, plots at least, words on the page, words without scripts.
     type Kind<'a> = (&'a str, Vec<&'a str>, usize, &'a [&'a str], &'a str);
-    let kinds: [Kind<'_>; 7] = [
+    let identified = at("identification/mine.toml");
+    std::fs::create_dir(scratch.path("identification")).expect("it can be made");
+    let kinds: [Kind<'_>; 8] = [
+        (
+            "identification",
+            vec![
+                "vehicle",
+                "from-log",
+                &drag,
+                "--mass",
+                "1.55",
+                "--arm",
+                "0.275",
+                "--frame",
+                "hexa-cw-x",
+                "--held-out",
+                "--out",
+                &identified,
+            ],
+            1,
+            &[
+                "constants are known",
+                "What is known, and from where",
+                "what would make it better",
+                "in the air",
+                "how the vehicle begins to roll",
+                "rotor 6",
+            ],
+            "95 % interval",
+        ),
         (
             "comparison",
             vec!["compare", &drag, &healthy, "--model", &vehicle],
@@ -185,7 +214,7 @@ fn reports(scratch: &Scratch) {
     ];
     for (name, mut words, plots, says, summary) in kinds {
         let out = at(name);
-        if name != "fit" {
+        if !["fit", "identification"].contains(&name) {
             words.extend(["--out", &out]);
         }
         let output = Command::new(program()).args(&words).output().expect("it starts");
@@ -194,6 +223,10 @@ fn reports(scratch: &Scratch) {
             "{name}: {}",
             String::from_utf8_lossy(&output.stderr)
         );
+        if name == "identification" {
+            let beside = Path::new(&identified).with_extension("report.html");
+            std::fs::rename(beside, scratch.path("identification/report.html")).expect("it was written");
+        }
         let expected = serde_json::json!({ "says": says, "plots": plots, "summary": summary });
         std::fs::write(scratch.path(&format!("{name}.json")), expected.to_string()).expect("it can be written");
     }

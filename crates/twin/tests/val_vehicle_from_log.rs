@@ -17,8 +17,11 @@ use rotortwin_blind::random::Stream;
 use rotortwin_blind::script::Script;
 use rotortwin_blind::vehicle::{Rotor, Vehicle};
 use rotortwin_plant::vehicle::model::SpinDirection;
+use rotortwin_twin::bench_fit::Table;
 use rotortwin_twin::identify::frames::FRAMES;
-use rotortwin_twin::identify::{Identified, Request, Source, files, identify};
+use rotortwin_twin::identify::{
+    Bench, Identified, Request, Source, files, held_out, held_out_with, identify, identify_with,
+};
 use rotortwin_twin::log::FlightLog;
 
 /// A vehicle drawn at random about what its class defaults say, with the frame at `frame` of the table.
@@ -356,6 +359,135 @@ fn val_a_hover_says_what_it_cannot_know() {
             );
         }
     }
+}
+
+/// Thrust of one rotor as a stand measures it: 1 % of noise, a sag of 6 % along the throttle, c with 2 %.
+fn stand(vehicle: &Vehicle, seed: u64, stretch: f64) -> Table {
+    let mut random = Stream::new(seed, "stand");
+    let mut table = Table {
+        name: "stand.csv".to_owned(),
+        ..Table::default()
+    };
+    for k in 2..=20 {
+        let duty = 0.05 * f64::from(k);
+        let percent = 100.0 * duty;
+        let voltage = 15.6 * (1.0 - 0.06 * duty * duty);
+        let [a, b, c, d] = vehicle.blade;
+        let per_volt = a * percent.sqrt() + percent * (b + percent * (c + percent * d));
+        let thrust = (voltage - vehicle.blade_voltage_offset) * per_volt * random.between(0.99, 1.01);
+        table.command.push(duty);
+        table.voltage.push(voltage);
+        table.thrust.push(stretch * thrust);
+        table
+            .torque
+            .push(stretch * thrust * vehicle.rotors[0].moment_ratio * random.between(0.98, 1.02));
+    }
+    table
+}
+
+#[test]
+fn val_a_bench_makes_a_hover_tell_the_thrust_curve_and_what_contradicts_the_flight_is_said() {
+    let frame = FRAMES.iter().position(|frame| frame.name == "quad-x").unwrap();
+    let order: Vec<usize> = (0..4).collect();
+    let (mut without_worst, mut with_worst) = (Vec::new(), Vec::new());
+    for seed in 40..44 {
+        let (vehicle, arm) = drawn(seed, frame);
+        let log = flown(&vehicle, "hover", 30.0, seed, &order);
+        let told = Request {
+            frame: Some("quad-x".to_owned()),
+            ..request(&vehicle, arm)
+        };
+        let logs = std::slice::from_ref(&log);
+        let bench = Bench::of_tables(&[stand(&vehicle, seed, 1.0)]).unwrap();
+        let without = identify(logs, &told).unwrap();
+        let with = identify_with(logs, &told, Some(&bench)).unwrap();
+        // Thrust at duties that a hover never has, over that of the hover.
+        let hover = without.value("rotors.hover_duty").unwrap().value;
+        let truth = |duty: f64| {
+            let percent = 100.0 * duty;
+            let [a, b, c, d] = vehicle.blade;
+            a * percent.sqrt() + percent * (b + percent * (c + percent * d))
+        };
+        let worst = |found: &Identified| {
+            [0.6, 0.8, 1.3, 1.6, 2.0]
+                .map(|z| {
+                    (found.thrust_n(z * hover) / found.thrust_n(hover) * truth(hover) / truth(z * hover) - 1.0).abs()
+                })
+                .into_iter()
+                .fold(0.0, f64::max)
+        };
+        without_worst.push(worst(&without));
+        with_worst.push(worst(&with));
+        let slope = with.value("rotors.thrust_slope").unwrap();
+        assert_eq!(slope.source, Source::Bench);
+        let true_slope = (truth(1.001 * hover) / truth(0.999 * hover)).ln() / (1.001_f64 / 0.999).ln();
+        assert!(
+            (slope.low..=slope.high).contains(&true_slope),
+            "{seed}: {slope:?}, {true_slope}"
+        );
+        let ratio = with.value("rotors.moment_ratio_m").unwrap();
+        let true_ratio = vehicle.rotors[0].moment_ratio;
+        assert!(
+            ratio.source == Source::Bench && (ratio.low..=ratio.high).contains(&true_ratio),
+            "{seed}: {ratio:?}, {true_ratio}"
+        );
+        files(&with, "benched").documents().unwrap();
+        // Twice the thrust: another rotor.
+        let other = Bench::of_tables(&[stand(&vehicle, seed, 2.0)]).unwrap();
+        let refused = identify_with(logs, &told, Some(&other)).unwrap();
+        assert!(
+            refused.notes.iter().any(|note| note.contains("It is not used")),
+            "{:?}",
+            refused.notes
+        );
+        assert_ne!(refused.value("rotors.thrust_slope").unwrap().source, Source::Bench);
+    }
+    println!(
+        "worst error of the thrust curve beyond the hover: without {without_worst:.3?}, with the bench {with_worst:.3?}"
+    );
+    for (without, with) in without_worst.iter().zip(&with_worst) {
+        assert!(with < without && *with < 0.06, "{without_worst:.3?} {with_worst:.3?}");
+    }
+}
+
+#[test]
+fn val_a_bench_makes_the_held_out_error_smaller_or_leaves_it() {
+    let frame = FRAMES.iter().position(|frame| frame.name == "quad-x").unwrap();
+    let order: Vec<usize> = (0..4).collect();
+    let (vehicle, arm) = drawn(51, frame);
+    let log = flown(&vehicle, "waypoint", 40.0, 51, &order);
+    let told = Request {
+        frame: Some("quad-x".to_owned()),
+        ..request(&vehicle, arm)
+    };
+    let bench = Bench::of_tables(&[stand(&vehicle, 51, 1.0)]).unwrap();
+    let without = held_out(&log, &told).unwrap();
+    let with = held_out_with(&log, &told, Some(&bench)).unwrap();
+    for (without, with) in without.scores.iter().zip(&with.scores) {
+        println!(
+            "{}: {:.4} without, {:.4} with the bench",
+            without.channel, without.calibrated, with.calibrated
+        );
+        assert!(with.calibrated > without.calibrated - 0.005, "{without:?} {with:?}");
+    }
+    // A bench of a propeller whose thrust rises much faster: both are said, neither is mixed with the other.
+    let mut steep = stand(&vehicle, 51, 1.0);
+    let hover = vehicle.mass * 9.81 / 4.0;
+    for thrust in &mut steep.thrust {
+        *thrust = hover * (*thrust / hover).powf(1.6);
+    }
+    let logs = std::slice::from_ref(&log);
+    let plain = identify(logs, &told).unwrap();
+    let contradicted = identify_with(logs, &told, Some(&Bench::of_tables(&[steep]).unwrap())).unwrap();
+    let said = contradicted
+        .notes
+        .iter()
+        .any(|note| note.contains("deviations apart: not averaged"));
+    assert!(said, "{:?}", contradicted.notes);
+    assert_eq!(
+        plain.value("rotors.thrust_slope"),
+        contradicted.value("rotors.thrust_slope")
+    );
 }
 
 #[test]

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { type Estimate, adviceOf, nameFrom, nameProblem, numberOf, rotorsOf } from "./identify";
+import { type Estimate, type FlightOf, adviceOf, answerOf, bandWords, foretold, groupsOf, knownHow, nameFrom, nameProblem, numberOf, partLane, rotorsOf } from "./identify";
 
 describe("a vehicle from a log", () => {
   it("makes names that the library takes of names of files", () => {
@@ -27,5 +27,26 @@ describe("a vehicle from a log", () => {
     expect(adviceOf([value("a", "class", "yaw steps"), value("b", "log", "nothing"), value("c", "log-and-class", "yaw steps"), value("d", "class", "")])).toEqual([
       { better: "yaw steps", names: ["a", "c"] },
     ]);
+  });
+  it("says plainly how much is known, and never counts a guess or what was entered as known", () => {
+    const value = (name: string, source: Estimate["source"]): Estimate => ({ key: name, name, unit: "", value: 1, low: 0, high: 2, source, how: "", better: "" });
+    const values = [value("mass", "entered"), value("lag", "log"), value("c", "bench"), value("drag", "class"), value("n", "log-and-class"), value("centre", "assumed")];
+    const answer = answerOf(values);
+    expect(answer.head).toBe("2 of 4 constants are known.");
+    expect(answer.rest).toBe("A guess from vehicles of this size: drag. Narrowed by the flight, not settled: n.");
+    expect(answerOf(values.slice(0, 3))).toEqual({ head: "Every constant is known.", rest: "", kind: "good" });
+    expect(groupsOf(values).map((group) => group.values.map((one) => one.name))).toEqual([["lag", "c"], ["drag", "n"], ["mass", "centre"]]);
+  });
+  it("has words for a prediction that is worse than none, and names a source once", () => {
+    expect([foretold(-10.8), foretold(0.5), foretold(0.9996)]).toEqual(["worse than the mean", "50.0 %", "100.0 %"]);
+    expect(knownHow({ source: "entered", how: "entered; the motion agrees" })).toBe("entered; the motion agrees");
+    expect(knownHow({ source: "parameter", how: "FRAME_CLASS 1" })).toBe("parameter in the log (FRAME_CLASS 1)");
+  });
+  it("gives each kind of part its own words, also where they look alike", () => {
+    const parts = ["ground", "take-off", "air", "landing", "hover"].map((kind, k) => ({ kind, start_s: k, end_s: k + 1, why: "" }));
+    const lane = partLane({ parts: { parts, events: [] } } as unknown as FlightOf);
+    expect(lane.stretches.map((one) => lane.words?.(one.code))).toEqual(["on the ground", "taking off", "in the air", "landing", "not known"]);
+    expect(lane.stretches.every((one) => one.code <= 0)).toBe(true);
+    expect(bandWords({ low_hz: 0.1, high_hz: 4 })).toBe("0.1 to 4 Hz");
   });
 });

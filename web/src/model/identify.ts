@@ -1,7 +1,9 @@
 /** A vehicle from a log: what is sent, and what comes back, as far as the page shows it. */
+import { count, percent } from "../format";
+import type { Lane } from "../plots/lanes";
 import type { Rotor } from "../replay/motion";
 
-export type Source = "entered" | "log" | "log-and-class" | "parameter" | "class";
+export type Source = "entered" | "log" | "log-and-class" | "parameter" | "bench" | "class" | "assumed";
 export interface Estimate {
   key: string;
   name: string;
@@ -40,9 +42,109 @@ const SOURCE_WORDS: Record<Source, { words: string; kind: string }> = {
   log: { words: "log", kind: "good" },
   "log-and-class": { words: "log + class default", kind: "warn" },
   parameter: { words: "parameter in the log", kind: "good" },
+  bench: { words: "bench", kind: "good" },
   class: { words: "class default: a guess", kind: "warn" },
+  assumed: { words: "assumed", kind: "" },
 };
 export const sourceOf = (source: Source) => SOURCE_WORDS[source] ?? { words: source, kind: "" };
+
+/** One flight on the time axis. */
+export interface FlightOf {
+  name: string;
+  duration_s: number;
+  /** What the log's own clock says at 0 s. */
+  clock_start_s: number | null;
+  parts: { parts: { kind: string; start_s: number; end_s: number; why: string }[]; events: { start_s: number; detail: string }[] };
+  /** What was fitted. */
+  used: { start_s: number; end_s: number }[];
+  /** Means over short intervals; `duty` by rotor. */
+  time_s: number[];
+  duty: (number | null)[][];
+}
+
+/** Kinds of parts: words, and how they look. In the air is good, what breaks is not. */
+const PARTS: Record<string, { words: string; look: "idle" | "healthy" | "unknown" }> = {
+  ground: { words: "on the ground", look: "idle" },
+  "take-off": { words: "taking off", look: "idle" },
+  air: { words: "in the air", look: "healthy" },
+  landing: { words: "landing", look: "idle" },
+  upset: { words: "upset", look: "unknown" },
+  crash: { words: "crash", look: "unknown" },
+};
+const partOf = (kind: string | undefined) => PARTS[kind ?? ""] ?? { words: "not known", look: "idle" as const };
+
+/** Parts of a flight; a code is the place of its kind, negative, for positive ones are rotors. */
+export function partLane(flight: FlightOf): Lane {
+  const kinds = [...new Set(flight.parts.parts.map((part) => part.kind))];
+  return {
+    name: "parts",
+    stretches: flight.parts.parts.map((part) => ({ from: part.start_s, to: part.end_s, code: -kinds.indexOf(part.kind) })),
+    words: (code) => partOf(kinds[-code]).words,
+    look: (code) => partOf(kinds[-code]).look,
+  };
+}
+
+/** What of a flight was fitted. */
+export const usedLane = (flight: FlightOf): Lane => ({
+  name: "used",
+  stretches: flight.used.map((part) => ({ from: part.start_s, to: part.end_s, code: 0 })),
+  words: () => "used",
+});
+
+/** Channels of the proof, for people who know their vehicle and not our words. */
+const CHANNELS: Record<string, string> = {
+  "vertical specific force": "thrust: what the accelerometer reads along the vehicle's axis",
+  "the same without drift": "the same without slow drift (battery, weather)",
+  "roll acceleration": "how the vehicle begins to roll",
+  "pitch acceleration": "how the vehicle begins to pitch",
+  "yaw acceleration": "how the vehicle begins to turn",
+};
+export const channelWords = (channel: string) => CHANNELS[channel] ?? channel;
+
+/** A band in Hz as how slow and how fast the motion is. */
+export function bandWords(band: { low_hz: number; high_hz: number }): string {
+  const hz = (value: number) => Number(value.toPrecision(2));
+  return band.low_hz > 0 ? `${hz(band.low_hz)} to ${hz(band.high_hz)} Hz` : `from standing still to ${hz(band.high_hz)} Hz`;
+}
+
+/** R² as people read it; what is worse than the mean has no share. */
+export const foretold = (r2: number) => (r2 < 0 ? "worse than the mean" : percent(r2));
+
+/** How something is known, without the source twice. */
+export function knownHow(it: { source: Source; how: string }): string {
+  const words = sourceOf(it.source).words;
+  return it.how.startsWith(words) ? it.how : `${words} (${it.how})`;
+}
+
+/** The plain answer: how much of the vehicle is known, and how much is a guess. */
+export function answerOf(values: readonly Estimate[]): { head: string; rest: string; kind: string } {
+  // What everybody takes for granted is neither.
+  const asked = values.filter((one) => one.source !== "assumed" && one.source !== "entered");
+  const guesses = asked.filter((one) => one.source === "class");
+  const partly = asked.filter((one) => one.source === "log-and-class");
+  const known = asked.length - guesses.length - partly.length;
+  const names = (list: readonly Estimate[]) => list.map((one) => one.name).join(", ");
+  const parts = [
+    guesses.length > 0 ? `A guess from vehicles of this size: ${names(guesses)}.` : "",
+    partly.length > 0 ? `Narrowed by the flight, not settled: ${names(partly)}.` : "",
+  ];
+  return {
+    head: guesses.length + partly.length === 0 ? "Every constant is known." : `${known} of ${count(asked.length, "constant")} are known.`,
+    rest: parts.filter(Boolean).join(" "),
+    kind: guesses.length === 0 ? "good" : "warn",
+  };
+}
+
+/** Values together by how far they can be trusted; what needs attention first. */
+export function groupsOf(values: readonly Estimate[]): { title: string; values: Estimate[]; open: boolean }[] {
+  const of = (...sources: Source[]) => values.filter((one) => sources.includes(one.source));
+  const groups = [
+    { title: "Known: measured in flight, on a bench, or stored in the log", values: of("log", "parameter", "bench"), open: true },
+    { title: "Guesses, as far as the flight does not say", values: of("class", "log-and-class"), open: true },
+    { title: "As you entered it, and what is taken for granted", values: of("entered", "assumed"), open: false },
+  ];
+  return groups.filter((group) => group.values.length > 0);
+}
 
 /** Frames that can be named where the log does not say it; the numbers of the motors are ArduPilot's. */
 export const FRAMES = [

@@ -10,6 +10,8 @@ export interface Lane {
   stretches: readonly Stretch[];
   /** Words for a code, if they are not those of verdicts. */
   words?: (code: number) => string;
+  /** How a code looks, if it is none of verdicts. */
+  look?: (code: number) => "idle" | "healthy" | "unknown";
 }
 
 interface Props {
@@ -44,7 +46,7 @@ export function Lanes(props: Props) {
                     return (
                       <Show when={right() > left()}>
                         <i
-                          class={kind(stretch.code)}
+                          class={(lane.look ?? kind)(stretch.code)}
                           title={`${lane.name}: ${words(lane, stretch.code)}, ${short(stretch.from)} – ${short(stretch.to)} s`}
                           style={{
                             left: `${left()}%`,

@@ -7,6 +7,7 @@ import { ComparedView } from "../shown/compared";
 import type { ComparisonReport } from "../shown/compared-series";
 import { DiagnosisView } from "../shown/diagnosis";
 import { type FitResult, FitView } from "../shown/fit";
+import { type IdentifiedReport, IdentifiedReportView } from "../shown/identified";
 import { ImprovementView } from "../shown/improvement";
 import { type JudgedLogs, JudgedView } from "../shown/judged";
 import { type Reproduction, ReproductionView } from "../shown/reproduction";
@@ -49,6 +50,7 @@ export function Report(props: Content) {
             <Match when={props.kind === "reproduction"}><ReproductionView result={props.data as Reproduction} /></Match>
             <Match when={props.kind === "run"}><RunReportView report={props.data as RunReport} /></Match>
             <Match when={props.kind === "judged"}><JudgedView logs={props.data as JudgedLogs} /></Match>
+            <Match when={props.kind === "identification"}><IdentifiedReportView report={props.data as IdentifiedReport} /></Match>
             <Match when={props.kind === "improvement"}><ImprovementView result={props.data as Improvement} /></Match>
           </Switch>
         </ErrorBoundary>

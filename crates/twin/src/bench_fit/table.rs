@@ -23,6 +23,10 @@ pub enum Role {
     Voltage,
     /// A, discharge positive.
     Current,
+    /// N·m about the rotor's axis.
+    Torque,
+    /// W, electrical.
+    Power,
 }
 
 impl Role {
@@ -34,10 +38,25 @@ impl Role {
             Self::Thrust => "thrust",
             Self::Voltage => "voltage",
             Self::Current => "current",
+            Self::Torque => "torque",
+            Self::Power => "power",
         }
     }
 
-    const ALL: [Self; 5] = [Self::Time, Self::Command, Self::Thrust, Self::Voltage, Self::Current];
+    const ALL: [Self; 7] = [
+        Self::Time,
+        Self::Command,
+        Self::Thrust,
+        Self::Voltage,
+        Self::Current,
+        Self::Torque,
+        Self::Power,
+    ];
+
+    /// Fits of thrust, battery and lag do without it: a column with holes is left out.
+    fn is_extra(self) -> bool {
+        matches!(self, Self::Torque | Self::Power)
+    }
 
     /// Words that a header may begin with, and the unit assumed without one.
     fn headers(self) -> (&'static [&'static str], &'static str) {
@@ -50,6 +69,8 @@ impl Role {
             Self::Thrust => (&["thrust", "lift", "force", "f"], "N"),
             Self::Voltage => (&["voltage", "battery_voltage", "volt", "v"], "V"),
             Self::Current => (&["current", "battery_current", "curr", "i"], "A"),
+            Self::Torque => (&["torque", "moment"], "Nm"),
+            Self::Power => (&["electrical power", "power", "electrical_power"], "W"),
         }
     }
 
@@ -58,9 +79,23 @@ impl Role {
         if let Some(unit) = unit.strip_prefix('-') {
             return self.factor(unit).map(|factor| -factor);
         }
-        let unit = unit.trim().to_lowercase().replace(['µ', 'μ'], "u");
+        let unit = unit
+            .trim()
+            .to_lowercase()
+            .replace(['µ', 'μ'], "u")
+            .replace(['·', '*', '.', '⋅'], "");
         match (self, unit.as_str()) {
-            (Self::Time, "s") | (Self::Voltage, "v") | (Self::Current, "a") | (Self::Thrust, "n") => Some(1.0),
+            (Self::Time, "s")
+            | (Self::Voltage, "v")
+            | (Self::Current, "a")
+            | (Self::Thrust, "n")
+            | (Self::Torque, "nm")
+            | (Self::Power, "w") => Some(1.0),
+            (Self::Torque, "mnm" | "nmm") => Some(1e-3),
+            (Self::Torque, "kgfcm" | "kgcm") => Some(1e-2 * STANDARD_GRAVITY),
+            (Self::Torque, "gfcm" | "gcm") => Some(1e-5 * STANDARD_GRAVITY),
+            (Self::Torque, "lbfin" | "inlbf") => Some(0.112_984_83),
+            (Self::Power, "kw") => Some(1e3),
             (Self::Time, "ms") | (Self::Voltage, "mv") | (Self::Current, "ma") | (Self::Thrust, "mn") => Some(1e-3),
             (Self::Time, "us") => Some(1e-6),
             (Self::Voltage, "cv") | (Self::Current, "ca") => Some(1e-2),
@@ -90,7 +125,7 @@ pub struct Mapping {
 impl Mapping {
     /// Adds `role=column` or `role=column:unit`.
     pub fn add(&mut self, text: &str) -> Result<(), FitError> {
-        let expected = "expected role=column or role=column:unit with a role time, command, thrust, voltage or current";
+        let expected = "expected role=column or role=column:unit with a role time, command, thrust, voltage, current, torque or power";
         let Some((name, rest)) = text.split_once('=') else {
             return refuse(format!("--map {text}: {expected}"));
         };
@@ -121,6 +156,10 @@ pub struct Table {
     pub voltage: Vec<f64>,
     /// A; empty if unknown.
     pub current: Vec<f64>,
+    /// N·m; empty if unknown.
+    pub torque: Vec<f64>,
+    /// W; empty if unknown.
+    pub power: Vec<f64>,
     /// What was done, in sentences.
     pub notes: Vec<String>,
 }
@@ -175,12 +214,29 @@ impl Table {
                 columns.push((role, index, factor));
             }
         }
+        let number = |row: &[String], index: usize| {
+            let cell = row.get(index).map_or("", |cell| cell.trim());
+            (cell.to_owned(), cell.trim_end_matches('%').trim_end().parse::<f64>())
+        };
+        columns.retain(|(role, index, _)| {
+            let whole = !role.is_extra()
+                || rows
+                    .iter()
+                    .all(|(_, row)| number(row, *index).1.is_ok_and(f64::is_finite));
+            if !whole {
+                table.notes.push(format!(
+                    "the column of {} has cells without a number: left out",
+                    role.name()
+                ));
+            }
+            whole
+        });
         let mut kept = 0;
         for (line, row) in &rows {
             let mut values = Vec::with_capacity(columns.len());
             for (role, index, factor) in &columns {
-                let cell = row.get(*index).map_or("", |cell| cell.trim());
-                let Ok(value) = cell.parse::<f64>() else {
+                let (cell, value) = number(row, *index);
+                let Ok(value) = value else {
                     return refuse(format!(
                         "{name}, line {line}, column {} ({}): expected a number, got `{cell}`",
                         index + 1,
@@ -231,6 +287,8 @@ impl Table {
             Role::Thrust => &mut self.thrust,
             Role::Voltage => &mut self.voltage,
             Role::Current => &mut self.current,
+            Role::Torque => &mut self.torque,
+            Role::Power => &mut self.power,
         }
     }
 
@@ -242,6 +300,8 @@ impl Table {
             Role::Thrust => &self.thrust,
             Role::Voltage => &self.voltage,
             Role::Current => &self.current,
+            Role::Torque => &self.torque,
+            Role::Power => &self.power,
         };
         if column.is_empty() {
             let name = role.name();

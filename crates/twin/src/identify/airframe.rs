@@ -3,6 +3,7 @@
 use rotortwin_plant::vehicle::model::SpinDirection;
 use serde::Serialize;
 
+use super::bench::{About, together};
 use super::class::{self, Class};
 use super::estimate::{Estimate, Z95};
 use super::excitation::Excitation;
@@ -261,6 +262,8 @@ pub(crate) struct Findings<'a> {
     /// [`Airframe::against_the_motion`]
     pub(crate) against_the_motion: bool,
     pub(crate) excitation: Excitation,
+    /// What a bench says, where it is of this rotor and does not contradict the flight.
+    pub(crate) bench: Option<&'a About>,
 }
 
 /// Deviation of the thrust level's logarithm where the accelerometer reads what it should: scale of an ordinary one.
@@ -424,9 +427,16 @@ impl Findings<'_> {
             .map(|(value, deviation)| (deviation * value / sum).powi(2))
             .sum::<f64>()
             + class::YAW_INERTIA_LOG_DEVIATION.powi(2);
-        let (mut log_inertia, mut log_ratio) = ((share * sum).ln(), self.class.moment_ratio_m.ln());
-        let (mut inertia_deviation, mut ratio_deviation) = (inertia_variance.sqrt(), class::MOMENT_LOG_DEVIATION);
-        let mut ratio_source = Source::Class;
+        let on_the_bench = self.bench.and_then(|bench| bench.moment_ratio);
+        let (ratio_before, deviation_before) =
+            on_the_bench.unwrap_or((self.class.moment_ratio_m, class::MOMENT_LOG_DEVIATION));
+        let (mut log_inertia, mut log_ratio) = ((share * sum).ln(), ratio_before.ln());
+        let (mut inertia_deviation, mut ratio_deviation) = (inertia_variance.sqrt(), deviation_before);
+        let mut ratio_source = if on_the_bench.is_some() {
+            Source::Bench
+        } else {
+            Source::Class
+        };
         let counts = self.excitation.rate[2] && !self.against_the_motion;
         let told = self.yaw.filter(|_| counts).filter(|yaw| {
             let ratio = yaw.gain / mass * share * sum;
@@ -446,14 +456,26 @@ impl Findings<'_> {
             // ln c − ln Jz is measured; both have priors.
             let measured = (yaw.gain / mass).ln();
             let noise = yaw.deviation.powi(2);
-            let (vc, vj) = (class::MOMENT_LOG_DEVIATION.powi(2), inertia_variance);
+            let (mut vc, vj) = (deviation_before.powi(2), inertia_variance);
+            let apart = (measured - (log_ratio - log_inertia)).abs() / (vc + vj + noise).sqrt();
+            if on_the_bench.is_some() && apart > 3.0 {
+                notes.push(format!(
+                    "torque over thrust is {ratio_before:.4} m on the bench, and c/Jz of the flight with the inertia is {apart:.0} deviations from it: not averaged, the flight's is \
+                     taken"
+                ));
+                ratio_source = Source::Class;
+                log_ratio = self.class.moment_ratio_m.ln();
+                vc = class::MOMENT_LOG_DEVIATION.powi(2);
+            }
             let innovation = measured - (log_ratio - log_inertia);
             let total = vc + vj + noise;
             log_ratio += vc / total * innovation;
             log_inertia -= vj / total * innovation;
             ratio_deviation = (vc - vc * vc / total).sqrt();
             inertia_deviation = (vj - vj * vj / total).sqrt();
-            ratio_source = whose((vj + noise).sqrt(), class::MOMENT_LOG_DEVIATION);
+            if ratio_source != Source::Bench {
+                ratio_source = whose((vj + noise).sqrt(), class::MOMENT_LOG_DEVIATION);
+            }
             values.push(
                 Estimate::log_normal(
                     "yaw.moment_ratio_over_inertia",
@@ -506,10 +528,11 @@ impl Findings<'_> {
                 ratio_deviation,
                 ratio_source,
             )
-            .how(if ratio_source == Source::Class {
-                "the flight does not tell"
-            } else {
-                "c/Jz of the flight times Jz"
+            .how(match (ratio_source, told.is_some()) {
+                (Source::Bench, true) => "torque over thrust of the bench, and c/Jz of the flight, by their variances",
+                (Source::Bench, false) => "torque over thrust of the bench",
+                (Source::Class, _) => "the flight does not tell",
+                _ => "c/Jz of the flight times Jz",
             })
             .better("10 s of yaw steps; a thrust stand with torque"),
         );
@@ -614,6 +637,29 @@ impl Findings<'_> {
             (slope_variance.sqrt(), class::SLOPE_DEVIATION),
             slope_source,
         );
+        let (slope_deviation, slope_source, slope_how) = match self.bench {
+            Some(bench) if bench.alone => (
+                bench.slope_deviation,
+                Source::Bench,
+                format!(
+                    "shape of the thrust curve by the bench ({:.2}), level by the flight, which hardly moves",
+                    bench.slope
+                ),
+            ),
+            Some(bench) => (
+                slope_deviation.min(bench.slope_deviation),
+                Source::Bench,
+                format!(
+                    "shape of the thrust curve by the bench ({:.2}) and the flight, by their variances; level by the flight",
+                    bench.slope
+                ),
+            ),
+            None => (
+                slope_deviation,
+                slope_source,
+                "thrust curve: hover level, this slope, and its bend".to_owned(),
+            ),
+        };
         values.push(
             Estimate::normal(
                 "rotors.thrust_slope",
@@ -623,7 +669,7 @@ impl Findings<'_> {
                 slope_deviation,
                 slope_source,
             )
-            .how("thrust curve: hover level, this slope, and its bend")
+            .how(slope_how)
             .better("10 s of throttle pulses; a thrust stand"),
         );
         let (s, deviation, told) = self.voltage_slope;
@@ -634,9 +680,17 @@ impl Findings<'_> {
                 "",
                 s,
                 deviation,
-                if told { Source::Log } else { Source::Class },
+                if self.bench.is_some_and(|bench| bench.exponent.is_some()) {
+                    Source::Bench
+                } else if told {
+                    Source::Log
+                } else {
+                    Source::Class
+                },
             )
-            .how(if !self.has_voltage {
+            .how(if self.bench.is_some_and(|bench| bench.exponent.is_some()) {
+                "voltages of the bench, with what the flight tells by their variances"
+            } else if !self.has_voltage {
                 "no voltage in the log"
             } else if told {
                 "slow drift of thrust over voltage; anything else that drifts with time is in it"
@@ -848,9 +902,19 @@ impl Findings<'_> {
         estimate.low = estimate.low.max(0.0);
         values.push(estimate);
         let class_power = self.class.power_coefficient(self.rotors, arm);
-        let (power, deviation, source) = match found.power {
-            Some((value, deviation)) => (value / mass.powf(1.5), deviation, Source::Log),
-            None => (class_power, 0.35, Source::Class),
+        let flown_power = found
+            .power
+            .map(|(value, deviation)| (value / mass.powf(1.5), deviation));
+        let bench_power = self.bench.and_then(|bench| bench.power);
+        let (power, deviation, source) = match (flown_power, bench_power) {
+            (Some((flown, deviation)), bench) => {
+                match bench.and_then(|(value, own)| together((flown.ln(), deviation), (value.ln(), own))) {
+                    Some((value, deviation)) => (value.exp(), deviation, Source::Bench),
+                    None => (flown, deviation, Source::Log),
+                }
+            }
+            (None, Some((value, deviation))) => (value, deviation, Source::Bench),
+            (None, None) => (class_power, 0.35, Source::Class),
         };
         values.push(
             Estimate::log_normal(
@@ -861,15 +925,15 @@ impl Findings<'_> {
                 deviation,
                 source,
             )
-            .how(if source == Source::Log {
-                "voltage times current in the air"
-            } else {
-                "momentum theory and the class's efficiency"
+            .how(match source {
+                Source::Log => "voltage times current in the air",
+                Source::Bench => "power over thrust of the bench, with that of the flight where it has a current",
+                _ => "momentum theory and the class's efficiency",
             })
-            .better(if source == Source::Log {
-                ""
-            } else {
+            .better(if source == Source::Class {
                 "current in the log"
+            } else {
+                ""
             }),
         );
         let hover_n = mass * GRAVITY / self.rotors as f64;

@@ -30,6 +30,11 @@ pub struct Class {
 
 /// Deviation of n.
 pub(crate) const SLOPE_DEVIATION: f64 = 0.2;
+/// Variance of n as the fit's prior has it: of α and β.
+pub(crate) const SLOPE_PRIOR_VARIANCE: f64 =
+    1.44 * SLOPE_DEVIATION * SLOPE_DEVIATION + 0.25 * BEND_DEVIATION * BEND_DEVIATION;
+/// Deviation of β.
+pub(crate) const BEND_DEVIATION: f64 = 0.35;
 /// Deviations of logarithms: τ, κ, c, k/m.
 pub(crate) const LAG_LOG_DEVIATION: f64 = 0.3;
 pub(crate) const INERTIA_LOG_DEVIATION: f64 = 0.3;

@@ -8,6 +8,7 @@ use nalgebra::{SMatrix, SVector};
 use std::ops::Range;
 
 use super::actuator::lagged;
+use super::bench::ShapePrior;
 use super::class::{self, Class};
 use super::curve::Curve;
 use super::frames::Place;
@@ -45,6 +46,8 @@ pub(crate) struct Problem<'a> {
     pub(crate) places: Option<&'a [Place]>,
     pub(crate) class: Class,
     pub(crate) voltage_slope: f64,
+    /// Shape of the thrust curve by a bench, in the place of the class's.
+    pub(crate) bench: Option<ShapePrior>,
 }
 
 /// What came out.
@@ -163,8 +166,17 @@ pub(crate) fn fit(problem: &Problem<'_>, arm_m: f64) -> Fitted {
         },
         base_gain: class_gain(&class, arm_m),
     };
+    let mut prior_information = prior_information();
+    if let Some(bench) = problem.bench {
+        for (row, i) in [ALPHA, BETA].into_iter().enumerate() {
+            state.theta[i] = bench.shape[row];
+            prior[i] = bench.shape[row];
+            for (column, j) in [ALPHA, BETA].into_iter().enumerate() {
+                prior_information[(i, j)] = bench.information[row][column];
+            }
+        }
+    }
     state.hover = hover_level(problem.grids, state.curve());
-    let prior_information = prior_information();
     // Wide while the search goes on: only so that what the log does not tell stays in place.
     let guard = prior_information * 0.02;
 
@@ -210,7 +222,7 @@ pub(crate) fn fit(problem: &Problem<'_>, arm_m: f64) -> Fitted {
 fn prior_information() -> Matrix {
     let deviation = [
         class::SLOPE_DEVIATION * 1.2,
-        0.35,
+        class::BEND_DEVIATION,
         class::LAG_LOG_DEVIATION,
         class::DELAY_DEVIATION_S,
         class::INERTIA_LOG_DEVIATION,

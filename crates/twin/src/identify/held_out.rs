@@ -3,8 +3,10 @@
 use serde::Serialize;
 
 use super::actuator::lagged;
+use super::bench::{self, Bench};
 use super::class::{self, Class};
 use super::curve::Curve;
+use super::excitation::Excitation;
 use super::filters::Band;
 use super::fit::{self, Fitted, Series};
 use super::frames::Place;
@@ -78,6 +80,14 @@ impl Sum {
 /// # Errors
 /// As [`super::identify`]; or the flight is too short for two halves.
 pub fn held_out(log: &FlightLog, request: &Request) -> Result<HeldOut, IdentifyError> {
+    held_out_with(log, request, None)
+}
+
+/// The same with a thrust bench of one of the rotors.
+///
+/// # Errors
+/// As [`held_out`].
+pub fn held_out_with(log: &FlightLog, request: &Request, bench: Option<&Bench>) -> Result<HeldOut, IdentifyError> {
     let class = Class::of(request.mass_kg, request.arm_m);
     let (mut grids, airframe) = prepare(std::slice::from_ref(log), request, &class)?;
     let whole = grids.remove(0);
@@ -107,7 +117,7 @@ pub fn held_out(log: &FlightLog, request: &Request) -> Result<HeldOut, IdentifyE
         let learn = std::slice::from_ref(&halves[fitted_half]);
         let proof = &halves[1 - fitted_half];
         let default = default_model(learn, &airframe.places, &class, request.arm_m);
-        let (calibrated, fitted) = calibrate(learn, &airframe.places, &class, request.arm_m);
+        let (calibrated, fitted) = calibrate(learn, &airframe.places, &class, request, bench);
         gains.push(fitted.gain);
         for (sums, model) in sums.iter_mut().zip([&default, &calibrated]) {
             score(proof, &airframe.places, model, &channels, sums);
@@ -155,17 +165,37 @@ fn split(grid: &Grid) -> Option<[Grid; 2]> {
     halves.iter().all(|half| half.airborne_s() >= 3.0).then_some(halves)
 }
 
-fn calibrate(grids: &[Grid], places: &[Place], class: &Class, arm_m: f64) -> (Model, Fitted) {
+fn calibrate(
+    grids: &[Grid],
+    places: &[Place],
+    class: &Class,
+    request: &Request,
+    bench: Option<&Bench>,
+) -> (Model, Fitted) {
+    let arm_m = request.arm_m;
     let problem = |voltage_slope| fit::Problem {
         grids,
         places: Some(places),
         class: *class,
         voltage_slope,
+        bench: None,
     };
     let mut fitted = fit::fit(&problem(class::VOLTAGE_SLOPE), arm_m);
+    let mut voltage_slope = class::VOLTAGE_SLOPE;
     if grids[0].voltage.is_some() {
-        let (slope, ..) = slow::voltage_slope(grids, &fitted.curve);
-        fitted = fit::fit(&problem(slope), arm_m);
+        (voltage_slope, ..) = slow::voltage_slope(grids, &fitted.curve);
+        fitted = fit::fit(&problem(voltage_slope), arm_m);
+    }
+    let excited = Excitation::of(grids).lift;
+    let about = bench
+        .and_then(|bench| bench::consult(bench, &fitted, (class, request.mass_kg), excited, &mut Vec::new()))
+        .and_then(|about| about.prior());
+    if about.is_some() {
+        let with = fit::Problem {
+            bench: about,
+            ..problem(voltage_slope)
+        };
+        fitted = fit::fit(&with, arm_m);
     }
     let Yaw { gain, reaction_s, .. } = yaw::fit(grids, places, &fitted).unwrap_or(Yaw {
         gain: default_yaw(class, arm_m),

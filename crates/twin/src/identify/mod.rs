@@ -14,6 +14,7 @@
 
 mod actuator;
 mod airframe;
+mod bench;
 mod class;
 mod curve;
 mod estimate;
@@ -33,10 +34,11 @@ use serde::Serialize;
 
 pub use crate::model::constants::Source;
 pub use airframe::{Airframe, known_rotor_places};
+pub use bench::Bench;
 pub use class::Class;
 pub use estimate::Estimate;
 pub use filters::Band;
-pub use held_out::{HeldOut, Score, held_out};
+pub use held_out::{HeldOut, Score, held_out, held_out_with};
 pub use wiring::Wiring;
 pub use write::{Files, files};
 
@@ -165,10 +167,22 @@ impl Identified {
 /// # Errors
 /// Nothing in them is a flight, motor outputs are missing, the motor order is not known, or the request is out of range.
 pub fn identify(logs: &[FlightLog], request: &Request) -> Result<Identified, IdentifyError> {
+    identify_with(logs, request, None)
+}
+
+/// The same with a thrust bench of one of the rotors.
+///
+/// # Errors
+/// As [`identify`].
+pub fn identify_with(
+    logs: &[FlightLog],
+    request: &Request,
+    bench: Option<&Bench>,
+) -> Result<Identified, IdentifyError> {
     request.check()?;
     let class = Class::of(request.mass_kg, request.arm_m);
     let (grids, airframe) = prepare(logs, request, &class)?;
-    estimate_all(logs, &grids, airframe, request, class)
+    estimate_all(logs, &grids, airframe, request, (class, bench))
 }
 
 /// Grids of all logs with their rotors picked out, and the frame.
@@ -207,7 +221,7 @@ fn estimate_all(
     grids: &[Grid],
     airframe: Airframe,
     request: &Request,
-    class: Class,
+    (class, bench): (Class, Option<&Bench>),
 ) -> Result<Identified, IdentifyError> {
     let places = &airframe.places;
     let excitation = Excitation::of(grids);
@@ -216,6 +230,7 @@ fn estimate_all(
         places: Some(places),
         class,
         voltage_slope,
+        bench: None,
     };
     let mut fitted = fit::fit(&problem(class::VOLTAGE_SLOPE), request.arm_m);
     let has_voltage = grids.iter().all(|grid| grid.voltage.is_some());
@@ -226,8 +241,32 @@ fn estimate_all(
             fitted = fit::fit(&problem(voltage_slope.0), request.arm_m);
         }
     }
-    let yaw = yaw::fit(grids, places, &fitted);
     let mut notes: Vec<String> = grids.iter().flat_map(|grid| grid.notes.clone()).collect();
+    let bench = bench.and_then(|bench| {
+        notes.extend(bench.notes.iter().map(|note| format!("bench {note}")));
+        bench::consult(bench, &fitted, (&class, request.mass_kg), excitation.lift, &mut notes)
+    });
+    if let Some(about) = &bench {
+        if let Some(of_the_bench) = about.exponent {
+            let of_the_flight = (voltage_slope.0, voltage_slope.1);
+            match (voltage_slope.2, bench::together(of_the_flight, of_the_bench)) {
+                (true, Some((slope, deviation))) => voltage_slope = (slope, deviation, true),
+                (true, None) => notes.push(format!(
+                    "d ln thrust/d ln voltage is {:.2} on the bench and {:.2} in the air, more than three deviations apart: not averaged, the flight's is taken",
+                    of_the_bench.0, of_the_flight.0
+                )),
+                (false, _) => voltage_slope = (of_the_bench.0, of_the_bench.1, false),
+            }
+        }
+        fitted = fit::fit(
+            &fit::Problem {
+                bench: about.prior(),
+                ..problem(voltage_slope.0)
+            },
+            request.arm_m,
+        );
+    }
+    let yaw = yaw::fit(grids, places, &fitted);
     if grids.iter().all(|grid| grid.rates.is_some() && grid.accel[2].is_some()) {
         notes.extend(excitation.note());
     }
@@ -250,6 +289,7 @@ fn estimate_all(
         rotors,
         against_the_motion: airframe.against_the_motion,
         excitation,
+        bench: bench.as_ref(),
     }
     .values(&mut notes);
     Ok(Identified {

@@ -30,6 +30,8 @@ pub enum Source {
     LogAndClass,
     /// A parameter of the autopilot, stored in the log.
     Parameter,
+    /// Measured on a thrust bench, or of a datasheet; with what the log tells where both do.
+    Bench,
     /// Typical of vehicles of this size: a guess with a wide interval.
     Class,
     /// What every vehicle document of this kind takes for granted and no flight is asked about: equal rotors, the centre of mass
@@ -45,6 +47,7 @@ impl Source {
             Self::Log => "log",
             Self::LogAndClass => "log + class default",
             Self::Parameter => "parameter in the log",
+            Self::Bench => "bench",
             Self::Class => "CLASS DEFAULT",
             Self::Assumed => "assumed",
         }

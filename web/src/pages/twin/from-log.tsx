@@ -4,10 +4,11 @@ import { createAttempt } from "../../api/attempt";
 import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { short } from "../../format";
-import { type Identification, FRAMES, adviceOf, adviceText, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
+import { type Identification, FRAMES, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
 import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
 import { VehiclePicture } from "../../parts/vehicle-picture";
+import { Advice, HeldOut, ValueTable } from "../../shown/identified";
 import { createTyped } from "../../typed";
 import type { Twin } from "./state";
 
@@ -148,52 +149,9 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
           {(list) => <VehiclePicture geometry={{ name: name(), rotors: list() }} />}
         </Show>
       </div>
-      <div class="scroll" tabindex="0" role="region" aria-label="Identified values">
-        <table class="small values">
-          <thead>
-            <tr><th scope="col">Quantity</th><th class="r" scope="col">value</th><th class="r" scope="col">95 % interval</th><th scope="col">unit</th><th scope="col">from</th><th scope="col">how</th><th scope="col">what would make it better</th></tr>
-          </thead>
-          <tbody>
-            <For each={it().values}>
-              {(one) => (
-                <tr>
-                  <th scope="row">{one.name}</th>
-                  <td class="r">{short(one.value, 4)}</td>
-                  <td class="r">{one.low < one.high ? `${short(one.low, 4)} to ${short(one.high, 4)}` : "–"}</td>
-                  <td>{one.unit || "1"}</td>
-                  <td><span class={`tag ${sourceOf(one.source).kind}`}>{sourceOf(one.source).words}</span></td>
-                  <td>{one.how}</td>
-                  <td>{one.source === "entered" ? "" : adviceText(one.better)}</td>
-                </tr>
-              )}
-            </For>
-          </tbody>
-        </table>
-      </div>
-      <Show when={adviceOf(it().values).length > 0}>
-        <div>
-          <h4>What to fly next, so that less is a guess</h4>
-          <ul class="small"><For each={adviceOf(it().values)}>{(one) => <li>{one.better}: {one.names.join(", ")}</li>}</For></ul>
-        </div>
-      </Show>
-      <For each={props.found.held_out}>
-        {(log) => (
-          <div class="scroll" tabindex="0" role="region" aria-label={`Scores of the halves of ${log.log}`}>
-            <table class="small">
-              <caption class="small muted">
-                {log.log}, {short(log.seconds)} s in the air: R² of each half, predicted with what the other half gave. Gains of the second half over the first:
-                roll {short(log.gain_ratio[0])}, pitch {short(log.gain_ratio[1])} (1: both tell the same vehicle).
-              </caption>
-              <thead><tr><th scope="col">Channel</th><th class="r" scope="col">band, Hz</th><th class="r" scope="col">class default</th><th class="r" scope="col">identified</th></tr></thead>
-              <tbody>
-                <For each={log.scores}>
-                  {(one) => <tr><td>{one.channel}</td><td class="r">{short(one.band.low_hz)} to {short(one.band.high_hz)}</td><td class="r">{one.class_default.toFixed(2)}</td><td class="r">{one.calibrated.toFixed(2)}</td></tr>}
-                </For>
-              </tbody>
-            </table>
-          </div>
-        )}
-      </For>
+      <ValueTable values={it().values} label="Identified values" />
+      <Advice values={it().values} />
+      <HeldOut scores={props.found.held_out} />
       <Show when={it().notes.length > 0}><ul class="small"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul></Show>
       <details>
         <summary>The documents: vehicle and blades (TOML)</summary>

@@ -146,21 +146,14 @@ impl Definition {
                 }
             }
         }
-        let times = [
-            ("builtin_interfaces/Time", "uint32"),
-            ("builtin_interfaces/Duration", "uint32"),
-        ];
-        for (name, nanoseconds) in times {
+        for name in ["builtin_interfaces/Time", "builtin_interfaces/Duration"] {
             if !sections.iter().any(|(known, _)| known == name) {
                 let part = |kind, name| Line {
                     kind,
                     name,
                     count: Count::One,
                 };
-                sections.push((
-                    name.to_owned(),
-                    vec![part("int32", "sec"), part(nanoseconds, "nanosec")],
-                ));
+                sections.push((name.to_owned(), vec![part("int32", "sec"), part("uint32", "nanosec")]));
             }
         }
         let places: BTreeMap<&str, usize> = sections
