@@ -58,6 +58,7 @@ from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
 if TYPE_CHECKING:
     from .analysis import IdentifiedVehicle, Improved, JudgedLog, Result, compare, diagnose, fdi_log, improve, vehicle_from_log
+    from ._query import query
     from .simulation import FlightError, Flights, InputError, Scenario, Simulation, SimulationBatch, Verdict, fly
 
 #: What runs in this process, by module: found when it is asked for, as the client of a server needs neither NumPy nor the native module.
@@ -65,6 +66,7 @@ _HERE = {
     "analysis": (
         "IdentifiedVehicle", "Improved", "JudgedLog", "Result", "compare", "diagnose", "fdi_log", "improve", "vehicle_from_log",
     ),  # fmt: skip
+    "_query": ("query",),
     "simulation": ("FlightError", "Flights", "InputError", "Scenario", "Simulation", "SimulationBatch", "Verdict", "fly"),
 }
 
@@ -94,6 +96,7 @@ __all__ = [
     "AsyncResource",
     "AsyncRuns",
     "AsyncScenarios",
+    "Autopilot",
     "BadRequest",
     "BlindBenches",
     "Campaigns",
@@ -150,5 +153,6 @@ __all__ = [
     "fdi_log",
     "fly",
     "improve",
+    "query",
     "vehicle_from_log",
 ]

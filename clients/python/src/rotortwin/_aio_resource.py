@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import tempfile
 from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import httpx
 
 from ._exchange import Operation, drive_async
 from ._operations import J, JobOperations, Progress, Watcher
+from ._query import MEMORY, query
 from ._stream import Download, Follow, local_path
 from ._transport import AsyncTransport
 from .models import Artifact, Event, Status
+
+if TYPE_CHECKING:
+    import pyarrow
 
 T = TypeVar("T")
 
@@ -122,6 +127,16 @@ class AsyncResource(Generic[J]):
             except httpx.TransportError as error:
                 pause = download.broke(error)
             await asyncio.sleep(pause)
+
+    async def query(self, sql: str, ids: Sequence[str], *, file: str = "telemetry.parquet", memory: str = MEMORY) -> pyarrow.Table:
+        """The answer to SQL about a Parquet file of several of them, as an Arrow table: `rotortwin.query` over copies of the files.
+
+        The table is called as the file, `telemetry`; its column `folder` is the id. The copies go to a temporary folder.
+        """
+        with tempfile.TemporaryDirectory(prefix="rotortwin-query-") as folder:
+            for id in ids:
+                await self.download(id, file, local_path(Path(folder), f"{id}/{file}"))
+            return await asyncio.to_thread(query, sql, folder, memory=memory)
 
     async def download_all(self, id: str, folder: str | Path) -> Path:
         """All its files into a folder."""

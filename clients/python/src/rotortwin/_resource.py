@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import httpx
 
 from ._exchange import Operation, drive
 from ._operations import J, JobOperations, Progress, Watcher
+from ._query import MEMORY, query
 from ._stream import Download, Follow, local_path
 from ._transport import Transport
 from .models import Artifact, Event, Status
+
+if TYPE_CHECKING:
+    import pyarrow
 
 T = TypeVar("T")
 
@@ -118,6 +123,16 @@ class Resource(Generic[J]):
             except httpx.TransportError as error:
                 pause = download.broke(error)
             time.sleep(pause)
+
+    def query(self, sql: str, ids: Sequence[str], *, file: str = "telemetry.parquet", memory: str = MEMORY) -> pyarrow.Table:
+        """The answer to SQL about a Parquet file of several of them, as an Arrow table: `rotortwin.query` over copies of the files.
+
+        The table is called as the file, `telemetry`; its column `folder` is the id. The copies go to a temporary folder.
+        """
+        with tempfile.TemporaryDirectory(prefix="rotortwin-query-") as folder:
+            for id in ids:
+                self.download(id, file, local_path(Path(folder), f"{id}/{file}"))
+            return query(sql, folder, memory=memory)
 
     def download_all(self, id: str, folder: str | Path) -> Path:
         """All its files into a folder."""
