@@ -2,6 +2,7 @@
 
 use crate::fly::{External, Foreign, free_port, invitation, new_run_id};
 use crate::output;
+use crate::trial::Trial;
 use clap::Parser;
 use rotortwin_bridge::address::BoardAddress;
 use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
@@ -27,6 +28,8 @@ const HOVER: [&str; 4] = [
     "initial.start=\"trimmed\"",
     "fault=[]",
 ];
+/// How a controller that joins by itself is reached.
+const LINKS: &str = "iceoryx2[:DOMAIN], zenoh[:listen=ENDPOINT|:connect=ENDPOINT]";
 /// A step of the wall clock.
 const STEP_MS: f64 = 2.5;
 
@@ -39,15 +42,8 @@ pub struct Args {
     /// Scenario whose vehicle is flown: a file, or a name that 'rotortwin list scenarios' shows
     #[arg(long, value_parser = crate::named::scenario(), default_value = "short-hover")]
     scenario: PathBuf,
-    /// Seed of the noise of the sensors in the flight
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Longest wait for the controller to join, ms
-    #[arg(long, value_name = "MS", default_value_t = 600_000)]
-    join_timeout: u64,
-    /// Longest wait for an answer, ms
-    #[arg(long, value_name = "MS", default_value_t = 5_000)]
-    step_timeout: u64,
+    #[command(flatten)]
+    trial: Trial,
     /// Half of the answers have to be there within this time, ms of wall clock; 0: any time [default: 2.5; emulated and virtual boards: 0]
     #[arg(long, value_name = "MS", value_parser = milliseconds)]
     answer_within: Option<f64>,
@@ -106,7 +102,10 @@ impl std::str::FromStr for Endpoint {
                 )),
             };
         }
-        match text.parse()? {
+        let foreign = text
+            .parse::<Foreign>()
+            .map_err(|sentence| format!("{sentence}; or {LINKS}, or plant:ardupilot[:ADDR]"))?;
+        match foreign {
             Foreign::Board(board) => Ok(Self::Board(board)),
             Foreign::Autopilot(autopilot) => Err(format!(
                 "{autopilot} cannot be probed in a hover that is held still; see 'rotortwin spin-test' for order and spin of its motors"
@@ -129,15 +128,15 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Endpoint::Board(address) => match address.open() {
             Ok(line) => {
                 let mut options = SessionOptions {
-                    join: Duration::from_millis(args.join_timeout.min(10_000)),
-                    step: Duration::from_millis(args.step_timeout),
+                    join: Duration::from_millis(args.trial.join_timeout.min(10_000)),
+                    step: Duration::from_millis(args.trial.step_timeout),
                     ..SessionOptions::default()
                 };
                 options.board.fdi = false;
                 let mut link = BoardLink::new(line, &address.to_string(), options);
                 let real = matches!(address, BoardAddress::Serial { .. });
                 let demands = demands(args, real);
-                conform(&mut link, &scenario, args.seed, new_run_id(), &demands)
+                conform(&mut link, &scenario, args.trial.seed, new_run_id(), &demands)
             }
             Err(sentence) => return output::bad_input(sentence),
         },
@@ -187,16 +186,16 @@ fn free_address() -> Result<LinkAddress, String> {
 fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<Report, String> {
     let run_id = new_run_id();
     let timing = LinkTiming {
-        join: Duration::from_millis(args.join_timeout),
-        step: Duration::from_millis(args.step_timeout),
+        join: Duration::from_millis(args.trial.join_timeout),
+        step: Duration::from_millis(args.trial.step_timeout),
         ..LinkTiming::default()
     };
     let endpoint = AnyEndpoint::open(address, Role::Plant, run_id, timing.join).map_err(|error| error.to_string())?;
     let fdi = PeerArgs {
         link: address.for_peers("127.0.0.1"),
         run_id,
-        join_timeout: args.join_timeout,
-        step_timeout: args.step_timeout,
+        join_timeout: args.trial.join_timeout,
+        step_timeout: args.trial.step_timeout,
         cpu: None,
         supervisor_pid: None,
     };
@@ -206,21 +205,21 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
     let link = address.for_peers(&host_name()).to_string();
     eprintln!(
         "  {}",
-        invitation(External::Controller, &link, run_id, args.step_timeout)
+        invitation(External::Controller, &link, run_id, args.trial.step_timeout)
     );
     let demands = demands(args, true);
     match endpoint {
         AnyEndpoint::Iox2(endpoint) => conform(
             &mut EndpointLink::new(*endpoint, timing),
             scenario,
-            args.seed,
+            args.trial.seed,
             run_id,
             &demands,
         ),
         AnyEndpoint::Zenoh(endpoint) => conform(
             &mut EndpointLink::new(endpoint, timing),
             scenario,
-            args.seed,
+            args.trial.seed,
             run_id,
             &demands,
         ),

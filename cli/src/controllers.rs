@@ -139,7 +139,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         } else {
             args.controller.iter().map(|who| who.name().to_owned()).collect()
         };
-        print!("{}", table(&rows, names, args.within));
+        println!("{}", table(&rows, names, args.within));
         for difference in &differences {
             print!("{}", output::fitted(&format!("Careful: {difference}\n")));
         }

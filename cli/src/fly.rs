@@ -339,21 +339,21 @@ pub fn run(args: &Args) -> ExitCode {
                 summary
             })
         }
-        (_, Some(Opened::ArduPilot(mut link, supervisor))) => {
+        (_, Some(Opened::Autopilot(OpenedAutopilot::ArduPilot(mut link, supervisor)))) => {
             screen.line(&format!(
                 "Waiting for servo packets of ArduPilot: {}",
                 address_text(link.autopilot().local_address())
             ));
             fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
         }
-        (_, Some(Opened::Px4(mut link, supervisor))) => {
+        (_, Some(Opened::Autopilot(OpenedAutopilot::Px4(mut link, supervisor)))) => {
             screen.line(&format!(
                 "Waiting for PX4 to connect: {}",
                 address_text(link.autopilot().local_address())
             ));
             fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
         }
-        (_, Some(Opened::Betaflight(mut link, supervisor))) => {
+        (_, Some(Opened::Autopilot(OpenedAutopilot::Betaflight(mut link, supervisor)))) => {
             screen.line(&format!("Sending states to Betaflight: {}", link.states_to()));
             fly_autopilot(&mut *link, &supervisor, &scenario, &config, &folder, &screen)
         }
@@ -580,11 +580,35 @@ fn fly_here(
 }
 
 /// What stands in the place of the controller, opened.
-pub(crate) enum Opened<'a> {
+enum Opened<'a> {
     Board(&'a BoardAddress, AnyLine),
+    Autopilot(OpenedAutopilot),
+}
+
+/// An autopilot that is waited for, and what can stop the waiting.
+pub(crate) enum OpenedAutopilot {
     ArduPilot(Piloted<ArduPilot>, Supervisor),
     Px4(Piloted<Px4>, Supervisor),
     Betaflight(Box<Betaflight>, Supervisor),
+}
+
+/// How long an autopilot is waited for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Waits {
+    /// For its first message.
+    pub(crate) join: Duration,
+    /// For any later one.
+    pub(crate) step: Duration,
+}
+
+/// Why an autopilot is not waited for; one sentence.
+pub(crate) enum Refused {
+    /// The scenario cannot be flown with it.
+    Scenario(String),
+    /// An argument is wrong.
+    Argument(String),
+    /// Its port is taken, or the like.
+    Place(String),
 }
 
 /// Whose frames they are.
@@ -602,12 +626,7 @@ fn address_text(address: Option<std::net::SocketAddr>) -> String {
 }
 
 /// Opens the line to a board, or the port where an autopilot is waited for.
-pub(crate) fn open<'a>(
-    args: &Args,
-    foreign: &'a Foreign,
-    scenario: &Scenario,
-    seed: u64,
-) -> Result<Opened<'a>, ExitCode> {
+fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -> Result<Opened<'a>, ExitCode> {
     let autopilot = match foreign {
         Foreign::Board(address) => {
             if args.pilot.is_some() {
@@ -624,57 +643,73 @@ pub(crate) fn open<'a>(
         let sentence = format!("--compare, --fdi and --pace belong to boards, the controller is {autopilot}");
         return Err(output::bad_input(sentence));
     }
-    let mut simulation = scenario.simulation(seed).map_err(output::bad_input)?;
-    simulation.begin_prelude().map_err(|refusal| {
-        output::bad_input(format!(
-            "{}, key `{}`: {}",
-            args.scenario.display(),
-            refusal.key,
-            refusal.reason
-        ))
-    })?;
+    let waits = Waits {
+        join: Duration::from_millis(args.join_timeout.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS)),
+        step: Duration::from_millis(args.step_timeout),
+    };
+    open_autopilot(autopilot, args.pilot, waits, scenario, seed)
+        .map(Opened::Autopilot)
+        .map_err(|refused| match refused {
+            Refused::Scenario(sentence) => output::bad_input(format!("{}: {sentence}", args.scenario.display())),
+            Refused::Argument(sentence) => output::bad_input(sentence),
+            Refused::Place(sentence) => output::failed(sentence),
+        })
+}
+
+/// Opens the port where an autopilot is waited for that is to fly this scenario, and finds out who commands it.
+pub(crate) fn open_autopilot(
+    autopilot: &AutopilotAddress,
+    pilot: Option<PilotChoice>,
+    waits: Waits,
+    scenario: &Scenario,
+    seed: u64,
+) -> Result<OpenedAutopilot, Refused> {
+    let mut simulation = scenario
+        .simulation(seed)
+        .map_err(|error| Refused::Scenario(error.to_string()))?;
+    simulation
+        .begin_prelude()
+        .map_err(|refusal| Refused::Scenario(format!("key `{}`: {}", refusal.key, refusal.reason)))?;
     let kind = autopilot_kind(autopilot.protocol);
-    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).map_err(output::bad_input)?;
+    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).map_err(Refused::Scenario)?;
     let map = OutputMap {
         rotor_of_channel,
         pulse_min_us: frame.pulse.min_us,
         pulse_max_us: frame.pulse.max_us,
     };
     let supervisor =
-        Supervisor::watch(false).map_err(|error| output::failed(format!("Ctrl-C cannot be handled: {error}")))?;
+        Supervisor::watch(false).map_err(|error| Refused::Place(format!("Ctrl-C cannot be handled: {error}")))?;
     let patience = Patience {
-        join: Duration::from_millis(args.join_timeout.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS)),
-        step: Duration::from_millis(args.step_timeout),
+        join: waits.join,
+        step: waits.step,
         stop: supervisor.stop_flag(),
     };
-    let pilot = match args.pilot {
+    let at = match pilot {
         Some(PilotChoice::Nobody) => None,
         Some(PilotChoice::At(at)) if autopilot.protocol == Protocol::Betaflight => {
-            let sentence = format!(
+            return Err(Refused::Argument(format!(
                 "--pilot {at}: Betaflight takes no commands over MAVLink, its sticks are held here; expected none, or no --pilot"
-            );
-            return Err(output::bad_input(sentence));
+            )));
         }
         Some(PilotChoice::At(at)) => Some(at),
         None => pilot::default_address(autopilot.protocol),
     };
-    let pilot = pilot
+    let commander = at
         .map(|at| Pilot::new(autopilot.protocol, at, pilot::MEET))
         .transpose()
-        .map_err(output::failed)?;
+        .map_err(Refused::Place)?;
     match autopilot.protocol {
         Protocol::ArduPilot => ArduPilot::listen(autopilot.address, map, patience)
-            .map(|link| Opened::ArduPilot(Piloted::new(link, pilot), supervisor)),
-        Protocol::Px4 => {
-            Px4::listen(autopilot.address, map, patience).map(|link| Opened::Px4(Piloted::new(link, pilot), supervisor))
-        }
+            .map(|link| OpenedAutopilot::ArduPilot(Piloted::new(link, commander), supervisor)),
+        Protocol::Px4 => Px4::listen(autopilot.address, map, patience)
+            .map(|link| OpenedAutopilot::Px4(Piloted::new(link, commander), supervisor)),
         Protocol::Betaflight => {
-            let piloted = args.pilot != Some(PilotChoice::Nobody);
+            let piloted = pilot != Some(PilotChoice::Nobody);
             Betaflight::listen(autopilot, piloted, map, patience)
-                .map(|link| Opened::Betaflight(Box::new(link), supervisor))
+                .map(|link| OpenedAutopilot::Betaflight(Box::new(link), supervisor))
         }
     }
-    .map_err(output::failed)
+    .map_err(Refused::Place)
 }
 
 /// The flight in this process, with an autopilot of its own clock in the place of the controller.

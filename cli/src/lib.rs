@@ -61,6 +61,7 @@ pub mod reproduce;
 pub mod show;
 mod spin_test;
 pub mod terminal;
+mod trial;
 mod vehicle;
 pub mod versions;
 
@@ -165,7 +166,7 @@ pub enum Command {
     Campaigns(network::remote::JobArgs),
     /// Blind benches of a server: as runs
     BlindBenches(network::remote::JobArgs),
-    /// Does a server or router answer? Exit code 0 if so
+    /// Does a server or router answer, does a worker go on? Exit code 0 if so
     Health(network::health::Args),
     /// Who may use a server: create, list, revoke
     Token(network::token::Args),

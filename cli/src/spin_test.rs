@@ -1,13 +1,15 @@
 //! `rotortwin spin-test`: an autopilot on a stand; which of its motors is swapped or reversed.
 
-use crate::fly::{self, Foreign, Opened};
+use crate::fly::{self, OpenedAutopilot, Refused, Waits};
 use crate::output;
+use crate::trial::Trial;
 use clap::Parser;
 use rotortwin_bridge::autopilot::address::AutopilotAddress;
 use rotortwin_flight::conform::{MotorVerdict, SpinReport, spin_test};
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::AutopilotFrame;
 use rotortwin_wire::autopilot::Autopilot;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Arguments of `rotortwin spin-test`.
@@ -16,20 +18,13 @@ pub struct Args {
     /// The autopilot's simulator build, which is waited for: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]
     autopilot: AutopilotAddress,
     /// Scenario whose vehicle is put on the stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
-    #[arg(long, default_value = "autopilot-hover")]
-    scenario: String,
+    #[arg(long, value_parser = crate::named::scenario(), default_value = "autopilot-hover")]
+    scenario: PathBuf,
     /// Where the autopilot takes commands over MAVLink, as with 'rotortwin fly'; none: somebody else has it climb to the first point
     #[arg(long, value_name = "ADDR|none")]
     pilot: Option<fly::PilotChoice>,
-    /// Seed of the noise of the instruments
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Longest wait for the autopilot, ms
-    #[arg(long, value_name = "MS", default_value_t = 600_000)]
-    join_timeout: u64,
-    /// Longest wait for an answer, ms
-    #[arg(long, value_name = "MS", default_value_t = 5_000)]
-    step_timeout: u64,
+    #[command(flatten)]
+    trial: Trial,
     /// Print the report as JSON, nothing else
     #[arg(long)]
     json: bool,
@@ -38,36 +33,27 @@ pub struct Args {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
-    // The same doors as a flight with this autopilot.
-    let words = [
-        "fly".to_owned(),
-        args.scenario.clone(),
-        format!("--seed={}", args.seed),
-        format!("--join-timeout={}", args.join_timeout),
-        format!("--step-timeout={}", args.step_timeout),
-        format!("--controller={}", args.autopilot),
-    ];
-    let flight = match fly::Args::try_parse_from(words) {
-        Ok(mut flight) => {
-            flight.pilot = args.pilot;
-            flight
-        }
-        Err(error) => return output::bad_input(error.to_string().lines().next().unwrap_or_default()),
-    };
-    let scenario = match fly::load(&flight) {
+    let scenario = match Scenario::load(&args.scenario) {
         Ok(scenario) => scenario,
         Err(error) => return output::bad_input(error),
     };
-    let foreign = Foreign::Autopilot(args.autopilot);
-    let opened = match fly::open(&flight, &foreign, &scenario, args.seed) {
+    // The same doors as a flight with this autopilot.
+    let waits = Waits {
+        join: args.trial.join(),
+        step: args.trial.step(),
+    };
+    let opened = match fly::open_autopilot(&args.autopilot, args.pilot, waits, &scenario, args.trial.seed) {
         Ok(opened) => opened,
-        Err(code) => return code,
+        Err(Refused::Scenario(sentence)) => {
+            return output::bad_input(format!("{}: {sentence}", args.scenario.display()));
+        }
+        Err(Refused::Argument(sentence)) => return output::bad_input(sentence),
+        Err(Refused::Place(sentence)) => return output::failed(sentence),
     };
     let tested = match opened {
-        Opened::ArduPilot(mut link, _supervisor) => test(&mut link, args, &scenario),
-        Opened::Px4(mut link, _supervisor) => test(&mut link, args, &scenario),
-        Opened::Betaflight(mut link, _supervisor) => test(&mut *link, args, &scenario),
-        Opened::Board(..) => Err("expected an autopilot".to_owned()),
+        OpenedAutopilot::ArduPilot(mut link, _supervisor) => test(&mut link, args, &scenario),
+        OpenedAutopilot::Px4(mut link, _supervisor) => test(&mut link, args, &scenario),
+        OpenedAutopilot::Betaflight(mut link, _supervisor) => test(&mut *link, args, &scenario),
     };
     match tested {
         Ok(report) if args.json => {
@@ -105,7 +91,7 @@ fn test(autopilot: &mut impl Autopilot, args: &Args, scenario: &Scenario) -> Res
             eprintln!("plant {time_s:5.1} s  autopilot   {text}");
         }
     };
-    spin_test(autopilot, scenario, args.seed, &rotor_of_channel, &mut say)
+    spin_test(autopilot, scenario, args.trial.seed, &rotor_of_channel, &mut say)
 }
 
 /// What people read.

@@ -325,3 +325,122 @@ fn scenario_the_worker_that_lists_it_flies_with_it() {
     let _worker = Worker::start(&scratch.path("again"), &listing);
     assert_eq!(server.ended(&id)["status"], "done");
 }
+
+#[test]
+fn scenario_controllers_are_compared_in_one_table() {
+    let scratch = Scratch::new();
+    let at = free_address();
+    let file = scratch.write(
+        "flight.toml",
+        FLIGHT.replace(
+            "../vehicles",
+            &repository().join("config/vehicles").display().to_string(),
+        ),
+    );
+    let _peer = ScriptedArduPilot::start(at, &scenario(), 1.5);
+    let out = scratch.path("compared");
+    let autopilot = format!("ardupilot:{at}");
+    let call = Call::new(
+        &scratch,
+        [
+            "controllers".into(),
+            file.into_os_string(),
+            "--out".into(),
+            out.clone().into_os_string(),
+        ],
+    )
+    .with([
+        "--controller",
+        "own",
+        "--controller",
+        &autopilot,
+        "--controller",
+        "external",
+        "--pilot",
+        "none",
+        "--within",
+        "0.25",
+    ]);
+    let mut run = call.start();
+    // Somebody else's, over zenoh, with the command that is printed.
+    let line = run.line(|line| line.starts_with("  rotortwin controller "));
+    let words: Vec<&str> = line.split_whitespace().skip(1).collect();
+    let external = Call::new(&scratch, words).start();
+    let ended = run.end(PATIENCE).expect_code(0);
+    external.end(PATIENCE).expect_code(0);
+    for words in [
+        "flown by",
+        "ArduPilot at",
+        "rotortwin-controller",
+        "isolated after",
+        "within 0.25 m again after",
+        "energy",
+    ] {
+        assert!(ended.stdout.contains(words), "{words}: {}", ended.stdout);
+    }
+    assert!(!ended.stdout.contains("Careful"), "{}", ended.stdout);
+
+    let folders = [
+        "1-own",
+        &format!("2-{}", autopilot.replace([':', '.'], "-")),
+        "3-external",
+    ]
+    .map(|name| out.join(name).into_os_string());
+    let call = Call::new(&scratch, ["controllers", "--json", "--runs"]).with(folders);
+    let table: Value = serde_json::from_str(&call.run().expect_code(0).stdout).expect("nothing but JSON");
+    let rows = table["rows"].as_array().expect("rows");
+    assert_eq!((rows.len(), &table["differences"]), (3, &json!([])), "{table}");
+    // The same controller over another link is the same flight.
+    for key in [
+        "position_m",
+        "energy_wh",
+        "fault",
+        "seed",
+        "controller",
+        "version",
+        "yaw_deg",
+        "roll_pitch_deg",
+    ] {
+        assert_eq!(rows[0][key], rows[2][key], "{key}");
+    }
+    assert!(
+        rows[1]["roll_pitch_deg"].is_null() && rows[0]["roll_pitch_deg"].is_object(),
+        "{table}"
+    );
+    for row in rows {
+        assert_eq!(
+            (&row["status"], &row["lockstep"], &row["fault"]["right_at_end"]),
+            (&json!("done"), &json!(true), &json!(true))
+        );
+    }
+    // What cannot be compared is said.
+    let other = Call::new(
+        &scratch,
+        [
+            "fly".into(),
+            scratch.path("flight.toml").into_os_string(),
+            "--out".into(),
+            scratch.path("other").into_os_string(),
+        ],
+    )
+    .with([
+        "--link",
+        "in-process",
+        "--seed",
+        "9",
+        "--set",
+        "initial.start=\"trimmed\"",
+        "--set",
+        "fault=[]",
+    ]);
+    other.run().expect_code(0);
+    let call = Call::new(&scratch, ["controllers", "--runs"]).with([
+        out.join("1-own").into_os_string(),
+        scratch.path("other").into_os_string(),
+    ]);
+    let text = call.run().expect_code(0).stdout;
+    assert!(
+        text.contains("Careful: the seed differs") && text.contains("Careful: the fault differs"),
+        "{text}"
+    );
+}
