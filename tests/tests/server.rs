@@ -46,6 +46,30 @@ fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
         (&verified["same"], &verified["recorded"]),
         (&json!(true), &run["run_hash"])
     );
+    // A job of its own, which says what it was.
+    let job = server.get(&format!(
+        "/api/v1/verifications/{}",
+        verified["job"].as_str().expect("an id")
+    ));
+    assert_eq!(
+        (&job["status"], &job["parent"], &job["result"]["replayed"]),
+        (&json!("done"), &json!(id), &run["run_hash"])
+    );
+    let key = [("idempotency-key", "once")];
+    let [one, two] = [(); 2].map(|()| {
+        server
+            .ask("POST", &format!("/api/v1/runs/{id}/verify"), &key, "")
+            .json()
+    });
+    assert_eq!(one["job"], two["job"], "{one} {two}");
+    // Another hash is an answer, not a failure of the server.
+    let summary = scratch.path("data").join(format!("jobs/{id}/1/out/summary.json"));
+    let text = std::fs::read_to_string(&summary).expect("it is there");
+    let hash = run["run_hash"].as_str().expect("a hash");
+    std::fs::write(&summary, text.replace(hash, &"0".repeat(hash.len()))).expect("it can be changed");
+    let differs = server.ask("POST", &format!("/api/v1/runs/{id}/verify"), &[], "");
+    assert_eq!((differs.status, &differs.json()["same"]), (200, &json!(false)));
+    std::fs::write(&summary, text).expect("it can be changed back");
 
     let numbers: Vec<u64> = events(&server, &id, 0).iter().map(|(number, _)| *number).collect();
     assert!(numbers.iter().copied().eq(1..=numbers.len() as u64), "{numbers:?}");

@@ -3,6 +3,7 @@
 use rotortwin_tests::cable::Cable;
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::{Process, wait_until};
+use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::{Server, Worker};
 use rustix::process::Signal;
@@ -153,12 +154,23 @@ fn scenario_a_network_cut_without_a_word() {
     worker.kill();
 }
 
+/// Workers of the count of connections; `ROTORTWIN_WORKERS=200` makes the department.
+fn many_workers() -> usize {
+    let wanted = std::env::var("ROTORTWIN_WORKERS").ok();
+    wanted.map_or(6, |number| number.parse().expect("a number of workers"))
+}
+
 #[test]
 fn scenario_workers_take_a_few_connections_whatever_they_do() {
     let scratch = Scratch::new();
-    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+    let Some(mut postgres) = Postgres::start(&scratch.path("")) else {
         return;
     };
+    let many = many_workers();
+    // What docs/server.md says: that many and no more.
+    postgres.ask(&format!("ALTER SYSTEM SET max_connections = {}", 4 * many + 11 + 3));
+    postgres.kill();
+    postgres.up();
     let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
     let server = Server::start_at(
         "127.0.0.1:0",
@@ -173,7 +185,7 @@ fn scenario_workers_take_a_few_connections_whatever_they_do() {
     };
     let before = count();
     assert!(before <= 11, "{before} connections of an idle server");
-    let workers: Vec<Worker> = (0..6)
+    let workers: Vec<Worker> = (0..many)
         .map(|number| {
             let folder = scratch.path(&format!("worker-{number}"));
             Worker::start(&folder, &words(&url, &artifacts, &["--workers", "16"]))
@@ -187,14 +199,47 @@ fn scenario_workers_take_a_few_connections_whatever_they_do() {
         most
     };
     let idle = most(Instant::now());
-    assert!(idle <= 11 + 6 * 4, "{idle} connections of 6 idle workers");
-    for _ in 0..24 {
-        server.submit(&json!({ "scenario": "short-hover", "link": "in-process", "pace": "real-time" }));
-    }
+    assert!(idle <= 11 + many * 4, "{idle} connections of {many} idle workers");
+    let ids: Vec<String> = (0..24)
+        .map(|_| server.submit(&json!({ "scenario": "short-hover", "link": "in-process", "pace": "real-time" })))
+        .collect();
     let busy = most(Instant::now());
-    assert!(busy <= 11 + 6 * 4, "{busy} connections of 6 workers with 24 jobs");
-    println!("{before} connections of a server, {idle} with 6 idle workers, {busy} with 24 jobs");
+    assert!(
+        busy <= 11 + many * 4,
+        "{busy} connections of {many} workers with 24 jobs"
+    );
+    println!("{before} connections of a server, {idle} with {many} idle workers, {busy} with 24 jobs");
+    for id in ids {
+        let run = server.ended(&id);
+        assert_eq!(run["status"], "done", "{run}");
+    }
     drop(workers);
+}
+
+/// A worker that does not go on any more, with its connections open, is seen by whoever asks on its host.
+#[test]
+fn scenario_a_frozen_process_gives_no_sign_of_life() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start(&data);
+    let place = format!("worker:{}", data.display());
+    let health = || Call::new(&scratch, ["health", &place, "--silence", "6"]).run();
+    let well = wait_until(Duration::from_secs(20), || health().code == Some(0));
+    assert!(well.is_some(), "it gives signs of life");
+    server.process().signal(Signal::STOP);
+    let seen = wait_until(Duration::from_secs(30), || health().code == Some(1));
+    let sentence = health().stderr.concat();
+    server.process().signal(Signal::CONT);
+    assert!(seen.is_some(), "{sentence}");
+    assert!(sentence.contains("the last sign of life is"), "{sentence}");
+    let again = wait_until(Duration::from_secs(20), || health().code == Some(0));
+    assert!(again.is_some(), "it goes on");
+    let nobody = Call::new(&scratch, ["health", "worker:/nowhere"]).run().expect_code(1);
+    assert!(
+        nobody.stderr.concat().contains("no sign of life"),
+        "{:?}",
+        nobody.stderr
+    );
 }
 
 /// The processes of a job's flight: `fly`, and what it starts.

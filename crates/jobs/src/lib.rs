@@ -15,6 +15,7 @@ pub mod log;
 pub mod stored;
 pub mod training;
 pub mod twin;
+pub mod verification;
 mod version_1;
 
 pub use blind::BlindBench;
@@ -26,6 +27,7 @@ pub use log::{LogExample, LogImport};
 pub use stored::StoredJob;
 pub use training::Training;
 pub use twin::{Comparison, Diagnosis, Identification, Improvement, NextFlight};
+pub use verification::Verification;
 
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
@@ -56,6 +58,8 @@ pub enum Job {
     NextFlight(NextFlight),
     /// A classifier is trained.
     Training(Training),
+    /// A run is flown again.
+    Verification(Verification),
 }
 
 impl Job {

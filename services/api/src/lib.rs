@@ -22,6 +22,7 @@ mod json_object;
 mod library;
 mod metrics;
 mod problem;
+mod pulse;
 mod routes;
 mod sessions;
 mod tls;
@@ -39,6 +40,7 @@ use crate::jobs::database::{Database, SERVER_CONNECTIONS, WORKER_CONNECTIONS};
 use crate::jobs::queue::FairShare;
 use crate::library::Library;
 use crate::metrics::Metrics;
+use crate::pulse::Pulse;
 use crate::tls::TlsListener;
 use crate::traces::Traces;
 use crate::worker::{Meeting, Workshop};
@@ -55,6 +57,7 @@ use tokio_rustls::TlsAcceptor;
 
 pub use fdi::sessions::FdiLimits;
 pub use problem::Problem;
+pub use pulse::alive;
 pub use routes::openapi_document;
 
 /// Jobs that were begun may take this long to be put back into the queue when the process ends.
@@ -211,6 +214,7 @@ impl Worker {
             database,
             artifacts,
             autopilots: config.autopilots.clone(),
+            pulse: Pulse::new(),
             program: config.program.clone(),
             name: config.name.clone(),
             share: FairShare {
@@ -238,11 +242,14 @@ impl Worker {
     fn start(&self) -> JoinSet<()> {
         let mut tasks = JoinSet::new();
         for _ in 0..self.config.workers {
-            tasks.spawn(worker::work(Arc::clone(&self.shop)));
+            let shop = Arc::clone(&self.shop);
+            tasks.spawn(async move { shop.pulse.watched(worker::work(Arc::clone(&shop))).await });
         }
         for _ in 0..self.config.seats {
             tasks.spawn(worker::sit(Arc::clone(&self.shop), self.config.roles.clone()));
         }
+        let (shop, data) = (Arc::clone(&self.shop), self.config.data.clone());
+        tasks.spawn(async move { shop.pulse.show(data, shop.ending.subscribe()).await });
         tasks.spawn(worker::look_after_claims(Arc::clone(&self.shop)));
         if !self.shop.autopilots.is_empty() {
             tasks.spawn(worker::keep_offering(Arc::clone(&self.shop)));

@@ -1,4 +1,4 @@
-//! `rotortwin health`: does somebody answer? For health checks of containers, which have no other program to ask.
+//! `rotortwin health`: does somebody answer, does a worker go on? For health checks of containers, which have no other program to ask.
 
 use rotortwin_cli::network::health::Args;
 use rotortwin_cli::output::{bad_input, failed};
@@ -14,12 +14,18 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub(crate) fn run(args: &Args) -> ExitCode {
     let place = args.place.as_str();
     let plain = place.strip_prefix("tcp/").or_else(|| place.strip_prefix("tls/"));
+    if let Some(data) = place.strip_prefix("worker:") {
+        return match rotortwin_api::alive(Path::new(data), Duration::from_secs(args.silence)) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(sentence) => failed(sentence),
+        };
+    }
     let result = match plain {
         Some(host) => connect(host),
         None if place.starts_with("http://") || place.starts_with("https://") => get(place, args.ca.as_deref()),
         None => {
             return bad_input(format!(
-                "{place}: expected http://HOST:PORT/PATH, https://HOST:PORT/PATH, tcp/HOST:PORT or tls/HOST:PORT"
+                "{place}: expected http://HOST:PORT/PATH, https://HOST:PORT/PATH, tcp/HOST:PORT, tls/HOST:PORT or worker:DATA"
             ));
         }
     };

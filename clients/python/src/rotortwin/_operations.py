@@ -106,8 +106,9 @@ class RunOperations(JobOperations[Run]):
         return (yield from self.submit(body, key, self.path(id, "fork")))
 
     def verify(self, id: str) -> Operation[Verification]:
-        # As long as the flight takes in one process.
-        answer = yield from self.settings.call("POST", self.path(id, "verify"), timeout_s=600.0)
+        # As long as the flight takes in one process, and its time in the queue; tried again, it waits for the same job.
+        headers = {"idempotency-key": new_key()}
+        answer = yield from self.settings.call("POST", self.path(id, "verify"), headers=headers, timeout_s=610.0)
         return read(Verification, answer.json())
 
     def compare_controllers(self, ids: Sequence[str], within_m: float | None) -> Operation[Json]:

@@ -218,8 +218,10 @@ class Verification:
     recorded: str
     #: Hash of the second execution, in one process.
     again: str
-    #: How long it took.
+    #: How long it took, with its time in the queue.
     wall_ms: int
+    #: Id of the job that did it.
+    job: str = ""
 
 
 @dataclass(frozen=True)

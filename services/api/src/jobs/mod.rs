@@ -95,11 +95,13 @@ pub(crate) enum JobKind {
     NextFlight,
     /// A classifier that is trained.
     Classifier,
+    /// A run that is flown again.
+    Verification,
 }
 
 impl JobKind {
     /// All of them, for look-ups.
-    const ALL: [Self; 12] = [
+    const ALL: [Self; 13] = [
         Self::Run,
         Self::Campaign,
         Self::CampaignShard,
@@ -112,6 +114,7 @@ impl JobKind {
         Self::Identification,
         Self::NextFlight,
         Self::Classifier,
+        Self::Verification,
     ];
 
     /// As it stands in the database.
@@ -129,6 +132,7 @@ impl JobKind {
             Self::Identification => "identification",
             Self::NextFlight => "next-flight",
             Self::Classifier => "classifier",
+            Self::Verification => "verification",
         }
     }
 
@@ -147,6 +151,7 @@ impl JobKind {
             Self::Identification => "identifications",
             Self::NextFlight => "next-flights",
             Self::Classifier => "classifiers",
+            Self::Verification => "verifications",
         }
     }
 

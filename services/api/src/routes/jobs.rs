@@ -226,9 +226,23 @@ fn another_body() -> Problem {
 /// 409, 429, 503, 507.
 pub(super) async fn accept<V: Serialize>(
     app: &App,
-    mut new: NewJob,
+    new: NewJob,
     view: impl FnOnce(Job) -> V,
 ) -> Result<Response, Problem> {
+    let collection = new.kind.collection();
+    let (job, is_new) = admit(app, new).await?;
+    if !is_new {
+        return Ok((StatusCode::OK, Json(view(job))).into_response());
+    }
+    let location = format!("/api/v1/{collection}/{}", job.id);
+    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(view(job))).into_response())
+}
+
+/// Puts a job into the queue, unless there is one under its key; the job, and whether it is new.
+///
+/// # Errors
+/// 409, 429, 503, 507.
+pub(super) async fn admit(app: &App, mut new: NewJob) -> Result<(Job, bool), Problem> {
     if app.is_ending() {
         return Err(Problem::unavailable("the server is ending"));
     }
@@ -249,11 +263,8 @@ pub(super) async fn accept<V: Serialize>(
     }
     app.shop.traces.carry(&mut new);
     match app.database.submit(&new).await? {
-        Submitted::New(job) => {
-            let location = format!("/api/v1/{}/{}", new.kind.collection(), job.id);
-            Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(view(*job))).into_response())
-        }
-        Submitted::Before(job) => Ok((StatusCode::OK, Json(view(*job))).into_response()),
+        Submitted::New(job) => Ok((*job, true)),
+        Submitted::Before(job) => Ok((*job, false)),
         Submitted::Other => Err(another_body()),
     }
 }

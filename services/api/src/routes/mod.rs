@@ -35,6 +35,7 @@ mod table;
 mod tasks;
 mod telemetry;
 mod twin;
+mod verifications;
 
 pub(crate) use collection::collection;
 pub(crate) use documents::documents;
@@ -84,6 +85,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "models", description = "Models that grow: versions, additions, undo, branches, differences"),
         (name = "fdi", description = "Fault detection as a service: sessions that are fed with measurements, and logs that are judged"),
         (name = "library", description = "Scenarios, vehicles, blades, effects and models that can be named: the server's, and one's own"),
+        (name = "verifications", description = "Runs that are flown again, to compare their hashes"),
         (name = "server", description = "How the server is")
     ),
     modifiers(&SignIn),
@@ -115,7 +117,8 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(runs::get, runs::delete))
         .routes(routes!(runs::cancel))
         .routes(routes!(submissions::fork))
-        .routes(routes!(runs::verify))
+        .routes(routes!(verifications::verify))
+        .merge(verifications::verifications::routes())
         .routes(routes!(runs::ticket))
         .routes(routes!(autopilots::list))
         .routes(routes!(controllers::compare))

@@ -1,12 +1,10 @@
-//! Runs: list, get, cancel, delete, verify, join.
+//! Runs: list, get, cancel, delete, join.
 
 use super::jobs::{self, ListQuery, Shared};
 use crate::App;
 use crate::access::Caller;
-use crate::clock::now_ms;
 use crate::jobs::{Job, JobKind, Status};
 use crate::problem::Problem;
-use crate::worker::answer::{Patience, answer};
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
@@ -14,12 +12,9 @@ use axum::http::StatusCode;
 use rotortwin_jobs::StoredJob;
 use rotortwin_jobs::flight::{Controller, Flight, Link, Pace, Place};
 use serde::{Deserialize, Serialize};
-use std::time::Duration;
 use utoipa::ToSchema;
 
 const KIND: JobKind = JobKind::Run;
-/// A second execution takes no longer.
-const LONGEST_VERIFICATION: Duration = Duration::from_secs(600);
 
 /// What lists show of a run.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -214,72 +209,6 @@ pub(super) fn flight_of(run: &Job) -> Result<Flight, Problem> {
             "this version cannot read what another one accepted: {error}"
         ))),
     }
-}
-
-/// What a second execution gave.
-#[derive(Debug, Serialize, ToSchema)]
-pub(crate) struct Verification {
-    /// The hashes are equal.
-    same: bool,
-    /// Of the run.
-    recorded: String,
-    /// Of the second execution, in one process.
-    again: String,
-    /// How long it took, ms.
-    wall_ms: i64,
-}
-
-/// Flies a run that was done again, in one process, and compares the run hash.
-#[utoipa::path(post, path = "/api/v1/runs/{id}/verify", tag = "runs", operation_id = "verify_run", params(("id" = String, Path)), responses(
-    (status = 200, description = "compared", body = Verification),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it was not done", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "this version cannot fly it", body = Problem, content_type = "application/problem+json")
-))]
-pub(crate) async fn verify(
-    app: Shared,
-    caller: Caller,
-    id: Result<Path<String>, PathRejection>,
-) -> Result<Json<Verification>, Problem> {
-    let run = find(&app, &caller, id).await?;
-    let (Some(recorded_hash), Some(folder), Status::Done) = (run.run_hash.clone(), &run.folder, run.status) else {
-        return Err(Problem::conflict(format!(
-            "the run is {}; only a run that was done can be flown again and compared",
-            run.status.as_str()
-        )));
-    };
-    // The whole folder: `replay` reads the documents in the summary.
-    let summary = app
-        .artifacts
-        .file(folder, "summary.json")
-        .await
-        .map_err(|error| Problem::internal(&error))?
-        .ok_or_else(|| Problem::not_found(format!("the files of run {} are gone", run.id)))?;
-    let start = now_ms();
-    let run_folder = summary.parent().unwrap_or(&summary);
-    let patience = Patience {
-        memory: app.config.work.job_memory,
-        wall: LONGEST_VERIFICATION,
-    };
-    let words = ["replay".as_ref(), "--json".as_ref(), run_folder.as_os_str()];
-    let text = answer(&app.config.work.program, words, patience).await?;
-    let answer: serde_json::Value = serde_json::from_str(&text).map_err(|error| Problem::internal(&error))?;
-    let again = answer["replayed"].as_str().unwrap_or_default().to_owned();
-    if again != recorded_hash {
-        tracing::error!(
-            run = run.id,
-            recorded = recorded_hash,
-            again,
-            "a second execution differs"
-        );
-    }
-    Ok(Json(Verification {
-        same: again == recorded_hash,
-        recorded: recorded_hash,
-        again,
-        wall_ms: now_ms() - start,
-    }))
 }
 
 /// How one part of a run joins it from elsewhere.

@@ -194,6 +194,7 @@ pub(super) async fn watch(
     let limit = Duration::from_millis(u64::try_from(job.new.wall_limit_ms).unwrap_or(0));
     let (mut kill_at, begun, mut told) = (None::<Instant>, Instant::now(), Instant::now());
     loop {
+        shop.pulse.beat();
         tokio::select! {
             line = lines.next_line() => match line {
                 Ok(Some(line)) if shop.database.hub.live.take(&job.id, &line) => {

@@ -130,6 +130,9 @@ pub(super) fn words(job: &Job) -> Result<Vec<OsString>, String> {
             words.option("--first-seed", training.first_seed.to_string());
             words.maybe("--threads", training.threads);
         }
+        Job::Verification(verification) => {
+            words.plain(["replay"]).path(&verification.run).plain(["--json"]);
+        }
         Job::Run(_) => return Err("a flight has a command line of its own".to_owned()),
     }
     Ok(words.0)

@@ -21,6 +21,7 @@ use crate::artifacts::Artifacts;
 use crate::jobs::database::Database;
 use crate::jobs::queue::FairShare;
 use crate::jobs::{Job, Outcome, Status};
+use crate::pulse::Pulse;
 use crate::traces::Traces;
 use rotortwin_jobs::StoredJob;
 use std::path::PathBuf;
@@ -52,6 +53,8 @@ pub(crate) struct Workshop {
     pub(crate) name: String,
     /// How much a tenant may run at the same time.
     pub(crate) share: FairShare,
+    /// Whether everything here goes on.
+    pub(crate) pulse: Pulse,
     /// Autopilots that can be reached from here.
     pub(crate) autopilots: Vec<crate::Autopilot>,
     /// How processes on other hosts reach a plant that is started here.
@@ -105,6 +108,7 @@ impl Ended {
 pub(crate) async fn work(shop: Arc<Workshop>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
+        shop.pulse.beat();
         match shop.database.claim(&shop.name, LEASE, shop.share).await {
             Ok(Some((job, token))) => {
                 tracing::info!(

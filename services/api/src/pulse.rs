@@ -1,0 +1,153 @@
+//! A sign of life of this process: the file `alive` in its data folder, touched every few seconds as long as everything in it goes on.
+//!
+//! ```text
+//!  each place where jobs are done ──beat──▶ Pulse ──all have beaten lately──▶ data/alive ◀── `rotortwin health worker:DATA`
+//! ```
+//! A process that is frozen or whose threads are all stuck touches nothing; one in which a single place is stuck does not either, so that
+//! whoever watches it starts it again. A database that is away is no reason: starting again would not help.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Its name in the data folder.
+const FILE: &str = "alive";
+/// It is touched so often.
+const EVERY: Duration = Duration::from_secs(2);
+/// A place that has not beaten for so long is stuck. What it does between two beats, such as keeping the files of a job, takes less.
+const STUCK: Duration = Duration::from_secs(900);
+
+tokio::task_local! {
+    static PLACE: Arc<AtomicU64>;
+}
+
+/// When each place has beaten last.
+#[derive(Debug)]
+pub(crate) struct Pulse {
+    start: Instant,
+    places: Mutex<Vec<Arc<AtomicU64>>>,
+}
+
+impl Pulse {
+    pub(crate) fn new() -> Self {
+        Self {
+            start: Instant::now(),
+            places: Mutex::default(),
+        }
+    }
+
+    /// Does `work` as a place that is expected to beat.
+    pub(crate) async fn watched<T>(&self, work: impl Future<Output = T>) -> T {
+        let place = Arc::new(AtomicU64::new(self.now_ms()));
+        self.places().push(Arc::clone(&place));
+        let done = PLACE.scope(Arc::clone(&place), work).await;
+        self.places().retain(|other| !Arc::ptr_eq(other, &place));
+        done
+    }
+
+    /// The place that this is called from goes on.
+    pub(crate) fn beat(&self) {
+        // Elsewhere nobody expects it.
+        let beaten = PLACE.try_with(|place| place.store(self.now_ms(), Ordering::Relaxed));
+        if let Err(error) = beaten {
+            tracing::trace!(%error, "no place");
+        }
+    }
+
+    fn goes_on(&self) -> bool {
+        self.silence_ms() < u64::try_from(STUCK.as_millis()).unwrap_or(u64::MAX)
+    }
+
+    /// Of the place that has been silent for longest.
+    fn silence_ms(&self) -> u64 {
+        let now = self.now_ms();
+        let last = self.places().iter().map(|place| place.load(Ordering::Relaxed)).min();
+        now.saturating_sub(last.unwrap_or(now))
+    }
+
+    fn now_ms(&self) -> u64 {
+        u64::try_from(self.start.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    fn places(&self) -> std::sync::MutexGuard<'_, Vec<Arc<AtomicU64>>> {
+        self.places.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Touches the file in `data` until the process ends.
+    pub(crate) async fn show(&self, data: PathBuf, mut ending: tokio::sync::watch::Receiver<bool>) {
+        let path = data.join(FILE);
+        while !*ending.borrow() {
+            if self.goes_on() {
+                if let Err(error) = std::fs::write(&path, std::process::id().to_string()) {
+                    tracing::warn!(path = %path.display(), %error, "no sign of life can be given");
+                }
+            } else {
+                tracing::error!(
+                    "a job has stood still for {} s: no sign of life is given",
+                    self.silence_ms() / 1000
+                );
+            }
+            tokio::select! {
+                _ = ending.changed() => {}
+                () = tokio::time::sleep(EVERY) => {}
+            }
+        }
+    }
+}
+
+/// Whether the server or worker with this data folder has given a sign of life within `silence`.
+///
+/// # Errors
+/// One sentence: it has not.
+pub fn alive(data: &Path, silence: Duration) -> Result<(), String> {
+    let path = data.join(FILE);
+    let modified = std::fs::metadata(&path).and_then(|file| file.modified());
+    let modified = modified.map_err(|error| format!("{}: no sign of life: {error}", path.display()))?;
+    match modified.elapsed() {
+        Ok(age) if age > silence => Err(format!(
+            "{}: the last sign of life is {:.0} s old; expected one every {} s",
+            path.display(),
+            age.as_secs_f64(),
+            EVERY.as_secs()
+        )),
+        // Of a moment ago, by a clock that was set back since.
+        Ok(_) | Err(_) => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn val_a_place_that_stands_still_is_seen_and_one_that_has_ended_is_not_missed() {
+        let pulse = Pulse::new();
+        assert!(pulse.goes_on(), "nobody is expected to beat");
+        pulse
+            .watched(async {
+                tokio::time::sleep(Duration::from_millis(60)).await;
+                assert!(pulse.silence_ms() >= 60);
+                pulse.beat();
+                assert!(pulse.silence_ms() < 60);
+            })
+            .await;
+        tokio::time::sleep(Duration::from_millis(60)).await;
+        assert_eq!(pulse.silence_ms(), 0);
+        pulse.beat();
+    }
+
+    #[test]
+    fn val_an_old_sign_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = alive(folder.path(), Duration::from_secs(1)).unwrap_err();
+        assert!(missing.contains("no sign of life"), "{missing}");
+        let file = std::fs::File::create(folder.path().join(FILE)).unwrap();
+        assert_eq!(alive(folder.path(), Duration::from_secs(30)), Ok(()));
+        let long_ago = std::time::SystemTime::now() - Duration::from_secs(100);
+        file.set_modified(long_ago).unwrap();
+        let old = alive(folder.path(), Duration::from_secs(30)).unwrap_err();
+        assert!(old.contains("100 s old"), "{old}");
+        assert_eq!(alive(folder.path(), Duration::from_secs(200)), Ok(()));
+    }
+}

@@ -1,0 +1,180 @@
+//! Runs flown again: a job as any other, so that it is shared fairly and begun again if its worker is gone. The request waits for its end.
+
+use super::jobs::{self, Shared, Terms};
+use super::runs;
+use super::tasks::Draft;
+use crate::App;
+use crate::access::Caller;
+use crate::clock::now_ms;
+use crate::jobs::{Job, JobKind, NewJob, Status};
+use crate::problem::Problem;
+use axum::Json;
+use axum::extract::Path;
+use axum::extract::rejection::PathRejection;
+use axum::http::HeaderMap;
+use rotortwin_jobs::{Input, StoredJob, Verification as VerificationJob};
+use rotortwin_sim::commands::COMMANDS_FILE;
+use rotortwin_store::files::SUMMARY_FILE;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::time::Duration;
+use utoipa::ToSchema;
+
+super::collection!(
+    verifications,
+    crate::jobs::JobKind::Verification,
+    AnyResult,
+    "run flown again",
+    "/api/v1/verifications",
+    "/api/v1/verifications/{id}",
+    "/api/v1/verifications/{id}/cancel",
+    "/api/v1/verifications/{id}/events",
+    "/api/v1/verifications/{id}/artifacts",
+    "/api/v1/verifications/{id}/artifacts/{*path}"
+);
+
+/// A request waits so long; the job goes on.
+const PATIENCE: Duration = Duration::from_secs(600);
+/// Another process may have written the end.
+const LOOK: Duration = Duration::from_secs(1);
+/// Where the job finds the run.
+const RUN: &str = "run";
+
+/// What a second execution gave.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Verification {
+    /// The hashes are equal.
+    same: bool,
+    /// Of the run.
+    recorded: String,
+    /// Of the second execution, in one process.
+    again: String,
+    /// How long it took with its time in the queue, ms.
+    wall_ms: i64,
+    /// Id of the job that did it: `/api/v1/verifications/{id}`.
+    job: String,
+}
+
+/// What the command prints.
+#[derive(Deserialize)]
+struct Replayed {
+    same: bool,
+    recorded: String,
+    replayed: String,
+}
+
+/// Flies a run that was done again, in one process, and compares the run hash: a job in the queue; the answer comes when it has ended.
+#[utoipa::path(post, path = "/api/v1/runs/{id}/verify", tag = "runs", operation_id = "verify_run",
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "the same key again waits for the same job")), responses(
+    (status = 200, description = "compared", body = Verification),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it was not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "this version cannot fly it", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "it has not ended within 10 minutes, or the server is ending; the job goes on", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn verify(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+) -> Result<Json<Verification>, Problem> {
+    let run = runs::find(&app, &caller, id).await?;
+    let (Some(recorded), Some(folder), Status::Done) = (run.run_hash.clone(), &run.folder, run.status) else {
+        return Err(Problem::conflict(format!(
+            "the run is {}; only a run that was done can be flown again and compared",
+            run.status.as_str()
+        )));
+    };
+    let key = jobs::idempotency_key(&headers)?;
+    let mut files = vec![SUMMARY_FILE];
+    if run.new.autopilot.is_some() {
+        files.push(COMMANDS_FILE);
+    }
+    let mut inputs = Vec::with_capacity(files.len());
+    for file in files {
+        let there = app
+            .artifacts
+            .file(folder, file)
+            .await
+            .map_err(|error| Problem::internal(&error))?;
+        if there.is_none() {
+            return Err(Problem::not_found(format!("the files of run {} are gone", run.id)));
+        }
+        inputs.push(Input::file(format!("{RUN}/{file}"), format!("{folder}/{file}")));
+    }
+    let draft = Draft {
+        kind: JobKind::Verification,
+        name: run.new.name.clone(),
+        facts: json!({ "run": run.id }),
+        stored: StoredJob {
+            job: rotortwin_jobs::Job::Verification(VerificationJob { run: RUN.into() }),
+            inputs,
+        },
+        terms: Terms {
+            max_wall_s: Some(PATIENCE.as_secs()),
+            ..Terms::default()
+        },
+    };
+    let start = now_ms();
+    let new = NewJob {
+        parent: Some(run.id.clone()),
+        idempotency_key: key,
+        request_hash: jobs::request_hash(&run.id),
+        ..draft.into_job(&caller)?
+    };
+    let (job, _) = jobs::admit(&app, new).await?;
+    let job = ended(&app, &job.id).await?;
+    let replayed = job
+        .result
+        .as_deref()
+        .and_then(|text| serde_json::from_str::<Replayed>(text).ok());
+    let Some(replayed) = replayed.filter(|_| job.status == Status::Done) else {
+        let why = job.error.unwrap_or_else(|| format!("it was {}", job.status.as_str()));
+        return Err(Problem::unprocessable(why.strip_prefix("rotortwin: ").unwrap_or(&why)));
+    };
+    let same = replayed.same && replayed.recorded == recorded;
+    if !same {
+        tracing::error!(
+            run = run.id,
+            recorded,
+            again = replayed.replayed,
+            "a second execution differs"
+        );
+    }
+    Ok(Json(Verification {
+        same,
+        recorded,
+        again: replayed.replayed,
+        wall_ms: now_ms() - start,
+        job: job.id,
+    }))
+}
+
+/// The job once it has ended.
+async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
+    let begun = tokio::time::Instant::now();
+    let mut news = app.database.hub.watch(id);
+    let mut ending = app.shop.ending.subscribe();
+    loop {
+        let gone = || Problem::not_found(format!("the verification {id} was deleted"));
+        let job = app.database.get(id).await?.ok_or_else(gone)?;
+        if job.status.is_final() {
+            return Ok(job);
+        }
+        let left =
+            |why: &str| Problem::unavailable(format!("{why}; the verification goes on: /api/v1/verifications/{id}"));
+        if *ending.borrow_and_update() {
+            return Err(left("the server is ending"));
+        }
+        if begun.elapsed() > PATIENCE {
+            return Err(left(&format!("it has not ended within {} s", PATIENCE.as_secs())));
+        }
+        tokio::select! {
+            _ = news.changed() => {}
+            _ = ending.changed() => {}
+            () = tokio::time::sleep(LOOK) => {}
+        }
+    }
+}
