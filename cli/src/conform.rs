@@ -1,6 +1,6 @@
 //! `rotortwin conform`: the plant is played to somebody else's controller, and what is wrong with it is named.
 
-use crate::fly::{External, Foreign, free_port, invitation, new_run_id};
+use crate::fly::{External, free_port, invitation, new_run_id};
 use crate::output;
 use crate::trial::Trial;
 use clap::Parser;
@@ -102,15 +102,14 @@ impl std::str::FromStr for Endpoint {
                 )),
             };
         }
-        let foreign = text
-            .parse::<Foreign>()
-            .map_err(|sentence| format!("{sentence}; or {LINKS}, or plant:ardupilot[:ADDR]"))?;
-        match foreign {
-            Foreign::Board(board) => Ok(Self::Board(board)),
-            Foreign::Autopilot(autopilot) => Err(format!(
+        if let Ok(autopilot) = text.parse::<AutopilotAddress>() {
+            return Err(format!(
                 "{autopilot} cannot be probed in a hover that is held still; see 'rotortwin spin-test' for order and spin of its motors"
-            )),
+            ));
         }
+        text.parse()
+            .map(Self::Board)
+            .map_err(|sentence: String| format!("{sentence}, {LINKS}, or plant:ardupilot[:ADDR]"))
     }
 }
 

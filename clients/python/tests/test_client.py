@@ -56,6 +56,21 @@ def test_scenario_a_flight_is_submitted_watched_and_fetched(client: Client, done
     assert json.loads((folder / "summary.json").read_text())["run_hash"] == done.run_hash
 
 
+def test_scenario_controllers_are_compared_and_autopilots_listed(client: Client, done: Run) -> None:
+    assert client.runs.autopilots() == []
+    with pytest.raises(Unprocessable, match="nobody has listed; this server has none"):
+        client.runs.submit("autopilot-hover", controller={"autopilot": "bench-1"})
+    again = client.runs.wait(client.runs.submit("short-hover", seed=8).id, check=True)
+    table = client.runs.compare_controllers([done.id, again.id], within_m=0.2)
+    assert table["within_m"] == 0.2 and table["differences"] == ["the seed differs: 7; 8"]
+    rows = table["rows"]
+    assert [row["run"] for row in rows] == [done.id, again.id]
+    assert all(row["lockstep"] and row["position_m"]["rms"] <= row["position_m"]["max"] for row in rows)
+    answer = client.runs.query("SELECT folder, count(*) AS steps FROM telemetry GROUP BY folder ORDER BY folder", [done.id, again.id])
+    assert done.summary is not None
+    assert answer.to_pylist() == [{"folder": id, "steps": done.summary["steps"]} for id in sorted([done.id, again.id])]
+
+
 def test_scenario_telemetry_is_a_table(client: Client, done: Run) -> None:
     assert done.summary is not None
     table = client.runs.telemetry(done.id)

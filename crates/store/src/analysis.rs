@@ -570,6 +570,7 @@ mod tests {
             unknown: 2,
             other_rotor: 1,
             isolated_after_s: None,
+            detected_after_s: None,
             false_alarm_windows: 3,
             false_alarm_events: 2,
             verdict_at_end: 4,
@@ -595,7 +596,8 @@ mod tests {
             ),
             (2, 1, 1, 1, 0)
         );
-        // The third window ends with the step from 0.35 s to 0.36 s.
+        // The second window, of an unknown fault, ends with the step from 0.31 s to 0.32 s, the third one with that from 0.35 s to 0.36 s.
+        assert!((score.detected_after_s.unwrap() - 0.08).abs() < TOLERANCE);
         assert!((score.isolated_after_s.unwrap() - 0.12).abs() < TOLERANCE);
         assert_eq!((score.false_alarm_windows, score.verdict_at_end), (0, 3));
 

@@ -160,7 +160,7 @@ impl ControllerRow {
                 Ok(())
             })?;
         }
-        sums.into_row(&mut row);
+        sums.fill(&mut row);
         row.fault = fault.map(|fault| sums.response(fault));
         Ok(row)
     }
@@ -261,7 +261,7 @@ impl Sums {
         })
     }
 
-    fn into_row(&self, row: &mut ControllerRow) {
+    fn fill(&self, row: &mut ControllerRow) {
         let degrees = 1_f64.to_degrees();
         row.position_m = self.spread(self.position, 1.0);
         row.yaw_deg = self.spread(self.yaw, degrees);
@@ -349,7 +349,7 @@ mod tests {
         };
         let sums = sums(Some(0.3), 0.5);
         let mut row = ControllerRow::default();
-        sums.into_row(&mut row);
+        sums.fill(&mut row);
         let position = row.position_m.unwrap();
         assert!((position.rms - (20.5_f64 / 100.0).sqrt()).abs() < 1e-12 && (position.max - 1.0).abs() < 1e-12);
         let yaw = row.yaw_deg.unwrap().max;
