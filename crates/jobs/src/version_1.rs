@@ -221,8 +221,8 @@ mod tests {
             ("x = 1", flight::Link::InProcess)
         );
         assert_eq!(
-            (flight.controller, flight.join_timeout_ms),
-            (flight::Place::Beside, 60_000)
+            (flight.controller.clone(), flight.join_timeout_ms),
+            (flight::Controller::Beside, 60_000)
         );
     }
 
