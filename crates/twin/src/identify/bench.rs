@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::class::{self, Class};
-use super::fit::{ALPHA, BETA, Fitted};
+use super::fit::{ALPHA, BETA, Fitted, ShapePrior};
 use super::grid::mean_deviation;
 use super::{IdentifyError, estimate::Z95};
 use crate::bench_fit::thrust::fit_thrust;
@@ -78,13 +78,6 @@ pub(crate) struct About {
     pub(crate) exponent: Option<(f64, f64)>,
     /// The flight has no say in the shape: it hardly moves.
     pub(crate) alone: bool,
-}
-
-/// α and β of the fit's prior, and its information.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ShapePrior {
-    pub(crate) shape: [f64; 2],
-    pub(crate) information: [[f64; 2]; 2],
 }
 
 fn variance_of_slope(covariance: [[f64; 2]; 2]) -> f64 {
@@ -319,6 +312,8 @@ pub(crate) fn consult(
         if !same {
             return None;
         }
+        // Ratios are of the propeller, and this may be another.
+        (about.moment_ratio, about.power, about.exponent) = (None, None, None);
     }
     about.alone = !excited;
     if excited {

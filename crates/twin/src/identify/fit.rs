@@ -8,7 +8,6 @@ use nalgebra::{SMatrix, SVector};
 use std::ops::Range;
 
 use super::actuator::lagged;
-use super::bench::ShapePrior;
 use super::class::{self, Class};
 use super::curve::Curve;
 use super::frames::Place;
@@ -38,6 +37,13 @@ const SETTLE_S: f64 = 0.6;
 const FLOOR: [f64; PARAMETERS] = [0.01, 0.01, 0.007, 1e-4, 0.004, 0.004];
 /// How far a neighbour's correlation lies from 0 by chance alone is small; beyond this the errors are not white.
 const WHITE: f64 = 0.1;
+
+/// What a bench says of α and β, and its information, in the place of the class's.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ShapePrior {
+    pub(crate) shape: [f64; 2],
+    pub(crate) information: [[f64; 2]; 2],
+}
 
 /// What is fitted.
 pub(crate) struct Problem<'a> {

@@ -48,7 +48,7 @@ mod tests {
                 ..RawStream::default()
             }],
             parameters: (0..parameters).map(|i| (format!("SIM_P{i}"), 1.0)).collect(),
-            notes: Vec::new(),
+            ..SourceLog::default()
         }
     }
 

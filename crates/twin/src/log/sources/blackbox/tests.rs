@@ -1,5 +1,12 @@
-use super::super::{Format, detect, parse as parse_log};
+use super::super::{Asked, Format, detect, parse as parse_log};
 use super::*;
+
+fn asked() -> Asked<'static> {
+    Asked {
+        most_cells: 1 << 20,
+        ..Asked::default()
+    }
+}
 
 fn bytes(header: &str, frames: &[&[u8]]) -> Vec<u8> {
     let mut file = header.as_bytes().to_vec();
@@ -17,7 +24,7 @@ const HEADER: &str = "H Product:Blackbox flight data recorder by Nicholas Sherlo
 
 fn stream(file: &[u8]) -> SourceLog {
     assert_eq!(detect(file), Some(Format::Blackbox));
-    parse_log(Format::Blackbox, file, false, 1 << 20).expect("a log")
+    parse_log(Format::Blackbox, file, &asked()).expect("a log")
 }
 
 fn column<'a>(log: &'a SourceLog, name: &str) -> &'a [f64] {
@@ -119,6 +126,6 @@ fn prop_no_bytes_panic() {
                 byte
             });
         }
-        drop(parse_log(Format::Blackbox, &file, false, 1 << 20));
+        drop(parse_log(Format::Blackbox, &file, &asked()));
     }
 }
