@@ -4,7 +4,7 @@ mod development_data;
 
 use development_data::shared;
 use rotortwin_twin::baseline::trim;
-use rotortwin_twin::diagnose::{Options, diagnose};
+use rotortwin_twin::diagnose::{Options, Verdict, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;
 use std::path::{Path, PathBuf};
@@ -80,4 +80,30 @@ fn val_a_slung_load_of_grams_is_among_what_is_missing() {
     // own intervals (0.16 ± 0.02, 0.42 ± 0.02 m) are too narrow.
     assert!((value("mass_kg") / 0.032 - 0.16).abs() < 0.08, "{}", found.sentence);
     assert!((value("length_m") - 0.51).abs() < 0.1, "{}", found.sentence);
+}
+
+#[test]
+fn val_a_motor_lag_that_is_off_by_factors_is_named_with_its_value() {
+    let Some(folder) = shared("data/real/arpl_crazyflie_sysid") else {
+        return;
+    };
+    let log = FlightLog::read(&folder.join("log15")).expect("accepted");
+    // The seconds that its authors used; they found 70 ms, a compare of many lags 70 to 100 ms.
+    let start = log.time_s[0];
+    let log = log.slice(start + 15.8, start + 50.8);
+    let mut model = model("crazyflie-2");
+    model.vehicle.rotors.thrust_lag_s = 0.02;
+    let found = diagnose(&[log], &model, &Options::default()).expect("a diagnosis");
+    assert!(
+        matches!(&found.verdict, Verdict::CalibrateFirst { constants } if constants == &["rotors.thrust_lag_s"]),
+        "{}",
+        found.sentence
+    );
+    let wanted = found.calibrate[0].wanted;
+    assert!((0.065..0.085).contains(&wanted), "{}", found.sentence);
+    assert!(
+        found.effects.iter().all(|effect| effect.onset_s.is_none()),
+        "{}",
+        found.sentence
+    );
 }

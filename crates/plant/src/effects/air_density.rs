@@ -20,7 +20,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         0.08,
         -0.06,
     )
-    .correcting("rotors.thrust_level", CorrectionScale::Share)],
+    .correcting_by_factors("rotors.thrust_level")],
     per_rotor: false,
     may_set_in: false,
     needs: &[],

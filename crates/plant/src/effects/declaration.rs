@@ -173,6 +173,10 @@ pub struct Correction {
     pub key: &'static str,
     /// How the parameter counts.
     pub scale: CorrectionScale,
+    /// Files are wrong about the constant by factors, not by per cents: an inertia that was taken from another frame, a lag that nobody has
+    /// measured, the thrust curve of another propeller. Such an error is no missing physics but a constant to calibrate.
+    #[serde(skip)]
+    pub by_factors: bool,
 }
 
 /// How a parameter counts the error of a constant.
@@ -218,7 +222,21 @@ impl ParameterDeclaration {
 
     /// A size that is an error of a constant of the vehicle document.
     pub const fn correcting(mut self, key: &'static str, scale: CorrectionScale) -> Self {
-        self.corrects = Some(Correction { key, scale });
+        self.corrects = Some(Correction {
+            key,
+            scale,
+            by_factors: false,
+        });
+        self
+    }
+
+    /// The same for a share of a constant that files are wrong about by factors.
+    pub const fn correcting_by_factors(mut self, key: &'static str) -> Self {
+        self.corrects = Some(Correction {
+            key,
+            scale: CorrectionScale::Share,
+            by_factors: true,
+        });
         self
     }
 

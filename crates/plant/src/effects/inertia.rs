@@ -91,7 +91,7 @@ pub(super) static ROLL: EffectDeclaration = moment::<0>(
     "inertia-roll",
     "Roll inertia",
     "J_x → J_x (1 + d)",
-    &const { [share(0.15).correcting("body.inertia_body_kg_m2[0]", CorrectionScale::Share)] },
+    &const { [share(0.15).correcting_by_factors("body.inertia_body_kg_m2[0]")] },
     OF_TILTING,
 );
 
@@ -99,7 +99,7 @@ pub(super) static PITCH: EffectDeclaration = moment::<1>(
     "inertia-pitch",
     "Pitch inertia",
     "J_y → J_y (1 + d)",
-    &const { [share(0.15).correcting("body.inertia_body_kg_m2[1]", CorrectionScale::Share)] },
+    &const { [share(0.15).correcting_by_factors("body.inertia_body_kg_m2[1]")] },
     OF_TILTING,
 );
 
@@ -107,7 +107,7 @@ pub(super) static YAW: EffectDeclaration = moment::<2>(
     "inertia-yaw",
     "Yaw inertia",
     "J_z → J_z (1 + d)",
-    &const { [share(0.2).correcting("body.inertia_body_kg_m2[2]", CorrectionScale::Share)] },
+    &const { [share(0.2).correcting_by_factors("body.inertia_body_kg_m2[2]")] },
     &["moment-ratio", "rotor-reaction"],
 );
 

@@ -13,7 +13,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     channels: &[FORCE],
     parameters: &[
         ParameterDeclaration::size("share", "d", "", "relative error of the mass", (-0.2, 0.3), 0.1, 0.1)
-            .correcting("body.mass_kg", CorrectionScale::Share),
+            .correcting_by_factors("body.mass_kg"),
     ],
     per_rotor: false,
     may_set_in: false,

@@ -13,7 +13,7 @@ pub(super) static TIME_CONSTANT: EffectDeclaration = EffectDeclaration {
     channels: &[FORCE, MOMENT, VOLTAGE],
     parameters: &[
         ParameterDeclaration::size("share", "d", "", "relative error of τ", (-0.6, 1.0), 0.4, 0.4)
-            .correcting("rotors.thrust_lag_s", CorrectionScale::Share),
+            .correcting_by_factors("rotors.thrust_lag_s"),
     ],
     per_rotor: false,
     may_set_in: false,

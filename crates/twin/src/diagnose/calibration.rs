@@ -10,13 +10,14 @@
 use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass};
 
 use super::result::{Calibration, Finding};
-use crate::estimation::candidates::{Candidate, Guess, Library};
-use crate::estimation::columns::Active;
+use crate::estimation::candidates::{Candidate, Library};
+use crate::estimation::columns::{Active, instances};
 use crate::estimation::normal::Posterior;
 use crate::estimation::parameters::QUANTILE_95;
-use crate::estimation::posterior::pulled;
+use crate::estimation::posterior::{not_finite, pulled};
 use crate::estimation::problem::Problem;
-use crate::predict::PredictError;
+use crate::model::ConstantInterval;
+use crate::predict::{CHANNELS, Nuisances, PredictError};
 
 /// Share of the prior's deviation below which flights know a guess "much better" than its class.
 const NARROWED: f64 = 0.5;
@@ -24,6 +25,13 @@ const NARROWED: f64 = 0.5;
 const WORTH_TELLING: f64 = 0.25;
 /// Deviations of the flights' value by which the guess must be off it, to be called off: three in a thousand by chance.
 const CLEARLY_OFF: f64 = 3.0;
+
+/// Share of what was measured that must be explained where a constant which is far off shows most, once all is found.
+const PROOF: f64 = 0.5;
+/// The same while it is looked for: other constants may be wrong beside it.
+pub(crate) const PROOF_SO_FAR: f64 = 0.3;
+/// Length of the means by which that is told, s.
+const PROOF_MEAN_S: f64 = 0.1;
 
 /// What was found, parted by what it may be called.
 pub(crate) struct Parted {
@@ -35,15 +43,20 @@ pub(crate) struct Parted {
     pub(crate) withheld: Vec<String>,
 }
 
-/// Takes the findings that are errors of guessed constants out of the others. Of several that are errors of one constant the first
-/// is told. With a guess that is contradicted no effect of the whole vehicle is named that shows only where guesses show: several
-/// wrong constants at once look like one of them, and like a density or a mass.
+/// Takes the findings that are errors of guessed constants, or of constants that are far off, out of the others. Of several that are errors
+/// of one constant the first is told. With a constant that is contradicted no effect of the whole vehicle is named that shows only where
+/// such constants show: several wrong constants at once look like one of them, and like a density or a mass; where one is far off, so do
+/// faults of single rotors and of sensors.
 pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
+    let far_off = found.iter().any(|finding| {
+        let values: Vec<f64> = finding.parameters.iter().map(|p| p.value).collect();
+        candidate_of(finding, library).is_some_and(|place| library.candidates[place].is_far_off(&values))
+    });
     let mut calibrations: Vec<Calibration> = Vec::new();
     let mut rest: Vec<Finding> = found
         .into_iter()
         .filter(|finding| {
-            let Some(wanted) = calibration(finding, library) else {
+            let Some(wanted) = calibration(finding, library, far_off) else {
                 return true;
             };
             if calibrations.iter().all(|known| known.key != wanted.key) {
@@ -54,8 +67,17 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
         .collect();
     let mut withheld = Vec::new();
     if !calibrations.is_empty() {
-        let guesses = library.candidates.iter().filter(|c| c.guess.is_some());
-        let shown: Vec<ChannelGroup> = guesses.flat_map(|c| c.declaration.channels).copied().collect();
+        let wrong = |c: &&Candidate| {
+            let constant = c.constant.as_ref().map(|(_, constant)| &constant.key);
+            c.guess.is_some() || constant.is_some_and(|key| calibrations.iter().any(|known| known.key == *key))
+        };
+        let shown: Vec<ChannelGroup> = library
+            .candidates
+            .iter()
+            .filter(wrong)
+            .flat_map(|c| c.declaration.channels)
+            .copied()
+            .collect();
         rest.retain(|finding| {
             let declared = library
                 .candidates
@@ -63,7 +85,8 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
                 .find(|c| c.declaration.id == finding.instance.effect)
                 .map(|c| c.declaration);
             let makes_up = declared.is_some_and(|d| {
-                d.class == EffectClass::Physics && !d.per_rotor && d.channels.iter().all(|group| shown.contains(group))
+                (far_off || (d.class == EffectClass::Physics && !d.per_rotor))
+                    && d.channels.iter().all(|group| shown.contains(group))
             });
             if makes_up {
                 withheld.push(finding.label.to_lowercase());
@@ -78,34 +101,117 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     }
 }
 
-/// The constant that a finding is the error of, if it was guessed.
-fn calibration(finding: &Finding, library: &Library) -> Option<Calibration> {
+/// Takes out constants that are far off by what was found, and do not [`prove`](proof) it; their names.
+///
+/// # Errors
+/// The effects together make no vehicle.
+pub(crate) fn without_proof(found: &mut Vec<Finding>, problem: &Problem) -> Result<Vec<String>, PredictError> {
+    let library = &problem.library;
+    let far_off = |finding: &Finding| {
+        let values: Vec<f64> = finding.parameters.iter().map(|p| p.value).collect();
+        candidate_of(finding, library).filter(|&place| library.candidates[place].is_far_off(&values))
+    };
+    if found.iter().all(|finding| far_off(finding).is_none()) {
+        return Ok(Vec::new());
+    }
+    let nuisances: Vec<Nuisances> = problem.logs.iter().map(|log| log.nuisances).collect();
+    let explained = explained(problem, &problem.active, &nuisances)?;
+    let mut without = Vec::new();
+    found.retain(|finding| {
+        let stays = far_off(finding).is_none_or(|place| proof(problem, place, &explained) > PROOF);
+        if !stays {
+            without.push(finding.label.clone());
+        }
+        stays
+    });
+    Ok(without)
+}
+
+/// Share of what was measured that is explained in the channel where a candidate shows most. A regressor that says next to nothing of a
+/// channel has a factor near 0, whatever the constant is: a yaw that follows the rotors' acceleration, which the model lacks, seems to
+/// want four times the inertia.
+pub(crate) fn proof(problem: &Problem, candidate: usize, explained: &[f64; CHANNELS]) -> f64 {
+    let columns = problem.library.columns_of(candidate);
+    let energy = |channel: usize| -> f64 {
+        let logs = problem.linear.iter().zip(&problem.logs);
+        logs.flat_map(|(linear, log)| columns.iter().map(move |j| &linear.columns[log.nuisance_count() + j]))
+            .filter_map(|column| column[channel].as_ref())
+            .flatten()
+            .map(|&x| f64::from(x) * f64::from(x))
+            .sum()
+    };
+    let strongest = (0..CHANNELS).max_by(|&a, &b| energy(a).total_cmp(&energy(b)));
+    strongest.map_or(0.0, |channel| explained[channel])
+}
+
+/// Share of what was measured that a point explains in each channel, by means over 0.1 s, about 0 and not about their mean: a mass is told
+/// by the mean of the force.
+///
+/// # Errors
+/// The effects together make no vehicle.
+pub(crate) fn explained(
+    problem: &Problem,
+    active: &[Active],
+    nuisances: &[Nuisances],
+) -> Result<[f64; CHANNELS], PredictError> {
+    let effects = instances(&problem.library, active);
+    let mut sums = [(0.0, 0.0); CHANNELS];
+    for (log, nuisances) in problem.logs.iter().zip(nuisances) {
+        let residuals = log.predictor.residuals(nuisances, &effects)?;
+        let rows = (PROOF_MEAN_S / log.predictor.series().step_s).round().max(1.0) as usize;
+        for (channel, (left, all)) in sums.iter_mut().enumerate() {
+            let (raw, mask) = (&residuals.raw[channel], &residuals.mask[channel]);
+            let measured = log.predictor.measured(channel);
+            for start in (0..raw.len().saturating_sub(rows)).step_by(rows) {
+                let range = start..start + rows;
+                if mask[range.clone()].iter().all(|counts| *counts) {
+                    let mean = |x: &[f64]| x[range.clone()].iter().sum::<f64>() / rows as f64;
+                    *left += mean(raw).powi(2);
+                    *all += mean(&measured).powi(2);
+                }
+            }
+        }
+    }
+    Ok(sums.map(|(left, all)| if all > 0.0 { 1.0 - left / all } else { 0.0 }))
+}
+
+/// Place of the candidate that a finding is of.
+fn candidate_of(finding: &Finding, library: &Library) -> Option<usize> {
     let instance = &finding.instance;
-    let candidate = library
+    library
         .candidates
         .iter()
-        .find(|c| c.declaration.id == instance.effect && c.rotor == instance.rotor)?;
-    let guess = candidate.guess.as_ref()?;
-    let fitted = &finding.parameters[guess.parameter];
+        .position(|c| c.declaration.id == instance.effect && c.rotor == instance.rotor)
+}
+
+/// The constant that a finding is the error of, if it was guessed, or if a constant is `far_off`.
+fn calibration(finding: &Finding, library: &Library, far_off: bool) -> Option<Calibration> {
+    let candidate = &library.candidates[candidate_of(finding, library)?];
+    let guess = candidate.guess.as_ref().map(|guess| (guess.parameter, &guess.constant));
+    let constant = candidate
+        .constant
+        .as_ref()
+        .map(|(parameter, constant)| (*parameter, constant));
+    let (parameter, constant) = guess.or(constant.filter(|_| far_off && finding.onset_s.is_none()))?;
+    let fitted = &finding.parameters[parameter];
     wanted(
         candidate,
-        guess,
+        (parameter, constant),
         (fitted.value, fitted.interval_95),
         finding.ln_bayes_factor,
         true,
     )
 }
 
-/// What a guess should be, by the error that was found of it with half its 95 % interval.
+/// What a constant should be, by the error that was found of it with half its 95 % interval.
 fn wanted(
     candidate: &Candidate,
-    guess: &Guess,
+    (parameter, constant): (usize, &ConstantInterval),
     (error, interval_95): (f64, f64),
     ln_bayes_factor: f64,
     blocking: bool,
 ) -> Option<Calibration> {
-    let constant = &guess.constant;
-    let (offset, unit) = match candidate.parameters[guess.parameter].corrects?.scale {
+    let (offset, unit) = match candidate.parameters[parameter].corrects?.scale {
         CorrectionScale::Share => (constant.value, constant.value.abs()),
         CorrectionScale::Difference => (1.0, 1.0),
         CorrectionScale::Whole => return None,
@@ -176,8 +282,7 @@ fn posterior(problem: &Problem, open: &[Open]) -> Result<Posterior, PredictError
     for one in open {
         prior[one.unknown] = one.deviation;
     }
-    pulled(problem, problem.normal(|_| true), &prior)
-        .ok_or_else(|| PredictError("the fit of the guessed constants met numbers that are not finite".into()))
+    pulled(problem, problem.normal(|_| true), &prior).ok_or_else(not_finite)
 }
 
 /// Guesses within their class that nothing was named for, and that the flights nevertheless know much better, and otherwise.
@@ -225,7 +330,7 @@ pub(crate) fn learned(problem: &Problem) -> Result<Vec<Calibration>, PredictErro
                 .then(|| {
                     wanted(
                         candidate,
-                        guess,
+                        (guess.parameter, &guess.constant),
                         (error, QUANTILE_95 * deviation * one.size),
                         ln_bayes_factor,
                         false,

@@ -1,6 +1,6 @@
 //! What a search found as its result has it: findings with final values, how their rivals fared, and the verdict.
 
-use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterDeclaration, ParameterKind};
+use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use super::named::{Named, RivalFit, UNTOLD_GAP};
 use super::result::{Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
@@ -20,25 +20,16 @@ const LEAST_SHARE: f64 = 0.9;
 /// Evidence gap below which a rival counts as compatible.
 const COMPATIBLE_GAP: f64 = 5.0;
 
-/// Share of a plausible range by which a value may lie beyond it.
-const BEYOND: f64 = 0.1;
-
 /// Whether the sizes of a finding can be: within the plausible range of the vehicle, give or take a tenth of it, and not all of them
 /// less than their own deviation. A fit may leave the range with another effect beside it or with the clutter at another width.
 fn can_be(entry: &Candidate, finding: &Finding) -> bool {
-    let mut sizes = entry
-        .parameters
-        .iter()
-        .zip(&finding.parameters)
-        .filter(|(p, _)| p.kind == ParameterKind::Size)
-        .peekable();
-    let within = |p: &ParameterDeclaration, value: f64| {
-        let margin = BEYOND * (p.plausible_high - p.plausible_low);
-        (p.plausible_low - margin..=p.plausible_high + margin).contains(&value)
-    };
-    // A guess may turn out to be anything.
-    (entry.guess.is_some() || sizes.clone().all(|(p, found)| within(p, found.value)))
-        && (sizes.peek().is_none() || sizes.any(|(_, found)| found.value.abs() > found.deviation))
+    let sizes: Vec<usize> = (0..entry.parameters.len())
+        .filter(|&i| entry.parameters[i].kind == ParameterKind::Size)
+        .collect();
+    let values: Vec<f64> = finding.parameters.iter().map(|found| found.value).collect();
+    // A guess may turn out to be anything, and a constant that somebody wrote down wrong.
+    (entry.guess.is_some() || entry.is_far_off(&values) || sizes.iter().all(|&i| entry.is_plausible(i, values[i])))
+        && (sizes.is_empty() || sizes.iter().any(|&i| values[i].abs() > finding.parameters[i].deviation))
 }
 
 /// Findings with the final values, and the names of those whose size cannot be.
@@ -153,6 +144,7 @@ pub(crate) fn weather_finding(problem: &Problem, found: &covariance::Gusts) -> O
         columns: vec![None; declared.parameters.len()],
         limits: declared.parameters.iter().map(|p| p.accepted()).collect(),
         guess: None,
+        constant: None,
     };
     let values = [found.rms_m_s, found.correlation_s];
     Some(Finding {

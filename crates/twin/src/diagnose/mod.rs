@@ -30,6 +30,7 @@ mod result;
 mod search;
 mod state;
 mod strategies;
+mod supply;
 mod words;
 
 pub use result::{
@@ -40,7 +41,7 @@ pub use result::{
 use rotortwin_plant::effects::EffectDocument;
 
 use crate::log::FlightLog;
-use crate::model::ModelVersion;
+use crate::model::{ModelVersion, constants};
 use crate::predict::{PredictError, Predictor};
 use crate::{baseline, propose};
 
@@ -105,7 +106,8 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     } else {
         Some(baseline::trim(logs, &options.baseline, model)?)
     };
-    let mut diagnosis = search::search(predictors, &catalogue, &instances, &model.constant, options, start)?;
+    let constants = constants::with_exact(&model.vehicle, &model.constant);
+    let mut diagnosis = search::search(predictors, &catalogue, &instances, &constants, options, start)?;
     let guesses = model.guesses();
     if let (true, Some(warning)) = (model.lacks_intervals() && !diagnosis.effects.is_empty(), &guesses) {
         diagnosis.sentence = format!("{warning}. Put it there first. {}", diagnosis.sentence);

@@ -52,7 +52,7 @@ pub enum Verdict {
 /// Error on blocks that the fit did not see, smoothed over 0.1 s.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct HeldOutError {
-    /// `force`, `torque` or `voltage`.
+    /// `force`, `torque`, `voltage`; `acceleration` (of the velocity) where no accelerometer tells the force.
     pub quantity: String,
     /// Unit.
     pub unit: String,
@@ -94,10 +94,14 @@ impl HeldOutError {
         if ratio.is_finite() { 1.0 - ratio * ratio } else { 0.0 }
     }
 
-    /// True if the effects found make the error smaller, by more than the blocks scatter, and by a part that is worth its name.
+    /// True if the effects found make the error smaller by a part that is worth its name.
+    pub fn is_smaller(&self) -> bool {
+        self.before - self.after > self.negligible && self.explained_share() > WORTH_NAMING
+    }
+
+    /// The same by more than the blocks scatter.
     pub fn falls(&self) -> bool {
-        let less = self.before - self.after;
-        less > (RISEN * self.change_deviation).max(self.negligible) && self.explained_share() > WORTH_NAMING
+        self.is_smaller() && self.before - self.after > RISEN * self.change_deviation
     }
 }
 

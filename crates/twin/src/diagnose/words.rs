@@ -248,8 +248,13 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                     named(&found)
                 )
             };
+            let far_off = diagnosis
+                .calibrate
+                .iter()
+                .any(|one| one.blocking && !one.source.is_guess());
+            let ratios = if far_off { RATIOS } else { "" };
             format!(
-                "Calibrate first ({}): {}.{part}",
+                "Calibrate first ({}): {}.{ratios}{part}",
                 HOW_TO_CALIBRATE,
                 constants.join("; and ")
             )
@@ -299,28 +304,38 @@ fn sentence(diagnosis: &Diagnosis) -> String {
 impl Calibration {
     /// What is guessed, and what the flights want.
     pub fn sentence(&self) -> String {
-        let what = if self.source == Source::Class {
-            "is a guess of its class"
-        } else {
-            "is known from its class as much as from a log"
+        let what = match self.source {
+            Source::Class => "is a guess of its class",
+            Source::LogAndClass => "is known from its class as much as from a log",
+            Source::Entered | Source::Log | Source::Parameter | Source::Assumed => "is off",
         };
         let number = |value: f64| quantity(value, &self.unit);
+        let known = if self.high > self.low {
+            format!(
+                "{}, 95 % {} to {}",
+                number(self.value),
+                number(self.low),
+                number(self.high)
+            )
+        } else {
+            number(self.value)
+        };
         let better = if self.better.is_empty() {
             String::new()
         } else {
             format!("; what tells it: {}", self.better)
         };
         format!(
-            "{} {what} ({}, 95 % {} to {}), these flights want {} ± {}{better}",
+            "{} {what} ({known}), these flights want {} ± {}{better}",
             self.name,
-            number(self.value),
-            number(self.low),
-            number(self.high),
             number(self.wanted),
             number(self.wanted_interval_95)
         )
     }
 }
+
+/// What a flight cannot tell of a vehicle that is far off.
+const RATIOS: &str = " A flight tells mass, thrust, arms and inertia only as ratios: weigh the vehicle and measure its arms before its other constants are believed.";
 
 /// How a vehicle is calibrated, with what a user has to give.
 const HOW_TO_CALIBRATE: &str =

@@ -25,7 +25,15 @@ pub(crate) struct Candidate {
     pub(crate) limits: Vec<(f64, f64)>,
     /// The parameter that is the error of a constant that is a guess, and that constant.
     pub(crate) guess: Option<Guess>,
+    /// The parameter that is a relative error of a constant that files are wrong about by factors, and that constant, guessed or not.
+    pub(crate) constant: Option<(usize, ConstantInterval)>,
 }
+
+/// Relative errors of such a constant up to which a file may be off that somebody wrote in good faith: a tenth to ten times of the truth,
+/// as of an inertia that is relative to thrust and arms which are wrong, too.
+const FAR: (f64, f64) = (-0.9, 9.0);
+/// Share of a plausible range by which a value may lie beyond it.
+const BEYOND: f64 = 0.1;
 
 /// A parameter that is the error of a constant that was guessed.
 #[derive(Debug, Clone)]
@@ -76,6 +84,30 @@ impl Candidate {
     pub(crate) fn clamped(&self, parameter: usize, value: f64) -> f64 {
         let (low, high) = self.limits[parameter];
         value.clamp(low, high)
+    }
+
+    /// Range in which a parameter is looked for: where real vehicles have it, or where a wrong constant may be.
+    pub(crate) fn reach(&self, parameter: usize) -> (f64, f64) {
+        let p = &self.parameters[parameter];
+        match self.constant {
+            Some((place, _)) if place == parameter => (p.plausible_low.min(FAR.0), p.plausible_high.max(FAR.1)),
+            _ => (p.plausible_low, p.plausible_high),
+        }
+    }
+
+    /// True if a value lies in the plausible range of its parameter, give or take a tenth of it.
+    pub(crate) fn is_plausible(&self, parameter: usize, value: f64) -> bool {
+        let p = &self.parameters[parameter];
+        let margin = BEYOND * (p.plausible_high - p.plausible_low);
+        (p.plausible_low - margin..=p.plausible_high + margin).contains(&value)
+    }
+
+    /// True for a constant that is off by more than missing physics is, and by no more than a wrong file.
+    pub(crate) fn is_far_off(&self, values: &[f64]) -> bool {
+        self.constant.as_ref().is_some_and(|&(place, _)| {
+            let (p, value) = (&self.parameters[place], values[place]);
+            !(p.plausible_low..=p.plausible_high).contains(&value) && (FAR.0..=FAR.1).contains(&value)
+        })
     }
 
     /// True for a fault of the log instead of physics.
@@ -162,6 +194,7 @@ impl Library {
                         .collect(),
                     parameters: parameters.clone(),
                     guess: None,
+                    constant: None,
                 });
             }
         }

@@ -13,6 +13,9 @@ use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Prediction, 
 
 /// Prior deviation of a rotor's lift error over its hover thrust: uniform in ±10.756 mN (§6) on 2.534 N.
 pub(crate) const BIAS_SHARE: f64 = 0.002_45;
+/// No lift error goes beyond this, over hover thrust (§6: 0.00424). Long flights overrule any prior; without a bound the biases of all
+/// rotors together would hide a wrong mass.
+pub(crate) const LARGEST_BIAS: f64 = 0.006;
 /// Prior deviation of the charge at the start, fraction.
 pub(crate) const CHARGE_DEVIATION: f64 = 0.25;
 
@@ -77,6 +80,39 @@ impl LogState {
         } else {
             self.nuisances.charge = value;
         }
+    }
+
+    /// Bounds of a nuisance in its own unit: no lift error goes beyond [`LARGEST_BIAS`], and no battery holds less than nothing or more
+    /// than it can.
+    pub(crate) fn nuisance_bounds(&self, which: usize) -> (f64, f64) {
+        if which < self.predictor.series().rotors {
+            let most = LARGEST_BIAS * self.predictor.nominal.hover_thrust_n;
+            (-most, most)
+        } else {
+            let charge = self.predictor.initial_charge();
+            (-charge, 1.0 - charge)
+        }
+    }
+
+    /// As much of a step as stays within the bounds, both in prior deviations.
+    pub(crate) fn nuisance_step(&self, which: usize, step: f64) -> f64 {
+        let (now, size, (low, high)) = (
+            self.nuisance(which),
+            self.nuisance_size(which),
+            self.nuisance_bounds(which),
+        );
+        let to = now + step * size;
+        if (low..=high).contains(&to) {
+            step
+        } else {
+            (to.clamp(low, high) - now) / size
+        }
+    }
+
+    /// Moves a nuisance by a step in prior deviations, as far as its bounds.
+    pub(crate) fn move_nuisance(&mut self, which: usize, step: f64) {
+        let value = self.nuisance(which) + self.nuisance_step(which, step) * self.nuisance_size(which);
+        self.set_nuisance(which, value);
     }
 
     /// Where the nuisances stand, in prior deviations.

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::columns::{Active, Column, LogState, in_order, instances};
 use super::gram::{column_product, residual_product};
 use super::normal::{Normal, Posterior};
+use super::posterior::not_finite;
 use super::problem::{Problem, in_pairs, position_of};
 use crate::predict::{Nuisances, PredictError};
 
@@ -26,6 +27,9 @@ const MOST_HALVINGS: i32 = 3;
 
 /// Prior deviation of what is held where it is.
 const HELD: f64 = 1e-6;
+
+/// Prior deviations by which a step must leave a bound to be held there.
+const NEAR: f64 = 1e-9;
 
 /// A fitted point.
 #[derive(Debug, Clone)]
@@ -109,34 +113,41 @@ impl Problem {
             };
             // The prior pulls towards the neutral value, not towards the point of linearisation.
             let shifted = normal.clone().pulled(&position, &prior);
-            let posterior = Posterior::new(&shifted, &prior)
-                .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
-            let evidence = posterior.log_evidence - 0.5 * shifted.square_sum;
             // Whether a step was good is told where it arrived, with only the linear parameters following: the evidence about a
             // point promises what the next step may not keep.
-            let arrived = Posterior::log_evidence_of(&shifted, &held)
-                .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
-                - 0.5 * shifted.square_sum;
+            let weighed = Posterior::new(&shifted, &prior).zip(Posterior::log_evidence_of(&shifted, &held));
+            let Some((mut posterior, arrived)) = weighed else {
+                match shortened(&best, &mut shorter) {
+                    Some((from_logs, from_active, step)) => {
+                        (logs, active) = (from_logs, from_active);
+                        self.step(&mut logs, &mut active, &free, &step);
+                        continue;
+                    }
+                    None if best.is_some() => break,
+                    None => return Err(not_finite()),
+                }
+            };
+            let arrived = arrived - 0.5 * shifted.square_sum;
             let gain = best.as_ref().map_or(f64::INFINITY, |best| arrived - best.arrived);
             let better = gain > 0.0;
             let (base_logs, base_active, step) = if better {
                 shorter = 0;
+                let evidence = posterior.log_evidence - 0.5 * shifted.square_sum;
                 // What wants to leave its limits explains nothing: as if it were not free.
-                let pinned: Vec<usize> = free
-                    .iter()
-                    .copied()
-                    .filter(|&j| self.pinned(&active, j, posterior.mean[nuisances + j]))
-                    .collect();
+                let mut pinned = hold_nuisances(&mut posterior, &logs);
+                let open = free.iter().map(|&j| (j, nuisances + j));
+                pinned.extend(
+                    open.filter(|&(j, at)| self.pinned(&active, j, posterior.mean[at]))
+                        .map(|(_, at)| at),
+                );
                 let evidence = if pinned.is_empty() {
                     evidence
                 } else {
                     let mut fixed = prior.clone();
-                    for &j in &pinned {
-                        fixed[nuisances + j] = HELD;
+                    for &at in &pinned {
+                        fixed[at] = HELD;
                     }
-                    Posterior::log_evidence_of(&shifted, &fixed)
-                        .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?
-                        - 0.5 * shifted.square_sum
+                    Posterior::log_evidence_of(&shifted, &fixed).ok_or_else(not_finite)? - 0.5 * shifted.square_sum
                 };
                 let fitted = Fitted {
                     active: active.clone(),
@@ -148,7 +159,8 @@ impl Problem {
                         .map(|j| posterior.covariance.at(nuisances + j, nuisances + j).max(0.0).sqrt())
                         .collect(),
                 };
-                let moved = |i: usize| posterior.mean[i].abs() / posterior.covariance.at(i, i).sqrt();
+                // What is held has no deviation, and where it stands no step.
+                let moved = |i: usize| posterior.mean[i].abs() / posterior.covariance.at(i, i).max(HELD * HELD).sqrt();
                 let longest = (0..nuisances)
                     .chain(free.iter().map(|j| nuisances + j))
                     .map(moved)
@@ -196,8 +208,7 @@ impl Problem {
         let mut at = 0;
         for log in logs {
             for i in 0..log.nuisance_count() {
-                let value = log.nuisance(i) + step[at] * log.nuisance_size(i);
-                log.set_nuisance(i, value);
+                log.move_nuisance(i, step[at]);
                 at += 1;
             }
         }
@@ -321,9 +332,33 @@ impl Fitted {
     pub(crate) fn log_evidence_as_clutter(&self, problem: &Problem) -> Result<f64, PredictError> {
         let prior = problem.deviations(&self.active[..self.active.len().saturating_sub(1)]);
         let shifted = self.normal.clone().pulled(&self.position, &prior);
-        let evidence = Posterior::log_evidence_of(&shifted, &prior)
-            .ok_or_else(|| PredictError("the fit met numbers that are not finite".into()))?;
+        let evidence = Posterior::log_evidence_of(&shifted, &prior).ok_or_else(not_finite)?;
         Ok(evidence - 0.5 * shifted.square_sum)
+    }
+}
+
+/// Holds the nuisances that a step would take out of their bounds at these, the others following; their places. In each round those that
+/// leave furthest go first: others may stay within once these are held.
+fn hold_nuisances(posterior: &mut Posterior, logs: &[LogState]) -> Vec<usize> {
+    let mut held: Vec<usize> = Vec::new();
+    loop {
+        let mut at = 0;
+        let mut furthest: Option<(usize, f64, f64)> = None;
+        for log in logs {
+            for which in 0..log.nuisance_count() {
+                let to = log.nuisance_step(which, posterior.mean[at]);
+                let beyond = (posterior.mean[at] - to).abs();
+                if beyond > NEAR && !held.contains(&at) && furthest.is_none_or(|(_, _, most)| beyond > most) {
+                    furthest = Some((at, to, beyond));
+                }
+                at += 1;
+            }
+        }
+        let Some((place, to, _)) = furthest else {
+            return held;
+        };
+        posterior.hold(place, to);
+        held.push(place);
     }
 }
 

@@ -68,23 +68,35 @@ pub(crate) struct Weighed {
     pub factor: Cholesky,
 }
 
-/// Evidence of a normal matrix under independent normal priors about 0 with these deviations. `None` if H is not a sum of squares (NaN in
-/// the data).
+/// Share of a sum of squares that rounding may take from it: products of columns are summed in f32 over 256 rows
+/// ([`super::gram`]).
+const ROUNDING: f64 = 1e-6;
+
+/// Evidence of a normal matrix under independent normal priors about 0 with these deviations. `None` if there are numbers in it that are
+/// not finite.
+///
+/// Where a model is far off, columns are so large beside the priors that H + P⁻¹ is no sum of squares but for rounding. What rounding
+/// hides is then taken as noise of each parameter on its own.
 pub(crate) fn weigh(matrix: &Matrix, gradient: &[f64], deviations: &[f64]) -> Option<Weighed> {
     let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
-    let factor = matrix.clone().plus_diagonal(&precision).cholesky()?;
+    let sum = matrix.clone().plus_diagonal(&precision);
+    let factor = sum.cholesky().or_else(|| {
+        let rounding: Vec<f64> = (0..matrix.size()).map(|i| ROUNDING * matrix.at(i, i)).collect();
+        sum.plus_diagonal(&rounding).cholesky()
+    })?;
     let mean = factor.solve(gradient);
     let fit: f64 = mean.iter().zip(gradient).map(|(m, g)| m * g).sum();
     let log_prior: f64 = deviations.iter().map(|d| d.ln()).sum();
-    Some(Weighed {
-        log_evidence: 0.5 * fit - 0.5 * factor.log_determinant() - log_prior,
+    let log_evidence = 0.5 * fit - 0.5 * factor.log_determinant() - log_prior;
+    log_evidence.is_finite().then_some(Weighed {
+        log_evidence,
         mean,
         factor,
     })
 }
 
 impl Posterior {
-    /// Under independent normal priors about 0 with these deviations. `None` if H is not a sum of squares (NaN in the data).
+    /// Under independent normal priors about 0 with these deviations. `None` if H holds numbers that are not finite.
     pub(crate) fn new(normal: &Normal, deviations: &[f64]) -> Option<Self> {
         let weighed = weigh(&normal.matrix, &normal.gradient, deviations)?;
         Some(Self {
@@ -92,6 +104,26 @@ impl Posterior {
             mean: weighed.mean,
             covariance: weighed.factor.inverse(),
         })
+    }
+
+    /// Holds an unknown at a value; the others follow. The evidence stays that of all unknowns free.
+    pub(crate) fn hold(&mut self, which: usize, at: f64) {
+        let row = self.covariance.row(which).to_vec();
+        let variance = row[which];
+        if variance.is_nan() || variance <= 0.0 {
+            self.mean[which] = at;
+            return;
+        }
+        let shift = (at - self.mean[which]) / variance;
+        for (mean, c) in self.mean.iter_mut().zip(&row) {
+            *mean += c * shift;
+        }
+        for (i, a) in row.iter().enumerate() {
+            for (j, b) in row.iter().enumerate() {
+                *self.covariance.at_mut(i, j) -= a * b / variance;
+            }
+        }
+        self.mean[which] = at;
     }
 
     /// ln Z alone, without the covariance.

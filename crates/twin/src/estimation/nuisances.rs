@@ -6,15 +6,12 @@
 
 use rotortwin_plant::effects::EffectInstance;
 
-use super::columns::{BIAS_SHARE, Column, LogState};
+use super::columns::{Column, LogState};
 use super::gram::{column_product, residual_product};
 use super::least_squares::{Control, LeastSquares, Unknown, minimise};
 use super::normal::Normal;
+use super::posterior::not_finite;
 use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError};
-
-/// No lift error goes beyond this, over hover thrust (§6: 0.00424). Long flights overrule any prior; without a bound the biases of all
-/// rotors together would hide a wrong mass.
-const LARGEST_BIAS: f64 = 0.006;
 
 /// The biases are linear, and the voltage nearly so in the charge but for the kinks of the chart. A square sum that falls by less than
 /// this moves no value by more than a twentieth of its deviation.
@@ -38,9 +35,17 @@ pub(crate) enum Reach {
 /// The nuisances of a log as unknowns, in prior deviations.
 pub(crate) fn unknowns(log: &LogState, reach: Reach) -> Vec<Unknown> {
     (0..log.nuisance_count())
-        .map(|which| match reach {
-            Reach::Plausible if which + 1 < log.nuisance_count() => Unknown::unit(LARGEST_BIAS / BIAS_SHARE),
-            Reach::Plausible | Reach::Anywhere => Unknown::unit(f64::INFINITY),
+        .map(|which| {
+            let (low, high) = log.nuisance_bounds(which);
+            let size = log.nuisance_size(which);
+            match reach {
+                Reach::Anywhere if which + 1 < log.nuisance_count() => Unknown::unit(f64::INFINITY),
+                Reach::Plausible | Reach::Anywhere => Unknown {
+                    deviation: 1.0,
+                    low: low / size,
+                    high: high / size,
+                },
+            }
         })
         .collect()
 }
@@ -109,7 +114,7 @@ impl LeastSquares for Flight<'_> {
             normal.square_sum = residual.iter().flatten().map(|r| r * r).sum();
         }
         if normal.square_sum.is_nan() {
-            return Err(PredictError("the log holds numbers that make no fit".into()));
+            return Err(not_finite());
         }
         Ok(normal)
     }

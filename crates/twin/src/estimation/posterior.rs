@@ -9,7 +9,16 @@ pub(crate) fn posterior_of(problem: &Problem) -> Result<(Posterior, Vec<f64>), P
     let prior = problem.deviations(&problem.active);
     pulled(problem, problem.normal(|_| true), &prior)
         .map(|p| (p, prior))
-        .ok_or_else(|| PredictError("the log holds numbers that make no fit".into()))
+        .ok_or_else(not_finite)
+}
+
+/// What nothing but a model far off, or a log that holds no measurements, leads to.
+pub(crate) fn not_finite() -> PredictError {
+    PredictError(
+        "the model is too far from this log to be fitted, numbers leave all bounds: calibrate it first (`rotortwin vehicle from-log LOG… --mass KG \
+         --arm M`), or look whether the log's units are right (`rotortwin log show`)"
+            .into(),
+    )
 }
 
 /// Posterior of a normal matrix about the present point: the priors pull towards 0, not towards that point.

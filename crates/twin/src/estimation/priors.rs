@@ -69,6 +69,13 @@ impl Library {
     pub(crate) fn take_priors(&mut self, constants: &[ConstantInterval]) {
         for candidate in &mut self.candidates {
             for (i, p) in candidate.parameters.iter_mut().enumerate() {
+                // What a user has weighed for an identification is believed.
+                let of = |key: &str| constants.iter().find(|c| c.key == key && c.source != Source::Entered);
+                if let Some(correction) = p.corrects.filter(|c| c.by_factors)
+                    && let Some(constant) = of(correction.key)
+                {
+                    candidate.constant = Some((i, constant.clone()));
+                }
                 let Some((constant, low, high)) = prior(constants, p) else {
                     continue;
                 };

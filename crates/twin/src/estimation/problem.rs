@@ -99,13 +99,12 @@ impl Problem {
         Ok(())
     }
 
-    /// Moves nuisances and effects by a mean of the linear parameters.
+    /// Moves nuisances and effects by a mean of the linear parameters, as far as their limits.
     pub(crate) fn advance(&mut self, mean: &[f64]) {
         let mut at = 0;
         for log in &mut self.logs {
             for i in 0..log.nuisance_count() {
-                let value = log.nuisance(i) + mean[at] * log.nuisance_size(i);
-                log.set_nuisance(i, value);
+                log.move_nuisance(i, mean[at]);
                 at += 1;
             }
         }

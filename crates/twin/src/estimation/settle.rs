@@ -54,10 +54,17 @@ pub(crate) fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), Pr
             let of = |a: &Active| a.candidate == column.candidate;
             problem.active.iter().any(of)
         });
-        let far = (0..offset).chain(active.map(|(j, _)| offset + j)).any(|i| {
-            let deviation = posterior.covariance.at(i, i).max(0.0).sqrt();
-            posterior.mean[i].abs() > SETTLED_DEVIATIONS * deviation
-        });
+        let beyond =
+            |i: usize, step: f64| step.abs() > SETTLED_DEVIATIONS * posterior.covariance.at(i, i).max(0.0).sqrt();
+        // A nuisance at its bound moves no further, whatever it wants.
+        let nuisances = problem
+            .logs
+            .iter()
+            .flat_map(|log| (0..log.nuisance_count()).map(move |which| (log, which)));
+        let far = nuisances
+            .enumerate()
+            .any(|(i, (log, which))| beyond(i, log.nuisance_step(which, posterior.mean[i])))
+            || active.map(|(j, _)| offset + j).any(|i| beyond(i, posterior.mean[i]));
         if !far || problem.active.is_empty() {
             return Ok((posterior, deviations));
         }

@@ -70,61 +70,106 @@ impl FlightLog {
             .min_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
     }
 
-    /// Corrections that an estimator makes to its position beside its own velocity, as a random walk, m/√s: `m = p − ∫v` over windows of one
-    /// sample of its source up to 2 s, `q² = (⟨(m(t + B) − m(t))²⟩ − 2σ²)/B` about the median (a constant error of either cancels), less the
-    /// white noise σ of a reading, the largest hundredth left out (resets). Worst axis and window; 0 where unknown.
+    /// Corrections that an estimator makes to its position beside its own velocity, as a random walk, m/√s; worst axis, 0 where unknown.
     ///
     /// A fix pulls position and velocity each by its own gain, so that the position of an estimator is no integral of its velocity. Between
     /// two samples of a slow source a column only repeats the last correction: as noise of each row it would cancel over a quarter of
     /// a second, which corrections do not.
     pub fn position_corrections(&self) -> f64 {
-        let time = &self.time_s;
-        let step_s = self.duration_s() / (time.len() - 1) as f64;
-        let axis = |axis: usize| -> Option<f64> {
-            let (position, velocity) = (self.column(names::POSITION[axis])?, self.column(names::VELOCITY[axis])?);
-            let rate = self.source_rate(names::POSITION[axis])?;
-            let (source_s, white) = (1.0 / rate.source_hz, 2.0 * rate.noise * rate.noise);
-            let mut integral = 0.0;
-            let beside: Vec<f64> = (0..time.len())
-                .map(|row| {
-                    let moved = if row == 0 {
-                        0.0
-                    } else {
-                        0.5 * (velocity[row - 1] + velocity[row]) * (time[row] - time[row - 1])
-                    };
-                    // A gap costs the windows over it, not all that follow.
-                    integral += if moved.is_finite() { moved } else { 0.0 };
-                    if velocity[row].is_finite() {
-                        position[row] - integral
-                    } else {
-                        f64::NAN
-                    }
-                })
-                .collect();
-            [source_s, 0.25, 0.5, 1.0, 2.0]
-                .into_iter()
-                .filter(|window_s| *window_s >= source_s)
-                .filter_map(|window_s| {
-                    let rows = ((window_s / step_s).round() as usize).max(1);
-                    let knots: Vec<f64> = beside.iter().step_by(rows).copied().collect();
-                    let mut moved: Vec<f64> = knots
-                        .windows(2)
-                        .map(|pair| pair[1] - pair[0])
-                        .filter(|moved| moved.is_finite())
-                        .collect();
-                    if moved.len() < FEWEST {
-                        return None;
-                    }
-                    let middle = median(&mut moved)?;
-                    let mut squares: Vec<f64> = moved.iter().map(|one| (one - middle).powi(2)).collect();
-                    squares.sort_by(f64::total_cmp);
-                    squares.truncate(squares.len() - squares.len() / 100);
-                    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
-                    Some(((mean - white).max(0.0) / (rows as f64 * step_s)).sqrt())
-                })
-                .reduce(f64::max)
+        let within = [(f64::NEG_INFINITY, f64::INFINITY)];
+        (0..3)
+            .filter_map(|axis| {
+                let velocity = self.column(names::VELOCITY[axis])?;
+                self.corrections(names::POSITION[axis], &within, 0.0, |row| velocity[row])
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// The same of its attitude beside its own angular rates within spans of time (s), rad/√s, axis by axis: η − ∫T(η)ω. An accelerometer and a compass pull an attitude that a
+    /// gyroscope carries on, and one that is logged at another time or rate than the gyroscope is no integral of what was logged. What
+    /// white noise of the rates adds to such an integral is theirs and is taken off.
+    pub fn attitude_corrections(&self, within: &[(f64, f64)]) -> [f64; 3] {
+        let (Some(attitude), Some(rates)) = (self.vector(names::ATTITUDE), self.vector(names::RATES)) else {
+            return [0.0; 3];
         };
-        (0..3).filter_map(axis).fold(0.0, f64::max)
+        // T(η)ω of Eq. 2.
+        let euler_rates = |row: usize| {
+            let [p, q, r] = rates.map(|rate| rate[row]);
+            let ((sin_roll, cos_roll), pitch) = (attitude[0][row].sin_cos(), attitude[1][row]);
+            let across = sin_roll * q + cos_roll * r;
+            [
+                p + across * pitch.tan(),
+                cos_roll * q - sin_roll * r,
+                across / pitch.cos(),
+            ]
+        };
+        [0, 1, 2].map(|axis| {
+            let noise = self.source_rate(names::RATES[axis]).map_or(0.0, |rate| rate.noise);
+            let corrections = self.corrections(names::ATTITUDE[axis], within, noise, |row| euler_rates(row)[axis]);
+            corrections.unwrap_or(0.0)
+        })
+    }
+
+    /// Random walk of `m = x − ∫ẋ` of a column beside its own derivative, unit/√s: over windows B of one sample of its source up to 2 s,
+    /// `q² = (⟨(m(t + B) − m(t))²⟩ − 2σ²)/B − σ_ẋ² h` about the median (a constant error of either cancels), less the white noise σ of a
+    /// reading and σ_ẋ of its derivative on rows h apart, the largest hundredth left out (resets). Worst window.
+    fn corrections(
+        &self,
+        column: &str,
+        within: &[(f64, f64)],
+        derivative_noise: f64,
+        derivative: impl Fn(usize) -> f64,
+    ) -> Option<f64> {
+        let (time, values) = (&self.time_s, self.column(column)?);
+        let step_s = self.duration_s() / (time.len() - 1) as f64;
+        let rate = self.source_rate(column)?;
+        let (source_s, white) = (1.0 / rate.source_hz, 2.0 * rate.noise * rate.noise);
+        let carried = derivative_noise * derivative_noise * step_s;
+        let angle = names::ATTITUDE.contains(&column);
+        let (mut integral, mut before) = (0.0, f64::NAN);
+        let beside: Vec<f64> = (0..time.len())
+            .map(|row| {
+                let now = derivative(row);
+                let moved = if row == 0 {
+                    0.0
+                } else {
+                    0.5 * (before + now) * (time[row] - time[row - 1])
+                };
+                before = now;
+                // A gap costs the windows over it, not all that follow.
+                integral += if moved.is_finite() { moved } else { 0.0 };
+                if now.is_finite() {
+                    values[row] - integral
+                } else {
+                    f64::NAN
+                }
+            })
+            .collect();
+        [source_s, 0.25, 0.5, 1.0, 2.0]
+            .into_iter()
+            .filter(|window_s| *window_s >= source_s)
+            .filter_map(|window_s| {
+                let rows = ((window_s / step_s).round() as usize).max(1);
+                let knots: Vec<(f64, f64)> = time.iter().copied().zip(beside.iter().copied()).step_by(rows).collect();
+                let mut moved: Vec<f64> = knots
+                    .windows(2)
+                    .filter(|pair| within.iter().any(|&(from, to)| from <= pair[0].0 && pair[1].0 <= to))
+                    .map(|pair| pair[1].1 - pair[0].1)
+                    .map(|moved| if angle { super::resample::wrapped(moved) } else { moved })
+                    .filter(|moved| moved.is_finite())
+                    .collect();
+                if moved.len() < FEWEST {
+                    return None;
+                }
+                let middle = median(&mut moved)?;
+                let mut squares: Vec<f64> = moved.iter().map(|one| (one - middle).powi(2)).collect();
+                squares.sort_by(f64::total_cmp);
+                squares.truncate(squares.len() - squares.len() / 100);
+                let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+                let per_second = (mean - white).max(0.0) / (rows as f64 * step_s);
+                Some((per_second - carried).max(0.0).sqrt())
+            })
+            .reduce(f64::max)
     }
 
     /// Rate of one column; `None` where too few values are new.
@@ -203,6 +248,8 @@ fn knots(time_s: &[f64], values: &[f64]) -> Vec<usize> {
 
 #[cfg(test)]
 mod tests {
+    use rotortwin_plant::random::NormalStream;
+
     use super::*;
 
     #[test]
@@ -290,6 +337,53 @@ mod tests {
         let truth = 0.1 * deviation / 0.1_f64.sqrt();
         assert!((0.7..2.0).contains(&(found / truth)), "{found} {truth}");
         assert!(corrections(0.0) < 0.05 * truth, "{}", corrections(0.0));
+    }
+
+    #[test]
+    fn val_corrections_of_an_attitude_are_a_random_walk_and_noise_of_the_rates_is_not() {
+        // 50 Hz; roll and pitch by a gyroscope whose rows scatter by 0.02 rad/s, roll corrected at 10 Hz by 1.5 mrad.
+        let rows = 20_000_usize;
+        let (mut gyro, mut fix) = (NormalStream::new(3, "gyroscope"), NormalStream::new(4, "corrections"));
+        let time: Vec<f64> = (0..rows).map(|k| k as f64 * 0.02).collect();
+        let scatter: Vec<f64> = (0..rows).map(|_| 0.02 * gyro.sample()).collect();
+        let rate: Vec<f64> = time
+            .iter()
+            .zip(&scatter)
+            .map(|(t, n)| 0.3 * (0.7 * t).cos() + n)
+            .collect();
+        let angle = |t: f64| 0.3 / 0.7 * (0.7 * t).sin();
+        let mut walk = 0.0;
+        let roll: Vec<f64> = (0..rows)
+            .map(|k| {
+                if k % 5 == 0 {
+                    walk += 0.0015 * fix.sample();
+                }
+                angle(time[k]) + walk
+            })
+            .collect();
+        let still = vec![0.0; rows];
+        let columns = [
+            (names::ATTITUDE[0], roll),
+            (
+                names::ATTITUDE[1],
+                time.iter().map(|t| 0.01 * (0.9 * t).sin()).collect(),
+            ),
+            (names::ATTITUDE[2], still.clone()),
+            (names::RATES[0], rate),
+            (names::RATES[1], time.iter().map(|t| 0.009 * (0.9 * t).cos()).collect()),
+            (names::RATES[2], still),
+        ]
+        .map(|(name, values)| (name.to_owned(), values));
+        let log = FlightLog::from_columns("estimator", time, columns).expect("a log");
+        let everywhere = [(f64::NEG_INFINITY, f64::INFINITY)];
+        let [roll, pitch, _] = log.attitude_corrections(&everywhere);
+        // q = σ/√0.1 s.
+        let truth = 0.0015 / 0.1_f64.sqrt();
+        assert!((0.8..1.4).contains(&(roll / truth)), "{roll} {truth}");
+        // Pitch turns with the roll that it has; what is left of it is no correction.
+        assert!(pitch < 0.3 * truth, "{pitch} {truth}");
+        // Nothing outside of the time that counts.
+        assert_eq!(log.attitude_corrections(&[(-10.0, -5.0)]), [0.0; 3]);
     }
 
     #[test]

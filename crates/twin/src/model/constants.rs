@@ -137,6 +137,40 @@ pub(super) fn beside(path: &Path, vehicle: &VehicleModel) -> Result<Vec<Constant
     Ok(values)
 }
 
+/// Constants of a vehicle document that may be off by factors: key, name, unit.
+const WRITTEN: [(&str, &str, &str); 5] = [
+    ("body.mass_kg", "mass", "kg"),
+    ("body.inertia_body_kg_m2[0]", "inertia, roll", "kg·m²"),
+    ("body.inertia_body_kg_m2[1]", "inertia, pitch", "kg·m²"),
+    ("body.inertia_body_kg_m2[2]", "inertia, yaw", "kg·m²"),
+    ("rotors.thrust_lag_s", "lag of the thrust", "s"),
+];
+
+/// The level of the thrust curve, which has no single number in the document: key, name.
+const LEVEL: (&str, &str) = ("rotors.thrust_level", "thrust over that of the thrust curve");
+
+/// The constants of a vehicle with their intervals; those without one as the vehicle document has them, without a width.
+pub(crate) fn with_exact(vehicle: &VehicleModel, intervals: &[ConstantInterval]) -> Vec<ConstantInterval> {
+    let exact = |key: &str, name: &str, unit: &str, value: f64| ConstantInterval {
+        key: key.to_owned(),
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        value,
+        low: value,
+        high: value,
+        source: Source::Assumed,
+        how: String::new(),
+        better: String::new(),
+    };
+    let written = WRITTEN
+        .iter()
+        .filter_map(|(key, name, unit)| Some(exact(key, name, unit, written(vehicle, key)?)));
+    let missing = written
+        .chain([exact(LEVEL.0, LEVEL.1, "", 1.0)])
+        .filter(|one| intervals.iter().all(|known| known.key != one.key));
+    intervals.iter().cloned().chain(missing).collect()
+}
+
 /// What the vehicle document has for a key; `None` for what it has no single number for.
 fn written(vehicle: &VehicleModel, key: &str) -> Option<f64> {
     let (body, battery) = (&vehicle.body, &vehicle.battery);

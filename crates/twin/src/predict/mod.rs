@@ -377,6 +377,11 @@ impl Predictor {
         }
     }
 
+    /// Measured side of a channel; NaN where nothing was measured.
+    pub(crate) fn measured(&self, channel: usize) -> Vec<f64> {
+        pass::measured_channel(self.series(), channel)
+    }
+
     fn difference(&self, channel: usize, prediction: &Prediction) -> Vec<f64> {
         let mut residual = pass::measured_channel(self.series(), channel);
         for (m, p) in residual.iter_mut().zip(prediction.channels[channel].iter()) {

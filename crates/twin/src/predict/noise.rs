@@ -45,6 +45,9 @@ pub struct NoiseModel {
     /// Corrections of an estimator's position beside its velocity, a random walk, m/√s; 0 where every row is measured.
     #[serde(skip)]
     pub corrections_m_s05: f64,
+    /// Corrections of an estimator's attitude beside its rates, a random walk axis by axis, rad/√s; 0 where every row is measured.
+    #[serde(skip)]
+    pub corrections_rad_s05: Vector3,
     /// White disturbance of the angular acceleration in a step, rad/s², body.
     #[schema(value_type = Vec<Option<f64>>)]
     pub torque_floor_rad_s2: Vector3,
@@ -84,6 +87,7 @@ impl NoiseModel {
             accel_m_s2: of(&series.raw.accel, slow.accel.max(FORCE_FLOOR * c.gravity_m_s2)).hypot(force),
             voltage_v: white_deviation(&series.voltage).max(slow.voltage).max(2e-3),
             corrections_m_s05: slow.corrections,
+            corrections_rad_s05: slow.turns,
             torque_floor_rad_s2: [0, 1, 2].map(|i| torque.hypot(thrust * lever(i)) / c.inertia_body_kg_m2[i][i]),
         }
     }
@@ -94,9 +98,12 @@ impl NoiseModel {
             F..KV => Covariance::white(self.accel_m_s2),
             KV..M => Covariance::of_difference(self.velocity_m_s, self.accel_m_s2, 0.0, step_s),
             M..KA => Covariance::of_difference(self.rates_rad_s, 0.0, self.torque_floor_rad_s2[channel - M], step_s),
-            KA..KP => Covariance::of_difference(self.attitude_rad, self.rates_rad_s, 0.0, step_s),
+            // A random walk of q √h in a step is q/√h of a rate.
+            KA..KP => {
+                let floor = self.corrections_rad_s05[channel - KA] / step_s.sqrt();
+                Covariance::of_difference(self.attitude_rad, self.rates_rad_s, floor, step_s)
+            }
             KP..V => {
-                // q √h in a step, as a speed.
                 let floor = self.corrections_m_s05 / step_s.sqrt();
                 Covariance::of_difference(self.position_m, self.velocity_m_s, floor, step_s)
             }

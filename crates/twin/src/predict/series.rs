@@ -90,6 +90,8 @@ pub struct SlowNoise {
     pub velocity: f64,
     /// rad.
     pub attitude: f64,
+    /// Corrections of an estimator's attitude beside its rates, a random walk, axis by axis: rad/√s.
+    pub turns: [f64; 3],
     /// rad/s.
     pub rates: f64,
     /// m/s².
@@ -103,7 +105,7 @@ pub struct SlowNoise {
 }
 
 impl SlowNoise {
-    fn of(log: &FlightLog, notes: &mut Vec<String>) -> Self {
+    fn of(log: &FlightLog, air: &[(f64, f64)], notes: &mut Vec<String>) -> Self {
         let mut told = Vec::new();
         let mut worst = |what: &str, unit: &str, columns: &[&str]| {
             let slow: Vec<_> = columns
@@ -122,6 +124,7 @@ impl SlowNoise {
             corrections: 0.0,
             velocity: worst("velocity", "m/s", &names::VELOCITY),
             attitude: worst("attitude", "rad", &names::ATTITUDE),
+            turns: [0.0; 3],
             rates: worst("rates", "rad/s", &names::RATES),
             accel: worst("specific force", "m/s²", &names::ACCEL),
             voltage: worst("voltage", "V", &[names::BATTERY_VOLTAGE]),
@@ -131,6 +134,9 @@ impl SlowNoise {
         if slow.position > 0.0 || log.source.kind.is_of_an_estimator() {
             // An estimator's position is no integral of its velocity: fixes correct it.
             slow.corrections = log.position_corrections();
+        }
+        if slow.attitude > 0.0 || slow.rates > 0.0 || log.source.kind.is_of_an_estimator() {
+            slow.turns = log.attitude_corrections(air);
         }
         if let Some(rate) = log.duty_rate().filter(SensorRate::is_slower) {
             // An error that lasts for n rows counts √n times as much over many as one of each row.
@@ -160,6 +166,13 @@ impl SlowNoise {
                 "position is an estimator's: its corrections beside its own velocity (a random walk of {:.2} m/√s) count as noise, so that position tells nothing \
                  smaller of the vehicle",
                 slow.corrections
+            ));
+        }
+        let most = slow.turns.into_iter().fold(0.0, f64::max);
+        if most > 0.0 {
+            notes.push(format!(
+                "attitude is an estimator's, or slower than the rates: its corrections beside them (a random walk of {most:.1e} rad/√s) count as noise, so that \
+                 attitude tells nothing smaller of the vehicle"
             ));
         }
         slow
@@ -215,7 +228,7 @@ impl Series {
         let mut notes = Vec::new();
         let duration = log.duration_s();
         let air = in_the_air(log, &mut notes)?;
-        let slow = SlowNoise::of(log, &mut notes);
+        let slow = SlowNoise::of(log, &air, &mut notes);
         let uniform = {
             let step = duration / (log.time_s.len() as f64 - 1.0);
             let start = log.time_s[0];

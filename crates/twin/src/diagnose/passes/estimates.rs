@@ -24,7 +24,14 @@ impl Pass for Estimates {
             },
         };
         let named = std::mem::take(&mut state.named);
-        let (found, impossible) = findings::findings(&state.problem, named, &posterior);
+        let (mut found, impossible) = findings::findings(&state.problem, named, &posterior);
+        let unproved = calibration::without_proof(&mut found, &state.problem)?;
+        if !unproved.is_empty() {
+            state.diagnosis.notes.push(format!(
+                "not believed: an error by a factor of {}, which explains less than half of what was measured where it shows most",
+                unproved.join(", ").to_lowercase()
+            ));
+        }
         let parted = calibration::set_apart(found, &state.problem.library);
         let mut found = parted.found;
         state.diagnosis.calibrate = parted.calibrations;

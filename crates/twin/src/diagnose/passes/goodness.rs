@@ -3,6 +3,7 @@
 use super::Pass;
 use crate::diagnose::result::{ChannelGoodness, Goodness};
 use crate::diagnose::state::State;
+use crate::diagnose::supply;
 use crate::estimation::posterior::posterior_of;
 use crate::estimation::problem::Problem;
 use crate::estimation::settle::move_to;
@@ -29,6 +30,7 @@ impl Pass for GoodnessOfFit {
             after = fits(problem, &posterior_of(problem)?.0.mean);
         }
         state.diagnosis.goodness = judge(problem, &state.before, &after);
+        supply::tell(problem, &mut state.diagnosis.goodness)?;
         Ok(())
     }
 }

@@ -4,9 +4,9 @@ use super::Pass;
 use crate::diagnose::result::HeldOutError;
 use crate::diagnose::state::{Doubt, State};
 use crate::estimation::columns::{Active, instances};
-use crate::estimation::posterior::pulled;
+use crate::estimation::posterior::{not_finite, pulled};
 use crate::estimation::problem::Problem;
-use crate::predict::channels::{F, M, V};
+use crate::predict::channels::{F, KA, KV, M, V};
 use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series};
 
 /// Length of the smoothing mean, s.
@@ -46,8 +46,7 @@ fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictE
             *d = FIXED;
         }
     }
-    let posterior = pulled(problem, normal, &prior)
-        .ok_or_else(|| PredictError("the fit on half the blocks met numbers that are not finite".into()))?;
+    let posterior = pulled(problem, normal, &prior).ok_or_else(not_finite)?;
     let mut even = problem.clone();
     even.advance(&posterior.mean);
     Ok((even.active, even.logs.iter().map(|log| log.nuisances).collect()))
@@ -60,19 +59,29 @@ struct Squares {
     count: f64,
 }
 
-/// Squares of force (N), torque (N·m) and voltage (V) on every odd block.
-fn squares(problem: &Problem, log: usize, residuals: &ChannelResiduals) -> Vec<[Squares; 3]> {
+/// Quantities that are scored, with their units. An accelerometer tells the force; where there is none, the velocity tells it by its
+/// derivative.
+const QUANTITIES: [(&str, &str); 4] = [
+    ("force", "N"),
+    ("torque", "N·m"),
+    ("voltage", "V"),
+    ("acceleration", "m/s²"),
+];
+
+/// Squares of the quantities on every odd block.
+fn squares(problem: &Problem, log: usize, residuals: &ChannelResiduals) -> Vec<[Squares; QUANTITIES.len()]> {
     let state = &problem.logs[log];
     let series: &Series = state.predictor.series();
     let c = &state.predictor.nominal;
     let rows = (SMOOTH_S / series.step_s).round().max(1.0) as usize;
     let blocks = (1..state.block_count()).step_by(2).map(|b| {
         let range = state.block_range(b);
-        let mut sums = [Squares::default(); 3];
+        let mut sums = [Squares::default(); QUANTITIES.len()];
         for channel in 0..CHANNELS {
             let (kind, scale) = match channel {
-                F..3 => (0, c.mass_kg),
-                M..9 => (1, c.inertia_body_kg_m2[channel - M][channel - M]),
+                F..KV => (0, c.mass_kg),
+                KV..M if !series.available.accel => (3, 1.0),
+                M..KA => (1, c.inertia_body_kg_m2[channel - M][channel - M]),
                 V => (2, 1.0),
                 _ => continue,
             };
@@ -95,9 +104,9 @@ fn squares(problem: &Problem, log: usize, residuals: &ChannelResiduals) -> Vec<[
     blocks.collect()
 }
 
-/// What noise alone leaves of force (N), torque (N·m) and voltage (V), root mean square.
-fn noise(problem: &Problem) -> [f64; 3] {
-    let mut sums = [Squares::default(); 3];
+/// What noise alone leaves of the quantities, root mean square.
+fn noise(problem: &Problem) -> [f64; QUANTITIES.len()] {
+    let mut sums = [Squares::default(); QUANTITIES.len()];
     for state in &problem.logs {
         let (predictor, step_s) = (&state.predictor, state.predictor.series().step_s);
         let c = &predictor.nominal;
@@ -106,7 +115,8 @@ fn noise(problem: &Problem) -> [f64; 3] {
         for axis in 0..3 {
             let force = c.mass_kg * covariances[F + axis].deviation_of_mean(rows);
             let torque = c.inertia_body_kg_m2[axis][axis] * covariances[M + axis].deviation_of_mean(rows);
-            for (kind, deviation) in [(0, force), (1, torque)] {
+            let acceleration = covariances[KV + axis].deviation_of_mean(rows);
+            for (kind, deviation) in [(0, force), (1, torque), (3, acceleration)] {
                 sums[kind].sum += deviation * deviation;
                 sums[kind].count += 1.0;
             }
@@ -160,8 +170,8 @@ fn errors(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, P
         after.extend(squares(problem, l, &predictor.residuals(&nuisances[l], &effects)?));
     }
     let noise = noise(problem);
-    let of = |all: &[[Squares; 3]], kind: usize| all.iter().map(|block| block[kind]).collect::<Vec<_>>();
-    Ok([("force", "N"), ("torque", "N·m"), ("voltage", "V")]
+    let of = |all: &[[Squares; QUANTITIES.len()]], kind: usize| all.iter().map(|block| block[kind]).collect::<Vec<_>>();
+    Ok(QUANTITIES
         .iter()
         .enumerate()
         .filter_map(|(kind, (quantity, unit))| {

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
+use crate::diagnose::calibration;
 use crate::diagnose::named::{Named, Quantity, RivalFit};
 use crate::diagnose::strategies::start::{Trial, plain};
 use crate::diagnose::strategies::trials::Trials;
@@ -52,7 +53,32 @@ pub(crate) fn best_of(
                 .find_map(|&c| implausible_size(problem, c, &one.fitted))
         })
         .collect();
-    let Some(winner) = (0..tried.len()).find(|&i| implausible[i].is_none()) else {
+    let is_far_off = |one: &Tried| {
+        one.opened.iter().copied().find(|&c| {
+            let values = one.fitted.active.iter().find(|a| a.candidate == c).map(|a| &a.values);
+            values.is_some_and(|values| problem.library.candidates[c].is_far_off(values))
+        })
+    };
+    let mut far_off = vec![false; tried.len()];
+    let mut possible: Vec<usize> = Vec::new();
+    for (i, one) in tried.iter().enumerate().filter(|&(i, _)| implausible[i].is_none()) {
+        if let Some(candidate) = is_far_off(one) {
+            far_off[i] = true;
+            let explained = calibration::explained(problem, &one.fitted.active, &one.fitted.nuisances)?;
+            if calibration::proof(problem, candidate, &explained) < calibration::PROOF_SO_FAR {
+                continue;
+            }
+        }
+        possible.push(i);
+    }
+    // A constant that is far off must lead by more than what is left unnamed: an effect may look like it, too.
+    let first = possible.first().copied();
+    let near = possible.iter().copied().find(|&i| !far_off[i]);
+    let winner = match (first, near) {
+        (Some(far), Some(near)) if tried[far].gain > tried[near].gain + LEFT_FACTOR * threshold => Some(far),
+        (first, near) => near.or(first),
+    };
+    let Some(winner) = winner else {
         return Ok(None);
     };
     let Tried { opened, fitted, gain } = &tried[winner];
@@ -278,12 +304,17 @@ fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
             let value = p.default_value() + one.opened.estimate[a] * column.size;
             let deviation = one.opened.covariance.at(a, a).max(0.0).sqrt() * column.size;
             let margin = 0.5 * (p.plausible_high - p.plausible_low) + 3.0 * deviation;
+            let (least, most) = entry.reach(column.parameter);
             // What cannot be at all (a rotor of negative inertia) is out even if it is near.
             let (low, high) = entry.limits[column.parameter];
+            let constant = matches!(entry.constant, Some((place, _)) if place == column.parameter);
             let possible = entry.is_log_fault()
+                || constant
                 || p.kind != ParameterKind::Size
                 || (value <= high + 3.0 * deviation && value >= low - 3.0 * deviation);
-            possible && value <= p.plausible_high + margin && value >= p.plausible_low - margin
+            // What divides by 1 + d leads the linear estimate of a constant that is too large as far as one over what is left of it.
+            let least = if constant { least / (1.0 + least) } else { least };
+            possible && value <= most + margin && value >= least - margin
         })
 }
 
@@ -295,7 +326,8 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
         let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
         let value = active.values[i];
         let margin = 2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low);
-        let outside = value > p.plausible_high + margin || value < p.plausible_low - margin;
+        let (least, most) = entry.reach(i);
+        let outside = value > most + margin || value < least - margin;
         (p.kind == ParameterKind::Size && outside).then_some(Quantity {
             symbol: p.symbol,
             value,

@@ -2,7 +2,7 @@
 
 use super::Pass;
 use super::refinement::LEFT_FACTOR;
-use crate::diagnose::result::Verdict;
+use crate::diagnose::result::{HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::{calibration, findings, words};
 use crate::predict::PredictError;
@@ -19,6 +19,12 @@ impl Pass for FinalVerdict {
         let unexplained = &mut diagnosis.goodness.unexplained;
         if state.left > LEFT_FACTOR * state.threshold && unexplained.is_empty() {
             unexplained.push(words::doubt(&Doubt::StretchedClutter));
+        }
+        // A guess may be anything; that a constant is wrong which somebody wrote down takes blocks that no fit has seen.
+        let guessed = diagnosis.calibrate.iter().any(|one| one.source.is_guess());
+        let proved = diagnosis.held_out.iter().any(HeldOutError::is_smaller);
+        if !(guessed || proved) {
+            diagnosis.calibrate.clear();
         }
         diagnosis.verdict = if !diagnosis.calibrate.is_empty() {
             Verdict::CalibrateFirst {

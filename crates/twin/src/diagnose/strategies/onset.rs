@@ -2,6 +2,9 @@
 //!
 //! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one lag, 0.05 s).
 
+use rotortwin_plant::effects::Place;
+
+use crate::diagnose::supply;
 use crate::estimation::columns::Column;
 use crate::estimation::dense::{Matrix, dot};
 use crate::estimation::gram::mixed_dot;
@@ -17,10 +20,14 @@ const ONSET_GAIN: f64 = 8.0;
 /// likely to have begun. Odds of one in 10¹³.
 const ONSET_GAIN_OF_LASTING: f64 = 38.0;
 
-/// Gain of ln evidence from which an onset of a candidate is believed.
+/// Gain of ln evidence from which an onset of a candidate is believed. A supply that no log holds sags over the flight, and what scales the
+/// lift of all rotors takes that up from some time on: no gain proves such an onset.
 pub(crate) fn least_gain(problem: &Problem, candidate: usize) -> f64 {
-    if problem.library.candidates[candidate].declaration.may_set_in {
+    let declared = problem.library.candidates[candidate].declaration;
+    if declared.may_set_in {
         ONSET_GAIN
+    } else if declared.places.contains(&Place::StaticLift) && problem.logs.iter().all(supply::is_unknown) {
+        f64::INFINITY
     } else {
         ONSET_GAIN_OF_LASTING
     }

@@ -25,10 +25,28 @@ impl Trial {
     }
 }
 
+/// Relative error of a constant below which its effect is taken to go with 1/(1 + d), as that of an inertia or a mass does.
+const NO_LONGER_LINEAR: f64 = -0.5;
+
 /// The plain trial of a candidate at its linear estimate.
 pub(crate) fn plain(problem: &Problem, one: &Scored) -> Trial {
+    let mut start = active_at(problem, one.candidate, &one.opened.estimate);
+    let entry = &problem.library.candidates[one.candidate];
+    if let Some((place, _)) = entry.constant {
+        let of = |j: &usize| problem.library.columns[*j];
+        let columns = problem.library.columns_of(one.candidate);
+        let estimate = columns
+            .iter()
+            .zip(&one.opened.estimate)
+            .find(|(j, _)| of(j).parameter == place);
+        let error = estimate.map_or(0.0, |(j, e)| e * of(j).size);
+        if error < NO_LONGER_LINEAR {
+            // −d = 1/(1 + d') − 1 at first order.
+            start.values[place] = entry.clamped(place, error / (1.0 - error));
+        }
+    }
     Trial {
-        open: vec![active_at(problem, one.candidate, &one.opened.estimate)],
+        open: vec![start],
         log_bayes_factor: one.opened.log_bayes_factor,
         charge: None,
         moved: Vec::new(),
