@@ -307,7 +307,7 @@ impl Calibration {
         let what = match self.source {
             Source::Class => "is a guess of its class",
             Source::LogAndClass => "is known from its class as much as from a log",
-            Source::Entered | Source::Log | Source::Parameter | Source::Assumed => "is off",
+            Source::Entered | Source::Log | Source::Parameter | Source::Bench | Source::Assumed => "is off",
         };
         let number = |value: f64| quantity(value, &self.unit);
         let known = if self.high > self.low {
