@@ -344,14 +344,14 @@ pub fn run(args: &Args) -> ExitCode {
                 "Waiting for servo packets of ArduPilot: {}",
                 address_text(link.autopilot().local_address())
             ));
-            fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
+            fly_autopilot(&mut *link, &supervisor, &scenario, &config, &folder, &screen)
         }
         (_, Some(Opened::Autopilot(OpenedAutopilot::Px4(mut link, supervisor)))) => {
             screen.line(&format!(
                 "Waiting for PX4 to connect: {}",
                 address_text(link.autopilot().local_address())
             ));
-            fly_autopilot(&mut link, &supervisor, &scenario, &config, &folder, &screen)
+            fly_autopilot(&mut *link, &supervisor, &scenario, &config, &folder, &screen)
         }
         (_, Some(Opened::Autopilot(OpenedAutopilot::Betaflight(mut link, supervisor)))) => {
             screen.line(&format!("Sending states to Betaflight: {}", link.states_to()));
@@ -587,8 +587,8 @@ enum Opened<'a> {
 
 /// An autopilot that is waited for, and what can stop the waiting.
 pub(crate) enum OpenedAutopilot {
-    ArduPilot(Piloted<ArduPilot>, Supervisor),
-    Px4(Piloted<Px4>, Supervisor),
+    ArduPilot(Box<Piloted<ArduPilot>>, Supervisor),
+    Px4(Box<Piloted<Px4>>, Supervisor),
     Betaflight(Box<Betaflight>, Supervisor),
 }
 
@@ -700,9 +700,9 @@ pub(crate) fn open_autopilot(
         .map_err(Refused::Place)?;
     match autopilot.protocol {
         Protocol::ArduPilot => ArduPilot::listen(autopilot.address, map, patience)
-            .map(|link| OpenedAutopilot::ArduPilot(Piloted::new(link, commander), supervisor)),
+            .map(|link| OpenedAutopilot::ArduPilot(Box::new(Piloted::new(link, commander)), supervisor)),
         Protocol::Px4 => Px4::listen(autopilot.address, map, patience)
-            .map(|link| OpenedAutopilot::Px4(Piloted::new(link, commander), supervisor)),
+            .map(|link| OpenedAutopilot::Px4(Box::new(Piloted::new(link, commander)), supervisor)),
         Protocol::Betaflight => {
             let piloted = pilot != Some(PilotChoice::Nobody);
             Betaflight::listen(autopilot, piloted, map, patience)

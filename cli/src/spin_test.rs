@@ -51,8 +51,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Err(Refused::Place(sentence)) => return output::failed(sentence),
     };
     let tested = match opened {
-        OpenedAutopilot::ArduPilot(mut link, _supervisor) => test(&mut link, args, &scenario),
-        OpenedAutopilot::Px4(mut link, _supervisor) => test(&mut link, args, &scenario),
+        OpenedAutopilot::ArduPilot(mut link, _supervisor) => test(&mut *link, args, &scenario),
+        OpenedAutopilot::Px4(mut link, _supervisor) => test(&mut *link, args, &scenario),
         OpenedAutopilot::Betaflight(mut link, _supervisor) => test(&mut *link, args, &scenario),
     };
     match tested {

@@ -20,13 +20,21 @@
 //! * Within one run and role nobody is told apart unless a grant names him.
 //! * User and password without TLS prove who it is (the password itself is not sent) and encrypt nothing.
 
-use crate::zenoh::Attachment;
 use rotortwin_proto::Role;
 use std::fmt;
 use std::path::PathBuf;
 
 /// First part of all keys where no other is asked for.
 pub const DEFAULT_SPACE: &str = "rotortwin";
+
+/// How this process reaches the others.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Attachment {
+    /// It waits for them and routes between them: the plant, where there is no router.
+    Listen,
+    /// It connects to whoever listens: the peers, and everybody where there is a router.
+    Connect,
+}
 
 /// Credentials of a process, and what it lets others do if it listens.
 #[derive(Clone, Debug, PartialEq, Eq)]

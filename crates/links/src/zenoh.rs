@@ -4,7 +4,7 @@
 //! that has it says so with [`provide`]; in one that has not, [`open`] says which program does.
 
 use crate::endpoint::Endpoint;
-use crate::security::{DEFAULT_SPACE, Security};
+use crate::security::{Attachment, DEFAULT_SPACE, Security};
 use rotortwin_proto::Role;
 use rotortwin_wire::link::LinkError;
 use std::sync::OnceLock;
@@ -41,15 +41,6 @@ pub fn open(role: Role, run_id: u64, options: ZenohOptions) -> Result<Box<dyn En
                     .to_owned(),
         }),
     }
-}
-
-/// How this process reaches the others.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Attachment {
-    /// It waits for them and routes between them: the plant, where there is no router.
-    Listen,
-    /// It connects to whoever listens: the peers, and everybody where there is a router.
-    Connect,
 }
 
 /// Where the processes of a run meet.

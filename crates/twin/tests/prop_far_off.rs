@@ -64,7 +64,7 @@ impl Wrong {
 
     /// The vehicle document with these factors.
     fn of(&self, vehicle: &str) -> ModelVersion {
-        let mut model = ModelVersion::load(&vehicle_file(vehicle)).unwrap();
+        let mut model = ModelVersion::load(vehicle_file(vehicle)).unwrap();
         let body = &mut model.vehicle.body;
         body.mass_kg *= self.mass;
         for inertia in &mut body.inertia_body_kg_m2 {
@@ -192,7 +192,7 @@ fn prop_constants_that_are_far_off_are_calibrated_first_and_never_named_as_somet
 #[test]
 fn prop_the_log_of_another_vehicle_has_an_answer() {
     for (seed, (flown, held)) in (0..).zip([("quad-x", "crazyflie-2"), ("f550", "hexa-h"), ("hexa-h", "f550-skids")]) {
-        let model = ModelVersion::load(&vehicle_file(held)).unwrap();
+        let model = ModelVersion::load(vehicle_file(held)).unwrap();
         let what = format!("{flown} as {held}");
         let found = answered(&log_of(flown, "excitation", seed), &model, &what);
         if let Some(found) = found {

@@ -28,8 +28,8 @@
 
 use prost::Message;
 use rotortwin_links::endpoint::{Delivery, Endpoint, Packet, malformed};
-use rotortwin_links::security::{Runs, Security, slug};
-use rotortwin_links::zenoh::{Attachment, ZenohOptions};
+use rotortwin_links::security::{Attachment, Runs, Security, slug};
+use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_proto::{self as proto, Role, Setup, setup::Parameters};
 use rotortwin_wire::convert::ConvertError;
 use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame};

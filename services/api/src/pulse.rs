@@ -144,7 +144,7 @@ mod tests {
         assert!(missing.contains("no sign of life"), "{missing}");
         let file = std::fs::File::create(folder.path().join(FILE)).unwrap();
         assert_eq!(alive(folder.path(), Duration::from_secs(30)), Ok(()));
-        let long_ago = std::time::SystemTime::now() - Duration::from_secs(100);
+        let long_ago = file.metadata().unwrap().modified().unwrap() - Duration::from_secs(100);
         file.set_modified(long_ago).unwrap();
         let old = alive(folder.path(), Duration::from_secs(30)).unwrap_err();
         assert!(old.contains("100 s old"), "{old}");

@@ -1,8 +1,7 @@
 //! Where the processes of a run meet.
 
 use crate::zenoh_config;
-use rotortwin_links::security::Security;
-use rotortwin_links::zenoh::Attachment;
+use rotortwin_links::security::{Attachment, Security};
 use std::fmt;
 use std::net::{TcpListener, TcpStream, ToSocketAddrs as _};
 use std::path::PathBuf;

@@ -23,8 +23,7 @@
 //! ```
 //! Paths are relative to the file. Passwords stand in files of their own, never on a command line.
 
-use rotortwin_links::security::{DEFAULT_SPACE, Grant, Login, Security, Tls};
-use rotortwin_links::zenoh::Attachment;
+use rotortwin_links::security::{Attachment, DEFAULT_SPACE, Grant, Login, Security, Tls};
 use rotortwin_proto::Role;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};

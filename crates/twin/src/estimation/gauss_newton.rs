@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::columns::{Active, Column, LogState, in_order, instances};
 use super::gram::{column_product, residual_product};
+use super::normal::not_finite;
 use super::normal::{Normal, Posterior};
-use super::posterior::not_finite;
 use super::problem::{Problem, in_pairs, position_of};
 use crate::predict::{Nuisances, PredictError};
 

@@ -10,6 +10,7 @@
 //! one to three parameters: with the posterior (m, C) under spikes, H' = C_AA⁻¹ − P_A⁻¹ and g' = C_AA⁻¹ m_A.
 
 use super::dense::{Cholesky, Matrix};
+use crate::predict::PredictError;
 
 /// Normal matrix of a linearised problem.
 #[derive(Debug, Clone)]
@@ -210,6 +211,15 @@ pub(crate) fn square_sum_change(test: &Normal, mean: &[f64]) -> f64 {
         .zip(&test.gradient)
         .map(|((m, p), g)| m * (p - 2.0 * g))
         .sum()
+}
+
+/// What nothing but a model far off, or a log that holds no measurements, leads to.
+pub(crate) fn not_finite() -> PredictError {
+    PredictError(
+        "the model is too far from this log to be fitted, numbers leave all bounds: calibrate it first (`rotortwin vehicle from-log LOG… --mass KG \
+         --arm M`), or look whether the log's units are right (`rotortwin log show`)"
+            .into(),
+    )
 }
 
 #[cfg(test)]

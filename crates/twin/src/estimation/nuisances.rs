@@ -9,8 +9,7 @@ use rotortwin_plant::effects::EffectInstance;
 use super::columns::{Column, LogState};
 use super::gram::{column_product, residual_product};
 use super::least_squares::{Control, LeastSquares, Unknown, minimise};
-use super::normal::Normal;
-use super::posterior::not_finite;
+use super::normal::{Normal, not_finite};
 use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError};
 
 /// The biases are linear, and the voltage nearly so in the charge but for the kinks of the chart. A square sum that falls by less than

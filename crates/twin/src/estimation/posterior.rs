@@ -1,6 +1,6 @@
 //! The posterior of a problem about its present point.
 
-use super::normal::{Normal, Posterior};
+use super::normal::{Normal, Posterior, not_finite};
 use super::problem::{Problem, position_of};
 use crate::predict::PredictError;
 
@@ -10,15 +10,6 @@ pub(crate) fn posterior_of(problem: &Problem) -> Result<(Posterior, Vec<f64>), P
     pulled(problem, problem.normal(|_| true), &prior)
         .map(|p| (p, prior))
         .ok_or_else(not_finite)
-}
-
-/// What nothing but a model far off, or a log that holds no measurements, leads to.
-pub(crate) fn not_finite() -> PredictError {
-    PredictError(
-        "the model is too far from this log to be fitted, numbers leave all bounds: calibrate it first (`rotortwin vehicle from-log LOG… --mass KG \
-         --arm M`), or look whether the log's units are right (`rotortwin log show`)"
-            .into(),
-    )
 }
 
 /// Posterior of a normal matrix about the present point: the priors pull towards 0, not towards that point.
