@@ -30,6 +30,8 @@ const HOVER: [&str; 4] = [
 ];
 /// How a controller that joins by itself is reached.
 const LINKS: &str = "iceoryx2[:DOMAIN], zenoh[:listen=ENDPOINT|:connect=ENDPOINT]";
+/// A board is there or is not; nobody has to start it first.
+const LONGEST_BOARD_JOIN: Duration = Duration::from_secs(10);
 /// A step of the wall clock.
 const STEP_MS: f64 = 2.5;
 
@@ -127,8 +129,8 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Endpoint::Board(address) => match address.open() {
             Ok(line) => {
                 let mut options = SessionOptions {
-                    join: Duration::from_millis(args.trial.join_timeout.min(10_000)),
-                    step: Duration::from_millis(args.trial.step_timeout),
+                    join: args.trial.join().min(LONGEST_BOARD_JOIN),
+                    step: args.trial.step(),
                     ..SessionOptions::default()
                 };
                 options.board.fdi = false;
@@ -185,8 +187,8 @@ fn free_address() -> Result<LinkAddress, String> {
 fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<Report, String> {
     let run_id = new_run_id();
     let timing = LinkTiming {
-        join: Duration::from_millis(args.trial.join_timeout),
-        step: Duration::from_millis(args.trial.step_timeout),
+        join: args.trial.join(),
+        step: args.trial.step(),
         ..LinkTiming::default()
     };
     let endpoint = AnyEndpoint::open(address, Role::Plant, run_id, timing.join).map_err(|error| error.to_string())?;

@@ -611,6 +611,17 @@ pub(crate) enum Refused {
     Place(String),
 }
 
+impl Refused {
+    /// Says it, of this scenario.
+    pub(crate) fn told(self, scenario: &Path) -> ExitCode {
+        match self {
+            Self::Scenario(sentence) => output::bad_input(format!("{}: {sentence}", scenario.display())),
+            Self::Argument(sentence) => output::bad_input(sentence),
+            Self::Place(sentence) => output::failed(sentence),
+        }
+    }
+}
+
 /// Whose frames they are.
 pub fn autopilot_kind(protocol: Protocol) -> AutopilotKind {
     match protocol {
@@ -649,11 +660,7 @@ fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -
     };
     open_autopilot(autopilot, args.pilot, waits, scenario, seed)
         .map(Opened::Autopilot)
-        .map_err(|refused| match refused {
-            Refused::Scenario(sentence) => output::bad_input(format!("{}: {sentence}", args.scenario.display())),
-            Refused::Argument(sentence) => output::bad_input(sentence),
-            Refused::Place(sentence) => output::failed(sentence),
-        })
+        .map_err(|refused| refused.told(&args.scenario))
 }
 
 /// Opens the port where an autopilot is waited for that is to fly this scenario, and finds out who commands it.

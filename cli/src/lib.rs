@@ -67,7 +67,6 @@ pub mod versions;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
-use network::Needs;
 use std::process::ExitCode;
 
 /// Co-simulation of multirotors with propeller fault detection and isolation.
@@ -219,10 +218,11 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
     if cli.end_with_stdin {
         fly::end_with_standard_input();
     }
-    match (network::needs(&cli), perform) {
-        (Needs::Network, Some(perform)) => return perform(&cli.server, &cli.command),
-        (Needs::Network | Needs::Zenoh, None) => return network::hand_over(),
-        (Needs::Nothing, _) | (Needs::Zenoh, Some(_)) => {}
+    if cli.server.server.is_some() {
+        return network::perform(perform, &cli.server, &cli.command);
+    }
+    if perform.is_none() && network::is_over_zenoh(&cli.command) {
+        return network::hand_over();
     }
     match cli.command {
         Command::Fly(args) => fly::run(&args),
@@ -256,7 +256,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),
         Command::Fdi(args) => rotortwin_fdi::run(args),
-        Command::Serve(_)
+        command @ (Command::Serve(_)
         | Command::Worker(_)
         | Command::Token(_)
         | Command::Router(_)
@@ -264,7 +264,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         | Command::FdiService(_)
         | Command::Runs(_)
         | Command::Campaigns(_)
-        | Command::BlindBenches(_) => network::hand_over(),
+        | Command::BlindBenches(_)) => network::perform(perform, &cli.server, &command),
     }
 }
 

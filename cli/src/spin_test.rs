@@ -1,6 +1,6 @@
 //! `rotortwin spin-test`: an autopilot on a stand; which of its motors is swapped or reversed.
 
-use crate::fly::{self, OpenedAutopilot, Refused, Waits};
+use crate::fly::{self, OpenedAutopilot, Waits};
 use crate::output;
 use crate::trial::Trial;
 use clap::Parser;
@@ -44,11 +44,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     };
     let opened = match fly::open_autopilot(&args.autopilot, args.pilot, waits, &scenario, args.trial.seed) {
         Ok(opened) => opened,
-        Err(Refused::Scenario(sentence)) => {
-            return output::bad_input(format!("{}: {sentence}", args.scenario.display()));
-        }
-        Err(Refused::Argument(sentence)) => return output::bad_input(sentence),
-        Err(Refused::Place(sentence)) => return output::failed(sentence),
+        Err(refused) => return refused.told(&args.scenario),
     };
     let tested = match opened {
         OpenedAutopilot::ArduPilot(mut link, _supervisor) => test(&mut *link, args, &scenario),

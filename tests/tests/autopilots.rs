@@ -237,6 +237,18 @@ fn scenario_addresses_are_not_taken_from_requests() {
     }
 }
 
+/// The sentence of a run that failed and was not tried again.
+#[track_caller]
+fn failed_at_once(server: &Server, id: &str) -> String {
+    let run = server.ended(id);
+    assert_eq!(
+        (&run["status"], &run["attempts"]),
+        (&json!("failed"), &json!(1)),
+        "{run}"
+    );
+    run["error"].as_str().expect("a sentence").to_owned()
+}
+
 #[test]
 fn scenario_a_silent_autopilot_ends_the_run_at_the_first_attempt() {
     let scratch = Scratch::new();
@@ -246,13 +258,7 @@ fn scenario_a_silent_autopilot_ends_the_run_at_the_first_attempt() {
     // It never comes.
     let mut body = flight("bench-1");
     body["join_timeout_ms"] = json!(700);
-    let run = server.ended(&server.submit(&body));
-    assert_eq!(
-        (&run["status"], &run["attempts"]),
-        (&json!("failed"), &json!(1)),
-        "{run}"
-    );
-    let error = run["error"].as_str().expect("a sentence");
+    let error = failed_at_once(&server, &server.submit(&body));
     assert!(
         error.contains("ArduPilot") && error.contains(&at.port().to_string()),
         "{error}"
@@ -263,13 +269,7 @@ fn scenario_a_silent_autopilot_ends_the_run_at_the_first_attempt() {
     let id = server.submit(&flight("bench-1"));
     assert!(wait_until(PATIENCE, || peer.answered() > 8000).is_some());
     peer.silence(true);
-    let run = server.ended(&id);
-    assert_eq!(
-        (&run["status"], &run["attempts"]),
-        (&json!("failed"), &json!(1)),
-        "{run}"
-    );
-    let error = run["error"].as_str().expect("a sentence");
+    let error = failed_at_once(&server, &id);
     assert!(
         error.contains("ArduPilot at 127.0.0.1:") && error.contains("frame"),
         "{error}"

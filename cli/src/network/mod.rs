@@ -11,7 +11,7 @@ pub mod router;
 pub mod serve;
 pub mod token;
 
-use crate::{Cli, Command, fly, output};
+use crate::{Command, fly, output};
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -22,41 +22,23 @@ pub const PROGRAM: &str = "rotortwin-network";
 /// What `rotortwin-network` does with a command that only it can do.
 pub type Perform = fn(&remote::ServerArgs, &Command) -> ExitCode;
 
-/// How a command is done.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Needs {
-    /// By this machine alone.
-    Nothing,
-    /// As on this machine alone, but over zenoh.
-    Zenoh,
-    /// By code that is in `rotortwin-network` only.
-    Network,
+/// Does a command by code that is in `rotortwin-network` only: here, if this is that program.
+pub(crate) fn perform(perform: Option<Perform>, server: &remote::ServerArgs, command: &Command) -> ExitCode {
+    match perform {
+        Some(perform) => perform(server, command),
+        None => hand_over(),
+    }
 }
 
-pub(crate) fn needs(cli: &Cli) -> Needs {
-    if cli.server.server.is_some() {
-        return Needs::Network;
-    }
-    let link = |address: &rotortwin_process::LinkAddress| match address.transport() {
-        "zenoh" => Needs::Zenoh,
-        _ => Needs::Nothing,
-    };
-    match &cli.command {
-        Command::Serve(_)
-        | Command::Worker(_)
-        | Command::Token(_)
-        | Command::Router(_)
-        | Command::Health(_)
-        | Command::FdiService(_)
-        | Command::Runs(_)
-        | Command::Campaigns(_)
-        | Command::BlindBenches(_) => Needs::Network,
-        Command::Fly(args) if args.link == fly::LinkKind::Zenoh => Needs::Zenoh,
-        Command::Conform(args) if args.is_over_zenoh() => Needs::Zenoh,
-        Command::Sim(args) => link(&args.link),
-        Command::Controller(args) => link(&args.peer.link),
-        Command::Fdi(args) => link(&args.peer.link),
-        _ => Needs::Nothing,
+/// True for what is done here, but over zenoh, of which this program may know nothing.
+pub(crate) fn is_over_zenoh(command: &Command) -> bool {
+    match command {
+        Command::Fly(args) => args.link == fly::LinkKind::Zenoh,
+        Command::Conform(args) => args.is_over_zenoh(),
+        Command::Sim(args) => args.link.transport() == "zenoh",
+        Command::Controller(args) => args.peer.link.transport() == "zenoh",
+        Command::Fdi(args) => args.peer.link.transport() == "zenoh",
+        _ => false,
     }
 }
 

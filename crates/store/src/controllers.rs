@@ -11,7 +11,7 @@
 use crate::analysis::wrapped;
 use crate::files::TELEMETRY_FILE;
 use crate::query::{QueryError, TelemetryFile};
-use crate::summary::{Evaluator, Interval, Status, Summary};
+use crate::summary::{Evaluator, Interval, Summary};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use utoipa::ToSchema;
@@ -136,12 +136,7 @@ impl ControllerRow {
             version: controller.as_ref().and_then(|who| who.version.clone()),
             lockstep: controller.as_ref().map(|who| who.lockstep),
             link: summary.link.clone(),
-            status: match summary.status {
-                Status::Done => "done",
-                Status::Failed => "failed",
-                Status::Canceled => "canceled",
-            }
-            .to_owned(),
+            status: summary.status.as_str().to_owned(),
             failure: summary.failure.as_ref().map(|failure| failure.sentence.clone()),
             scenario: summary.scenario.name.clone(),
             vehicle: summary.scenario.vehicle.clone(),

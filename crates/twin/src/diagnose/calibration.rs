@@ -49,10 +49,7 @@ pub(crate) struct Parted {
 /// such constants show: several wrong constants at once look like one of them, and like a density or a mass; where one is far off, so do
 /// faults of single rotors and of sensors.
 pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
-    let far_off = found.iter().any(|finding| {
-        let values: Vec<f64> = finding.parameters.iter().map(|p| p.value).collect();
-        candidate_of(finding, library).is_some_and(|place| library.candidates[place].is_far_off(&values))
-    });
+    let far_off = found.iter().any(|finding| far_off(finding, library).is_some());
     let mut calibrations: Vec<Calibration> = Vec::new();
     let mut rest: Vec<Finding> = found
         .into_iter()
@@ -108,18 +105,14 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
 /// The effects together make no vehicle.
 pub(crate) fn without_proof(found: &mut Vec<Finding>, problem: &Problem) -> Result<Vec<String>, PredictError> {
     let library = &problem.library;
-    let far_off = |finding: &Finding| {
-        let values: Vec<f64> = finding.parameters.iter().map(|p| p.value).collect();
-        candidate_of(finding, library).filter(|&place| library.candidates[place].is_far_off(&values))
-    };
-    if found.iter().all(|finding| far_off(finding).is_none()) {
+    if found.iter().all(|finding| far_off(finding, library).is_none()) {
         return Ok(Vec::new());
     }
     let nuisances: Vec<Nuisances> = problem.logs.iter().map(|log| log.nuisances).collect();
     let explained = explained(problem, &problem.active, &nuisances)?;
     let mut without = Vec::new();
     found.retain(|finding| {
-        let stays = far_off(finding).is_none_or(|place| proof(problem, place, &explained) > PROOF);
+        let stays = far_off(finding, library).is_none_or(|place| proof(problem, place, &explained) > PROOF);
         if !stays {
             without.push(finding.label.clone());
         }
@@ -183,6 +176,12 @@ fn candidate_of(finding: &Finding, library: &Library) -> Option<usize> {
         .candidates
         .iter()
         .position(|c| c.declaration.id == instance.effect && c.rotor == instance.rotor)
+}
+
+/// Place of the candidate that a finding is of, if it is the error of a constant that is off by factors.
+fn far_off(finding: &Finding, library: &Library) -> Option<usize> {
+    let values: Vec<f64> = finding.parameters.iter().map(|p| p.value).collect();
+    candidate_of(finding, library).filter(|&place| library.candidates[place].is_far_off(&values))
 }
 
 /// The constant that a finding is the error of, if it was guessed, or if a constant is `far_off`.
