@@ -52,7 +52,7 @@ struct MergeArgs {
     /// Folders with shards of it, in any order; a shard may be in several
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Folder of the whole; one that holds a part of it already is gone on with [default: runs/campaign-NAME]
+    /// Folder of the whole; one that holds a part of it already is resumed [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the summary as JSON, nothing else
@@ -66,7 +66,7 @@ pub struct FlightArgs {
     /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
     #[arg(value_parser = crate::named::campaign())]
     pub campaign: PathBuf,
-    /// Folder of the campaign; one that holds a part of it is gone on with [default: runs/campaign-NAME]
+    /// Folder of the campaign; one that holds a part of it is resumed [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Threads [default: as many as this process may use]

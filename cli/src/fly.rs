@@ -131,7 +131,7 @@ pub struct Args {
     /// Print each event of the run as a JSON line, nothing else; end when the standard input does
     #[arg(long, conflicts_with = "json")]
     pub events: bool,
-    /// With --events: also samples of the telemetry, so many a second of simulated time, at most 100 a second of wall clock
+    /// With --events: also samples of the telemetry, at this rate in Hz of simulated time, at most 100 a second of wall clock
     #[arg(long, value_name = "HZ", requires = "events", value_parser = rotortwin_sim::process::parse_rate)]
     pub live: Option<f64>,
 }

@@ -1,4 +1,4 @@
-//! `rotortwin campaign`: killed and gone on with, stopped, refused, one flight again, memory.
+//! `rotortwin campaign`: killed and resumed, stopped, refused, one flight again, memory.
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Ended, PATIENCE, Run};

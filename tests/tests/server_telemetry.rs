@@ -1,4 +1,4 @@
-//! Telemetry over HTTP, live and as whole runs, held against the Parquet file of the run as a reader of rows sees it.
+//! Telemetry over HTTP, live and as whole runs, compared with the Parquet file of the run as a reader of rows sees it.
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;

@@ -1,4 +1,4 @@
-//! Models held against flights over HTTP, classifiers trained on the server: each is what the command line gives.
+//! Models compared with flights over HTTP, classifiers trained on the server: each is what the command line gives.
 
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::Scratch;

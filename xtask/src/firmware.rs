@@ -1,7 +1,7 @@
 //! Programs of the boards: built, measured and searched for panics.
 //!
 //! Flash is what is loaded; RAM is what static data takes and what the stack of a step takes at most ([`crate::stack`]; what it took is
-//! measured on the board: `rotortwin board measure`). Sizes are held against those in `firmware/sizes.txt`.
+//! measured on the board: `rotortwin board measure`). Sizes are compared with those in `firmware/sizes.txt`.
 //!
 //! Panics in the step are sought in the linked image: from `Application::advance` on, every branch with link and every branch that
 //! leaves its function is followed; the functions are counted from which one arrives in `core::panicking`. Constants between the code may look like branches, which only

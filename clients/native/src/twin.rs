@@ -48,7 +48,7 @@ fn read(log: &Log<'_>) -> PyResult<FlightLog> {
     }
 }
 
-/// Reads logs that are to be held against `model`.
+/// Reads logs that are to be compared with `model`.
 fn read_for(logs: &[Log<'_>], model: &ModelVersion) -> PyResult<Vec<FlightLog>> {
     let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
     match logs.iter().find_map(|log| log.refusal_before_diagnosis(&model.vehicle)) {

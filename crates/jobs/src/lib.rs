@@ -46,7 +46,7 @@ pub enum Job {
     LogImport(LogImport),
     /// A flight log is made as an example.
     LogExample(LogExample),
-    /// Models held against flights.
+    /// Models compared with flights.
     Comparison(Comparison),
     /// Which effects a model lacks.
     Diagnosis(Diagnosis),

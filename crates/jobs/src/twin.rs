@@ -1,4 +1,4 @@
-//! A model held against flights.
+//! A model compared with flights.
 //!
 //! `logs` are flight logs of any source, or run folders; `LOG@35:65` takes only these seconds, `LOG@NAME` a segment. A model is named as on
 //! the command line: `MODEL`, `MODEL@BRANCH` or `MODEL@v2` of the folder `models`, or the path of a version or vehicle file.
@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Models held against flights: where, when and how much they disagree.
+/// Models compared with flights: where, when and how much they disagree.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Comparison {
     /// The flights.

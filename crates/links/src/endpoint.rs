@@ -154,7 +154,7 @@ fn now() -> Instant {
 
 /// How much longer somebody may be silent.
 ///
-/// Time that this process did not live through (stopped by Ctrl-Z, together with the others) is not held against anybody.
+/// Time that this process did not live through (stopped by Ctrl-Z, together with the others) is not counted against anybody.
 #[derive(Clone, Copy, Debug)]
 struct Patience {
     left: Duration,

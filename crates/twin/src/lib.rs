@@ -1,4 +1,4 @@
-//! The twin held against measurements.
+//! The twin compared with measurements.
 //!
 //! ```text
 //! log file ─▶ log::FlightLog ─▶ comparison with a model ─▶ missing effect ─▶ model with the effect ─▶ compared again

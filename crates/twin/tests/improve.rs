@@ -330,7 +330,7 @@ fn scenario_an_effect_in_no_catalogue_is_proposed_added_and_holds_on_a_log_that_
     // The document travels in the version's file.
     let read = ModelVersion::parse("version.toml", &after.to_toml(), Path::new("")).unwrap();
     assert_eq!(read, after);
-    // A model that holds a proposal is held against a log like any other, and may be given another one.
+    // A model that holds a proposal is compared with a log like any other, and may be given another one.
     let second = propose(&fitted, &read).unwrap();
     assert!(second.document.is_none_or(|next| next.id != read.effect_document[0].id));
     let models = [("before", model()), ("after", read)].map(|(label, version)| NamedModel {
@@ -506,7 +506,7 @@ fn finds_alone(flight: &str, seed: u64, effect: &str, name: &str, truth: f64) {
     );
 }
 
-/// At zero latency the noise of a late attitude foretells rates through the controller, so that the fit with the latency hardly gains.
+/// At zero latency the noise of a late attitude predicts rates through the controller, so that the fit with the latency hardly gains.
 #[test]
 fn scenario_a_late_attitude_is_named_on_a_calm_flight() {
     finds_alone("helix", 2_162_396_535, "attitude-latency", "delay_s", 0.0096);

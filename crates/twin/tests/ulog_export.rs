@@ -1,4 +1,4 @@
-//! ULog as this project writes it, read by this project's import, held against the run's Parquet file.
+//! ULog as this project writes it, read by this project's import, compared with the run's Parquet file.
 #![expect(clippy::unwrap_used, reason = "a test that cannot write or read its run has failed")]
 
 use rotortwin_store::export::{ExportFormat, export_to};

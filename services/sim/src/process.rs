@@ -59,7 +59,7 @@ pub struct Args {
     /// Effective configuration, in place of what the scenario file says: the text of a run's summary
     #[arg(long, value_name = "FILE")]
     pub documents: Option<PathBuf>,
-    /// Tell samples of the telemetry as events, so many a second of simulated time
+    /// Tell samples of the telemetry as events, at this rate in Hz of simulated time
     #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     pub live: Option<f64>,
     /// Take requests on standard input; its end means that the supervisor is dead

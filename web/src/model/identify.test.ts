@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { type Estimate, type FlightOf, adviceOf, answerOf, bandWords, foretold, groupsOf, knownHow, nameFrom, nameProblem, numberOf, partLane, rotorsOf } from "./identify";
+import { type Estimate, type FlightOf, adviceOf, answerOf, bandWords, predicted, groupsOf, knownHow, nameFrom, nameProblem, numberOf, partLane, rotorsOf } from "./identify";
 
 describe("a vehicle from a log", () => {
   it("makes names that the library takes of names of files", () => {
@@ -38,7 +38,7 @@ describe("a vehicle from a log", () => {
     expect(groupsOf(values).map((group) => group.values.map((one) => one.name))).toEqual([["lag", "c"], ["drag", "n"], ["mass", "centre"]]);
   });
   it("has words for a prediction that is worse than none, and names a source once", () => {
-    expect([foretold(-10.8), foretold(0.5), foretold(0.9996)]).toEqual(["worse than the mean", "50.0 %", "100.0 %"]);
+    expect([predicted(-10.8), predicted(0.5), predicted(0.9996)]).toEqual(["worse than the mean", "50.0 %", "100.0 %"]);
     expect(knownHow({ source: "entered", how: "entered; the motion agrees" })).toBe("entered; the motion agrees");
     expect(knownHow({ source: "parameter", how: "FRAME_CLASS 1" })).toBe("parameter in the log (FRAME_CLASS 1)");
   });

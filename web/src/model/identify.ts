@@ -108,7 +108,7 @@ export function bandWords(band: { low_hz: number; high_hz: number }): string {
 }
 
 /** R² as people read it; what is worse than the mean has no share. */
-export const foretold = (r2: number) => (r2 < 0 ? "worse than the mean" : percent(r2));
+export const predicted = (r2: number) => (r2 < 0 ? "worse than the mean" : percent(r2));
 
 /** How something is known, without the source twice. */
 export function knownHow(it: { source: Source; how: string }): string {

@@ -2,7 +2,7 @@
  * was used, and how well each half of a flight is predicted by what the other half gave. Asks no server. */
 import { For, type JSX, Show } from "solid-js";
 import { count, percent, short } from "../format";
-import { type Estimate, type FlightOf, type Identification, adviceOf, adviceText, answerOf, bandWords, channelWords, foretold, groupsOf, knownHow, partLane, rotorsOf, sourceOf, usedLane } from "../model/identify";
+import { type Estimate, type FlightOf, type Identification, adviceOf, adviceText, answerOf, bandWords, channelWords, predicted, groupsOf, knownHow, partLane, rotorsOf, sourceOf, usedLane } from "../model/identify";
 import { Panel } from "../parts/bits";
 import { VehiclePicture } from "../parts/vehicle-picture";
 import { Chart } from "../plots/chart";
@@ -136,7 +136,7 @@ export function HeldOut(props: { scores: Identification["held_out"] }) {
       {(log) => (
         <>
         <p class="small muted">
-          {log.log}, {short(log.seconds)} s in the air. Each half is predicted with what the other half gave: 100 % would be every motion foretold, 0 % no better than the mean. Gains of
+          {log.log}, {short(log.seconds)} s in the air. Each half is predicted with what the other half gave: 100 % would be every motion predicted, 0 % no better than the mean. Gains of
           the second half over the first: roll {short(log.gain_ratio[0])}, pitch {short(log.gain_ratio[1])} (1: both tell the same vehicle).
         </p>
         <div class="scroll" tabindex="0" role="region" aria-label={`Scores of the halves of ${log.log}`}>
@@ -148,8 +148,8 @@ export function HeldOut(props: { scores: Identification["held_out"] }) {
                   <tr>
                     <td>{channelWords(one.channel)}</td>
                     <td>{bandWords(one.band)}</td>
-                    <td class="r">{foretold(one.class_default)}</td>
-                    <td class="r"><strong>{foretold(one.calibrated)}</strong> <Show when={one.calibrated < one.class_default - 0.005}><span class="tag warn">worse</span></Show></td>
+                    <td class="r">{predicted(one.class_default)}</td>
+                    <td class="r"><strong>{predicted(one.calibrated)}</strong> <Show when={one.calibrated < one.class_default - 0.005}><span class="tag warn">worse</span></Show></td>
                   </tr>
                 )}
               </For>

@@ -59,7 +59,7 @@ class AsyncLogs(AsyncResource[Job]):
 
 
 class AsyncTwin(AsyncResource[Job]):
-    """A model held against flights."""
+    """A model compared with flights."""
 
     _kind: str
 
@@ -93,7 +93,7 @@ class AsyncComparisons(AsyncTwin):
         """Holds one model against flights.
 
         The model is one of: vehicle, a name of the server's library; improvement, an id; version, a text or `Path` as `rotortwin model
-        export` writes it; model, a name of `client.models`, also `NAME@v1` or `NAME@BRANCH`. more_models: such names, held against the same
+        export` writes it; model, a name of `client.models`, also `NAME@v1` or `NAME@BRANCH`. more_models: such names, compared with the same
         flights, after it in the result. The flights are ids of imported logs and of runs; `ID@35:65` takes only these seconds.
         """
         body: Json = {"model": model_body(vehicle, improvement, version, model), "flights": flights_body(logs, runs), "priority": priority}

@@ -1,4 +1,4 @@
-//! Trim: a flight held against healthy flights of the same vehicle by the mean thrust that each rotor is asked for.
+//! Trim: a flight compared with healthy flights of the same vehicle by the mean thrust that each rotor is asked for.
 //!
 //! ```text
 //! logs ─▶ thrust of the model from duties and voltage ─▶ mean of each rotor in flight ─▶ ln of it over the healthy mean

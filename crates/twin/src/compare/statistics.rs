@@ -215,7 +215,7 @@ mod tests {
             .collect();
         let found = InputTest::of("x", &driven, &input, 10, 0.05).unwrap();
         assert!(found.is_outside() && (found.lag_s - 0.15).abs() < 1e-9);
-        // The feedback of a residual into later inputs is not held against the model.
+        // The feedback of a residual into later inputs is not counted against the model.
         let fed_back: Vec<f64> = (0..8000).map(|k| if k >= 3 { white[k - 3] } else { 0.0 }).collect();
         assert!(!InputTest::of("x", &white, &fed_back, 10, 0.05).unwrap().is_outside());
     }

@@ -87,7 +87,7 @@ impl std::fmt::Debug for Options<'_> {
 /// Holds the model against the logs and says what is missing. Several logs share the vehicle; each has its own nuisances.
 ///
 /// # Errors
-/// One sentence: a log cannot be held against the model, or the model's effects are not valid.
+/// One sentence: a log cannot be compared with the model, or the model's effects are not valid.
 pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
     if logs.is_empty() {
         return Err(PredictError("expected at least one log, got none".into()));

@@ -45,7 +45,7 @@ pub enum Verdict {
         /// Ids of the faults.
         effects: Vec<String>,
     },
-    /// Nothing of the log can be held against the model.
+    /// Nothing of the log can be compared with the model.
     NothingTestable,
 }
 
@@ -337,7 +337,7 @@ pub struct DiagnosedModel {
 /// What a diagnosis says.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Diagnosis {
-    /// The model that the logs were held against: what was found belongs to no other one.
+    /// The model that the logs were compared with: what was found belongs to no other one.
     pub model: DiagnosedModel,
     /// The answer.
     pub verdict: Verdict,

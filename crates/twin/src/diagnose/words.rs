@@ -212,7 +212,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         Verdict::Agrees => {
             "The model agrees with this flight: no effect of the catalogue is missing at a size that would show.".into()
         }
-        Verdict::NothingTestable => "Nothing of this log can be held against the model.".into(),
+        Verdict::NothingTestable => "Nothing of this log can be compared with the model.".into(),
         Verdict::PartlyMissing { .. } => {
             let falling = diagnosis.held_out.iter().filter(|e| e.falls()).map(|e| {
                 format!(

@@ -21,7 +21,7 @@ pub(crate) struct Candidate {
     pub(crate) rotor: Option<usize>,
     /// Column of each parameter, counted within the library; `None` for one whose plausible range is a point, and for gross errors.
     pub(crate) columns: Vec<Option<usize>>,
-    /// Range of each parameter: what documents accept, or less where that makes no vehicle ([`Library::tighten`]).
+    /// Range of each parameter: what documents accept, or less where that yields an invalid configuration ([`Library::tighten`]).
     pub(crate) limits: Vec<(f64, f64)>,
     /// The parameter that is the error of a constant that is a guess, and that constant.
     pub(crate) guess: Option<Guess>,

@@ -57,7 +57,7 @@ impl LogState {
                 if done.is_multiple_of(8) {
                     progress(done as f64 / library.columns.len() as f64);
                 }
-                // A step that makes no vehicle (together with the active effects) has no column: it cannot be tested here.
+                // A step that yields an invalid configuration (together with the active effects) has no column: it cannot be tested here.
                 made.unwrap_or_else(|_| Arc::new(std::array::from_fn(|_| None)))
             }));
             Ok::<_, PredictError>(columns)

@@ -2,14 +2,14 @@
 //!
 //! A controller commands −K times the gyro's reading, noise and all. The angular acceleration that follows from differences of the same
 //! readings holds that noise, too, so that command and acceleration go together by K σ²/Δt with nothing missing in the model. Knowing only
-//! the past is no cure; innovations of a filter whose gain is the right one are, because no reading before foretells them. The gain is
+//! the past is no cure; innovations of a filter whose gain is the right one are, because no reading before predicts them. The gain is
 //! that of the most likely noise ([`RateNoise::most_likely`]): of the readings, of a white torque and of one that drifts, axis by axis.
 //!
 //! Noise and parameters are estimated in turn: noise from the residual once all parameters have wide priors, parameters with that noise.
 //! What one takes over from the other is weighed where an effect is named ([`shift`]).
 //!
 //! Limits: rates alone are filtered. Where the controller is fed an attitude that tells more of the rate than the gyro does, the
-//! innovations are foretold by that.
+//! innovations are predicted by that.
 
 use std::sync::Arc;
 

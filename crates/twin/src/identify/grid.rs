@@ -201,7 +201,7 @@ impl Grid {
             .collect()
     }
 
-    /// The longest quiet second or more before the rotors turn: mean |a|, held against gravity.
+    /// The longest quiet second or more before the rotors turn: mean |a|, compared with gravity.
     fn find_rest(&mut self) {
         let [Some(x), Some(y), Some(z)] = &self.accel else {
             return;

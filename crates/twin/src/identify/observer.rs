@@ -1,4 +1,4 @@
-//! Prediction errors of a channel: what of a measured series its own past and a model input do not foretell.
+//! Prediction errors of a channel: what of a measured series its own past and a model input do not predict.
 //!
 //! ```text
 //! lift:  e = y − x − d,                 d⁺ = d + L2 e                                      (slow drift d: sag, wind, trim)

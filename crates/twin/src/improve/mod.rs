@@ -209,7 +209,7 @@ pub enum ImproveError {
 /// Walks the loop.
 ///
 /// # Errors
-/// A log that cannot be held against the model, or a guide that cannot go on.
+/// A log that cannot be compared with the model, or a guide that cannot go on.
 pub fn improve(
     request: &Request<'_>,
     options: &diagnose::Options<'_>,

@@ -48,7 +48,7 @@ struct Flights {
 /// that these logs do not see stays, too.
 ///
 /// # Errors
-/// A log that cannot be held against the model, or effects that together make no vehicle.
+/// A log that cannot be compared with the model, or effects that together yield an invalid configuration.
 pub fn refit(version: &ModelVersion, logs: &[FlightLog]) -> Result<ModelVersion, PredictError> {
     let catalogue = version.catalogue()?;
     let free = free_parameters(version, logs, &catalogue);

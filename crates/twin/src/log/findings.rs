@@ -13,7 +13,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// True if a model must not be held against this log before the finding is resolved.
+    /// True if a model must not be compared with this log before the finding is resolved.
     pub fn blocks(&self) -> bool {
         self.kind.blocks()
     }
@@ -66,7 +66,7 @@ pub enum FindingKind {
 }
 
 impl FindingKind {
-    /// True if a model must not be held against a log with this before it is resolved.
+    /// True if a model must not be compared with a log with this before it is resolved.
     pub fn blocks(&self) -> bool {
         !matches!(self, Self::Stuck | Self::Saturated | Self::AllMissing)
     }

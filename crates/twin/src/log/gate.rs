@@ -1,4 +1,4 @@
-//! What must be mended in a log before a model may be held against it.
+//! What must be mended in a log before a model may be compared with it.
 //!
 //! An error of axes, units, order or clock looks like missing physics, and a diagnosis would name some. The findings that block are
 //! those of the import and those against the vehicle; all of them in one sentence.
@@ -20,7 +20,7 @@ impl FlightLog {
         found
     }
 
-    /// Why no model of this vehicle may be held against the log: one sentence, or `None`.
+    /// Why no model of this vehicle may be compared with the log: one sentence, or `None`.
     pub fn refusal_against(&self, vehicle: &VehicleModel) -> Option<String> {
         self.refusal(&self.blocking_findings(vehicle))
     }

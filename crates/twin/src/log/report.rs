@@ -96,7 +96,7 @@ pub struct Missing {
 pub struct Delay {
     /// Column(s) that come late if the delay is positive.
     pub signal: String,
-    /// What it was held against.
+    /// What it was compared with.
     pub against: String,
     /// Delay of `signal`, s.
     pub delay_s: f64,

@@ -297,7 +297,7 @@ mod tests {
 
     #[test]
     fn val_corrections_of_a_slow_position_are_a_random_walk_and_a_true_integral_has_none() {
-        // 10 Hz on 50 Hz rows, each fix off by a pattern of deviation σ that no row foretells: q = σ/√0.1 s.
+        // 10 Hz on 50 Hz rows, each fix off by a pattern of deviation σ that no row predicts: q = σ/√0.1 s.
         let rows = 5000;
         let time: Vec<f64> = (0..rows).map(|k| f64::from(k) * 0.02).collect();
         let speed = |t: f64| (0.7 * t).sin();

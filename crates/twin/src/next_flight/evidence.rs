@@ -52,7 +52,7 @@ impl Sensitivity {
     /// Of a log flown with the model.
     ///
     /// # Errors
-    /// The log cannot be held against the model.
+    /// The log cannot be compared with the model.
     pub fn new(log: &FlightLog, model: &ModelVersion, catalogue: &Catalogue) -> Result<Self, PredictError> {
         let instances = model.instances();
         let predictor = Predictor::new(&model.documents(), &instances, catalogue, log)?;

@@ -41,10 +41,10 @@ use crate::log::FlightLog;
 /// Thrust over commanded thrust below which no mass, air or voltage that a vehicle may have explains a commanded wrench.
 const COMMAND_SCALE_LOW: f64 = 0.75;
 /// Time constant of the observer of the rates at most, s: where the model is wrong by an angular acceleration, the rates that it
-/// foretells are wrong by this times that.
+/// predicts are wrong by this times that.
 const RATES_SETTLE_S: f64 = 0.01;
 
-/// Why a log cannot be held against a model: one sentence.
+/// Why a log cannot be compared with a model: one sentence.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct PredictError(pub String);

@@ -134,7 +134,7 @@ impl RateNoise {
     }
 
     /// The noise that makes residuals h r (rad/s; NaN where masked) most likely: the gain of the predictor is estimated, not assumed.
-    /// A gain that is wrong leaves innovations that the readings before foretell; the controller answers to these readings, and what it
+    /// A gain that is wrong leaves innovations that the readings before predict; the controller answers to these readings, and what it
     /// commands then seems to explain them.
     pub fn most_likely(self, residual: &[f64]) -> Self {
         const WHITE: (f64, f64) = (1e-3, 30.0);
@@ -456,9 +456,9 @@ mod tests {
         let mut variance = 1.0;
         let mut gain = 0.0;
         for _ in 0..1000 {
-            let foretold: f64 = variance + (disturbance * step_s) * (disturbance * step_s);
-            gain = foretold / (foretold + sample * sample);
-            variance = (1.0 - gain) * foretold;
+            let predicted: f64 = variance + (disturbance * step_s) * (disturbance * step_s);
+            gain = predicted / (predicted + sample * sample);
+            variance = (1.0 - gain) * predicted;
         }
         let got = Covariance::of_difference(sample, 0.0, disturbance, step_s).gain();
         assert!((got - gain).abs() < 1e-9, "{got} against {gain}");

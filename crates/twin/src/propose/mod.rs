@@ -152,7 +152,7 @@ pub fn to_toml(document: &EffectDocument) -> String {
 /// What would explain the error of `model` on these logs, best term first.
 ///
 /// # Errors
-/// A log cannot be held against the model.
+/// A log cannot be compared with the model.
 pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, PredictError> {
     let mut regressions = Vec::new();
     let mut failing = Vec::new();

@@ -83,7 +83,7 @@ pub(crate) enum JobKind {
     BlindBenchShard,
     /// A flight log that is imported.
     Log,
-    /// A model held against a log.
+    /// A model compared with a log.
     Comparison,
     /// Which effects a model lacks.
     Diagnosis,

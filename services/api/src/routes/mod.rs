@@ -77,7 +77,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "blind_benches", description = "Does the diagnosis find what is missing? Logs with hidden effects, diagnosed and scored"),
         (name = "classifiers", description = "Networks, trained on the server"),
         (name = "logs", description = "Flight logs: upload and import"),
-        (name = "comparisons", description = "A model held against flights"),
+        (name = "comparisons", description = "A model compared with flights"),
         (name = "diagnoses", description = "Which physical effect a model lacks"),
         (name = "improvements", description = "Compare, diagnose, add, compare again"),
         (name = "next_flights", description = "The manoeuvre that would tell two effects apart"),

@@ -1,4 +1,4 @@
-//! A model held against flights: comparisons, diagnoses, improvements.
+//! A model compared with flights: comparisons, diagnoses, improvements.
 
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, FINAL_MODEL, Flights, ModelChoice, OUT};
@@ -59,13 +59,13 @@ const MOST_MODELS: usize = 16;
 /// A submission brings at most this many effects of its own.
 const MOST_EFFECTS: usize = 32;
 
-/// A model and the flights that it is held against.
+/// A model and the flights that it is compared with.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TwinSubmission {
     /// Which model.
     model: ModelChoice,
-    /// Comparison: more models, each held against the same flights; in the result they come after `model`, in this order.
+    /// Comparison: more models, each compared with the same flights; in the result they come after `model`, in this order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     more_models: Vec<ModelChoice>,
     /// Which flights; all of one vehicle.

@@ -91,7 +91,7 @@ impl Products {
     }
 }
 
-/// Products of every variant in one log; `None` where it makes no vehicle. Log by log, because the predictions that secants start from
+/// Products of every variant in one log; `None` where it yields an invalid configuration. Log by log, because the predictions that secants start from
 /// are large.
 fn products_in(problem: &Problem, l: usize, log: &LogState, variants: &[Variant]) -> Vec<Option<Products>> {
     let Ok(present) = log.base(&instances(&problem.library, &problem.active)) else {
@@ -180,7 +180,7 @@ pub(crate) fn values_at(problem: &Problem, candidate: usize, base: &[f64], estim
     values
 }
 
-/// Evidence of each variant over all logs; `None` where one of them makes no vehicle.
+/// Evidence of each variant over all logs; `None` where one of them yields an invalid configuration.
 pub(crate) fn weighed(problem: &Problem, posterior: &Posterior, variants: &[Variant]) -> Vec<Option<Evidence>> {
     let mut logs = in_pairs(&problem.logs, |l, log| products_in(problem, l, log, variants)).into_iter();
     let mut sums = logs.next().unwrap_or_default();

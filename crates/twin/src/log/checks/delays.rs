@@ -214,7 +214,7 @@ impl FlightLog {
             let (columns, mut shift_s): (&[&str], f64) = match delay.signal.as_str() {
                 "attitude" => (&names::ATTITUDE, delay.delay_s),
                 "velocity" => (&names::VELOCITY, delay.delay_s),
-                // The position is held against the velocity, which may be late itself.
+                // The position is compared with the velocity, which may be late itself.
                 _ => (&names::POSITION, delay.delay_s + velocity_s),
             };
             let counts = delay.delay_s.abs() > (3.0 * delay.uncertainty_s).max(0.1 * row_s);

@@ -19,8 +19,8 @@ pub(crate) struct Steps {
     pub(super) spin_up: Vec<Vector3>,
     /// Specific force over step k, m/s²; only where there is no accelerometer.
     pub(super) mean: Option<Vec<Vector3>>,
-    /// Rates over step k as its start foretells them, rad/s: what torques are predicted with.
-    pub(super) foretold: Arc<Vec<Vector3>>,
+    /// Rates over step k as its start predicts them, rad/s: what torques are predicted with.
+    pub(super) predicted: Arc<Vec<Vector3>>,
 }
 
 /// What the IMU reads, where that is not what happened.
@@ -51,7 +51,7 @@ impl Plant {
     }
 
     /// What the model does to the body. `root` is √thrust, where effects of rotors or wrench act;
-    /// `foretold` the rates over each step, where they are known.
+    /// `predicted` the rates over each step, where they are known.
     ///
     /// The rates come of an observer, ω̂ ← ω̂ + h ω̇ + K (y − ω̂ − h ω̇), never of what was measured after the step began: a disturbance
     /// of the step lives on in the rates that follow, and a damping told by these would come out too small by h q²/(2 ⟨ω²⟩), q the
@@ -62,7 +62,7 @@ impl Plant {
         motion: &Kinematics,
         thrust: &[f64],
         root: &OnceLock<Vec<f64>>,
-        foretold: Option<&Arc<Vec<Vector3>>>,
+        predicted: Option<&Arc<Vec<Vector3>>>,
     ) -> Steps {
         let s = &self.series;
         let n = s.rotors;
@@ -88,7 +88,7 @@ impl Plant {
         let steps = s.len - 1;
         let read = &motion.observed_rates;
         let mut observed = read[0];
-        let mut made = foretold.is_none().then(|| Vec::with_capacity(s.len));
+        let mut made = predicted.is_none().then(|| Vec::with_capacity(s.len));
         for k in 0..steps {
             if set.begin(s.time(k)) {
                 c = *set.constants();
@@ -97,7 +97,7 @@ impl Plant {
                 root = roots(hooked);
             }
             let active = set.hooks();
-            let omega = match foretold {
+            let omega = match predicted {
                 Some(known) => known[k],
                 None => {
                     // Half a step on; its own angular acceleration is not known yet.
@@ -185,7 +185,7 @@ impl Plant {
             force,
             spin_up,
             mean,
-            foretold: made.map_or_else(|| foretold.map(Arc::clone).unwrap_or_default(), Arc::new),
+            predicted: made.map_or_else(|| predicted.map(Arc::clone).unwrap_or_default(), Arc::new),
         }
     }
 

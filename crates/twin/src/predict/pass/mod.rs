@@ -9,7 +9,7 @@
 //! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) stand at k
 //! for the step from t_k to t_{k+1}. The duty that predicts step k never answers to what was measured after t_k, so that the feedback
 //! of measurement noise through the controller cannot pass for physics. Velocity, attitude and voltage of a step are means of its two
-//! ends; its rates are foretold from what was read before it ([`Plant::steps`]).
+//! ends; its rates are predicted from what was read before it ([`Plant::steps`]).
 //!
 //! Sensor errors are applied to the prediction, never taken off the measurement: dividing the measurement by 1 + s shrinks its noise
 //! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted; the accelerometer's as
@@ -227,8 +227,8 @@ impl Plant {
         if other_body {
             // Rates that another torque changes change it again by far less: by the observer's 10 ms, through damping and gyroscopics.
             let known = base.filter(|(base, _)| Arc::ptr_eq(&base.motion.observed_rates, &motion.observed_rates));
-            let foretold = known.map(|(base, _)| &base.steps.foretold);
-            steps = Arc::new(self.steps(effects.clone(), &motion, &thrust, &root, foretold));
+            let predicted = known.map(|(base, _)| &base.steps.predicted);
+            steps = Arc::new(self.steps(effects.clone(), &motion, &thrust, &root, predicted));
         }
         let mut imu = Imu::default();
         let mut accel_errs = base.is_some_and(|(base, _)| base.accel_errs);
