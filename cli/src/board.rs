@@ -29,7 +29,7 @@ pub struct Args {
 enum Command {
     /// Serial ports of this host, and the boards that there is a program for
     List,
-    /// What a board is and how it is
+    /// Identity and status of a board
     Info {
         /// serial:PORT[@BAUD], pty, qemu, qemu-uart, virtual[:KEY=NUMBER,...]
         board: BoardAddress,
@@ -301,7 +301,7 @@ pub(crate) fn session_text(session: &SessionReport, address: Option<&BoardAddres
         ));
     }
     line(format!(
-        "  line        {} requests again, {} CRC errors and {} pieces of garbage from the board",
+        "  line        {} retries, {} CRC errors and {} invalid fragments from the board",
         session.retries, session.line.crc_errors, session.line.garbage
     ));
     if let Some(report) = &session.report {
@@ -324,7 +324,7 @@ fn report_text(report: &Report) -> String {
     };
     let [frames, crc_errors, garbage] = report.line;
     line(format!(
-        "  board       {frames} frames, {crc_errors} CRC errors, {garbage} pieces of garbage, {} repeated requests; last start: {}",
+        "  board       {frames} frames, {crc_errors} CRC errors, {garbage} invalid fragments, {} repeated requests; last start: {}",
         report.repeated,
         ["power or reset", "watchdog", "fault", "on request"]
             .get(usize::from(report.reset_cause))

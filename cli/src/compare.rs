@@ -17,7 +17,7 @@ pub struct Args {
     /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
-    /// Models to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
+    /// Models to compare with them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long = "model", required = true, num_args = 1.., value_name = "MODEL")]
     pub model: Vec<String>,
     /// What to call the models in the result, one for each

@@ -1,4 +1,4 @@
-//! `rotortwin conform`: the plant is played to somebody else's controller, and what is wrong with it is named.
+//! `rotortwin conform`: the plant is played to a third-party controller, and what is wrong with it is named.
 
 use crate::fly::{External, free_port, invitation, new_run_id};
 use crate::output;

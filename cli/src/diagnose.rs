@@ -29,7 +29,7 @@ pub struct Args {
     /// Flight logs of one vehicle, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
-    /// Model to hold against them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
+    /// Model to compare with them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long, value_name = "MODEL")]
     pub model: String,
     /// Folder of the models

@@ -61,7 +61,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     });
     if out.exists() {
         return output::bad_input(format!(
-            "{}: is there already; name another file with --out",
+            "{}: already exists; name another file with --out",
             out.display()
         ));
     }

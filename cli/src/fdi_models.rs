@@ -1,5 +1,5 @@
-//! `rotortwin model detectors`: the same flights twice, once with detectors that believe in the plain vehicle and once with detectors
-//! that believe in the model, while the plant flies the model's effects in both.
+//! `rotortwin model detectors`: the same flights twice, once with detectors that assume the plain vehicle and once with detectors
+//! that assume the model, while the plant flies the model's effects in both.
 
 use crate::grid::Grid;
 use crate::output;

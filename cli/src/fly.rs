@@ -93,7 +93,7 @@ pub struct Args {
     /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file
     #[arg(long, value_name = "MODEL")]
     pub model: Option<String>,
-    /// The detectors believe in this model, as far as their parameters can hold it
+    /// The model assumed by the detectors, as far as their parameters can represent it
     #[arg(long, value_name = "MODEL")]
     pub fdi_model: Option<String>,
     /// Folder of the models
@@ -432,7 +432,7 @@ pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode
         let vehicle = find(text)?.version.for_detectors().map_err(refuse)?;
         if !vehicle.not_carried.is_empty() {
             eprintln!(
-                "rotortwin: the detectors have no parameter for {}: not carried into their model",
+                "rotortwin: the detectors have no parameter for {}: ignored by the detectors",
                 vehicle.not_carried.join(", ")
             );
         }

@@ -42,7 +42,7 @@ pub struct Args {
     /// Write report.html, improvement.json and improvement.txt into this folder; must not exist or be empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Write the version that it ends with into this file, as 'rotortwin model export' does
+    /// Write the final version into this file, as 'rotortwin model export' does
     #[arg(long = "final", value_name = "FILE")]
     pub final_version: Option<PathBuf>,
     /// Print the result as JSON, nothing else; needs --yes

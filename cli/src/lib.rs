@@ -144,7 +144,7 @@ pub enum Command {
     /// Flight boards: list, info, doctor, measure (Table 11)
     #[command(after_help = examples::BOARD)]
     Board(board::Args),
-    /// Play the plant to somebody else's controller, and name what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
+    /// Play the plant to a third-party controller, and name what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
     #[command(after_help = examples::CONFORM)]
     Conform(conform::Args),
     /// Fly one scenario with several controllers, or take flights that were flown, and compare them in one table
@@ -167,7 +167,7 @@ pub enum Command {
     BlindBenches(network::remote::JobArgs),
     /// Does a server or router answer, does a worker go on? Exit code 0 if so
     Health(network::health::Args),
-    /// Who may use a server: create, list, revoke
+    /// Manage access tokens: create, list, revoke
     Token(network::token::Args),
     /// Do jobs for the servers that share a Postgres database, on this or another host
     Worker(network::serve::WorkerArgs),

@@ -54,7 +54,7 @@ pub fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
     if !summary.intervals.is_empty() {
         line(String::new());
         line(verdict_table(summary).to_string());
-        line("right: share of the evaluation windows of 62.5 ms; first after: end of the first right one, from the start of the interval".to_owned());
+        line("correct: share of the evaluation windows of 62.5 ms; delay: end of the first correct one, from the start of the interval".to_owned());
     }
     line(String::new());
     for fact in facts(summary) {
@@ -90,8 +90,8 @@ fn verdict_table(summary: &Summary) -> Grid {
         "truth",
         "evaluator",
         "verdict at end",
-        "right",
-        "first after",
+        "correct",
+        "delay",
         "false alarms",
     ])
     .numbers_from(4);

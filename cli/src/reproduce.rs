@@ -31,7 +31,7 @@ struct Common {
     /// Scenario that gives vehicle, controller, sensors and detector settings
     #[arg(long, value_name = "SCENARIO", default_value = BASE_SCENARIO, value_parser = crate::named::scenario())]
     scenario: PathBuf,
-    /// Data sets, one a seed
+    /// Number of data sets (one per seed)
     #[arg(long, value_name = "COUNT", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     seeds: u16,
     /// First seed; the others follow

@@ -299,7 +299,7 @@ fn scenario_logs_of_this_machine_are_compared_and_diagnosed_there_as_here() {
     };
     assert_eq!(words(&there), words(&here));
     assert!(
-        there.stderr.iter().any(|line| line.contains("is there already")),
+        there.stderr.iter().any(|line| line.contains("is already there")),
         "{:?}",
         there.stderr
     );
@@ -385,7 +385,7 @@ fn scenario_a_log_is_imported_there_and_fetched() {
     });
     assert_eq!(shown[0], shown[1]);
     let again = remote(&scratch, &server, import).with(["there"]).run().expect_code(2);
-    assert!(again.stderr.iter().any(|line| line.contains("is there already")));
+    assert!(again.stderr.iter().any(|line| line.contains("already exists")));
 }
 
 #[test]

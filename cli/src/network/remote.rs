@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// The server, its certificate, and who asks.
 #[derive(Debug, Clone, Parser)]
 pub struct ServerArgs {
-    /// Let this server do it, such as http://bench:8400
+    /// Run on this server, such as http://bench:8400
     #[arg(long, value_name = "URL", global = true, help_heading = "Server")]
     pub server: Option<String>,
     /// With --server: file with the token [default: what ROTORTWIN_TOKEN holds]

@@ -12,7 +12,7 @@ pub struct Training {
     pub method: Method,
     /// Scenario that gives vehicle, controller, sensors and detector settings.
     pub scenario: PathBuf,
-    /// Data sets, one a seed.
+    /// Number of data sets (one per seed).
     pub seeds: u32,
     /// First seed; the others follow.
     pub first_seed: u64,

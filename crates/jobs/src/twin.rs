@@ -61,7 +61,7 @@ pub struct Improvement {
     /// Folder for the report and its files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
-    /// File for the version that it ends with.
+    /// File for the final version.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub final_version: Option<PathBuf>,
 }

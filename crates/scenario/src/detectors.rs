@@ -113,7 +113,7 @@ impl Detectors {
         &self.config
     }
 
-    /// The vehicle that the detectors believe in.
+    /// The vehicle that the detectors assume.
     pub fn vehicle(&self) -> &VehicleDocuments {
         &self.vehicle
     }

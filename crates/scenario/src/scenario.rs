@@ -47,7 +47,7 @@ pub struct Documents {
     /// The effect documents that `effect_files` of the scenario names, in full.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectDocument>,
-    /// The vehicle that the detectors believe in, where it is another than the one of the scenario's document.
+    /// The vehicle that the detectors assume, where it is another than the one of the scenario's document.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fdi_vehicle: Option<VehicleDocuments>,
 }
@@ -150,7 +150,7 @@ impl Scenario {
         }
     }
 
-    /// The same scenario with detectors that believe in another vehicle than the one of its document.
+    /// The same scenario with detectors that assume another vehicle than the one of its document.
     ///
     /// # Errors
     /// The vehicle has another number of rotors, or cannot fly.

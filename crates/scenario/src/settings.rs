@@ -28,7 +28,7 @@ pub struct ControllerSettings {
 }
 
 impl Default for ControllerSettings {
-    /// Table 5; 35° and the linear map, where the paper is silent.
+    /// Table 5; 35° and the linear map, choices that the paper leaves open.
     fn default() -> Self {
         let slow = Gains {
             proportional: 4.98,

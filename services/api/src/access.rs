@@ -1,4 +1,4 @@
-//! Who asks, and whether he may.
+//! Who asks, and what they may do.
 //!
 //! As long as no token was ever made, everybody on this host may do everything on the account `local`, and the server listens to nobody
 //! else. From the first token on, every address under `/api/` needs `Authorization: Bearer TOKEN`, or a session of a browser
@@ -41,7 +41,7 @@ impl Caller {
         }
     }
 
-    /// Whether he may see a job. Somebody else's is as if it were not there.
+    /// Whether the caller may see a job. Somebody else's is as if it were not there.
     pub(crate) fn sees(&self, job: &Job) -> bool {
         self.sees_all || job.new.tenant == self.tenant
     }
@@ -87,7 +87,7 @@ impl Rate {
 /// Lets through who may.
 pub(crate) async fn authorize(State(app): State<Arc<App>>, mut request: Request, next: Next) -> Response {
     let path = request.uri().path();
-    // For watchdogs, the page, and whoever is about to say who he is; they tell of nobody's jobs.
+    // For watchdogs, the page, and whoever is about to sign in; they tell of nobody's jobs.
     if crate::web::is_page(path)
         || path == "/api/v1/session"
         || path == "/api/v1/openapi.json"

@@ -10,7 +10,7 @@ use std::str::FromStr;
 /// What somebody may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Scope {
-    /// See his tenant's jobs and the library.
+    /// See the jobs of the tenant and the library.
     Read,
     /// Submit, cancel, delete.
     Write,

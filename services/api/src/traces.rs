@@ -183,7 +183,7 @@ impl Attempt {
     }
 }
 
-/// A span around a request; its trace is the client's, if he names one.
+/// A span around a request; its trace is the client's, if it names one.
 pub(crate) async fn request(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let Some(Exporting { tracer, .. }) = &app.shop.traces.0 else {
         return next.run(request).await;

@@ -178,7 +178,7 @@ pub(crate) fn in_runtime(future: impl Future<Output = ExitCode>) -> ExitCode {
     }
 }
 
-/// Ready once somebody wants the process to end. If he wants it a second time, it ends at once; jobs that it has begun are begun again.
+/// Ready once somebody asks the process to end. A second request ends it at once; jobs under way are begun again.
 async fn stopped() {
     use tokio::signal::unix::{Signal, SignalKind, signal};
     async fn either(terminate: &mut Signal) {

@@ -129,7 +129,7 @@ class Runs(Resource[Run]):
         """Submits a flight; when this returns it is on the server's disk, and will end.
 
         scenario: a name of the server's library, with keys changed by `set`; or a `Path` of a file here, which is sent.
-        model, fdi_model: what flies, and what the detectors believe in: `{"model": NAME}` of the library, `{"improvement": ID}`, …
+        model, fdi_model: what flies, and the model assumed by the detectors: `{"model": NAME}` of the library, `{"improvement": ID}`, …
         text: a scenario document instead. documents: all documents of a run, as its summary holds them.
         idempotency_key: the same key gives the same run; by default a new one, kept over the tries of this call.
         """

@@ -249,7 +249,7 @@ pub fn text(sheet: &Sheet) -> String {
         line("rightly not testable", &group.not_testable);
         line("missed", &group.missed);
         line("confidently wrong", &group.confidently_wrong);
-        line("wrong, with a doubt", &group.wrong_flagged);
+        line("wrong, flagged", &group.wrong_flagged);
         line("false alarms", &group.false_alarms);
         line("outside, and said so", &group.flagged);
         line("no answer", &group.failed);

@@ -108,7 +108,7 @@ pub struct FlightPlan {
     pub seed: u64,
 }
 
-/// What the flights of a data set have in common beyond the base scenario; the paper is silent on both.
+/// What the flights of a data set have in common beyond the base scenario; the paper gives neither.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Conduct {
     /// How the controller turns thrust into duty.

@@ -11,7 +11,7 @@
 //! attitude error into an angular acceleration; the pseudo-inverse of the control effectiveness turns force and torques
 //! into rotor thrusts, and these into duties.
 //!
-//! Where the paper is silent: derivative action on measured velocity error and body rates; integrators updated after
+//! Choices that the paper leaves open: derivative action on measured velocity error and body rates; integrators updated after
 //! their use; tilt limited to [`ControllerConfig::tilt_limit`]; no anti-windup, no feed-forward, no filter.
 //!
 //! Limits: no take-off or landing logic, no arming, no failsafe. An input that cannot be true is not used: see

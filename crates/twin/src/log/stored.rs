@@ -100,7 +100,7 @@ impl FlightLog {
             if path.exists() {
                 return Err(LogError::format(
                     path,
-                    "is there already; name another folder with --out, or remove it",
+                    "already exists; name another folder with --out, or remove it",
                 ));
             }
         }

@@ -1,4 +1,4 @@
-//! A model version as the vehicle that the detectors believe in: what of its effects their configuration can hold.
+//! A model version as the vehicle that the detectors assume: what of its effects their configuration can hold.
 //!
 //! The detectors know mass, principal inertia, friction of Eq. 1, rotor positions about the centre of mass, c_D/c_L, one lag and
 //! one lift polynomial for all rotors. Constants of these kinds are folded into a vehicle document; every effect that leaves that

@@ -198,7 +198,7 @@ impl Database {
 }
 
 impl App {
-    /// The library as a caller sees it: the server's, with what he has left there.
+    /// The library as a caller sees it: the server's, with what the caller has left there.
     ///
     /// # Errors
     /// 500, 503, 507.

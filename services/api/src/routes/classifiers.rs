@@ -43,7 +43,7 @@ pub(crate) struct Training {
     /// Name of one of the server's scenarios: vehicle, controller, sensors, detector settings.
     #[serde(default = "reference_flight")]
     scenario: String,
-    /// Data sets, one a seed.
+    /// Number of data sets (one per seed).
     #[serde(default = "five")]
     #[schema(minimum = 1, maximum = 100)]
     seeds: u32,

@@ -93,7 +93,7 @@ const LARGEST_BODY: usize = 2 << 20;
 )]
 struct Api;
 
-/// How a caller says who he is, where the server asks for it at all.
+/// How a caller authenticates, where the server asks for it at all.
 struct SignIn;
 
 impl Modify for SignIn {

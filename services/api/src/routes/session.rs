@@ -22,7 +22,7 @@ pub(crate) struct SignIn {
     token: String,
 }
 
-/// Who asks, and whether he has to say so.
+/// The caller, and whether authentication is required.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SignedIn {
     /// Everybody needs a token.

@@ -42,7 +42,7 @@ pub(crate) struct Submission {
     /// The vehicle and effects of this model fly, instead of the scenario's vehicle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     model: Option<ModelChoice>,
-    /// The detectors believe in this model, as far as their parameters can hold it.
+    /// The model assumed by the detectors, as far as their parameters can represent it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fdi_model: Option<ModelChoice>,
     /// Keys to set on the named scenario: `key=value`, such as `initial.state_of_charge=0.4`.
@@ -135,7 +135,7 @@ async fn with_models(
         let vehicle = choice.read(app, caller).await?.for_detectors().map_err(refused)?;
         if !vehicle.not_carried.is_empty() {
             notes.push(format!(
-                "the detectors have no parameter for {}: not carried into their model",
+                "the detectors have no parameter for {}: ignored by the detectors",
                 vehicle.not_carried.join(", ")
             ));
         }

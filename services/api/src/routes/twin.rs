@@ -140,7 +140,7 @@ submission!(
     "/api/v1/improvements",
     "improvements",
     "submit_improvement",
-    "Compares, diagnoses, adds what is missing, compares again, until the model agrees. `artifacts/model.toml` is the version that it ends with.",
+    "Compares, diagnoses, adds what is missing, compares again, until the model agrees. `artifacts/model.toml` is the final version.",
     JobKind::Improvement
 );
 

@@ -143,7 +143,7 @@ pub(super) async fn import(
     }
     let id = fetch::text(&log, "id").to_owned();
     if !quiet {
-        let how = if there { "is there already:" } else { "uploaded:" };
+        let how = if there { "is already there:" } else { "uploaded:" };
         eprintln!("{name} {how} log {id} of {}", remote.url());
     }
     task::done(remote, format!("/api/v1/logs/{id}"), "log", quiet)

@@ -181,7 +181,7 @@ async fn import(remote: &Remote, args: &log::ImportArgs, file: &Path, name: &str
     let targets = ["parquet", "toml", "import.json"].map(|ending| args.out.join(format!("{name}.{ending}")));
     if let Some(there) = targets.iter().find(|path| path.exists()) {
         return Err(bad(format!(
-            "{}: is there already; name another folder with --out, or remove it",
+            "{}: already exists; name another folder with --out, or remove it",
             there.display()
         )));
     }

@@ -193,7 +193,7 @@ impl Method {
 /// Learning rate times epochs of the network of [32]: 1e-6 × 2000 (§6.5.3).
 pub const TRACKING_LEARNING: f64 = 2e-3;
 
-/// What the T-test's result hangs on where the paper is silent.
+/// What the T-test's result depends on, among the choices that the paper leaves open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TTestVariant {
     /// The controller's map is u = f/full thrust; µ₀ from 2 s to 10 s, trimmed start.

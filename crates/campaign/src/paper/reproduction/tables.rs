@@ -56,7 +56,7 @@ pub fn tables(reproduction: &Reproduction) -> Vec<ResultTable> {
         .collect()
 }
 
-/// What was chosen where the paper is silent; for the report.
+/// Choices that the paper leaves open; for the report.
 pub fn choices() -> [(&'static str, &'static str); 9] {
     [
         (
