@@ -280,7 +280,7 @@ fn scenario_files_that_are_no_documents() {
     scratch.write("huge.toml", "# nothing\n".repeat(200_000));
     std::os::unix::fs::symlink("loop.toml", scratch.path("loop.toml")).expect("a link can be made");
     for (name, words) in [
-        ("none.toml", ["none.toml", "there is none"]),
+        ("none.toml", ["none.toml", "file not found"]),
         ("folder.toml", ["folder.toml", "not a regular file"]),
         ("binary.toml", ["binary.toml", "expected UTF-8"]),
         ("empty.toml", ["empty.toml", "`name`"]),

@@ -308,7 +308,7 @@ fn too_large(name: &str, bytes: u64) -> ConfigError {
 
 fn unreadable(error: &std::io::Error) -> String {
     match error.kind() {
-        std::io::ErrorKind::NotFound => "expected a TOML file, file not found".into(),
+        std::io::ErrorKind::NotFound => "file not found; expected a TOML file".into(),
         std::io::ErrorKind::InvalidData => "expected UTF-8 text".into(),
         _ => format!("expected a readable TOML file: {error}"),
     }

@@ -457,7 +457,7 @@ fn val_files() {
     };
     assert_eq!(
         load("none.toml"),
-        "none.toml: expected a TOML file, file not found"
+        "none.toml: file not found; expected a TOML file"
     );
     fs::create_dir(folder.path().join("dir.toml")).unwrap();
     assert_eq!(
