@@ -302,7 +302,7 @@ fn scenario_files_that_are_no_documents() {
         &scratch,
         "name",
         Call::new(&scratch, [OsString::from("fly"), strange.into()]),
-        &["there is none"],
+        &["file not found"],
     );
 }
 
