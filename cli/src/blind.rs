@@ -1,22 +1,22 @@
 //! `rotortwin blind`: the blind bench, and its generator by hand.
 
 use crate::output;
-use crate::progress::resumed_bar;
+use crate::progress::{Lines, resumed_bar};
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
-use rotortwin_blind::bench::cases::{Case, Preset};
+use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::faults::FaultBench;
 use rotortwin_blind::bench::faults_sheet;
-use rotortwin_blind::bench::product::{read_diagnosis, read_either};
-use rotortwin_blind::bench::report;
-use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Program, Request};
-use rotortwin_blind::bench::score::Row;
+use rotortwin_blind::bench::run::Request;
 use rotortwin_blind::bench::sheet::{self, Sheet};
 use rotortwin_blind::command;
 use rotortwin_blind::error::BlindError;
-use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_jobs::JobEvent;
+use rotortwin_runner::blind::{self as runner, Benched, of_this_program};
+use rotortwin_runner::failure::Failure;
+use rotortwin_runner::named::resolved;
 use rotortwin_scenario::names::Kind;
-use serde_json::json;
+use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -104,21 +104,26 @@ impl BenchArgs {
         options.into_iter().find_map(|(given, name)| given.then_some(name))
     }
 
-    /// What is asked for.
-    ///
-    /// # Errors
-    /// It cannot be run.
-    pub fn request(&self) -> Result<Request, BlindError> {
-        let request = Request {
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+    fn job(&self) -> rotortwin_jobs::BlindBench {
+        rotortwin_jobs::BlindBench {
             presets: self.preset.clone(),
             n: self.n,
             seed: self.seed,
             vehicles: self.vehicles.iter().map(|path| path.display().to_string()).collect(),
             duration_s: self.duration_s,
-        };
-        request.check()?;
-        Ok(request)
+            out: self.out.clone(),
+            cases: self.cases.clone(),
+            processes: self.jobs.and_then(NonZeroUsize::new),
+            keep_logs: self.keep_logs,
+        }
+    }
+
+    /// What is asked for.
+    ///
+    /// # Errors
+    /// It cannot be run.
+    pub fn request(&self) -> Result<Request, BlindError> {
+        runner::request(&self.job())
     }
 }
 
@@ -139,6 +144,7 @@ pub fn run(args: &Args) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if matches!(error.downcast_ref(), Some(BlindError::Input { .. })) => output::bad_input(error),
+        Err(error) if matches!(error.downcast_ref(), Some(Failure::Input(_))) => output::bad_input(error),
         Err(error) => output::failed(error),
     }
 }
@@ -147,22 +153,11 @@ pub fn run(args: &Args) -> ExitCode {
 fn generate(args: &command::GenerateArgs) -> ExitCode {
     let mut args = args.clone();
     let vehicle = args.vehicle.unwrap_or_else(|| PathBuf::from("f550"));
-    match crate::named::resolved(Kind::Vehicle, vehicle.as_os_str()) {
+    match resolved(Kind::Vehicle, vehicle.as_os_str()) {
         Ok(path) => args.vehicle = Some(path),
         Err(error) => return output::bad_input(error),
     }
     command::run(&command::Command::Generate(args))
-}
-
-/// A command of this program, which ends with us.
-fn of_this_program(words: &[&str], cores: usize) -> std::io::Result<Program> {
-    let program = std::env::current_exe()?.display().to_string();
-    let all = [&program, "--end-with-stdin"].into_iter().chain(words.iter().copied());
-    Ok(Program {
-        words: all.map(str::to_owned).collect(),
-        held: true,
-        cores,
-    })
 }
 
 /// Faults are judged by the detectors, one flight after the other, and have a sheet of their own.
@@ -218,94 +213,31 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
     if args.events {
         crate::fly::end_with_standard_input();
     }
-    let rotor_counts = args
-        .vehicles
-        .iter()
-        .map(|path| Vehicle::load(path).map(|vehicle| vehicle.rotors.len()))
-        .collect::<Result<Vec<_>, _>>()?;
-    let jobs = args.jobs.unwrap_or(1).max(1);
-    let cores = (std::thread::available_parallelism().map_or(1, usize::from) / jobs).max(1);
-    let bench = Bench {
-        folder: args.out.clone(),
-        generator: of_this_program(&["blind", "generate"], cores)?,
-        jobs,
-        keep_logs: args.keep_logs,
-        request: args.request()?,
-    };
-    let diagnosis = match &args.diagnosis {
-        Some(line) => DiagnosisCommand {
-            command: Program {
-                words: line.split_whitespace().map(str::to_owned).collect(),
-                held: false,
-                cores,
-            },
-            read: read_either,
-        },
-        None => DiagnosisCommand {
-            command: of_this_program(&["diagnose", "{log}", "--model", "{vehicle}", "--json"], cores)?,
-            read: read_diagnosis,
-        },
-    };
-    let cases = bench.request.cases(&rotor_counts);
-    let cases = match &args.cases {
-        None => &cases[..],
-        Some(range) => part_of(&cases, range)?,
-    };
-    bench.open()?;
-    let bar = progress_bar(args.events, cases.len() as u64, bench.rows(cases).len() as u64);
-    let rows = bench.run(cases, &diagnosis, &|row| {
-        bar.set_message(format!("{} → {}", row.truth, row.named));
-        bar.inc(1);
-        if args.events {
-            output::line(&case_event(row).to_string());
+    let prepared = runner::prepare(&args.job(), args.diagnosis.as_deref())?;
+    let bar = progress_bar(args.events, prepared.wanted() as u64, prepared.present() as u64);
+    let lines = args.events.then(Lines::new);
+    let done = prepared.run(&|event| {
+        if let JobEvent::Case(case) = event {
+            bar.set_message(format!("{} → {}", case.truth, case.named));
+            bar.inc(1);
         }
-    })?;
+        if let Some(lines) = &lines {
+            lines.tell(event);
+        }
+    });
     bar.finish_and_clear();
-    if args.cases.is_some() {
-        let done = json!({ "cases": cases.len(), "rows": rows.len() });
-        output::line(&if args.json {
-            done.to_string()
-        } else {
-            format!(
-                "{} of {} cases; rows in {}",
-                rows.len(),
-                cases.len(),
-                bench.folder.display()
-            )
-        });
-        return Ok(());
-    }
-    let sheet = sheet::sum_up(&rows);
-    report::write(&bench.folder, &bench.request, &rows, &sheet)?;
-    if args.json {
-        println!("{:#}", serde_json::to_value(&sheet)?);
-    } else {
-        print_text(&sheet, &bench.folder);
+    match done? {
+        Benched::Part(done) if args.json => output::line(&serde_json::to_string(&done)?),
+        Benched::Part(done) => output::line(&format!(
+            "{} of {} cases; rows in {}",
+            done.rows,
+            done.cases,
+            args.out.display()
+        )),
+        Benched::Whole(sheet) if args.json => println!("{:#}", serde_json::to_value(&sheet)?),
+        Benched::Whole(sheet) => print_text(&sheet, &args.out),
     }
     Ok(())
-}
-
-/// The cases of a range that was asked for.
-fn part_of<'a>(cases: &'a [Case], range: &Range<u64>) -> anyhow::Result<&'a [Case]> {
-    let end = |number: u64| usize::try_from(number).unwrap_or(usize::MAX);
-    cases
-        .get(end(range.start)..end(range.end))
-        .ok_or_else(|| {
-            let reason = format!("{}..{}; expected within 0..{}", range.start, range.end, cases.len());
-            BlindError::Input {
-                place: "--cases".to_owned(),
-                reason,
-            }
-        })
-        .map_err(anyhow::Error::from)
-}
-
-/// What is said of a case that is done.
-fn case_event(row: &Row) -> serde_json::Value {
-    json!({
-        "event": "case", "case": row.case.index, "preset": row.case.preset, "truth": row.truth, "named": row.named,
-        "outcome": row.outcome,
-    })
 }
 
 /// A bar over cases; the first `present` are there already.
@@ -346,16 +278,5 @@ mod tests {
             assert_eq!(parsed(words).bench().and_then(BenchArgs::only_here), Some(words[0]));
         }
         assert!(parsed(&["effects"]).bench().is_none());
-    }
-
-    #[test]
-    fn val_parts_lie_within_the_bench() {
-        let mut request = parsed(&["--n", "5"]).bench().unwrap().request().unwrap();
-        request.vehicles.truncate(1);
-        let cases = request.cases(&[6]);
-        let part = part_of(&cases, &(3..5)).unwrap();
-        assert_eq!(part.iter().map(|case| case.index).collect::<Vec<_>>(), [3, 4]);
-        let error = part_of(&cases, &(3..6)).unwrap_err().to_string();
-        assert!(error.contains("within 0..5"), "{error}");
     }
 }

@@ -2,7 +2,6 @@
 
 mod flash;
 
-use crate::grid::Grid;
 use crate::output;
 use clap::{Parser, Subcommand};
 use rotortwin_board::message::{CostUnit, Detectors, Options, Report};
@@ -13,6 +12,7 @@ use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
 use rotortwin_flight::lockstep::{self, FlightEnd, NoObserver};
 use rotortwin_flight::pace::Pace;
 use rotortwin_flight::setup::run_setup;
+use rotortwin_runner::grid::Grid;
 use rotortwin_scenario::Scenario;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

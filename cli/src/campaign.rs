@@ -1,31 +1,29 @@
 //! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; one of them again; or shards that were flown
 //! elsewhere, put together.
 
-use crate::progress::resumed_bar;
-use crate::{destination, output};
+use crate::output;
+use crate::progress::{Lines, resumed_bar};
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
-use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
-use rotortwin_campaign::study::folder::{CampaignFolder, shards_of, write_whole};
+use rotortwin_campaign::study::engine::SideBySide;
+use rotortwin_campaign::study::folder::{CampaignFolder, shards_of};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
-use rotortwin_campaign::study::runner::{self, Progress, RunEnd, RunOptions};
+use rotortwin_campaign::study::runner::{RunEnd, missing as missing_shards};
 use rotortwin_campaign::study::totals::Totals;
-use rotortwin_campaign::study::{Campaign, report, results, tables};
+use rotortwin_campaign::study::{Campaign, results, tables};
 use rotortwin_flight::pace::Pace;
+use rotortwin_jobs::{JobEvent, Progress};
+use rotortwin_runner::campaign::{self as runner, Flown, folder_of};
+use rotortwin_runner::failure::Failure;
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
-
-/// Between two lines of progress.
-const EVENT_INTERVAL: Duration = Duration::from_millis(500);
+use std::sync::atomic::Ordering;
 
 /// Arguments of `rotortwin campaign`.
 #[derive(Debug, Parser)]
@@ -113,6 +111,16 @@ impl Args {
 }
 
 impl FlightArgs {
+    fn job(&self, campaign: &Campaign) -> rotortwin_jobs::Campaign {
+        rotortwin_jobs::Campaign {
+            campaign: self.campaign.clone(),
+            out: folder_of(self.out.as_deref(), campaign),
+            shards: self.shards.clone(),
+            limit: self.limit,
+            threads: self.threads,
+        }
+    }
+
     /// An option that a server cannot be asked for.
     pub fn only_here(&self) -> Option<&'static str> {
         let options = [
@@ -215,10 +223,10 @@ fn merge(args: &MergeArgs) -> ExitCode {
             return output::bad_input(sentence);
         }
     }
-    let missing = runner::missing(&folder, 0..folder.shard_count());
+    let missing = missing_shards(&folder, 0..folder.shard_count());
     let go_on = command_line(&args.campaign, Some(folder.path()));
-    if let Err(sentence) = summed_up(&campaign, &folder, &Flown::nothing(), args.json, &go_on) {
-        return destination::failed_at(folder.path(), sentence);
+    if let Err(failure) = summed_up(&campaign, &folder, &Flown::nothing(), args.json, &go_on) {
+        return output::told(&failure);
     }
     if missing.is_empty() {
         return ExitCode::SUCCESS;
@@ -240,138 +248,65 @@ fn ranges(numbers: &[u64]) -> String {
     apart.join(", ")
 }
 
-fn folder_of(out: Option<&Path>, campaign: &Campaign) -> PathBuf {
-    out.map_or_else(
-        || Path::new("runs").join(format!("campaign-{}", campaign.document().name)),
-        Path::to_path_buf,
-    )
-}
-
 fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
-    let path = folder_of(args.out.as_deref(), campaign);
-    let folder = match CampaignFolder::open(&path, campaign) {
-        Ok(folder) => folder,
-        Err(sentence) => return output::bad_input(sentence),
-    };
-    if let Err(sentence) = runner::check_same_program(campaign, &OneByOne, &folder) {
-        return output::bad_input(sentence);
-    }
     if args.events {
         crate::fly::end_with_standard_input();
     }
-    match fly_missing(args, campaign, &folder).and_then(|flown| finish(args, campaign, &folder, &flown)) {
+    match flown_and_printed(args, campaign) {
         Ok(code) => code,
-        Err(sentence) => destination::failed_at(folder.path(), sentence),
+        Err(failure) => output::told(&failure),
     }
 }
 
-/// How this run of the command went.
-struct Flown {
-    end: RunEnd,
-    flights: u64,
-    steps: u64,
-    threads: NonZeroUsize,
-    start: Instant,
-}
-
-impl Flown {
-    /// What is there was flown elsewhere.
-    fn nothing() -> Self {
-        Self {
-            end: RunEnd::Complete,
-            flights: 0,
-            steps: 0,
-            threads: NonZeroUsize::MIN,
-            start: Instant::now(),
+fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode, Failure> {
+    let prepared = runner::prepare(&args.job(campaign), campaign)?;
+    let stop = runner::stop_flag().map_err(Failure::Failed)?;
+    let bar = progress_bar(args.json, prepared.wanted(), prepared.present());
+    let lines = args.events.then(Lines::new);
+    let flown = prepared.fly(&stop, &|event| {
+        if let Some(lines) = &lines {
+            lines.tell(event);
         }
-    }
-}
-
-fn fly_missing(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder) -> Result<Flown, String> {
-    let options = RunOptions {
-        threads: args.threads.unwrap_or_else(available_threads),
-        limit: args.limit,
-        shards: args.shards.clone(),
-    };
-    let plan = runner::plan(folder, &options);
-    let stop = stop_flag()?;
-    let bar = progress_bar(args.json, plan.wanted_flights, plan.present_flights);
-    let (flights, steps) = (AtomicU64::new(0), AtomicU64::new(0));
-    let (failed, alarms) = (AtomicU64::new(0), AtomicU64::new(0));
-    let start = Instant::now();
-    let told = Mutex::new(start);
-    let progress = |done: Progress| {
-        let ended = flights.fetch_add(done.flights, Ordering::Relaxed) + done.flights;
-        steps.fetch_add(done.steps, Ordering::Relaxed);
-        let failed = failed.fetch_add(done.failed, Ordering::Relaxed) + done.failed;
-        let alarms = alarms.fetch_add(done.false_alarms, Ordering::Relaxed) + done.false_alarms;
-        bar.inc(done.flights);
-        if args.events {
-            tell(&told, plan.present_flights + ended, plan.wanted_flights, failed, alarms);
+        if let JobEvent::Progress(Progress::Flights {
+            failed,
+            false_alarms,
+            flights,
+            ..
+        }) = event
+        {
+            bar.set_position(*flights);
+            bar.set_message(if stop.load(Ordering::Relaxed) {
+                "stopping when begun parts are whole; Ctrl-C again loses them".to_owned()
+            } else {
+                format!("{failed} failed, {false_alarms} false alarms")
+            });
         }
-        bar.set_message(if stop.load(Ordering::Relaxed) {
-            "stopping when begun parts are whole; Ctrl-C again loses them".to_owned()
-        } else {
-            format!("{failed} failed, {alarms} false alarms")
-        });
-    };
-    let end = runner::run(campaign, &SideBySide::default(), folder, &options, &stop, &progress);
-    bar.finish_and_clear();
-    Ok(Flown {
-        end: end?,
-        flights: flights.into_inner(),
-        steps: steps.into_inner(),
-        threads: options.threads,
-        start,
-    })
-}
-
-/// A JSON line now and then.
-fn tell(told: &Mutex<Instant>, flights: u64, of: u64, failed: u64, false_alarms: u64) {
-    let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-    if told.elapsed() < EVENT_INTERVAL && flights < of {
-        return;
-    }
-    *told = Instant::now();
-    let event = serde_json::json!({
-        "event": "progress", "flights": flights, "of": of, "failed": failed, "false_alarms": false_alarms
     });
-    output::line(&event.to_string());
+    bar.finish_and_clear();
+    let flown = flown?;
+    let code = match flown.end {
+        RunEnd::Complete => ExitCode::SUCCESS,
+        RunEnd::Stopped => ExitCode::from(rotortwin_process::EXIT_FAILED),
+    };
+    let folder = prepared.folder();
+    if args.shards.is_some() {
+        if args.json {
+            output::line(&serde_json::to_string(&flown.of_shards()).expect("numbers are JSON"));
+        } else {
+            let path = folder.path().display();
+            output::line(&format!("{} flights flown; shards in {path}", flown.flights));
+        }
+        return Ok(code);
+    }
+    let go_on = command_line(&args.campaign, args.out.as_deref());
+    summed_up(campaign, folder, &flown, args.json, &go_on)?;
+    Ok(code)
 }
 
 /// A bar over flights; the first `present` are there already.
 pub fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
     let template = "{bar:28.cyan/blue} {pos}/{len} flights, {rate}, {left}  {msg}";
     resumed_bar(template, hidden, wanted, present)
-}
-
-fn finish(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
-    if args.shards.is_some() {
-        let complete = flown.end == RunEnd::Complete;
-        if args.json {
-            output::line(
-                &serde_json::json!({ "flights": flown.flights, "steps": flown.steps, "complete": complete })
-                    .to_string(),
-            );
-        } else {
-            output::line(&format!(
-                "{} flights flown; shards in {}",
-                flown.flights,
-                folder.path().display()
-            ));
-        }
-        return Ok(if complete {
-            ExitCode::SUCCESS
-        } else {
-            ExitCode::from(rotortwin_process::EXIT_FAILED)
-        });
-    }
-    let go_on = command_line(&args.campaign, args.out.as_deref());
-    summed_up(campaign, folder, flown, args.json, &go_on)?;
-    Ok(match flown.end {
-        RunEnd::Complete => ExitCode::SUCCESS,
-        RunEnd::Stopped => ExitCode::from(rotortwin_process::EXIT_FAILED),
-    })
 }
 
 /// Makes the results of the shards that are there, and prints them.
@@ -381,11 +316,8 @@ fn summed_up(
     flown: &Flown,
     json: bool,
     go_on: &str,
-) -> Result<(), String> {
-    let totals = results::collect(campaign, folder)?;
-    results::write_summary(campaign, folder, &totals)?;
-    let page = report::render(campaign, &totals);
-    write_whole(&folder.path().join(results::REPORT_FILE), page.as_bytes())?;
+) -> Result<(), Failure> {
+    let totals = runner::sum_up(campaign, folder)?;
     if json {
         println!("{:#}", results::summary(campaign, &totals));
     } else {
@@ -494,18 +426,6 @@ fn fly_one(args: &FlightArgs, campaign: &Campaign, index: u64) -> ExitCode {
     }
 }
 
-/// Set by Ctrl-C and by a polite end; the second Ctrl-C ends the process at once.
-fn stop_flag() -> Result<Arc<AtomicBool>, String> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let caught = |error: std::io::Error| format!("signals cannot be caught: {error}");
-    // In this order: the first one finds the flag down.
-    signal_hook::flag::register_conditional_default(signal_hook::consts::SIGINT, Arc::clone(&stop)).map_err(caught)?;
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(caught)?;
-    }
-    Ok(stop)
-}
-
 fn hunt(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
     let name = format!("hunt-{}", campaign.document().name);
     let folder = args
@@ -524,7 +444,7 @@ fn hunt(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
 }
 
 fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<(), String> {
-    let stop = stop_flag()?;
+    let stop = runner::stop_flag()?;
     let options = HuntOptions {
         seed: args.hunt_seed,
         budget: args.budget,

@@ -1,8 +1,8 @@
 //! `rotortwin list`, `new` and `config`: documents by name, and one's own beside them.
 
-use crate::grid::Grid;
 use crate::output;
 use clap::{Parser, ValueEnum};
+use rotortwin_runner::grid::Grid;
 use rotortwin_scenario::names::{self, Kind, Named};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,5 @@
 //! `rotortwin conform`: the plant is played to a third-party controller, and what is wrong with it is named.
 
-use crate::fly::{External, free_port, invitation, new_run_id};
 use crate::output;
 use crate::trial::Trial;
 use clap::Parser;
@@ -13,6 +12,7 @@ use rotortwin_links::endpoint::EndpointLink;
 use rotortwin_links::host_name;
 use rotortwin_process::{AnyEndpoint, LinkAddress, PeerArgs};
 use rotortwin_proto::Role;
+use rotortwin_runner::flight::{External, free_port, invitation, new_run_id};
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
 use rotortwin_wire::link::LinkTiming;

@@ -4,9 +4,10 @@
 //! [`rotortwin_store::controllers`], which a server gives of its runs, too.
 
 use crate::fly::Foreign;
-use crate::grid::Grid;
-use crate::{destination, output};
+use crate::output;
 use clap::Parser;
+use rotortwin_runner::destination::ResultFolder;
+use rotortwin_runner::grid::{Grid, fold};
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::scenario_document::Start;
 use rotortwin_store::controllers::{ControllerRow, Spread, WITHIN_M, differences};
@@ -168,9 +169,7 @@ fn fly_all(args: &Args, path: &Path) -> Result<Vec<PathBuf>, ExitCode> {
         .clone()
         .map_or_else(free_folder, Ok)
         .map_err(output::bad_input)?;
-    let kept = destination::ResultFolder::create(&all)
-        .map_err(output::bad_input)?
-        .keep();
+    let kept = ResultFolder::create(&all).map_err(output::bad_input)?.keep();
     let mut folders = Vec::new();
     for (place, who) in args.controller.iter().enumerate() {
         let plain = who.name().replace(|c: char| !c.is_ascii_alphanumeric(), "-");
@@ -283,5 +282,5 @@ fn table(rows: &[ControllerRow], names: Vec<String>, within_m: f64) -> Grid {
 
 /// Numbers are never folded by the table; these are words.
 fn words_on_lines(text: &str) -> String {
-    crate::grid::fold(text, 20)
+    fold(text, 20)
 }

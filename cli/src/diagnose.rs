@@ -1,27 +1,11 @@
 //! `rotortwin diagnose`: which physical effect the model lacks.
 
-use crate::compare::{read_logs, refused};
-use crate::destination::{self, ResultFolder};
-use crate::grid::Grid;
 use crate::output;
 use crate::progress::Progress;
-use crate::versions::store_failed;
 use clap::Parser;
-use rotortwin_page::Report;
-use rotortwin_plant::effects::EffectDocument;
-use rotortwin_scenario::{ConfigError, effect_documents};
-use rotortwin_twin::baseline::Trim;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose};
-use rotortwin_twin::estimation::parameters::FittedParameter;
-use rotortwin_twin::model::ModelStore;
-use std::path::{Path, PathBuf};
+use rotortwin_runner::diagnosis::{self, PROPOSAL_FILE, proposed};
+use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Instant;
-
-/// Rows of the ranking that are printed.
-const RANKING_ROWS: usize = 8;
-/// Effect document of a proposal.
-const PROPOSAL_FILE: &str = "proposed-effect.toml";
 
 /// Arguments of `rotortwin diagnose`.
 #[derive(Debug, Parser)]
@@ -53,70 +37,36 @@ pub struct Args {
     events: bool,
 }
 
+impl Args {
+    fn job(&self) -> rotortwin_jobs::Diagnosis {
+        rotortwin_jobs::Diagnosis {
+            logs: self.logs.clone(),
+            model: self.model.clone(),
+            models: self.models.clone(),
+            effects: self.effects.clone(),
+            baseline: self.baseline.clone(),
+            out: self.out.clone(),
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> ExitCode {
-    let start = Instant::now();
-    let found = match ModelStore::new(&args.models).find(&args.model) {
-        Ok(found) => found,
-        Err(error) => return store_failed(&error),
-    };
-    let logs = match read_logs(&args.logs) {
-        Ok(logs) => logs,
-        Err(code) => return code,
-    };
-    if let Err(code) = refused(&logs, &found.version.vehicle) {
-        return code;
-    }
-    let baseline = match read_logs(&args.baseline) {
-        Ok(logs) => logs,
-        Err(code) => return code,
-    };
-    if let Err(code) = refused(&baseline, &found.version.vehicle) {
-        return code;
-    }
-    let effects: Result<Vec<EffectDocument>, ConfigError> = args.effects.iter().map(effect_documents::load).collect();
-    let effects = match effects {
-        Ok(effects) => effects,
-        Err(error) => return output::bad_input(error),
-    };
-    let folder = match ResultFolder::of_option(args.out.as_ref()) {
-        Ok(folder) => folder,
-        Err(sentence) => return output::bad_input(sentence),
-    };
     let progress = Progress::new(args.json, args.events);
-    let options = Options {
-        effects,
-        baseline,
-        progress: &|text, share| progress.tell(text, share),
-        clock: &|| start.elapsed().as_secs_f64(),
-        ..Options::default()
-    };
-    let result = diagnose(&logs, &found.version, &options);
+    let done = diagnosis::diagnose(&args.job(), !args.json, &|event| progress.tell(event));
     progress.clear();
-    let diagnosis = match result {
-        Ok(diagnosis) => diagnosis,
-        Err(error) => return output::bad_input(error),
+    let done = match done {
+        Ok(done) => done,
+        Err(failure) => return output::told(&failure),
     };
-    let json = serde_json::to_string_pretty(&diagnosis).expect("text and numbers are JSON");
-    let mut text = text(&diagnosis);
-    if (args.out.is_some() || !args.json)
-        && let Some(advice) = crate::next_flight::after(&diagnosis, &found.version)
-    {
-        text += &format!("Next flight  {advice}\n");
-    }
-    if let Some(folder) = folder.map(ResultFolder::keep)
-        && let Err(error) = write(folder.path(), &json, &text, &diagnosis)
-    {
-        return destination::failed_at(folder.path(), error);
-    }
     if args.json {
-        println!("{json}");
+        println!("{}", diagnosis::json(&done.diagnosis));
     } else {
-        print!("{}", output::fitted(&text));
+        print!("{}", output::fitted(&done.text));
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.display());
             println!("             report.html  diagnosis.json  diagnosis.txt");
-            if proposed(&diagnosis).is_some() {
+            if proposed(&done.diagnosis).is_some() {
                 println!("             {}", folder.join(PROPOSAL_FILE).display());
                 println!(
                     "Try it with  rotortwin model add {} --from {} --proposal",
@@ -127,205 +77,4 @@ pub fn run(args: &Args) -> ExitCode {
         }
     }
     ExitCode::SUCCESS
-}
-
-fn proposed(diagnosis: &Diagnosis) -> Option<&EffectDocument> {
-    diagnosis.proposal.as_ref()?.document.as_ref()
-}
-
-fn write(folder: &Path, json: &str, text: &str, diagnosis: &Diagnosis) -> Result<(), String> {
-    let file = |name: &str, text: &str| {
-        let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
-    };
-    file("diagnosis.json", &format!("{json}\n"))?;
-    file("diagnosis.txt", text)?;
-    file("report.html", &report(text, diagnosis))?;
-    match proposed(diagnosis) {
-        Some(document) => file(PROPOSAL_FILE, &rotortwin_twin::propose::to_toml(document)),
-        None => Ok(()),
-    }
-}
-
-/// The diagnosis on a page.
-fn report(text: &str, diagnosis: &Diagnosis) -> String {
-    let page = Report {
-        kind: "diagnosis",
-        title: &format!("Diagnosis · {}", diagnosis.logs.join(", ")),
-        summary: text,
-        program: rotortwin_twin::model::TOOL,
-        data: diagnosis,
-    };
-    page.render().expect("text and numbers are JSON")
-}
-
-/// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
-fn parameter(p: &FittedParameter) -> String {
-    let digits = if p.interval_95 > 0.0 {
-        (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
-    } else {
-        4
-    };
-    let unit = if p.unit.is_empty() {
-        String::new()
-    } else {
-        format!(" {}", p.unit)
-    };
-    format!("{} = {:.digits$} ± {:.digits$}{unit}", p.symbol, p.value, p.interval_95)
-}
-
-fn parameters(list: &[FittedParameter]) -> String {
-    list.iter().map(parameter).collect::<Vec<_>>().join(", ")
-}
-
-fn finding(found: &Finding) -> String {
-    let mut text = format!("{}: {}\n", found.label, parameters(&found.parameters));
-    text += &format!("             {}\n             {}\n", found.equation, found.reason);
-    for rival in &found.also_compatible {
-        text += &format!(
-            "             also compatible: {} (ln BF {:.1} behind)\n",
-            rival.label, rival.evidence_gap
-        );
-    }
-    for rival in &found.lost {
-        text += &format!("             not {}: {}\n", rival.label.to_lowercase(), rival.reason);
-    }
-    text
-}
-
-/// What changed against healthy flights.
-fn trim(trim: &Trim) -> String {
-    let changes: Vec<String> = trim
-        .thrust_change
-        .iter()
-        .map(|x| format!("{:+.1}", 100.0 * x))
-        .collect();
-    let seen = trim.smallest_loss.map_or_else(
-        || "no loss of one rotor up to 60 % would be named for certain".to_owned(),
-        |loss| format!("a loss of {:.0} % of one rotor would be named", 100.0 * loss),
-    );
-    format!(
-        "{}\n             thrust asked of the rotors over the healthy mean: {} %; healthy flights vary by {:.1} % in common and {:.1} % rotor \
-         by rotor; {seen}\n\n",
-        trim.sentence,
-        changes.join(", "),
-        100.0 * trim.spread[0],
-        100.0 * trim.spread[1]
-    )
-}
-
-/// What a finding may be called under a verdict: only what is believed is missing.
-fn called(verdict: &Verdict) -> &'static str {
-    match verdict {
-        Verdict::Missing { .. } | Verdict::PartlyMissing { .. } => "Missing",
-        Verdict::CannotTell { .. } => "One of",
-        _ => "Looks like",
-    }
-}
-
-/// The diagnosis for a terminal: the verdict first.
-fn text(diagnosis: &Diagnosis) -> String {
-    let mut text = diagnosis.trim.as_ref().map_or_else(String::new, trim);
-    text += &format!("{}\n\n", diagnosis.sentence);
-    let label = called(&diagnosis.verdict);
-    for found in &diagnosis.effects {
-        text += &format!("{label:13}{}", finding(found));
-    }
-    for found in &diagnosis.sensor_or_timing {
-        text += &format!("Log fault    {}", finding(found));
-    }
-    for one in diagnosis.calibrate.iter().filter(|one| !one.blocking) {
-        text += &format!("Calibrate    {}\n", one.sentence());
-    }
-    if let Some(proposal) = &diagnosis.proposal {
-        text += &format!("Proposal     {}\n", proposal.sentence());
-    }
-    if !diagnosis.held_out.is_empty() {
-        text += "\nFitted on every other 5 s, tested on the rest (means over 0.1 s)\n";
-        for error in &diagnosis.held_out {
-            text += &format!(
-                "  {:8} {:9.2} → {:9.2} m{}\n",
-                error.quantity,
-                1e3 * error.before,
-                1e3 * error.after,
-                error.unit
-            );
-        }
-    }
-    text += "\nRanking about the given model (linear; ± is 95 %)\n";
-    let mut table = Grid::new(["effect", "fitted", "ln BF", "held-out chi²"]).numbers([2, 3]);
-    for row in diagnosis.ranking.iter().take(RANKING_ROWS) {
-        table.add_row([
-            row.label.clone(),
-            parameters(&row.parameters),
-            format!("{:.1}", row.ln_bayes_factor),
-            format!("{:+.0}", row.held_out_chi2_change),
-        ]);
-    }
-    text += &format!("{table}\n");
-    if !diagnosis.not_testable.is_empty() {
-        text += "Not testable on this flight\n";
-        for row in &diagnosis.not_testable {
-            let need = row.minimum_size.map_or_else(
-                || "nothing of it shows".to_owned(),
-                |size| {
-                    format!(
-                        "would need {} (plausible {})",
-                        format!("{} {}", short(size), row.unit).trim_end(),
-                        short(row.plausible_size)
-                    )
-                },
-            );
-            text += &format!(
-                "  {}: {} {need}; excited by {}\n",
-                row.label, row.parameter, row.excited_by
-            );
-        }
-    }
-    text += &not_considered(&diagnosis.not_considered);
-    let colour: Vec<&str> = diagnosis.goodness.unexplained.iter().map(String::as_str).collect();
-    if !colour.is_empty() {
-        text += &format!("Unexplained  {}\n", colour.join(", "));
-    }
-    for note in &diagnosis.notes {
-        text += &format!("Note         {note}\n");
-    }
-    text += &format!(
-        "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",
-        diagnosis.threshold
-    );
-    text += &format!(
-        "Took         {:.2} s, ranked after {:.2} s\n",
-        diagnosis.timing.total_s, diagnosis.timing.ranked_s
-    );
-    text
-}
-
-/// Effects that could not be considered, those for the same reason together.
-fn not_considered(all: &[NotConsidered]) -> String {
-    let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
-    for one in all {
-        match reasons.iter_mut().find(|(reason, _)| *reason == one.reason) {
-            Some((_, labels)) => labels.push(&one.label),
-            None => reasons.push((&one.reason, vec![&one.label])),
-        }
-    }
-    let mut text = String::new();
-    if !reasons.is_empty() {
-        text += "Not considered\n";
-    }
-    for (reason, labels) in reasons {
-        text += &format!("  {}: {reason}\n", labels.join(", "));
-    }
-    text
-}
-
-/// Three significant digits.
-fn short(value: f64) -> String {
-    let digits = if value == 0.0 {
-        0
-    } else {
-        (2 - value.abs().log10().floor() as i32).clamp(0, 8) as usize
-    };
-    format!("{value:.digits$}")
 }

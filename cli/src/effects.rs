@@ -1,9 +1,10 @@
 //! `rotortwin effects`: the catalogue of effects, built-in and of users.
 
-use crate::grid::{Grid, fold};
-use crate::{output, terminal};
+use crate::output;
 use clap::{Parser, Subcommand};
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, EffectDocument, ParameterKind, page};
+use rotortwin_runner::grid::{Grid, fold};
+use rotortwin_runner::text;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -111,7 +112,7 @@ fn text(entry: &EffectDeclaration) -> String {
         entry.class.as_str(),
         channels(entry)
     );
-    let width = terminal::width().unwrap_or(100);
+    let width = text::width().unwrap_or(100);
     let mut line = |label: &str, value: &str| {
         if !value.is_empty() {
             let value = fold(value, width.saturating_sub(16)).replace('\n', "\n                ");

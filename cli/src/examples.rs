@@ -139,6 +139,10 @@ pub(crate) const TRAIN: &str = "\
 Examples:
   rotortwin train --out my-classifier.json --seeds 1";
 
+pub(crate) const JOB: &str = "\
+Examples:
+  rotortwin job job.json";
+
 pub(crate) const LIST: &str = "\
 Examples:
   rotortwin list

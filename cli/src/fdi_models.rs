@@ -1,15 +1,15 @@
 //! `rotortwin model detectors`: the same flights twice, once with detectors that assume the plain vehicle and once with detectors
 //! that assume the model, while the plant flies the model's effects in both.
 
-use crate::grid::Grid;
 use crate::output;
-use crate::versions::{find, store_failed};
 use clap::Parser;
 use rotortwin_campaign::study::document::Criteria;
 use rotortwin_campaign::study::engine::{FlightEngine as _, FlightScorer, OneByOne};
 use rotortwin_campaign::study::intervals::{ClusterSums, poisson_rate};
 use rotortwin_campaign::study::plan::PlannedFlight;
 use rotortwin_campaign::study::record::{DETECTORS, FlightRecord};
+use rotortwin_runner::grid::Grid;
+use rotortwin_runner::versions::find;
 use rotortwin_scenario::Scenario;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ pub(crate) struct Args {
 pub(crate) fn run(store: &ModelStore, args: &Args) -> ExitCode {
     let version = match find(store, &args.model) {
         Ok(version) => version,
-        Err(error) => return store_failed(&error),
+        Err(error) => return output::told(&error.into()),
     };
     match compare(args, &version) {
         Ok(text) => {

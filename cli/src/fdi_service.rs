@@ -1,9 +1,9 @@
 //! `rotortwin fdi-log` and `rotortwin fdi-service`: the detectors on flights that somebody else flies.
 
-use crate::grid::Grid;
 use crate::output::{bad_input, failed, line};
 use rotortwin_page::Report;
 use rotortwin_process::LinkAddress;
+use rotortwin_runner::grid::Grid;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::log::{FlightLog, ReadOptions};
 use rotortwin_twin::model::ModelStore;

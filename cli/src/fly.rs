@@ -1,46 +1,31 @@
 //! `rotortwin fly`: one flight, in this process or in three.
 
-use crate::destination::{self, ResultFolder};
 use crate::ground_station::GroundStation;
 use crate::output;
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use rotortwin_bridge::address::{AnyLine, BoardAddress};
+use rotortwin_bridge::address::BoardAddress;
 use rotortwin_bridge::autopilot::address::{ADDRESSES, AutopilotAddress, Protocol};
-use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
-use rotortwin_bridge::autopilot::betaflight::Betaflight;
-use rotortwin_bridge::autopilot::pilot::{self, Pilot, PilotAddress, Piloted};
-use rotortwin_bridge::autopilot::px4::Px4;
-use rotortwin_bridge::autopilot::{OutputMap, Patience};
-use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
 use rotortwin_flight::pace::Pace;
-use rotortwin_links::endpoint::PeerOptions;
-use rotortwin_links::host_name;
-use rotortwin_process::launch::{self, Part};
-use rotortwin_process::{AnyEndpoint, LinkAddress, Placement, Supervisor};
-use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
+use rotortwin_process::{LinkAddress, Placement};
+use rotortwin_runner::autopilot::{PilotChoice, Waits, open_autopilot};
+use rotortwin_runner::destination::ResultFolder;
+use rotortwin_runner::failure::Failure;
+use rotortwin_runner::flight::{
+    self, Board, EXTERNAL_JOIN_TIMEOUT_MS, FlightEvent, Invited, Order, Peers, Processes, free_port,
+};
 use rotortwin_scenario::{ConfigError, Documents, Scenario};
-use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
-use rotortwin_store::summary::{Status, Summary, load_summary, verdict_text};
+use rotortwin_store::summary::verdict_text;
 use rotortwin_twin::model::ModelStore;
-use rotortwin_wire::autopilot::Autopilot;
 use rotortwin_wire::events::{Change, Mishap, Progress, RunEvent};
 use rotortwin_wire::link::LinkTiming;
 use std::cell::RefCell;
-use std::collections::BTreeSet;
-use std::ffi::OsString;
 use std::io::IsTerminal as _;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
-
-/// In the run folder: scenario, vehicle, models and blades as flown, for the plant's process.
-const DOCUMENTS_FILE: &str = "documents.toml";
-
-/// How long parts that are started by hand are waited for where nothing is said.
-const EXTERNAL_JOIN_TIMEOUT_MS: u64 = 600_000;
 
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
@@ -171,26 +156,6 @@ impl std::str::FromStr for Foreign {
     }
 }
 
-/// Who commands an autopilot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PilotChoice {
-    /// Somebody else.
-    Nobody,
-    /// We do, there.
-    At(PilotAddress),
-}
-
-impl std::str::FromStr for PilotChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "none" => Ok(Self::Nobody),
-            _ => text.parse().map(Self::At),
-        }
-    }
-}
-
 /// Where the FDI engine of a run with a board is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FdiPlace {
@@ -255,11 +220,11 @@ pub enum External {
     Fdi,
 }
 
-impl External {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Controller => "controller",
-            Self::Fdi => "fdi",
+impl From<External> for flight::External {
+    fn from(who: External) -> Self {
+        match who {
+            External::Controller => Self::Controller,
+            External::Fdi => Self::Fdi,
         }
     }
 }
@@ -285,20 +250,21 @@ pub fn run(args: &Args) -> ExitCode {
         return output::bad_input(error);
     }
     // Before anything is written.
-    let foreign = match args
+    let settled = args
         .controller
         .as_ref()
         .map(|foreign| open(args, foreign, &scenario, seed))
-    {
-        Some(Err(code)) => return code,
-        Some(Ok(opened)) => Some(opened),
-        None => None,
+        .transpose()
+        .and_then(|foreign| {
+            Ok((
+                settle(args, foreign)?,
+                run_folder(args, scenario.name(), seed).map_err(Failure::Input)?,
+            ))
+        });
+    let (peers, folder) = match settled {
+        Ok(settled) => settled,
+        Err(failure) => return output::told(&failure),
     };
-    let (address, folder) =
-        match settle(args).and_then(|address| Ok((address, run_folder(args, scenario.name(), seed)?))) {
-            Ok(settled) => settled,
-            Err(sentence) => return output::bad_input(sentence),
-        };
     for warning in scenario.warnings() {
         eprintln!("{}: {warning}", args.scenario.display());
     }
@@ -312,80 +278,39 @@ pub fn run(args: &Args) -> ExitCode {
     let screen = Screen::new(args.json, args.events)
         .with_samples(args.live.is_some())
         .with_station(station);
-    let config = SessionConfig {
-        scenario_path: args.scenario.clone(),
+    let order = Order {
+        scenario: &scenario,
+        path: &args.scenario,
+        whole_documents: args.whole_documents(),
         seed,
-        link_name: match &args.controller {
-            Some(Foreign::Board(board)) => format!("board {board}"),
-            Some(Foreign::Autopilot(autopilot)) => {
-                let how = if autopilot.protocol.lockstep() {
-                    "lockstep"
-                } else {
-                    "not lockstep"
-                };
-                format!("{}{autopilot}, {how}", session::AUTOPILOT_LINK)
-            }
-            None => link_name(args.link).to_owned(),
-        },
         pace: args.pace.into(),
-        run_id: new_run_id(),
         live_hz: args.live_hz(),
+        join_timeout_ms: args.join_timeout,
+        step_timeout_ms: args.step_timeout,
+        peers,
     };
-    let (mut board, mut placed) = (None, None);
-    let result = match (address, foreign) {
-        (_, Some(Opened::Board(address, line))) => {
-            fly_board(args, (address, line), &scenario, &config, &folder, &screen).map(|(summary, report)| {
-                board = Some((report, address));
-                summary
-            })
-        }
-        (_, Some(Opened::Autopilot(OpenedAutopilot::ArduPilot(mut link, supervisor)))) => {
-            screen.line(&format!(
-                "Waiting for servo packets of ArduPilot: {}",
-                address_text(link.autopilot().local_address())
-            ));
-            fly_autopilot(&mut *link, &supervisor, &scenario, &config, &folder, &screen)
-        }
-        (_, Some(Opened::Autopilot(OpenedAutopilot::Px4(mut link, supervisor)))) => {
-            screen.line(&format!(
-                "Waiting for PX4 to connect: {}",
-                address_text(link.autopilot().local_address())
-            ));
-            fly_autopilot(&mut *link, &supervisor, &scenario, &config, &folder, &screen)
-        }
-        (_, Some(Opened::Autopilot(OpenedAutopilot::Betaflight(mut link, supervisor)))) => {
-            screen.line(&format!("Sending states to Betaflight: {}", link.states_to()));
-            fly_autopilot(&mut *link, &supervisor, &scenario, &config, &folder, &screen)
-        }
-        (None, None) => fly_here(&scenario, &config, &folder, &screen),
-        (Some(address), None) => {
-            let mut placement = placement(args);
-            let flown = fly_in_processes(args, &scenario, &config, &address, &folder, &mut placement, &screen);
-            placed = Some(placement.sentence());
-            flown
-        }
-    };
+    let flown = flight::fly(order, &folder, &|event| screen.tell(event));
     screen.close();
-    match result {
-        Ok(summary) => {
-            if args.json {
-                print!("{}", summary.to_json());
-            } else if !args.events {
-                print!("{}", output::summary_text(&summary, Some(folder.path())));
-                if let Some(placed) = placed {
-                    print!("{}", output::fitted(&format!("Placement    {placed}\n")));
-                }
-            }
-            if let Some((report, address)) = board {
-                eprint!("{}", crate::board::session_text(&report, Some(address)));
-                if let Some(difference) = &report.difference {
-                    return output::failed(difference);
-                }
-            }
-            output::exit_code(&summary)
+    let flown = match flown {
+        Ok(flown) => flown,
+        Err(failure) => return output::told(&failure),
+    };
+    let summary = &flown.summary;
+    if args.json {
+        print!("{}", summary.to_json());
+    } else if !args.events {
+        print!("{}", output::summary_text(summary, Some(folder.path())));
+        if let Some(placed) = flown.placed {
+            print!("{}", output::fitted(&format!("Placement    {placed}\n")));
         }
-        Err(sentence) => destination::failed_at(folder.path(), sentence),
     }
+    if let Some((report, address)) = &flown.board {
+        eprint!("{}", crate::board::session_text(report, Some(address)));
+        if let Some(difference) = &report.difference {
+            return output::failed(difference);
+        }
+    }
+    output::exit_code(summary)
 }
 
 /// The scenario that the arguments mean, with what they set.
@@ -414,7 +339,7 @@ pub fn end_with_standard_input() {
 /// The scenario with the models that were asked for: their vehicle and effects in the plant, their constants in the detectors.
 pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
     let store = ModelStore::new(&args.models);
-    let find = |text: &str| store.find(text).map_err(|error| crate::versions::store_failed(&error));
+    let find = |text: &str| store.find(text).map_err(|error| output::told(&error.into()));
     let mut scenario = scenario;
     if let Some(text) = &args.model {
         let version = find(text)?.version;
@@ -442,21 +367,32 @@ pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode
 }
 
 /// Tries everything that can be tried before something is written: the CPU, and where the processes are to meet.
-fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
+fn settle(args: &Args, foreign: Option<Peers>) -> Result<Peers, Failure> {
     if let Some(cpu) = args.cpu {
         // The processes that this one starts inherit it.
-        rotortwin_process::pin_to_cpu(cpu)?;
+        rotortwin_process::pin_to_cpu(cpu).map_err(Failure::Input)?;
+    }
+    if let Some(foreign) = foreign {
+        return Ok(foreign);
     }
     let option = if args.connect.is_some() {
         "--connect"
     } else {
         "--listen"
     };
-    let address = address(args)?;
-    if let Some(address) = &address {
-        address.probe().map_err(|sentence| format!("{option}: {sentence}"))?;
-    }
-    Ok(address)
+    let Some(address) = address(args).map_err(Failure::Input)? else {
+        return Ok(Peers::Here);
+    };
+    address
+        .probe()
+        .map_err(|sentence| Failure::input(format!("{option}: {sentence}")))?;
+    Ok(Peers::Processes(Processes {
+        link: link_name(args.link),
+        address,
+        external: args.external.iter().copied().map(flight::External::from).collect(),
+        fdi_window: args.fdi_window,
+        placement: placement(args),
+    }))
 }
 
 /// Makes the folder of the run, and makes sure that files can be written there.
@@ -475,9 +411,6 @@ fn link_name(link: LinkKind) -> &'static str {
 
 /// Where the processes meet; `None`: there is only this one.
 fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
-    if args.controller.is_some() {
-        return Ok(None);
-    }
     let endpoint_given = args.listen.is_some() || args.connect.is_some() || args.zenoh_config.is_some();
     if args.link != LinkKind::Zenoh && endpoint_given {
         return Err(format!(
@@ -525,14 +458,6 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
         })
 }
 
-/// A TCP port of the loopback address that nobody listens on now.
-pub fn free_port() -> Result<u16, String> {
-    std::net::TcpListener::bind("127.0.0.1:0")
-        .and_then(|listener| listener.local_addr())
-        .map(|address| address.port())
-        .map_err(|error| format!("no free TCP port on 127.0.0.1: {error}"))
-}
-
 /// `runs/NAME-SEED`, or the first of `runs/NAME-SEED-2`, `-3`, … that does not exist.
 fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
     let base = Path::new("runs").join(format!("{name}-{seed}"));
@@ -553,217 +478,36 @@ fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
         })
 }
 
-/// A number that no other execution has; 0 is kept for "none".
-pub fn new_run_id() -> u64 {
-    rand::random::<u64>().max(1)
-}
-
-/// The whole flight in this process.
-fn fly_here(
-    scenario: &Scenario,
-    config: &SessionConfig,
-    folder: &RunFolder,
-    screen: &Screen,
-) -> Result<Summary, String> {
-    let supervisor = Supervisor::watch(false).map_err(|error| format!("Ctrl-C cannot be handled: {error}"))?;
-    let mut link = session::in_process_link();
-    let mut stop = || session::stop_reason(&supervisor);
-    session::fly(
-        scenario,
-        config,
-        &mut link,
-        folder,
-        &mut |event| screen.show(&event),
-        &mut stop,
-    )
-    .map_err(|error| error.to_string())
-}
-
-/// What stands in the place of the controller, opened.
-enum Opened<'a> {
-    Board(&'a BoardAddress, AnyLine),
-    Autopilot(OpenedAutopilot),
-}
-
-/// An autopilot that is waited for, and what can stop the waiting.
-pub(crate) enum OpenedAutopilot {
-    ArduPilot(Box<Piloted<ArduPilot>>, Supervisor),
-    Px4(Box<Piloted<Px4>>, Supervisor),
-    Betaflight(Box<Betaflight>, Supervisor),
-}
-
-/// How long an autopilot is waited for.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Waits {
-    /// For its first message.
-    pub(crate) join: Duration,
-    /// For any later one.
-    pub(crate) step: Duration,
-}
-
-/// Why an autopilot is not waited for; one sentence.
-pub(crate) enum Refused {
-    /// The scenario cannot be flown with it.
-    Scenario(String),
-    /// An argument is wrong.
-    Argument(String),
-    /// Its port is taken, or the like.
-    Place(String),
-}
-
-impl Refused {
-    /// Says it, of this scenario.
-    pub(crate) fn told(self, scenario: &Path) -> ExitCode {
-        match self {
-            Self::Scenario(sentence) => output::bad_input(format!("{}: {sentence}", scenario.display())),
-            Self::Argument(sentence) => output::bad_input(sentence),
-            Self::Place(sentence) => output::failed(sentence),
-        }
-    }
-}
-
-/// Whose frames they are.
-pub fn autopilot_kind(protocol: Protocol) -> AutopilotKind {
-    match protocol {
-        Protocol::ArduPilot => AutopilotKind::ArduPilot,
-        Protocol::Px4 => AutopilotKind::Px4,
-        Protocol::Betaflight => AutopilotKind::Betaflight,
-    }
-}
-
-/// An address of this host.
-fn address_text(address: Option<std::net::SocketAddr>) -> String {
-    address.map_or_else(|| "an unknown address".to_owned(), |address| address.to_string())
-}
-
 /// Opens the line to a board, or the port where an autopilot is waited for.
-fn open<'a>(args: &Args, foreign: &'a Foreign, scenario: &Scenario, seed: u64) -> Result<Opened<'a>, ExitCode> {
+fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Result<Peers, Failure> {
     let autopilot = match foreign {
         Foreign::Board(address) => {
             if args.pilot.is_some() {
-                return Err(output::bad_input(format!(
+                return Err(Failure::input(format!(
                     "--pilot belongs to autopilots, the controller is the board {address}"
                 )));
             }
-            let line = address.open().map_err(output::bad_input)?;
-            return Ok(Opened::Board(address, line));
+            return Ok(Peers::Board(Board {
+                line: address.open().map_err(Failure::input)?,
+                address: address.clone(),
+                with_fdi: args.fdi == FdiPlace::Board,
+                compare: args.compare,
+            }));
         }
         Foreign::Autopilot(autopilot) => autopilot,
     };
     if args.compare || args.fdi != FdiPlace::Board || args.pace != PaceArg::Fast {
-        let sentence = format!("--compare, --fdi and --pace belong to boards, the controller is {autopilot}");
-        return Err(output::bad_input(sentence));
+        return Err(Failure::input(format!(
+            "--compare, --fdi and --pace belong to boards, the controller is {autopilot}"
+        )));
     }
     let waits = Waits {
         join: Duration::from_millis(args.join_timeout.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS)),
         step: Duration::from_millis(args.step_timeout),
     };
     open_autopilot(autopilot, args.pilot, waits, scenario, seed)
-        .map(Opened::Autopilot)
+        .map(|opened| Peers::Autopilot(autopilot.clone(), opened))
         .map_err(|refused| refused.told(&args.scenario))
-}
-
-/// Opens the port where an autopilot is waited for that is to fly this scenario, and finds out who commands it.
-pub(crate) fn open_autopilot(
-    autopilot: &AutopilotAddress,
-    pilot: Option<PilotChoice>,
-    waits: Waits,
-    scenario: &Scenario,
-    seed: u64,
-) -> Result<OpenedAutopilot, Refused> {
-    let mut simulation = scenario
-        .simulation(seed)
-        .map_err(|error| Refused::Scenario(error.to_string()))?;
-    simulation
-        .begin_prelude()
-        .map_err(|refusal| Refused::Scenario(format!("key `{}`: {}", refusal.key, refusal.reason)))?;
-    let kind = autopilot_kind(autopilot.protocol);
-    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).map_err(Refused::Scenario)?;
-    let map = OutputMap {
-        rotor_of_channel,
-        pulse_min_us: frame.pulse.min_us,
-        pulse_max_us: frame.pulse.max_us,
-    };
-    let supervisor =
-        Supervisor::watch(false).map_err(|error| Refused::Place(format!("Ctrl-C cannot be handled: {error}")))?;
-    let patience = Patience {
-        join: waits.join,
-        step: waits.step,
-        stop: supervisor.stop_flag(),
-    };
-    let at = match pilot {
-        Some(PilotChoice::Nobody) => None,
-        Some(PilotChoice::At(at)) if autopilot.protocol == Protocol::Betaflight => {
-            return Err(Refused::Argument(format!(
-                "--pilot {at}: Betaflight takes no commands over MAVLink, its sticks are held here; expected none, or no --pilot"
-            )));
-        }
-        Some(PilotChoice::At(at)) => Some(at),
-        None => pilot::default_address(autopilot.protocol),
-    };
-    let commander = at
-        .map(|at| Pilot::new(autopilot.protocol, at, pilot::MEET))
-        .transpose()
-        .map_err(Refused::Place)?;
-    match autopilot.protocol {
-        Protocol::ArduPilot => ArduPilot::listen(autopilot.address, map, patience)
-            .map(|link| OpenedAutopilot::ArduPilot(Box::new(Piloted::new(link, commander)), supervisor)),
-        Protocol::Px4 => Px4::listen(autopilot.address, map, patience)
-            .map(|link| OpenedAutopilot::Px4(Box::new(Piloted::new(link, commander)), supervisor)),
-        Protocol::Betaflight => {
-            let piloted = pilot != Some(PilotChoice::Nobody);
-            Betaflight::listen(autopilot, piloted, map, patience)
-                .map(|link| OpenedAutopilot::Betaflight(Box::new(link), supervisor))
-        }
-    }
-    .map_err(Refused::Place)
-}
-
-/// The flight in this process, with an autopilot of its own clock in the place of the controller.
-fn fly_autopilot(
-    autopilot: &mut impl Autopilot,
-    supervisor: &Supervisor,
-    scenario: &Scenario,
-    config: &SessionConfig,
-    folder: &RunFolder,
-    screen: &Screen,
-) -> Result<Summary, String> {
-    let mut show = |event: RunEvent| screen.show(&event);
-    let mut stop = || session::stop_reason(supervisor);
-    session::fly_autopilot(scenario, config, autopilot, folder, &mut show, &mut stop).map_err(|error| error.to_string())
-}
-
-/// The flight in this process, with a board in the place of controller and FDI engine.
-fn fly_board(
-    args: &Args,
-    (address, line): (&BoardAddress, AnyLine),
-    scenario: &Scenario,
-    config: &SessionConfig,
-    folder: &RunFolder,
-    screen: &Screen,
-) -> Result<(Summary, SessionReport), String> {
-    let supervisor = Supervisor::watch(false).map_err(|error| format!("Ctrl-C cannot be handled: {error}"))?;
-    let mut options = SessionOptions {
-        join: Duration::from_millis(args.join_timeout.unwrap_or(10_000)),
-        step: Duration::from_millis(args.step_timeout),
-        compare: args.compare,
-        ..SessionOptions::default()
-    };
-    options.board.fdi = args.fdi == FdiPlace::Board;
-    // A slow line carries the four numbers behind the residuals; the bits are the same.
-    options.board.residuals = address.baud().is_none();
-    let mut link = BoardLink::new(line, &address.to_string(), options);
-    let mut stop = || session::stop_reason(&supervisor);
-    let summary = session::fly(
-        scenario,
-        config,
-        &mut link,
-        folder,
-        &mut |event| screen.show(&event),
-        &mut stop,
-    )
-    .map_err(|error| error.to_string())?;
-    Ok((summary, link.report()))
 }
 
 /// On which processors the processes of a flight run. In lockstep they wait for each other, and the rest of the machine is left to other
@@ -774,157 +518,6 @@ fn placement(args: &Args) -> Placement {
         None if args.pace == PaceArg::RealTime => Placement::kernel("real-time pace"),
         None if !args.external.is_empty() => Placement::kernel("not all processes are started here"),
         None => Placement::chosen(),
-    }
-}
-
-/// The flight in three processes; this one watches.
-fn fly_in_processes(
-    args: &Args,
-    scenario: &Scenario,
-    config: &SessionConfig,
-    address: &LinkAddress,
-    folder: &RunFolder,
-    placement: &mut Placement,
-    screen: &Screen,
-) -> Result<Summary, String> {
-    if args.whole_documents() {
-        // The plant's process reads the scenario by itself, and the file knows nothing of the models.
-        let path = folder.path().join(DOCUMENTS_FILE);
-        std::fs::write(&path, scenario.documents().to_toml())
-            .map_err(|error| format!("{}: cannot be written: {error}", path.display()))?;
-    }
-    let external: BTreeSet<External> = args.external.iter().copied().collect();
-    let parts = parts(args, config, address, folder, &external);
-    if !external.is_empty() {
-        invite(args, config, address, &external);
-    }
-    let start = std::time::Instant::now();
-    let silence_limit = PeerOptions::new(
-        "",
-        &LinkTiming {
-            step: Duration::from_millis(args.step_timeout),
-            ..LinkTiming::default()
-        },
-    )
-    .idle;
-    let ending = launch::run(&parts, folder.path(), silence_limit, placement, |event| {
-        screen.show(event)
-    })
-    .map_err(|error| format!("{error:#}"))?;
-    let summary = match load_summary(folder.path()) {
-        Ok(summary) => summary,
-        // The plant could not write it: it died, or it stalled and was killed.
-        Err(_) => {
-            let dead = DeadPlant {
-                how: ending.plant_text(),
-                silence: ending.plant_silence,
-                last_step: ending.last_step,
-                wall: start.elapsed(),
-            };
-            session::finalise_dead_plant(scenario, config, folder, &dead).map_err(|error| error.to_string())?
-        }
-    };
-    if summary.status != Status::Done {
-        AnyEndpoint::tidy(address);
-    }
-    Ok(summary)
-}
-
-fn parts(
-    args: &Args,
-    config: &SessionConfig,
-    address: &LinkAddress,
-    folder: &RunFolder,
-    external: &BTreeSet<External>,
-) -> Vec<Part> {
-    let join_timeout = args.join_timeout.unwrap_or(if external.is_empty() {
-        10_000
-    } else {
-        EXTERNAL_JOIN_TIMEOUT_MS
-    });
-    let mut common = ArgList::default();
-    common.option("--run-id", format!("{:016x}", config.run_id));
-    common
-        .option("--join-timeout", join_timeout.to_string())
-        .option("--step-timeout", args.step_timeout.to_string());
-    let mut sim = common.clone();
-    sim.option("--link", address.to_string())
-        .option("--seed", config.seed.to_string());
-    sim.option("--fdi-window", args.fdi_window.to_string());
-    sim.option(
-        "--pace",
-        if args.pace == PaceArg::Fast {
-            "fast"
-        } else {
-            "real-time"
-        },
-    );
-    if let Some(rate_hz) = args.live_hz() {
-        sim.option("--live", rate_hz.to_string());
-    }
-    if args.whole_documents() {
-        sim.option("--documents", folder.path().join(DOCUMENTS_FILE));
-    }
-    sim.option("--out", folder.path()).option("--", &args.scenario);
-    let mut parts = vec![Part {
-        name: "sim",
-        args: sim.0,
-    }];
-    for who in [External::Controller, External::Fdi] {
-        if !external.contains(&who) {
-            let mut peer = common.clone();
-            peer.option("--link", address.for_peers("127.0.0.1").to_string());
-            parts.push(Part {
-                name: who.name(),
-                args: peer.0,
-            });
-        }
-    }
-    parts
-}
-
-/// Arguments of a process; paths need not be UTF-8.
-#[derive(Clone, Default)]
-struct ArgList(Vec<OsString>);
-
-impl ArgList {
-    fn option(&mut self, name: &str, value: impl Into<OsString>) -> &mut Self {
-        self.0.extend([name.into(), value.into()]);
-        self
-    }
-}
-
-/// The command that starts our own program in that place.
-pub fn invitation(who: External, link: &str, run_id: u64, step_timeout: u64) -> String {
-    format!(
-        "rotortwin {} --link {link} --run-id {run_id:016x} --step-timeout {step_timeout}",
-        who.name()
-    )
-}
-
-/// Says with which commands the parts join that are not started here.
-fn invite(args: &Args, config: &SessionConfig, address: &LinkAddress, external: &BTreeSet<External>) {
-    let link = address.for_peers(&host_name()).to_string();
-    let run_id = format!("{:016x}", config.run_id);
-    let command = |who: &External| invitation(*who, &link, config.run_id, args.step_timeout);
-    if args.events {
-        let peers: Vec<_> = external
-            .iter()
-            .map(|who| {
-                serde_json::json!({
-                    "role": who.name(), "link": link, "run_id": run_id, "step_timeout_ms": args.step_timeout,
-                    "join_timeout_ms": args.join_timeout.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS),
-                    "messages": rotortwin_wire::PROTOCOL_VERSION, "command": command(who),
-                })
-            })
-            .collect();
-        output::line(&serde_json::json!({ "event": "join", "peers": peers }).to_string());
-        return;
-    }
-    let names: Vec<&str> = external.iter().map(|who| who.name()).collect();
-    eprintln!("Waiting for {} to join:", names.join(" and "));
-    for who in external {
-        eprintln!("  {}", command(who));
     }
 }
 
@@ -963,7 +556,7 @@ impl Screen {
     }
 
     /// Samples are asked for by somebody who reads the events, not for a ground station alone.
-    fn with_samples(self, samples: bool) -> Self {
+    pub(crate) fn with_samples(self, samples: bool) -> Self {
         Self { samples, ..self }
     }
 
@@ -1029,6 +622,28 @@ impl Screen {
             self.bar.println(text);
         } else {
             eprintln!("{text}");
+        }
+    }
+
+    /// Shows what goes on in a flight that is flown here.
+    pub fn tell(&self, event: &FlightEvent<'_>) {
+        match event {
+            FlightEvent::Run(event) => self.show(event),
+            FlightEvent::Waiting(text) => self.line(text),
+            FlightEvent::Join(invited) => self.invite(invited),
+        }
+    }
+
+    /// Says with which commands the parts join that are not started here.
+    fn invite(&self, invited: &[Invited]) {
+        if self.events {
+            output::line(&serde_json::json!({ "event": "join", "peers": invited }).to_string());
+            return;
+        }
+        let names: Vec<&str> = invited.iter().map(|peer| peer.role).collect();
+        eprintln!("Waiting for {} to join:", names.join(" and "));
+        for peer in invited {
+            eprintln!("  {}", peer.command);
         }
     }
 

@@ -35,7 +35,6 @@ pub mod compare;
 mod configuration;
 mod conform;
 mod controllers;
-mod destination;
 pub mod diagnose;
 mod effects;
 mod examples;
@@ -44,9 +43,9 @@ mod fdi_models;
 pub mod fdi_service;
 mod fit;
 pub mod fly;
-pub mod grid;
 mod ground_station;
 pub mod improve;
+mod job;
 pub mod log;
 mod log_example;
 mod manual;
@@ -63,7 +62,6 @@ mod spin_test;
 pub mod terminal;
 mod trial;
 mod vehicle;
-pub mod versions;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
@@ -153,6 +151,9 @@ pub enum Command {
     /// Put an autopilot's simulator build on a stand, rock it, and say which of its motors is swapped or reversed
     #[command(after_help = examples::SPIN_TEST)]
     SpinTest(spin_test::Args),
+    /// Do one job of any kind that a file holds as JSON: what a worker does for a server
+    #[command(after_help = examples::JOB)]
+    Job(job::Args),
     /// A zenoh router where the processes of runs meet, with access control
     Router(network::router::Args),
     /// Serve jobs, runs and results over HTTP
@@ -247,6 +248,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Conform(args) => conform::run(&args),
         Command::Controllers(args) => controllers::run(&args),
         Command::SpinTest(args) => spin_test::run(&args),
+        Command::Job(args) => job::run(&args),
         Command::List(args) => configuration::list(&args),
         Command::New(args) => configuration::new(&args),
         Command::Config => configuration::config(),

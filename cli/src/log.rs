@@ -1,10 +1,10 @@
 //! `rotortwin log import`, `rotortwin log show`, `rotortwin log map` and `rotortwin log example`.
 
-use crate::grid::Grid;
 use crate::output::{self, bad_input, failed};
-use rotortwin_scenario::VehicleDocuments;
+use rotortwin_runner::grid::Grid;
+use rotortwin_runner::log_import::{self, Imported, import as import_one, unique_names};
 use rotortwin_twin::identify::known_rotor_places;
-use rotortwin_twin::log::{FlightLog, ReadOptions, draft};
+use rotortwin_twin::log::{FlightLog, draft};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -125,23 +125,30 @@ fn rate(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "1 to 10000 Hz were expected".to_owned())
 }
 
-fn read(file: &Path, reading: &Reading) -> Result<FlightLog, String> {
-    let vehicle = reading
-        .vehicle
-        .as_ref()
-        .map(|path| VehicleDocuments::load(path).map_err(|error| error.to_string()));
-    let options = ReadOptions {
-        mapping: reading.mapping.clone(),
-        truth: reading.truth,
-        accept_damaged: reading.damaged,
-        ..ReadOptions::default()
-    };
-    let mut log = FlightLog::read_part_with(file, &options)?;
-    if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle.as_ref()) {
-        log.report.findings.extend(log.check_against_vehicle(&vehicle.vehicle));
-        log.vehicle = Some(path.display().to_string());
+impl Reading {
+    fn options(&self) -> log_import::Reading<'_> {
+        log_import::Reading {
+            mapping: self.mapping.as_deref(),
+            truth: self.truth,
+            vehicle: self.vehicle.as_deref(),
+            damaged: self.damaged,
+        }
     }
-    Ok(log)
+}
+
+impl ImportArgs {
+    fn job(&self, file: &Path) -> rotortwin_jobs::LogImport {
+        rotortwin_jobs::LogImport {
+            file: file.to_path_buf(),
+            out: self.out.clone(),
+            damaged: self.reading.damaged,
+            truth: self.reading.truth,
+            vehicle: self.reading.vehicle.clone(),
+            mapping: self.reading.mapping.clone(),
+            rate_hz: self.rate,
+            align: self.align,
+        }
+    }
 }
 
 pub(crate) fn run(args: &Args) -> ExitCode {
@@ -187,17 +194,8 @@ fn import(args: &ImportArgs) -> ExitCode {
     let mut code = ExitCode::SUCCESS;
     let names = unique_names(&args.files);
     for (file, name) in args.files.iter().zip(names) {
-        let stored = read(file, &args.reading).and_then(|log| {
-            let log = if args.align { log.aligned() } else { log };
-            let log = match args.rate {
-                Some(rate_hz) => log.resampled(rate_hz)?,
-                None => log,
-            };
-            let path = log.store(&args.out, &name).map_err(|refusal| refusal.to_string())?;
-            Ok((log, path))
-        });
-        match stored {
-            Ok((log, path)) => {
+        match import_one(&args.job(file), &name) {
+            Ok(Imported { log, path }) => {
                 println!("{} → {}", log.headline(), path.display());
                 let findings = &log.report.findings;
                 if args.quiet {
@@ -208,39 +206,14 @@ fn import(args: &ImportArgs) -> ExitCode {
                     print!("{}", log.account());
                 }
             }
-            Err(refusal) => code = bad_input(refusal),
+            Err(failure) => code = output::told(&failure),
         }
     }
     code
 }
 
-/// File names without extension; where files share one, as many of their folders go before it as it takes.
-pub fn unique_names(files: &[PathBuf]) -> Vec<String> {
-    let parts = |file: &Path, folders: usize| -> String {
-        let stem = file
-            .file_stem()
-            .map_or_else(|| "log".to_owned(), |stem| stem.to_string_lossy().into_owned());
-        let parents = file.ancestors().skip(1).filter_map(Path::file_name).take(folders);
-        let mut names: Vec<String> = parents.map(|name| name.to_string_lossy().into_owned()).collect();
-        names.reverse();
-        names.push(stem);
-        names.join("__")
-    };
-    let deepest = files.iter().map(|file| file.components().count()).max().unwrap_or(0);
-    files
-        .iter()
-        .map(|file| {
-            let alone = |folders: &usize| {
-                let name = parts(file, *folders);
-                files.iter().filter(|other| parts(other, *folders) == name).count() == 1
-            };
-            parts(file, (0..deepest).find(alone).unwrap_or(0))
-        })
-        .collect()
-}
-
 fn show(args: &ShowArgs) -> ExitCode {
-    let log = match read(&args.file, &args.reading) {
+    let log = match log_import::read(&args.file, &args.reading.options()) {
         Ok(log) => log,
         Err(refusal) => return bad_input(refusal),
     };

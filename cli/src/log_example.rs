@@ -1,21 +1,10 @@
 //! `rotortwin log example`: a log with something hidden in it, by the independent simulator, imported like any other.
 
-use crate::destination;
-use crate::output::{bad_input, failed};
-use rotortwin_blind::command::GenerateArgs;
-use rotortwin_blind::error::BlindError;
-use rotortwin_blind::example::{self, Example};
-use rotortwin_blind::flight::fly;
-use rotortwin_blind::log_file;
-use rotortwin_blind::truth::Truth;
-use rotortwin_twin::log::FlightLog;
-use std::path::{Path, PathBuf};
+use crate::output;
+use rotortwin_blind::example::Example;
+use rotortwin_runner::log_example;
+use std::path::PathBuf;
 use std::process::ExitCode;
-
-/// What stands in the log's name where nobody gives another.
-const NAME: &str = "log";
-/// What is hidden, beside the log.
-const TRUTH: &str = "truth.json";
 
 /// Arguments of `rotortwin log example`.
 #[derive(Debug, clap::Args)]
@@ -40,67 +29,27 @@ pub struct Args {
     out: PathBuf,
 }
 
+impl Args {
+    fn job(&self) -> rotortwin_jobs::LogExample {
+        rotortwin_jobs::LogExample {
+            vehicle: self.vehicle.clone(),
+            preset: self.preset,
+            effect: self.effect.clone(),
+            seed: self.seed,
+            duration_s: self.duration_s,
+            out: self.out.clone(),
+        }
+    }
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> ExitCode {
-    match make(args) {
-        Ok(headline) => {
-            println!("{headline}");
+    match log_example::make(&args.job()) {
+        Ok(log) => {
+            println!("{}", log.headline());
             ExitCode::SUCCESS
         }
-        Err(Failure::Input(sentence)) => bad_input(sentence),
-        Err(Failure::Disk(sentence)) => destination::failed_at(&args.out, sentence),
-        Err(Failure::Other(sentence)) => failed(sentence),
-    }
-}
-
-enum Failure {
-    Input(String),
-    Disk(String),
-    Other(String),
-}
-
-impl From<BlindError> for Failure {
-    fn from(error: BlindError) -> Self {
-        match error {
-            BlindError::Input { .. } => Self::Input(error.to_string()),
-            _ => Self::Other(error.to_string()),
-        }
-    }
-}
-
-fn make(args: &Args) -> Result<String, Failure> {
-    let scratch = tempfile::tempdir().map_err(|error| Failure::Disk(format!("a folder cannot be made: {error}")))?;
-    let flown = scratch.path().join("flown.parquet");
-    let mut plan = generator(args, &flown).plan()?;
-    let rotors = plan.vehicle.rotors.len();
-    plan.effects = match (&args.effect, args.preset) {
-        (Some(text), _) => example::effect(text, rotors, args.seed)?,
-        (None, preset) => preset.unwrap_or(Example::HiddenEffect).effects(rotors, args.seed),
-    };
-    let (rows, nuisances) = fly(&plan)?;
-    log_file::write(&flown, &rows)?;
-    let log = FlightLog::read(&flown).map_err(|error| Failure::Other(error.to_string()))?;
-    log.store(&args.out, NAME)
-        .map_err(|error| Failure::Disk(error.to_string()))?;
-    Truth::new(&plan, &nuisances).write(&args.out.join(TRUTH))?;
-    Ok(log.headline())
-}
-
-/// The generator's own arguments, all but what is hidden.
-fn generator(args: &Args, out: &Path) -> GenerateArgs {
-    GenerateArgs {
-        vehicle: Some(args.vehicle.clone()),
-        effects: Vec::new(),
-        clutter: false,
-        flight: "excitation".to_owned(),
-        duration_s: args.duration_s,
-        idle_s: None,
-        seed: args.seed,
-        noise_scale: 1.0,
-        disturbance: 1.0,
-        state_of_charge: None,
-        out: out.to_owned(),
-        truth: None,
+        Err(failure) => output::told(&failure),
     }
 }
 

@@ -1,10 +1,11 @@
 //! `rotortwin model`: versions of a model as files: list, show, add, undo, branch, diff, export, import, log.
 
-use crate::grid::Grid;
-use crate::output::{fitted, significant};
-use crate::versions::{Head, model_and_branch, store_failed};
+use crate::output::{self, fitted};
 use clap::{Parser, Subcommand};
 use rotortwin_plant::effects::EffectDocument;
+use rotortwin_runner::grid::Grid;
+use rotortwin_runner::text::significant;
+use rotortwin_runner::versions::{Head, model_and_branch};
 use rotortwin_scenario::effect_documents;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::model::difference::{ParameterChange, Value};
@@ -136,7 +137,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => store_failed(&error),
+        Err(error) => output::told(&error.into()),
     }
 }
 

@@ -1,19 +1,9 @@
 //! Arguments that take the path of a document or its name: `config/scenarios/hover.toml` or `hover`.
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
-use rotortwin_scenario::names::{Kind, NameError, find, is_name};
-use std::ffi::OsStr;
-use std::path::{Path, PathBuf};
-
-/// A path as it is, a name as the file that it stands for.
-pub(crate) fn resolved(kind: Kind, text: &OsStr) -> Result<PathBuf, NameError> {
-    let path = Path::new(text);
-    match text.to_str() {
-        Some(name) if is_name(name) && !path.exists() => find(kind, name),
-        // Paths may be no text at all.
-        _ => Ok(path.to_owned()),
-    }
-}
+use rotortwin_runner::named::resolved;
+use rotortwin_scenario::names::Kind;
+use std::path::PathBuf;
 
 fn parser(kind: Kind) -> impl TypedValueParser<Value = PathBuf> {
     OsStringValueParser::new().try_map(move |text| resolved(kind, &text))

@@ -1,9 +1,10 @@
 //! What people read: the verdict table, the facts of a run, one-sentence errors.
 
-use crate::grid::{Grid, fold};
-use crate::terminal;
 pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
+use rotortwin_runner::failure::Failure;
+use rotortwin_runner::grid::{Grid, fold};
+use rotortwin_runner::text;
 use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -21,6 +22,14 @@ pub fn failed(sentence: impl std::fmt::Display) -> ExitCode {
     ExitCode::from(rotortwin_process::EXIT_FAILED)
 }
 
+/// Says why a job was not done, with the exit code for that.
+pub fn told(failure: &Failure) -> ExitCode {
+    match failure {
+        Failure::Input(sentence) => bad_input(sentence),
+        Failure::Failed(sentence) => failed(sentence),
+    }
+}
+
 /// `FIRST..END` of an argument.
 pub fn range(text: &str) -> Result<Range<u64>, String> {
     let refuse = || "expected FIRST..END, such as 0..4, with FIRST below END".to_owned();
@@ -28,11 +37,6 @@ pub fn range(text: &str) -> Result<Range<u64>, String> {
     let number = |text: &str| text.parse::<u64>().map_err(|_no| refuse());
     let range = number(first)?..number(end)?;
     if range.is_empty() { Err(refuse()) } else { Ok(range) }
-}
-
-/// Writes a text that was also printed.
-pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
-    std::fs::write(path, text).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
 /// Exit code of a run that ended like this.
@@ -238,13 +242,13 @@ pub fn result_table(result: &ResultTable) -> Grid {
 
 /// A note in lines that fit the terminal, the later ones indented.
 pub fn wrapped(text: &str) -> String {
-    let width = terminal::width().unwrap_or(100).min(100);
+    let width = text::width().unwrap_or(100).min(100);
     format!("· {}", fold(text, width - 2).replace('\n', "\n  "))
 }
 
 /// A text for the terminal: lines that are too long are broken between words and go on below their beginning, or beside their label.
 pub fn fitted(text: &str) -> String {
-    match terminal::width() {
+    match text::width() {
         Some(width) => text
             .split_inclusive('\n')
             .map(|line| fitted_line(line, width))
@@ -295,23 +299,6 @@ pub fn next_free_folder(name: &str) -> Result<PathBuf, String> {
         })
 }
 
-/// Four significant digits at most, without trailing zeros.
-pub fn significant(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    let text = format!("{value:.decimals$}");
-    if value.abs() < 1e-6 || value.abs() >= 1e7 {
-        return format!("{value:.3e}");
-    }
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        text
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -331,14 +318,5 @@ mod tests {
         assert_eq!(thousands(999.4), "999");
         assert_eq!(thousands(1000.0), "1 000");
         assert_eq!(thousands(1_234_567.0), "1 234 567");
-    }
-
-    #[test]
-    fn val_numbers_keep_four_significant_digits() {
-        assert_eq!(significant(0.253_04), "0.253");
-        assert_eq!(significant(-0.001_234_56), "-0.001235");
-        assert_eq!(significant(12_345.6), "12346");
-        assert_eq!(significant(6e-9), "6.000e-9");
-        assert_eq!(significant(0.0), "0");
     }
 }

@@ -1,7 +1,8 @@
 //! How far a long calculation is: a line on a terminal that is written over, or events for the server that started the process.
 
+use crate::output;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use serde_json::json;
+use rotortwin_jobs::{JobEvent, Progress as Told};
 use std::fmt::Write as FormatWrite;
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::{Mutex, PoisonError};
@@ -9,11 +10,13 @@ use std::time::{Duration, Instant};
 
 /// Between two events.
 const PAUSE: Duration = Duration::from_millis(250);
+/// Between two events that count flights.
+const PAUSE_OF_FLIGHTS: Duration = Duration::from_millis(500);
 
 /// Where progress is told.
 pub(crate) struct Progress {
     shown: bool,
-    events: Option<Mutex<Option<Instant>>>,
+    lines: Option<Lines>,
 }
 
 impl Progress {
@@ -21,22 +24,18 @@ impl Progress {
     pub(crate) fn new(quiet: bool, events: bool) -> Self {
         Self {
             shown: !quiet && std::io::stderr().is_terminal(),
-            events: events.then(Mutex::default),
+            lines: events.then(Lines::new),
         }
     }
 
     /// What is done now, and the share that is done of all.
-    pub(crate) fn tell(&self, text: &str, share: f64) {
-        if self.shown {
+    pub(crate) fn tell(&self, event: &JobEvent) {
+        if let (true, JobEvent::Progress(Told::Share { share, text })) = (self.shown, event) {
             // A terminal that went away ends the command elsewhere.
             write!(std::io::stderr(), "\r\x1b[K{:3.0} % {text}", 100.0 * share).ok();
         }
-        if let Some(events) = &self.events {
-            let mut last = events.lock().unwrap_or_else(PoisonError::into_inner);
-            if last.is_none_or(|last| last.elapsed() >= PAUSE) {
-                *last = Some(Instant::now());
-                println!("{}", json!({ "event": "progress", "share": share, "text": text }));
-            }
+        if let Some(lines) = &self.lines {
+            lines.tell(event);
         }
     }
 
@@ -44,6 +43,41 @@ impl Progress {
     pub(crate) fn clear(&self) {
         if self.shown {
             eprint!("\r\x1b[K");
+        }
+    }
+}
+
+/// Events as JSON lines on standard output: of progress one now and then, of the others all.
+pub(crate) struct Lines {
+    begun: Instant,
+    last: Mutex<Option<Instant>>,
+}
+
+impl Lines {
+    pub(crate) fn new() -> Self {
+        Self {
+            begun: Instant::now(),
+            last: Mutex::default(),
+        }
+    }
+
+    pub(crate) fn tell(&self, event: &JobEvent) {
+        if let JobEvent::Progress(progress) = event {
+            let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+            let due = match progress {
+                Told::Share { .. } => last.is_none_or(|last| last.elapsed() >= PAUSE),
+                Told::Flights { flights, of, .. } => {
+                    flights >= of || last.unwrap_or(self.begun).elapsed() >= PAUSE_OF_FLIGHTS
+                }
+            };
+            if !due {
+                return;
+            }
+            *last = Some(Instant::now());
+        }
+        match serde_json::to_string(event) {
+            Ok(line) => output::line(&line),
+            Err(error) => tracing::error!(%error, "an event cannot be written"),
         }
     }
 }

@@ -2,13 +2,9 @@
 
 use crate::output;
 use clap::Parser;
-use rotortwin_flight::lockstep::{self, FlightEnd, NoObserver};
-use rotortwin_flight::pace::Pace;
-use rotortwin_plant::Simulation;
-use rotortwin_scenario::{ConfigError, Documents, Scenario};
-use rotortwin_sim::session;
-use rotortwin_store::summary::{Status, Summary, load_summary};
-use std::path::{Path, PathBuf};
+use rotortwin_jobs::Verification;
+use rotortwin_runner::verification::{Verified, verify};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Arguments of `rotortwin replay`.
@@ -24,64 +20,18 @@ pub struct Args {
 /// Executes the recorded scenario again, in this process; exit code 0 if the run hash is the same, 1 if it differs.
 pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
-    let summary = match load_summary(&args.run) {
-        Ok(summary) => summary,
-        Err(error) => return output::bad_input(error),
-    };
-    if summary.status != Status::Done {
-        return output::bad_input(format!(
-            "{} is a run that was {}; only a run that was done can be flown again and compared",
-            args.run.display(),
-            summary.status.as_str()
-        ));
-    }
-    let (scenario, simulation) = match prepare(args, &summary) {
-        Ok(prepared) => prepared,
-        Err(error) => return output::bad_input(error),
-    };
-    let replayed = if session::was_flown_by_autopilot(&summary) {
-        let folder = if args.run.is_dir() {
-            Some(args.run.as_path())
-        } else {
-            args.run.parent()
-        };
-        let folder = folder.unwrap_or(Path::new(""));
-        session::replay_autopilot(&scenario, simulation, summary.seed, folder)
-    } else {
-        replay(&scenario, simulation)
-    };
-    match replayed {
-        Ok(hash) => report(args, &summary, &hash),
-        Err(sentence) => output::failed(sentence),
+    let run = args.run.clone();
+    match verify(&Verification { run }) {
+        Ok(verified) => report(args, &verified),
+        Err(failure) => output::told(&failure),
     }
 }
 
-fn prepare(args: &Args, summary: &Summary) -> Result<(Scenario, Simulation), ConfigError> {
-    let name = format!("{}, the recorded scenario", args.run.display());
-    let scenario = Scenario::from_documents(&Documents::from_toml(&name, &summary.scenario.text)?)?;
-    let simulation = scenario.simulation(summary.seed)?;
-    Ok((scenario, simulation))
-}
-
-fn replay(scenario: &Scenario, mut simulation: Simulation) -> Result<String, String> {
-    let setup = session::run_setup(scenario, &simulation, 1);
-    let mut link = session::in_process_link();
-    let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
-    match outcome.end {
-        FlightEnd::Done => Ok(outcome.run_hash),
-        FlightEnd::Canceled => Err("the replay was canceled".to_owned()),
-        FlightEnd::Failed(failure) => Err(failure.sentence),
-    }
-}
-
-fn report(args: &Args, summary: &Summary, hash: &str) -> ExitCode {
-    let same = hash == summary.run_hash;
+fn report(args: &Args, verified: &Verified) -> ExitCode {
+    let Verified { summary, hash } = verified;
     if args.json {
-        println!(
-            "{}",
-            serde_json::json!({ "same": same, "recorded": summary.run_hash, "replayed": hash })
-        );
-    } else if same {
+        println!("{}", serde_json::to_string(&verified.verdict()).expect("text is JSON"));
+    } else if verified.same() {
         println!(
             "same: {} steps over {} and again in this process have the run hash {hash}",
             summary.steps, summary.link
@@ -96,7 +46,7 @@ fn report(args: &Args, summary: &Summary, hash: &str) -> ExitCode {
             env!("CARGO_PKG_VERSION")
         );
     }
-    if same {
+    if verified.same() {
         ExitCode::SUCCESS
     } else {
         ExitCode::from(rotortwin_process::EXIT_FAILED)

@@ -1,6 +1,6 @@
 //! `rotortwin reproduce` and `rotortwin train`: the paper's tables and figures, and the classifiers behind them.
 
-use crate::{destination, output};
+use crate::output;
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_campaign::paper::classifiers;
@@ -12,6 +12,9 @@ use rotortwin_campaign::paper::reproduction::{self, Item, Method, Options, Repro
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_flight::pace::Pace;
+use rotortwin_runner::destination;
+use rotortwin_runner::failure::Failure;
+use rotortwin_runner::training::{self, BASE_SCENARIO, save_classifier};
 use rotortwin_scenario::{Classifier, Scenario};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
@@ -21,9 +24,6 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
-
-/// Vehicle, controller and detectors of the data set, unless another scenario is named.
-const BASE_SCENARIO: &str = "reference-flight";
 
 /// Options that `reproduce` and `train` share.
 #[derive(Debug, Parser)]
@@ -97,6 +97,17 @@ pub struct TrainRequest<'a> {
 }
 
 impl TrainArgs {
+    fn job(&self) -> rotortwin_jobs::Training {
+        rotortwin_jobs::Training {
+            method: self.method.asked(),
+            scenario: self.common.scenario.clone(),
+            seeds: u32::from(self.common.seeds),
+            first_seed: self.common.first_seed,
+            out: self.out.clone(),
+            threads: self.common.threads,
+        }
+    }
+
     /// For a server.
     ///
     /// # Errors
@@ -164,10 +175,10 @@ enum MethodArg {
 }
 
 impl MethodArg {
-    fn method(self) -> Method {
+    fn asked(self) -> rotortwin_jobs::training::Method {
         match self {
-            Self::Paper => Method::Paper,
-            Self::Improved => Method::Improved,
+            Self::Paper => rotortwin_jobs::training::Method::Paper,
+            Self::Improved => rotortwin_jobs::training::Method::Improved,
         }
     }
 }
@@ -183,13 +194,15 @@ impl Common {
         }
     }
 
+    /// As a classifier's file says how it was made.
+    fn train_command(&self) -> String {
+        let method = rotortwin_jobs::training::Method::Paper;
+        training::command_line(method, u32::from(self.seeds), self.first_seed, &self.scenario)
+    }
+
     /// The arguments that decide the numbers, as they would be typed.
     fn command_line(&self) -> String {
-        let mut line = format!(" --seeds {} --first-seed {}", self.seeds, self.first_seed);
-        if self.scenario != Path::new(BASE_SCENARIO) {
-            line += &format!(" --scenario {}", self.scenario.display());
-        }
-        line
+        training::data_set(u32::from(self.seeds), self.first_seed, &self.scenario)
     }
 
     fn progress(&self, jobs: u64) -> ProgressBar {
@@ -228,7 +241,7 @@ pub fn run(args: &Args) -> ExitCode {
     };
     match reproduce(args, &base, folder.path()) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(sentence) => destination::failed_at(folder.path(), sentence),
+        Err(sentence) => output::told(&Failure::writing(folder.path(), sentence)),
     }
 }
 
@@ -266,7 +279,7 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
     files.extend(drawn.iter().map(|figure| figure.file.clone()));
     if let Some(path) = &args.save_classifier {
         let seed = args.common.first_seed;
-        let command = train_command(MethodArg::Paper, &args.common);
+        let command = args.common.train_command();
         save_classifier(base, &result, Method::Paper, seed, &command, path)?;
         files.push(path.clone());
     }
@@ -304,15 +317,6 @@ fn command_line(args: &Args) -> String {
         line += &format!(" --tracking-epochs {}", args.tracking_epochs);
     }
     line
-}
-
-fn train_command(method: MethodArg, common: &Common) -> String {
-    let method = method.to_possible_value().expect("no method is hidden");
-    format!(
-        "rotortwin train --method {}{} --out FILE",
-        method.get_name(),
-        common.command_line()
-    )
 }
 
 fn write(path: &Path, text: &str) -> Result<(), String> {
@@ -497,56 +501,24 @@ fn fly_reference(
     }
 }
 
-fn save_classifier(
-    base: &Scenario,
-    result: &Reproduction,
-    method: Method,
-    seed: u64,
-    command: &str,
-    path: &Path,
-) -> Result<Classifier, String> {
-    let classifier = classifiers::train_on_all(result, method, seed)
-        .and_then(|fold| classifiers::classifier_file(base, result, method, seed, &fold, command))
-        .ok_or("no flights were kept to train on")?;
-    write(path, &classifier.to_json())?;
-    Ok(classifier)
-}
-
 /// Trains a classifier and writes its file; exit code as for [`run`].
 pub fn train(args: &TrainArgs) -> ExitCode {
     rotortwin_process::start_logging();
-    let base = match Scenario::load_without_classifier(&args.common.scenario) {
-        Ok(base) => base,
-        Err(error) => return output::bad_input(error),
+    let job = args.job();
+    let prepared = match training::prepare(&job) {
+        Ok(prepared) => prepared,
+        Err(failure) => return output::told(&failure),
     };
-    let parent = args.out.parent().filter(|parent| !parent.as_os_str().is_empty());
-    if let Some(parent) = parent
-        && !parent.is_dir()
-    {
-        return output::bad_input(format!("--out: there is no folder {}", parent.display()));
-    }
-    if let Err(sentence) = destination::writable_file(&args.out) {
-        return output::bad_input(sentence);
-    }
-    match train_classifier(args, &base) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(sentence) => destination::failed_at(&args.out, sentence),
-    }
-}
-
-fn train_classifier(args: &TrainArgs, base: &Scenario) -> Result<(), String> {
-    let method = args.method.method();
-    let options = classifiers::options_for(method, args.common.options());
-    let bar = args
-        .common
-        .progress(options.jobs(base.fdi_config().geometry.rotor_count()));
-    let result = reproduction::run(base, &options, &|| bar.inc(1))?;
+    let bar = args.common.progress(prepared.parts());
+    let trained = prepared.train(&|| bar.inc(1));
     bar.finish_and_clear();
-    let command = train_command(args.method, &args.common);
-    let seed = args.common.first_seed;
-    let classifier = save_classifier(base, &result, method, seed, &command, &args.out)?;
-    print_trained(&classifier, &args.out, args.common.json);
-    Ok(())
+    match trained {
+        Ok(classifier) => {
+            print_trained(&classifier, &args.out, args.common.json);
+            ExitCode::SUCCESS
+        }
+        Err(failure) => output::told(&failure),
+    }
 }
 
 /// Says what was trained.
@@ -554,8 +526,7 @@ pub fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
     let provenance = &classifier.provenance;
     let cross_validation = &provenance.cross_validation;
     if json {
-        let json = serde_json::json!({ "file": out, "name": classifier.name, "provenance": provenance });
-        println!("{json:#}");
+        println!("{:#}", training::json(classifier, out));
         return;
     }
     println!("{}", out.display());

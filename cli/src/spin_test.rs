@@ -1,11 +1,11 @@
 //! `rotortwin spin-test`: an autopilot on a stand; which of its motors is swapped or reversed.
 
-use crate::fly::{self, OpenedAutopilot, Waits};
 use crate::output;
 use crate::trial::Trial;
 use clap::Parser;
 use rotortwin_bridge::autopilot::address::AutopilotAddress;
 use rotortwin_flight::conform::{MotorVerdict, SpinReport, spin_test};
+use rotortwin_runner::autopilot::{self, OpenedAutopilot, PilotChoice, Waits};
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::AutopilotFrame;
 use rotortwin_wire::autopilot::Autopilot;
@@ -22,7 +22,7 @@ pub struct Args {
     scenario: PathBuf,
     /// Where the autopilot takes commands over MAVLink, as with 'rotortwin fly'; none: somebody else has it climb to the first point
     #[arg(long, value_name = "ADDR|none")]
-    pilot: Option<fly::PilotChoice>,
+    pilot: Option<PilotChoice>,
     #[command(flatten)]
     trial: Trial,
     /// Print the report as JSON, nothing else
@@ -42,9 +42,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         join: args.trial.join(),
         step: args.trial.step(),
     };
-    let opened = match fly::open_autopilot(&args.autopilot, args.pilot, waits, &scenario, args.trial.seed) {
+    let opened = match autopilot::open_autopilot(&args.autopilot, args.pilot, waits, &scenario, args.trial.seed) {
         Ok(opened) => opened,
-        Err(refused) => return refused.told(&args.scenario),
+        Err(refused) => return output::told(&refused.told(&args.scenario)),
     };
     let tested = match opened {
         OpenedAutopilot::ArduPilot(mut link, _supervisor) => test(&mut *link, args, &scenario),
@@ -73,7 +73,7 @@ fn exit_code(report: &SpinReport) -> ExitCode {
 }
 
 fn test(autopilot: &mut impl Autopilot, args: &Args, scenario: &Scenario) -> Result<SpinReport, String> {
-    let kind = fly::autopilot_kind(args.autopilot.protocol);
+    let kind = autopilot::autopilot_kind(args.autopilot.protocol);
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle())?;
     eprintln!(
         "On the stand: {} with the outputs of {}; waiting for {}",

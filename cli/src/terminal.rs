@@ -49,19 +49,3 @@ pub fn failure() -> Option<&'static str> {
     note(std::io::stdout().lock().flush());
     FAILURE.get().map(String::as_str)
 }
-
-/// Letters in a line of the terminal: `COLUMNS` if it is set, otherwise what the terminal says; none where there is no terminal.
-pub fn width() -> Option<usize> {
-    let set = std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok());
-    let asked = || {
-        terminal_size::terminal_size_of(std::io::stdout())
-            .or_else(|| terminal_size::terminal_size_of(std::io::stderr()))
-            .map(|(width, _)| usize::from(width.0))
-    };
-    set.or_else(asked)
-        .filter(|width| *width > 0)
-        .map(|width| width.max(NARROWEST))
-}
-
-/// Below this nothing is laid out any more.
-const NARROWEST: usize = 40;

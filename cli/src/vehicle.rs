@@ -1,16 +1,9 @@
 //! `rotortwin vehicle from-log`: a vehicle of one's own from flight logs, mass and arm.
 
-use crate::grid::Grid;
-use crate::{destination, output};
+use crate::output;
 use clap::{Parser, Subcommand};
-use rotortwin_page::{Report, rounded};
-use rotortwin_twin::identify::{
-    Bench, Estimate, Files, HeldOut, Identified, Part, Request, Source, files, held_out_with, identify_with,
-    known_rotor_places,
-};
-use rotortwin_twin::log::FlightLog;
-use rotortwin_twin::log::flight_parts::FlightParts;
-use std::path::{Path, PathBuf};
+use rotortwin_runner::identification::identify;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Arguments of `rotortwin vehicle`.
@@ -64,307 +57,34 @@ struct FromLog {
     json: bool,
 }
 
+impl FromLog {
+    fn job(&self) -> rotortwin_jobs::Identification {
+        rotortwin_jobs::Identification {
+            logs: self.logs.clone(),
+            mass_kg: self.mass,
+            arm_m: self.arm,
+            frame: self.frame.clone(),
+            trust_frame: self.trust_frame,
+            capacity_ah: self.capacity,
+            cells: self.cells,
+            held_out: self.held_out,
+            bench: self.bench.clone(),
+            out: self.out.clone(),
+        }
+    }
+}
+
 /// Identifies, writes and prints; exit code 2 for bad input, 1 where the result cannot be written.
 pub(crate) fn run(args: &Args) -> ExitCode {
     let What::FromLog(args) = &args.what;
-    let found = match find(args) {
+    let found = match identify(&args.job()) {
         Ok(found) => found,
-        Err(sentence) => return output::bad_input(sentence),
+        Err(failure) => return output::told(&failure),
     };
-    if let Some((_, paths)) = &found.targets {
-        let report = found.report();
-        let texts = [
-            &found.texts.vehicle,
-            &found.texts.blades,
-            &found.texts.intervals,
-            &report,
-        ];
-        for (path, text) in paths.iter().zip(texts) {
-            if let Err(sentence) = output::write_text(path, text) {
-                return destination::failed_at(path, sentence);
-            }
-        }
-    }
     if args.json {
         println!("{:#}", found.json());
     } else {
         print!("{}", output::fitted(&found.text()));
     }
     ExitCode::SUCCESS
-}
-
-/// What the command found.
-struct Found {
-    vehicle: Identified,
-    scores: Vec<HeldOut>,
-    texts: Files,
-    /// What the report draws of each log.
-    flights: Vec<Flight>,
-    /// Name and paths of the files, where they are written.
-    targets: Option<(String, [PathBuf; 4])>,
-}
-
-/// A flight on the time axis of the report.
-#[derive(serde::Serialize)]
-struct Flight {
-    name: String,
-    duration_s: f64,
-    clock_start_s: Option<f64>,
-    parts: FlightParts,
-    used: Vec<Part>,
-    time_s: Vec<Option<f64>>,
-    /// By rotor.
-    duty: Vec<Vec<Option<f64>>>,
-}
-
-/// Means of the motor outputs that a report draws, as many as a screen shows.
-const DRAWN: usize = 800;
-
-impl Flight {
-    fn of(log: &FlightLog, found: &Identified) -> Self {
-        let rows = log.time_s.len().div_ceil(DRAWN).max(1);
-        let means = |values: &[f64]| -> Vec<Option<f64>> {
-            let mean = |values: &[f64]| rounded(values.iter().sum::<f64>() / values.len() as f64);
-            values.chunks(rows).map(mean).collect()
-        };
-        let used = found.airborne.iter().filter(|part| part.log == log.name);
-        Self {
-            name: log.name.clone(),
-            duration_s: log.duration_s(),
-            clock_start_s: log.report.clock_start_s,
-            parts: log.flight_parts(known_rotor_places(log).as_deref()),
-            used: used.cloned().collect(),
-            time_s: means(&log.time_s),
-            duty: log.duties().into_iter().map(means).collect(),
-        }
-    }
-}
-
-fn find(args: &FromLog) -> Result<Found, String> {
-    let targets = args.out.as_deref().map(targets).transpose()?;
-    let logs = args
-        .logs
-        .iter()
-        .map(|path| FlightLog::read_part(path))
-        .collect::<Result<Vec<_>, _>>()?;
-    let request = Request {
-        mass_kg: args.mass,
-        arm_m: args.arm,
-        frame: args.frame.clone(),
-        trust_frame: args.trust_frame,
-        capacity_ah: args.capacity,
-        cells: args.cells,
-    };
-    let bench = match args.bench.as_slice() {
-        [] => None,
-        files => Some(Bench::read(files).map_err(|error| error.to_string())?),
-    };
-    let vehicle = identify_with(&logs, &request, bench.as_ref()).map_err(|error| error.to_string())?;
-    let scores = if args.held_out {
-        logs.iter()
-            .map(|log| held_out_with(log, &request, bench.as_ref()).map_err(|error| error.to_string()))
-            .collect::<Result<Vec<_>, _>>()?
-    } else {
-        Vec::new()
-    };
-    let name = targets.as_ref().map_or("vehicle", |(name, _)| name.as_str());
-    let texts = files(&vehicle, name);
-    texts
-        .documents()
-        .map_err(|reason| format!("the identified vehicle is not valid, so nothing was written: {reason}"))?;
-    let flights = logs.iter().map(|log| Flight::of(log, &vehicle)).collect();
-    Ok(Found {
-        vehicle,
-        scores,
-        texts,
-        flights,
-        targets,
-    })
-}
-
-impl Found {
-    /// The same on a page.
-    fn report(&self) -> String {
-        let name = self.targets.as_ref().map_or("vehicle", |(name, _)| name.as_str());
-        let data = serde_json::json!({
-            "name": name, "identified": self.vehicle, "held_out": self.scores, "flights": self.flights,
-            "vehicle": self.texts.vehicle, "blades": self.texts.blades,
-        });
-        let page = Report {
-            kind: "identification",
-            title: &format!("Vehicle {name} from {}", self.vehicle.logs.join(", ")),
-            summary: &self.text(),
-            program: rotortwin_twin::model::TOOL,
-            data: &data,
-        };
-        page.render().expect("text and numbers are JSON")
-    }
-
-    fn json(&self) -> serde_json::Value {
-        let written: Vec<String> = self
-            .targets
-            .iter()
-            .flat_map(|(_, paths)| paths.iter().map(|path| path.display().to_string()))
-            .collect();
-        serde_json::json!({
-            "identified": self.vehicle, "held_out": self.scores, "written": written,
-            "vehicle": self.texts.vehicle, "blades": self.texts.blades,
-        })
-    }
-
-    fn text(&self) -> String {
-        let mut text = vehicle_text(&self.vehicle);
-        for scores in &self.scores {
-            text.push_str(&scores_text(scores));
-        }
-        text.push_str(&match &self.targets {
-            Some((_, [vehicle, ..])) => format!(
-                "\nWritten: {0} with its blades, intervals and report. Next:\n  rotortwin compare LOG --model {0}\n",
-                vehicle.display()
-            ),
-            None => "\nNothing was written; --out NAME.toml writes the vehicle.\n".to_owned(),
-        });
-        text
-    }
-}
-
-/// Name and paths of the files; none may exist.
-fn targets(out: &Path) -> Result<(String, [PathBuf; 4]), String> {
-    let name = out
-        .file_name()
-        .and_then(|name| name.to_str())
-        .and_then(|name| name.strip_suffix(".toml"))
-        .filter(|name| !name.is_empty())
-        .ok_or_else(|| format!("--out {}: expected a name that ends in .toml", out.display()))?;
-    let paths = ["toml", "blades.toml", "intervals.toml", "report.html"]
-        .map(|ending| out.with_file_name(format!("{name}.{ending}")));
-    for path in &paths {
-        if path.exists() {
-            return Err(format!("{} exists already; nothing was written", path.display()));
-        }
-        destination::writable_file(path)?;
-    }
-    Ok((name.to_owned(), paths))
-}
-
-/// Four digits, in the notation that is shorter.
-fn number(value: f64) -> String {
-    if value == 0.0 {
-        "0".to_owned()
-    } else if !(1e-3..1e5).contains(&value.abs()) {
-        format!("{value:.3e}")
-    } else {
-        let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 6) as usize;
-        format!("{value:.digits$}")
-    }
-}
-
-fn vehicle_text(found: &Identified) -> String {
-    let mut text = String::new();
-    let mut line = |content: String| {
-        text.push_str(&content);
-        text.push('\n');
-    };
-    line(format!(
-        "{}: {} rotors on outputs {}; {} ({}: {})",
-        found.logs.join(", "),
-        found.airframe.places.len(),
-        found
-            .outputs
-            .iter()
-            .map(usize::to_string)
-            .collect::<Vec<_>>()
-            .join(", "),
-        found.airframe.name,
-        found.airframe.source.words(),
-        found.airframe.how
-    ));
-    let parts: Vec<String> = found
-        .airborne
-        .iter()
-        .take(8)
-        .map(|part| format!("{:.1}–{:.1} s", part.start_s, part.end_s))
-        .collect();
-    let more = found.airborne.len().saturating_sub(parts.len());
-    let more = if more > 0 {
-        format!(" and {more} more")
-    } else {
-        String::new()
-    };
-    line(format!(
-        "In the air: {}{more}. Class for defaults: {}.\n",
-        parts.join(", "),
-        found.class.name
-    ));
-    let mut table = Grid::new(["quantity", "value", "95 % interval", "unit", "from"]).numbers(1..3);
-    for value in &found.values {
-        table.add_row([
-            value.name.clone(),
-            number(value.value),
-            interval(value),
-            value.unit.to_owned(),
-            value.source.words().to_owned(),
-        ]);
-    }
-    line(format!(
-        "{table}\nHow each value was found: --json, or the comments of the file that --out writes."
-    ));
-    let mut seen = Vec::new();
-    for value in &found.values {
-        if matches!(value.source, Source::Class | Source::LogAndClass) && !value.better.is_empty() {
-            let line = format!("  {}: {}", value.name, value.better);
-            if !seen.contains(&line) {
-                seen.push(line);
-            }
-        }
-    }
-    if !seen.is_empty() {
-        line(format!("\nWhat would make it better:\n{}", seen.join("\n")));
-    }
-    let slow: Vec<String> = found
-        .sensors
-        .iter()
-        .filter(|rate| rate.source_hz < 0.7 * rate.rows_hz)
-        .map(|rate| format!("{} {:.1} Hz", rate.column, rate.source_hz))
-        .collect();
-    if let (Some(first), false) = (found.sensors.first(), slow.is_empty()) {
-        line(format!(
-            "\nSlower than the rows ({:.0} Hz): {}",
-            first.rows_hz,
-            slow.join(", ")
-        ));
-    }
-    for note in &found.notes {
-        line(format!("Note  {note}"));
-    }
-    text
-}
-
-fn interval(value: &Estimate) -> String {
-    if value.low < value.high {
-        format!("{} to {}", number(value.low), number(value.high))
-    } else {
-        String::new()
-    }
-}
-
-fn scores_text(scores: &HeldOut) -> String {
-    let mut table = Grid::new(["channel", "band, Hz", "R², class default", "R², calibrated"]).numbers_from(2);
-    for score in &scores.scores {
-        table.add_row([
-            score.channel.to_owned(),
-            format!(
-                "{} to {}",
-                output::significant(score.band.low_hz),
-                output::significant(score.band.high_hz)
-            ),
-            format!("{:.2}", score.class_default),
-            format!("{:.2}", score.calibrated),
-        ]);
-    }
-    format!(
-        "\nHeld out: {}, {:.0} s in the air; each half predicted with what the other half gave\n{table}\n\
-         Gains of the second half over the first: roll {:.2}, pitch {:.2} (1: both halves tell the same vehicle)\n",
-        scores.log, scores.seconds, scores.gain_ratio[0], scores.gain_ratio[1]
-    )
 }

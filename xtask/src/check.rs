@@ -26,6 +26,8 @@ fn run_steps(root: &Path) -> Result<()> {
     house_rules(root)?;
     println!("-- links and file names in Markdown");
     links::check(root, &tracked_files(root)?)?;
+    println!("-- figures that stand in two pages");
+    crate::figures::check(root)?;
     web::check(root)?;
     crate::command::run(
         "lints",

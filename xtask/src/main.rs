@@ -10,7 +10,9 @@ mod codegen;
 mod command;
 mod dist;
 mod elf;
+mod figures;
 mod firmware;
+mod lines;
 mod links;
 mod peers;
 mod px4;
@@ -22,11 +24,13 @@ mod web;
 
 const USAGE: &str = "usage: cargo xtask TASK
 
-  check             what the gate asks of the tree: format, generated code, circles among modules, house rules, dead links, web page,
-                    lints, no_std build
+  check             what the gate asks of the tree: format, generated code, circles among modules, house rules, dead links,
+                    repeated figures, web page, lints, no_std build
   codegen [--check] Rust code from proto/ (--check: only say whether it is up to date)
   rooms [--check]   which crate and module uses which: the picture in ARCHITECTURE.md; fails on a circle that is not in xtask/circles.txt
                     (--check: only say whether the picture is up to date)
+  figures           whether figures that one page repeats from another are still the same there
+  lines [COMMIT]    lines of Rust by crate, tests apart; with COMMIT: before and after
   thumb             build flight-core and board for the Pixhawk's Cortex-M7 (thumbv7em-none-eabihf)
   web [--check]     the web page: types from the OpenAPI document, check, bundle into web/dist by a locked npm ci
                     (--check: unit tests, and whether web/dist is up to date)
@@ -64,6 +68,9 @@ fn run_task() -> Result<()> {
         ["codegen", "--check"] => codegen::check(&root),
         ["rooms"] => rooms::write(&root),
         ["rooms", "--check"] => rooms::check(&root),
+        ["figures"] => figures::check(&root),
+        ["lines"] => lines::run(&root, None),
+        ["lines", commit] => lines::run(&root, Some(commit)),
         ["firmware"] => firmware::run(&root, false),
         ["firmware", "--keep"] => firmware::run(&root, true),
         ["web"] => web::write(&root),

@@ -35,6 +35,7 @@ pub(crate) fn is_over_zenoh(command: &Command) -> bool {
     match command {
         Command::Fly(args) => args.link == fly::LinkKind::Zenoh,
         Command::Conform(args) => args.is_over_zenoh(),
+        Command::Job(args) => args.is_over_zenoh(),
         Command::Sim(args) => args.link.transport() == "zenoh",
         Command::Controller(args) => args.peer.link.transport() == "zenoh",
         Command::Fdi(args) => args.peer.link.transport() == "zenoh",

@@ -4,7 +4,6 @@
 //! the arguments that flights have, computing every case and selecting one, so that a compiler can lay several flights side by side
 //! in vector registers. Arguments outside of that range raise a flag. Tests compare the two bit by bit.
 
-use crate::frames::wrap_angle;
 use core::f64::consts::FRAC_PI_2;
 
 #[cfg(not(target_os = "none"))]
@@ -27,6 +26,12 @@ fn square_root_f64(x: f64) -> f64 {
     return libm::sqrt(x);
     #[cfg(not(target_os = "none"))]
     x.sqrt()
+}
+
+/// `angle` brought into (−π, π], rad. For angles of a few turns; loses precision beyond 10⁴ rad.
+#[inline]
+fn wrap_angle(angle: f32) -> f32 {
+    libm::atan2f(libm::sinf(angle), libm::cosf(angle))
 }
 
 /// The functions that the control and residual equations need.

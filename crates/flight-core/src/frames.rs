@@ -247,12 +247,6 @@ impl BodyToNed {
     }
 }
 
-/// `angle` brought into (−π, π], rad. For angles of a few turns; loses precision beyond 10⁴ rad.
-#[inline]
-pub fn wrap_angle(angle: f32) -> f32 {
-    libm::atan2f(libm::sinf(angle), libm::cosf(angle))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

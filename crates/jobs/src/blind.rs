@@ -27,4 +27,7 @@ pub struct BlindBench {
     /// Processes at a time; unset: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub processes: Option<NonZeroUsize>,
+    /// Keep the generated logs.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub keep_logs: bool,
 }

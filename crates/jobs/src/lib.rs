@@ -1,14 +1,17 @@
 //! Jobs of the queue, as data: what a server stores and a worker does. This crate does nothing itself.
 //!
 //! ```text
-//!  HTTP body ─▶ Job ─▶ StoredJob (a row) ─▶ worker: lays out the inputs, makes a command line of the job ─▶ `rotortwin …`
+//!  HTTP body ─▶ Job ─▶ StoredJob (a row) ─▶ worker: lays out the inputs, writes a JobFile ─▶ `rotortwin job FILE` ─▶ runner
+//!  command line ─▶ Job ──────────────────────────────────────────────────────────────────────────────────────────▶ runner
 //! ```
-//! A job names files by path. Where those are on the machine that does it, and what is in them, is said by the [`Input`]s of the
+//! While it is done, a job tells [`JobEvent`]s. It names files by path. Where those are on the machine that does it, and what is in them, is said by the [`Input`]s of the
 //! [`StoredJob`], which a worker lays out first.
 
 pub mod blind;
 pub mod campaign;
 pub mod error;
+pub mod event;
+pub mod file;
 pub mod flight;
 pub mod input;
 pub mod log;
@@ -21,6 +24,8 @@ mod version_1;
 pub use blind::BlindBench;
 pub use campaign::Campaign;
 pub use error::NotUnderstood;
+pub use event::{CaseDone, JobEvent, Progress};
+pub use file::{AutopilotHere, FlightHere, Here, JobFile, Meeting};
 pub use flight::Flight;
 pub use input::{Content, Input};
 pub use log::{LogExample, LogImport};

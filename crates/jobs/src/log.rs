@@ -14,6 +14,9 @@ pub struct LogImport {
     /// Take what can be read of a file whose checksum is wrong.
     #[serde(default)]
     pub damaged: bool,
+    /// Of a simulated run, take the truth instead of what was sensed.
+    #[serde(default)]
+    pub truth: bool,
     /// Vehicle document to hold the log against: number and order of the rotors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vehicle: Option<PathBuf>,

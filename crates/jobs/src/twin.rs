@@ -90,8 +90,12 @@ pub struct Identification {
     /// Fit each half of each flight and score it on the other.
     #[serde(default)]
     pub held_out: bool,
-    /// `NAME.toml`, the document of the vehicle; its blades and intervals stand beside it.
-    pub out: PathBuf,
+    /// Thrust benches of one rotor, or datasheet tables.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bench: Vec<PathBuf>,
+    /// `NAME.toml`, the document of the vehicle; its blades, intervals and report stand beside it; unset: nothing is written.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
 }
 
 /// The manoeuvre that would tell two effects apart.
@@ -103,6 +107,14 @@ pub struct NextFlight {
     pub models: PathBuf,
     /// The two effects: `mass`, `rotor-thrust-scale#3`.
     pub between: [String; 2],
-    /// File for the best manoeuvre as a scenario.
-    pub out: PathBuf,
+    /// File for the best manoeuvre as a scenario; unset: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+    /// Seed of that scenario.
+    #[serde(default = "first_seed")]
+    pub seed: u64,
+}
+
+const fn first_seed() -> u64 {
+    1
 }

@@ -146,6 +146,7 @@ impl<'a> Words<'a> {
                     out: self.one("out")?.into(),
                     cases: self.range("cases")?,
                     processes: None,
+                    keep_logs: false,
                 })
             }
             ["compare", logs @ ..] => Job::Comparison(Comparison {
@@ -176,6 +177,7 @@ impl<'a> Words<'a> {
                 file: file.into(),
                 out: self.one("out")?.into(),
                 damaged: self.has("damaged"),
+                truth: false,
                 vehicle: self.maybe("vehicle").map(PathBuf::from),
                 mapping: None,
                 rate_hz: self.has("rate").then(|| self.value("rate")).transpose()?,

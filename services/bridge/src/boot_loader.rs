@@ -12,6 +12,7 @@
 
 use crate::line::Line;
 use crate::px4_file::Px4File;
+use crc::Crc;
 use std::time::Duration;
 
 const INSYNC: u8 = 0x12;
@@ -225,14 +226,23 @@ fn word(bytes: &[u8]) -> u32 {
         .map_or(0, |bytes: &[u8; 4]| u32::from_le_bytes(*bytes))
 }
 
-/// CRC-32 of the program and of the erased flash after it, as the boot loader works it out: polynomial of Ethernet, from 0, not inverted.
+/// As the boot loader works it out: polynomial of Ethernet, from 0, not inverted.
+const CRC_OF_FLASH: Crc<u32> = Crc::<u32>::new(&crc::Algorithm {
+    init: 0,
+    xorout: 0,
+    check: 0x2DFD_2D88,
+    residue: 0,
+    ..crc::CRC_32_ISO_HDLC
+});
+
+/// CRC-32 of the program and of the erased flash after it.
 pub fn crc(image: &[u8], flash: usize) -> u32 {
-    let erased = std::iter::repeat_n(&0xFF, flash.saturating_sub(image.len()));
-    image.iter().chain(erased).fold(0, |crc, byte| {
-        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
-            if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 }
-        })
-    })
+    let mut digest = CRC_OF_FLASH.digest();
+    digest.update(image);
+    for _ in image.len()..flash {
+        digest.update(&[0xFF]);
+    }
+    digest.finalize()
 }
 
 #[cfg(test)]

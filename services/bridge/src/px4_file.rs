@@ -4,6 +4,8 @@
 //! must be there; `image` is the base64 of zlib of `image_size` bytes, whole words; the first word, the stack, is not that of erased flash. What
 //! breaks one is refused before the board is touched.
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD as BASE64;
 use miniz_oxide::inflate::decompress_to_vec_zlib_with_limit;
 use std::path::Path;
 
@@ -44,7 +46,9 @@ impl Px4File {
         let packed = file["image"]
             .as_str()
             .ok_or("no .px4 file: 'image' is missing, expected base64 text")?;
-        let packed = base64(packed).ok_or("the image is damaged: it is no base64")?;
+        let packed = BASE64
+            .decode(packed)
+            .map_err(|error| format!("the image is damaged: it is no base64: {error}"))?;
         let image = decompress_to_vec_zlib_with_limit(&packed, MOST)
             .map_err(|error| format!("the image is damaged: zlib says '{error}'"))?;
         if image.len() as u64 != size {
@@ -70,53 +74,9 @@ impl Px4File {
     }
 }
 
-/// RFC 4648, with padding.
-fn base64(text: &str) -> Option<Vec<u8>> {
-    let digits = text.trim_end_matches('=').as_bytes();
-    let mut bytes = Vec::with_capacity(digits.len() * 3 / 4);
-    for group in digits.chunks(4) {
-        let mut bits = 0u32;
-        for digit in group {
-            let value = match digit {
-                b'A'..=b'Z' => digit - b'A',
-                b'a'..=b'z' => digit - b'a' + 26,
-                b'0'..=b'9' => digit - b'0' + 52,
-                b'+' => 62,
-                b'/' => 63,
-                _ => return None,
-            };
-            bits = bits << 6 | u32::from(value);
-        }
-        let count = match group.len() {
-            4 => 3,
-            3 => 2,
-            2 => 1,
-            _ => return None,
-        };
-        let all = (bits << (6 * (4 - group.len()))).to_be_bytes();
-        bytes.extend(&all[1..=count]);
-    }
-    Some(bytes)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn val_base64_of_rfc_4648() {
-        for (text, bytes) in [
-            ("", ""),
-            ("Zg==", "f"),
-            ("Zm8=", "fo"),
-            ("Zm9v", "foo"),
-            ("Zm9vYmFy", "foobar"),
-        ] {
-            assert_eq!(base64(text).as_deref(), Some(bytes.as_bytes()));
-        }
-        assert_eq!(base64("Zm9*"), None);
-        assert_eq!(base64("Z"), None);
-    }
 
     #[test]
     fn val_files_that_break_a_rule_are_refused_with_it() {

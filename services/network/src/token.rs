@@ -1,9 +1,9 @@
 //! `rotortwin token`: who may use a server.
 
 use rotortwin_api::tokens::{self, NewToken, Scope, Token, Tokens};
-use rotortwin_cli::grid::Grid;
 use rotortwin_cli::network::token::{Args, What};
 use rotortwin_cli::output::{bad_input, failed, line};
+use rotortwin_runner::grid::Grid;
 use std::process::ExitCode;
 
 /// Exit code 0, 1 if the database fails, 2 for bad input.

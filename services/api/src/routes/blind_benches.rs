@@ -323,6 +323,7 @@ fn stored(library: &Input, request: &Request, part: Option<&Range<u64>>) -> Stor
             out: OUT.into(),
             cases: part.cloned(),
             processes: None,
+            keep_logs: false,
         }),
         inputs,
     }

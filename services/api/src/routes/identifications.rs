@@ -130,7 +130,8 @@ pub(crate) async fn submit(
         capacity_ah: body.capacity_ah,
         cells: body.cells,
         held_out: body.held_out,
-        out: format!("{OUT}/{}.toml", body.name).into(),
+        bench: Vec::new(),
+        out: Some(format!("{OUT}/{}.toml", body.name).into()),
     };
     let draft = Draft {
         kind: JobKind::Identification,

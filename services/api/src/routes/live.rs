@@ -1,7 +1,7 @@
 //! Live telemetry: a WebSocket on which samples come while a run flies.
 //!
 //! ```text
-//!  rotortwin fly --events --live ─ lines ─▶ worker ─▶ hub ─ broadcast ─▶ one task a watcher ─▶ WebSocket
+//!  rotortwin job ─ lines ─▶ worker ─▶ hub ─ broadcast ─▶ one task a watcher ─▶ WebSocket
 //! ```
 //! The flight waits for nobody: a watcher that is too slow loses samples and is told how many. With `from_s` it gets first what is kept of the
 //! flight ([`crate::jobs::live`]), and again what it was too slow for: there is no hole. Nothing of it is on disk; what was recorded is in the

@@ -83,7 +83,8 @@ pub(crate) async fn submit(
         model,
         models: MODELS.into(),
         between: body.between.clone(),
-        out: format!("{OUT}/{SCENARIO}").into(),
+        out: Some(format!("{OUT}/{SCENARIO}").into()),
+        seed: 1,
     };
     let draft = Draft {
         kind: JobKind::NextFlight,

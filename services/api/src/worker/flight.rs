@@ -1,16 +1,17 @@
-//! A flight: `rotortwin fly`, which starts plant, controller and FDI engine, or waits for those that join from elsewhere, or for an autopilot.
+//! A flight: a job like any other, whose process starts plant, controller and FDI engine, or waits for those that join from elsewhere, or for an autopilot.
 
 use super::child::{self, Limits, Listener, Reason};
-use super::{Ended, Meeting, Workshop, files_key};
+use super::{Ended, Meeting, Workshop, files_key, job_command};
 use crate::jobs::{Job, Outcome, Status};
 use rotortwin_jobs::flight::{Controller, Flight, Link, Place};
+use rotortwin_jobs::{AutopilotHere, FlightHere, Here, JobFile};
 use rotortwin_store::summary::{Status as FlightStatus, Summary, load_summary};
 use serde_json::Value;
 use std::path::Path;
 use tokio::process::Command;
 
 /// Live samples a second of simulated time; the flight itself bounds what comes a second of wall clock.
-const LIVE_HZ: &str = "100";
+const LIVE_HZ: f64 = 100.0;
 /// Where the complaints of the flight's processes are, beside its files.
 const COMPLAINTS: &str = "fly.log";
 
@@ -18,7 +19,7 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
     let out = shop.artifacts.place(&files_key(job));
     let complaints = folder.join(COMPLAINTS);
     let child =
-        command(shop, spec, folder, &out).and_then(|command| child::start(command, Limits::of(shop, job), &complaints));
+        command(shop, spec, folder).and_then(|command| child::start(command, Limits::of(shop, job), &complaints));
     let child = match child {
         Ok(child) => child,
         Err(error) => return Ended::Failed(format!("the flight could not be started: {error}")),
@@ -107,45 +108,37 @@ fn outcome(summary: &Summary, folder: String, bytes: u64) -> Outcome {
     }
 }
 
-fn command(shop: &Workshop, spec: &Flight, folder: &Path, out: &Path) -> std::io::Result<Command> {
-    let documents = folder.join("documents.toml");
-    std::fs::write(&documents, &spec.documents)?;
-    let mut command = Command::new(&shop.program);
-    command
-        .args(["fly", "--documents", "--events", "--live", LIVE_HZ])
-        .args(["--seed", &spec.seed]);
-    if let Controller::Autopilot(name) = &spec.controller {
-        let autopilot = shop.autopilots.iter().find(|autopilot| autopilot.name == *name);
-        let autopilot =
-            autopilot.ok_or_else(|| std::io::Error::other(format!("no autopilot '{name}' is listed here")))?;
-        command.args(["--controller", &autopilot.address]);
-        if let Some(pilot) = &autopilot.pilot {
-            command.args(["--pilot", pilot]);
+fn command(shop: &Workshop, spec: &Flight, folder: &Path) -> std::io::Result<Command> {
+    let autopilot = match &spec.controller {
+        Controller::Autopilot(name) => {
+            let listed = shop.autopilots.iter().find(|autopilot| autopilot.name == *name);
+            let listed =
+                listed.ok_or_else(|| std::io::Error::other(format!("no autopilot '{name}' is listed here")))?;
+            Some(AutopilotHere {
+                address: listed.address.clone(),
+                pilot: listed.pilot.clone(),
+            })
         }
-        command.args(["--join-timeout", &spec.join_timeout_ms.to_string()]);
-        command.arg("--out").arg(out).arg("--").arg(&documents);
-        return Ok(command);
-    }
-    command
-        .args(["--link", spec.link.as_str()])
-        .args(["--pace", spec.pace.as_str()]);
-    let others: Vec<&str> = roles(spec)
-        .filter(|(_, place)| *place != Place::Beside)
-        .map(|(role, _)| role)
-        .collect();
-    if !others.is_empty() {
-        command
-            .args(["--external", &others.join(",")])
-            .args(["--join-timeout", &spec.join_timeout_ms.to_string()]);
-    }
-    if spec.link == Link::Zenoh {
-        match &shop.zenoh {
-            Meeting::Listen(endpoint) => command.args(["--listen", &with_port(endpoint)?]),
-            Meeting::Router(endpoint) => command.args(["--connect", endpoint]),
-        };
-    }
-    command.arg("--out").arg(out).arg("--").arg(&documents);
-    Ok(command)
+        _ => None,
+    };
+    let meeting = match &shop.zenoh {
+        _ if spec.link != Link::Zenoh => None,
+        Meeting::Listen(endpoint) => Some(rotortwin_jobs::Meeting::Listen(with_port(endpoint)?)),
+        Meeting::Router(endpoint) => Some(rotortwin_jobs::Meeting::Connect(endpoint.clone())),
+    };
+    let file = JobFile {
+        job: rotortwin_jobs::Job::Run(spec.clone()),
+        here: Here {
+            until_input_ends: true,
+            flight: FlightHere {
+                out: None,
+                live_hz: Some(LIVE_HZ),
+                meeting,
+                autopilot,
+            },
+        },
+    };
+    job_command(&shop.program, &file, folder)
 }
 
 /// An endpoint with port 0 gets one that nobody listens on now. (Somebody may take it before the plant does: the flight is tried again.)

@@ -1,7 +1,7 @@
-//! Workers: each takes one job at a time from the queue and does it in processes of its own, `rotortwin fly` or another command.
+//! Workers: each takes one job at a time from the queue and does it in a process of its own, `rotortwin job FILE`.
 //!
 //! ```text
-//!  queue ──claim──▶ worker ──spawns──▶ rotortwin fly ──spawns──▶ sim, controller, fdi
+//!  queue ──claim──▶ worker ──spawns──▶ rotortwin job ──spawns──▶ sim, controller, fdi (a flight)
 //!                     │ ◀── events, a JSON line each ──┘
 //!                     └──▶ files ─▶ artifact store; then events, outcome (with the claim's token) ─▶ database
 //! ```
@@ -12,7 +12,6 @@
 
 pub(crate) mod answer;
 mod child;
-mod command;
 mod flight;
 mod seat;
 mod task;
@@ -23,10 +22,11 @@ use crate::jobs::queue::FairShare;
 use crate::jobs::{Job, Outcome, Status};
 use crate::pulse::Pulse;
 use crate::traces::Traces;
-use rotortwin_jobs::StoredJob;
-use std::path::PathBuf;
+use rotortwin_jobs::{JobFile, StoredJob};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::process::Command;
 use tokio::sync::watch;
 
 /// How long a claim holds without a sign of life.
@@ -39,6 +39,9 @@ const ATTEMPTS_OF_DEAD_WORKERS: i64 = 25;
 const LOOK: Duration = Duration::from_secs(2);
 /// A worker tries so long to write down how a job ended.
 const LAST_WORD: Duration = Duration::from_secs(60);
+
+/// The job, in its folder.
+const JOB_FILE: &str = "job.json";
 
 /// What workers need.
 #[derive(Debug)]
@@ -240,6 +243,15 @@ async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
     }
 }
 
+/// The process that does a job, in the job's folder: `rotortwin job job.json`. What is to be done, and how, stands in that file alone, so that no
+/// option of a command can be spelled wrong here.
+fn job_command(program: &Path, file: &JobFile, folder: &Path) -> std::io::Result<Command> {
+    std::fs::write(folder.join(JOB_FILE), file.to_json()?)?;
+    let mut command = Command::new(program);
+    command.args(["job", JOB_FILE]).current_dir(folder);
+    Ok(command)
+}
+
 fn fresh_folder(folder: &std::path::Path) -> std::io::Result<()> {
     if folder.exists() {
         std::fs::remove_dir_all(folder)?;
@@ -321,5 +333,34 @@ fn failed(job: &Job, error: String) -> Outcome {
         run_hash: None,
         error: Some(error),
         result: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rotortwin_jobs::{Here, Verification};
+    use std::ffi::OsStr;
+
+    /// What a job is stands in its file alone: an option that is renamed breaks no job that is queued.
+    #[test]
+    fn regress_a_worker_spells_no_option() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = JobFile {
+            job: rotortwin_jobs::Job::Verification(Verification { run: "run".into() }),
+            here: Here::default(),
+        };
+        let command = job_command(Path::new("rotortwin"), &file, folder.path()).unwrap();
+        let words: Vec<&OsStr> = command.as_std().get_args().collect();
+        assert_eq!(words, ["job", JOB_FILE]);
+        let written = std::fs::read_to_string(folder.path().join(JOB_FILE)).unwrap();
+        assert_eq!(JobFile::parse(&written), Ok(file));
+        for source in [
+            include_str!("flight.rs"),
+            include_str!("task.rs"),
+            include_str!("child.rs"),
+        ] {
+            assert_eq!(source.matches("\"--").count(), 0);
+        }
     }
 }

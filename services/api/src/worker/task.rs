@@ -1,20 +1,17 @@
 //! Any job but a flight: campaign, diagnosis, training.
 
 use super::child::{self, Everything, Limits, Reason};
-use super::{Ended, Workshop, command, files_key};
+use super::{Ended, Workshop, files_key, job_command};
 use crate::jobs::{Job, Outcome, Status};
-use rotortwin_jobs::{Content, Input, StoredJob};
+use rotortwin_jobs::{Content, Here, Input, JobFile, StoredJob};
 use std::io;
 use std::num::NonZeroUsize;
 use std::path::Path;
-use tokio::process::Command;
 
 /// Where its complaints are, beside its files.
 const COMPLAINTS: &str = "task.log";
 /// Exit code of a command whose input is bad: another try would end alike.
 const BAD_INPUT: i32 = 2;
-/// Exit code of `replay` where the second execution gave another hash.
-const DIFFERS: i32 = 1;
 
 pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: StoredJob, folder: &Path) -> Ended {
     let complaints = folder.join(COMPLAINTS);
@@ -24,12 +21,18 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
     let threads = NonZeroUsize::new(shop.threads).unwrap_or(NonZeroUsize::MIN);
     let StoredJob { job: spec, inputs } = stored;
     let spec = spec.with_threads(threads);
-    let words = match command::words(&spec) {
-        Ok(words) => words,
-        Err(sentence) => return Ended::Outcome(super::failed(job, sentence)),
+    let leftovers = spec.leftovers();
+    let file = JobFile {
+        job: spec,
+        here: Here {
+            until_input_ends: true,
+            ..Here::default()
+        },
     };
-    let mut command = Command::new(&shop.program);
-    command.args(words).current_dir(folder);
+    let command = match job_command(&shop.program, &file, folder) {
+        Ok(command) => command,
+        Err(error) => return Ended::Failed(format!("the job cannot be handed over: {error}")),
+    };
     let child = match child::start(command, Limits::of(shop, job), &complaints) {
         Ok(child) => child,
         Err(error) => return Ended::Failed(format!("the job could not be started: {error}")),
@@ -51,10 +54,6 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
             )),
         ),
         (_, Some(0)) => (Status::Done, None),
-        // A hash that differs is a result, not a failure: another try would end alike.
-        (_, Some(DIFFERS)) if matches!(spec, rotortwin_jobs::Job::Verification(_)) && is_json(&end.words) => {
-            (Status::Done, None)
-        }
         (_, Some(BAD_INPUT)) => (Status::Failed, Some(child::last_words(&complaints))),
         _ => match child::limit_reached(shop, end.status, &complaints) {
             Some(why) => (Status::Failed, Some(why)),
@@ -62,14 +61,10 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
         },
     };
     let out = folder.join("out");
-    for name in spec.leftovers() {
+    for name in leftovers {
         remove(&out.join(name));
     }
-    let result = match command::result_file(&spec) {
-        None => Some(end.words),
-        Some(path) => std::fs::read_to_string(folder.join(path)).ok(),
-    };
-    let result = result.filter(|text| is_json(text));
+    let result = Some(end.words).filter(|text| is_json(text));
     if status == Status::Done && result.is_none() {
         return Ended::Failed("it ended without a result".to_owned());
     }

@@ -4,6 +4,7 @@
 //! their checksum cannot be told. Signatures are skipped, not verified.
 
 use super::catalogue::crc_extra;
+use crc::Crc;
 use std::collections::VecDeque;
 
 const START: u8 = 0xfd;
@@ -29,15 +30,15 @@ pub struct Frame {
     pub payload: [u8; MAX_PAYLOAD],
 }
 
-/// CRC-16/MCRF4XX.
+/// Of frames, from their second byte on.
+const CHECKSUM_OF_FRAMES: Crc<u16> = Crc::<u16>::new(&crc::CRC_16_MCRF4XX);
+
 fn checksum(parts: &[&[u8]]) -> u16 {
-    let mut crc: u16 = 0xffff;
-    for byte in parts.iter().copied().flatten() {
-        let mut x = byte ^ (crc & 0xff) as u8;
-        x ^= x << 4;
-        crc = (crc >> 8) ^ (u16::from(x) << 8) ^ (u16::from(x) << 3) ^ (u16::from(x) >> 4);
+    let mut digest = CHECKSUM_OF_FRAMES.digest();
+    for part in parts {
+        digest.update(part);
     }
-    crc
+    digest.finalize()
 }
 
 /// The bytes of a frame. `payload` is at most 255 bytes of a message whose CRC extra is known.

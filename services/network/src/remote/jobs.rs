@@ -3,9 +3,9 @@
 use super::events::Follow;
 use super::http::{Ask, Remote};
 use super::{RemoteError, fetch, with_server};
-use rotortwin_cli::grid::Grid;
 use rotortwin_cli::network::remote::{JobArgs, ServerArgs, Verb};
 use rotortwin_cli::output;
+use rotortwin_runner::grid::Grid;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -7,8 +7,9 @@ use super::flights;
 use super::http::Remote;
 use super::{RemoteError, fetch, task, with_server};
 use rotortwin_cli::network::remote::ServerArgs;
-use rotortwin_cli::versions::{find_or_begin, store_failed};
 use rotortwin_cli::{compare, diagnose, improve, log, output};
+use rotortwin_runner::log_import::unique_names;
+use rotortwin_runner::versions::find_or_begin;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -32,7 +33,7 @@ pub(super) fn compare(server: &ServerArgs, args: &compare::Args) -> ExitCode {
     };
     let found = match ModelStore::new(&args.models).find(model) {
         Ok(found) => found,
-        Err(error) => return store_failed(&error),
+        Err(error) => return output::told(&error.into()),
     };
     with_server(server, async |remote| {
         let flights = flights::named(remote, &args.logs, args.json).await?;
@@ -51,7 +52,7 @@ pub(super) fn diagnose(server: &ServerArgs, args: &diagnose::Args) -> ExitCode {
     }
     let found = match ModelStore::new(&args.models).find(&args.model) {
         Ok(found) => found,
-        Err(error) => return store_failed(&error),
+        Err(error) => return output::told(&error.into()),
     };
     let read = |path: &std::path::PathBuf| {
         std::fs::read_to_string(path).map_err(|error| format!("{}: cannot be read: {error}", path.display()))
@@ -80,7 +81,7 @@ pub(super) fn improve(server: &ServerArgs, args: &improve::Args) -> ExitCode {
     let store = ModelStore::new(&args.models);
     let (version, branch) = match find_or_begin(&store, &args.model) {
         Ok(found) => found,
-        Err(error) => return store_failed(&error),
+        Err(error) => return output::told(&error.into()),
     };
     if version != ModelVersion::first(version.name.clone(), version.documents()) {
         return output::bad_input(format!(
@@ -154,7 +155,7 @@ pub(super) fn log(server: &ServerArgs, args: &log::Args) -> ExitCode {
     }
     with_server(server, async |remote| {
         let mut code = ExitCode::SUCCESS;
-        for (file, name) in args.files.iter().zip(log::unique_names(&args.files)) {
+        for (file, name) in args.files.iter().zip(unique_names(&args.files)) {
             match import(remote, args, file, &name).await {
                 Ok(()) => {}
                 Err(RemoteError::BadInput(sentence)) => code = output::bad_input(sentence),

@@ -3,7 +3,7 @@
 //! What is too wide has its headings folded first, then the longest texts; what is too wide then is printed in blocks of columns, each with the
 //! first column again.
 
-use crate::terminal;
+use crate::text;
 use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
 use std::collections::BTreeSet;
 use std::fmt::{Display, Formatter};
@@ -143,7 +143,7 @@ impl Grid {
 
 impl Display for Grid {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.laid_out(terminal::width().unwrap_or(usize::MAX)))
+        f.write_str(&self.laid_out(text::width().unwrap_or(usize::MAX)))
     }
 }
 

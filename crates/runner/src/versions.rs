@@ -1,18 +1,8 @@
-//! Which version of a model a text names, and how a failure of the store ends a command.
+//! Which version of a model a text names.
 
-use crate::output;
 use rotortwin_twin::model::store::{MAIN, Place};
 use rotortwin_twin::model::{ModelStore, ModelVersion, StoreError};
 use std::path::Path;
-use std::process::ExitCode;
-
-/// A failure of the store, with its exit code.
-pub fn store_failed(error: &StoreError) -> ExitCode {
-    match error {
-        StoreError::Io { .. } => output::failed(error),
-        StoreError::Document(_) | StoreError::Refused(_) => output::bad_input(error),
-    }
-}
 
 /// The version that a text names.
 pub fn find(store: &ModelStore, text: &str) -> Result<ModelVersion, StoreError> {

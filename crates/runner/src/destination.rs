@@ -1,21 +1,19 @@
 //! Where results go: looked at before the work, so that nothing computed is lost, and named when the disk is full.
 
-use crate::output;
 use rotortwin_store::run_folder::RunFolder;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 /// Less than this is no room for anything.
 const FULL_BELOW_BYTES: u64 = 64 * 1024;
 
 /// A folder for results, made before the work: it must not exist or be empty, as that of a run. Dropped without [`keep`](Self::keep), it is
 /// removed again, as bad input leaves nothing.
-pub(crate) struct ResultFolder(Option<RunFolder>);
+pub struct ResultFolder(Option<RunFolder>);
 
 impl ResultFolder {
     /// Makes it, and makes sure that files can be written there.
-    pub(crate) fn create(path: &Path) -> Result<Self, String> {
+    pub fn create(path: &Path) -> Result<Self, String> {
         let folder = RunFolder::create(path).map_err(|error| error.to_string())?;
         let probe = folder.spool_path();
         if let Err(error) = std::fs::File::create_new(&probe).and_then(|_| std::fs::remove_file(&probe)) {
@@ -27,13 +25,13 @@ impl ResultFolder {
     }
 
     /// As [`create`](Self::create), where a folder was asked for.
-    pub(crate) fn of_option(path: Option<&PathBuf>) -> Result<Option<Self>, String> {
+    pub fn of_option(path: Option<&PathBuf>) -> Result<Option<Self>, String> {
         path.map(|path| Self::create(path)).transpose()
     }
 
     /// As [`of_option`](Self::of_option); `None` also for a folder that holds `inside`, or the way to it, and nothing else: the results
     /// go beside it.
-    pub(crate) fn beside(path: Option<&Path>, inside: &Path) -> Result<Option<Self>, String> {
+    pub fn beside(path: Option<&Path>, inside: &Path) -> Result<Option<Self>, String> {
         match path {
             Some(path) if holds_only(path, inside) => Ok(None),
             path => path.map(Self::create).transpose(),
@@ -41,7 +39,7 @@ impl ResultFolder {
     }
 
     /// The work is done: from now on it stays.
-    pub(crate) fn keep(mut self) -> RunFolder {
+    pub fn keep(mut self) -> RunFolder {
         self.0.take().expect("only this takes it")
     }
 }
@@ -67,7 +65,7 @@ fn holds_only(path: &Path, inside: &Path) -> bool {
 }
 
 /// Tries whether a file can be written, and leaves everything as it was.
-pub(crate) fn writable_file(path: &Path) -> Result<(), String> {
+pub fn writable_file(path: &Path) -> Result<(), String> {
     let existed = path.exists();
     std::fs::File::options()
         .append(true)
@@ -77,16 +75,13 @@ pub(crate) fn writable_file(path: &Path) -> Result<(), String> {
         .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
-/// The run failed while it wrote to `place`: says so, and which disk is full if one is.
-pub(crate) fn failed_at(place: &Path, sentence: impl std::fmt::Display) -> ExitCode {
-    match full_disk(place) {
-        Some(disk) => output::failed(format!("{sentence}; {disk}")),
-        None => output::failed(sentence),
-    }
+/// Writes a text that was also printed.
+pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(path, text).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
 /// A sentence about the disk that holds `place`, if it is full.
-fn full_disk(place: &Path) -> Option<String> {
+pub(crate) fn full_disk(place: &Path) -> Option<String> {
     let place = place.ancestors().find(|place| place.exists())?.canonicalize().ok()?;
     let space = rustix::fs::statvfs(&place).ok()?;
     let free = space.f_bavail * space.f_frsize;

@@ -1,0 +1,69 @@
+//! `rotortwin job`: one job of any kind, from a file.
+
+use crate::progress::Lines;
+use crate::{fly, output};
+use clap::Parser;
+use rotortwin_jobs::flight::{Flight, Link};
+use rotortwin_jobs::{FlightHere, Job, JobFile};
+use rotortwin_runner::failure::Failure;
+use rotortwin_runner::flight;
+use rotortwin_runner::result::perform;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin job`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// The job as JSON with its version, as a worker writes it: docs/jobs.md
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+}
+
+impl Args {
+    /// It is a flight over zenoh. A file that cannot be read is refused later.
+    pub(crate) fn is_over_zenoh(&self) -> bool {
+        matches!(read(&self.file), Ok(JobFile { job: Job::Run(flight), .. }) if flight.link == Link::Zenoh)
+    }
+}
+
+/// Does the job: events as JSON lines, then its result as JSON. Exit code 0 if all was done, 1 if something failed or was stopped, 2 for bad
+/// input.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    rotortwin_process::start_logging();
+    let JobFile { job, here } = match read(&args.file) {
+        Ok(file) => file,
+        Err(failure) => return output::told(&failure),
+    };
+    if here.until_input_ends {
+        fly::end_with_standard_input();
+    }
+    let done = match job {
+        Job::Run(job) => fly_one(&job, &here.flight),
+        job => {
+            let lines = Lines::new();
+            perform(job, &|event| lines.tell(event)).and_then(|result| {
+                println!("{}", result.json()?);
+                Ok(if result.is_complete() {
+                    ExitCode::SUCCESS
+                } else {
+                    ExitCode::from(rotortwin_process::EXIT_FAILED)
+                })
+            })
+        }
+    };
+    done.unwrap_or_else(|failure| output::told(&failure))
+}
+
+fn fly_one(job: &Flight, here: &FlightHere) -> Result<ExitCode, Failure> {
+    let folder = std::env::current_dir().map_err(Failure::failed)?;
+    let screen = fly::Screen::new(true, true).with_samples(here.live_hz.is_some());
+    let flown = flight::perform(job, here, &folder, &|event| screen.tell(event))?;
+    print!("{}", flown.summary.to_json());
+    Ok(output::exit_code(&flown.summary))
+}
+
+fn read(path: &Path) -> Result<JobFile, Failure> {
+    let bad = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| bad(&format!("cannot be read: {error}")))?;
+    JobFile::parse(&text).map_err(|error| bad(&error))
+}

@@ -1,0 +1,95 @@
+//! What a job says while it is done: a line of JSON each. Those of a flight are `rotortwin_wire::events`.
+
+use rotortwin_blind::bench::cases::Preset;
+use rotortwin_blind::bench::score::Outcome;
+use serde::{Deserialize, Serialize};
+
+/// What a job says while it is done. In JSON, `event` says which.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum JobEvent {
+    /// How far it is.
+    Progress(Progress),
+    /// A case of a blind bench is done.
+    Case(CaseDone),
+}
+
+/// How far a job is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Progress {
+    /// By share of its work.
+    Share {
+        /// Done, of 1.
+        share: f64,
+        /// What is done now.
+        text: String,
+    },
+    /// By flights of a campaign.
+    Flights {
+        /// Flights that did not reach their end.
+        failed: u64,
+        /// Alarms while nothing was wrong.
+        false_alarms: u64,
+        /// Flights that are there, with those that were there before.
+        flights: u64,
+        /// Flights that are wanted.
+        of: u64,
+    },
+}
+
+/// A case of a blind bench, scored.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CaseDone {
+    /// Number within its preset.
+    pub case: usize,
+    /// What was named.
+    pub named: String,
+    /// What that is worth.
+    pub outcome: Outcome,
+    /// What the case belongs to.
+    pub preset: Preset,
+    /// What was hidden.
+    pub truth: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As earlier versions have written them: they stand in databases, and clients read them.
+    #[test]
+    fn val_events_are_written_as_clients_read_them() {
+        let share = JobEvent::Progress(Progress::Share {
+            share: 0.5,
+            text: "fit".to_owned(),
+        });
+        let flights = JobEvent::Progress(Progress::Flights {
+            failed: 1,
+            false_alarms: 2,
+            flights: 64,
+            of: 96,
+        });
+        let case = JobEvent::Case(CaseDone {
+            case: 3,
+            named: "mass".to_owned(),
+            outcome: Outcome::Right,
+            preset: Preset::Mixed,
+            truth: "mass".to_owned(),
+        });
+        for (event, line) in [
+            (share, r#"{"event":"progress","share":0.5,"text":"fit"}"#),
+            (
+                flights,
+                r#"{"event":"progress","failed":1,"false_alarms":2,"flights":64,"of":96}"#,
+            ),
+            (
+                case,
+                r#"{"event":"case","case":3,"named":"mass","outcome":"right","preset":"mixed","truth":"mass"}"#,
+            ),
+        ] {
+            assert_eq!(serde_json::to_string(&event).unwrap(), line);
+            assert_eq!(serde_json::from_str::<JobEvent>(line).unwrap(), event);
+        }
+    }
+}

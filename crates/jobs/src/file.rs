@@ -1,0 +1,163 @@
+//! A job as a file, for the process that does it: `rotortwin job FILE`.
+//!
+//! ```json
+//! {"version": 2, "job": {"job": "diagnosis", "logs": ["hover.parquet"], "model": "f550.toml", "models": "models"}}
+//! ```
+//! A worker writes one for each job. `here` is what only the machine knows that does the job; whatever is left out there is as if somebody had
+//! typed the command.
+
+use crate::Job;
+use crate::error::NotUnderstood;
+use crate::stored::StoredJob;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// The version that is written.
+const VERSION: u64 = 2;
+
+/// A job, and what belongs to the machine that does it. Paths are relative to the folder in which the process is started.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobFile {
+    /// What is to be done.
+    pub job: Job,
+    /// Where.
+    pub here: Here,
+}
+
+/// What belongs to the machine that does a job.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Here {
+    /// Whoever started the process holds its standard input open: it ends when that does.
+    #[serde(default)]
+    pub until_input_ends: bool,
+    /// For a flight.
+    #[serde(default)]
+    pub flight: FlightHere,
+}
+
+/// What a flight needs of the machine where the plant is.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FlightHere {
+    /// Run folder to write; unset: `out`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+    /// Samples of the telemetry to tell, a second of simulated time; unset: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub live_hz: Option<f64>,
+    /// Where processes on other hosts meet the plant; unset: a free port of this host's loopback address.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub meeting: Option<Meeting>,
+    /// Where the autopilot is that the job names.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub autopilot: Option<AutopilotHere>,
+}
+
+/// Where the processes of a flight meet that are not on one host.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Meeting {
+    /// The plant listens here: `tcp/10.0.0.2:7447`.
+    Listen(String),
+    /// All connect to this router: `tcp/router:7447`.
+    Connect(String),
+}
+
+/// An autopilot that can be reached from here, as its operator has listed it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AutopilotHere {
+    /// `ardupilot:ADDR`, `px4:ADDR` or `betaflight:ADDR`.
+    pub address: String,
+    /// Where it takes commands, or `none`; unset: where such an autopilot usually does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pilot: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Written<'a> {
+    version: u64,
+    job: &'a Job,
+    here: &'a Here,
+}
+
+/// What stands beside the job.
+#[derive(Deserialize)]
+struct Beside {
+    #[serde(default)]
+    here: Here,
+}
+
+impl JobFile {
+    /// As a text: a JSON object.
+    ///
+    /// # Errors
+    /// A path is not UTF-8.
+    pub fn to_json(&self) -> serde_json::Result<String> {
+        serde_json::to_string_pretty(&Written {
+            version: VERSION,
+            job: &self.job,
+            here: &self.here,
+        })
+    }
+
+    /// Reads a file of any version up to this one's, or a row of the queue that needs nothing laid out.
+    ///
+    /// # Errors
+    /// It is none, or a later version's, or names inputs that only a worker can lay out.
+    pub fn parse(text: &str) -> Result<Self, NotUnderstood> {
+        let StoredJob { job, inputs } = StoredJob::parse(text)?;
+        if let Some(input) = inputs.first() {
+            return Err(NotUnderstood(format!(
+                "it wants {} laid out first, which a worker does from its server's files; expected a job without `inputs`, whose files are there",
+                input.path
+            )));
+        }
+        let Beside { here } = serde_json::from_str(text).map_err(|error| NotUnderstood(error.to_string()))?;
+        Ok(Self { job, here })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Input, Verification};
+
+    fn file() -> JobFile {
+        JobFile {
+            job: Job::Verification(Verification { run: "run".into() }),
+            here: Here {
+                until_input_ends: true,
+                flight: FlightHere {
+                    meeting: Some(Meeting::Connect("tcp/router:7447".to_owned())),
+                    ..FlightHere::default()
+                },
+            },
+        }
+    }
+
+    #[test]
+    fn val_a_file_is_read_as_it_was_written() {
+        assert_eq!(JobFile::parse(&file().to_json().unwrap()), Ok(file()));
+        let by_hand = r#"{"version": 2, "job": {"job": "verification", "run": "run"}}"#;
+        let here = Here::default();
+        assert_eq!(JobFile::parse(by_hand), Ok(JobFile { here, ..file() }));
+    }
+
+    #[test]
+    fn val_what_cannot_be_done_from_a_file_says_why() {
+        let row = StoredJob {
+            job: file().job,
+            inputs: vec![Input::folder("run", "jobs/1/1/out")],
+        };
+        let text = file().to_json().unwrap();
+        for (text, words) in [
+            (row.to_json().unwrap(), "it wants run laid out first"),
+            (text.replace("until_input_ends", "until"), "unknown field `until`"),
+            (text.replace("\"version\": 2", "\"version\": 3"), "a later version"),
+        ] {
+            let error = JobFile::parse(&text).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! A blind bench, or some of its cases, or the score of what is there.
+
+use crate::Tell;
+use crate::failure::Failure;
+use rotortwin_blind::bench::cases::Case;
+use rotortwin_blind::bench::product::{read_diagnosis, read_either};
+use rotortwin_blind::bench::report;
+use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Program, Request};
+use rotortwin_blind::bench::score::Row;
+use rotortwin_blind::bench::sheet::{self, Sheet};
+use rotortwin_blind::error::BlindError;
+use rotortwin_blind::vehicle::Vehicle;
+use rotortwin_jobs::{BlindBench as Job, CaseDone, JobEvent};
+use serde::Serialize;
+use std::ops::Range;
+
+/// A bench that can begin.
+pub struct Prepared {
+    bench: Bench,
+    diagnosis: DiagnosisCommand,
+    cases: Vec<Case>,
+    /// Only some of them.
+    part: bool,
+}
+
+/// What came of a bench.
+#[derive(Debug)]
+pub enum Benched {
+    /// The cases that were asked for are left as they are.
+    Part(CasesDone),
+    /// All of them, scored.
+    Whole(Sheet),
+}
+
+/// The result of some cases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct CasesDone {
+    /// That were asked for.
+    pub cases: usize,
+    /// That are there.
+    pub rows: usize,
+}
+
+/// What is asked for.
+///
+/// # Errors
+/// It cannot be run.
+pub fn request(job: &Job) -> Result<Request, BlindError> {
+    let request = Request {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        presets: job.presets.clone(),
+        n: job.n,
+        seed: job.seed,
+        vehicles: job.vehicles.clone(),
+        duration_s: job.duration_s,
+    };
+    request.check()?;
+    Ok(request)
+}
+
+/// A command of this program, which ends with us.
+///
+/// # Errors
+/// Nobody knows which program this is.
+pub fn of_this_program(words: &[&str], cores: usize) -> std::io::Result<Program> {
+    let program = std::env::current_exe()?.display().to_string();
+    let all = [&program, "--end-with-stdin"].into_iter().chain(words.iter().copied());
+    Ok(Program {
+        words: all.map(str::to_owned).collect(),
+        held: true,
+        cores,
+    })
+}
+
+/// Opens the folder of the bench and draws its cases.
+///
+/// * `diagnosis`: another diagnosis, a command line with `{log}` and `{vehicle}`; none: ours
+///
+/// # Errors
+/// It cannot be run, or its folder is another bench's.
+pub fn prepare(job: &Job, diagnosis: Option<&str>) -> Result<Prepared, Failure> {
+    let rotor_counts = job
+        .vehicles
+        .iter()
+        .map(|path| Vehicle::load(path.as_ref()).map(|vehicle| vehicle.rotors.len()))
+        .collect::<Result<Vec<_>, _>>()?;
+    let jobs = job.processes.map_or(1, usize::from);
+    let cores = (std::thread::available_parallelism().map_or(1, usize::from) / jobs).max(1);
+    let ours = |words: &[&str]| of_this_program(words, cores).map_err(Failure::failed);
+    let bench = Bench {
+        folder: job.out.clone(),
+        generator: ours(&["blind", "generate"])?,
+        jobs,
+        keep_logs: job.keep_logs,
+        request: request(job)?,
+    };
+    let diagnosis = match diagnosis {
+        Some(line) => DiagnosisCommand {
+            command: Program {
+                words: line.split_whitespace().map(str::to_owned).collect(),
+                held: false,
+                cores,
+            },
+            read: read_either,
+        },
+        None => DiagnosisCommand {
+            command: ours(&["diagnose", "{log}", "--model", "{vehicle}", "--json"])?,
+            read: read_diagnosis,
+        },
+    };
+    let mut cases = bench.request.cases(&rotor_counts);
+    if let Some(range) = &job.cases {
+        cases = part_of(&cases, range)?.to_vec();
+    }
+    bench.open()?;
+    Ok(Prepared {
+        bench,
+        diagnosis,
+        cases,
+        part: job.cases.is_some(),
+    })
+}
+
+impl Prepared {
+    /// Cases that are wanted.
+    pub fn wanted(&self) -> usize {
+        self.cases.len()
+    }
+
+    /// Of these, there already.
+    pub fn present(&self) -> usize {
+        self.bench.rows(&self.cases).len()
+    }
+
+    /// Does the cases that are missing.
+    ///
+    /// # Errors
+    /// A case cannot be flown or diagnosed, or a file not be written.
+    pub fn run(&self, tell: Tell<'_>) -> Result<Benched, Failure> {
+        let told = |row: &Row| tell(&JobEvent::Case(case_done(row)));
+        let rows = self.bench.run(&self.cases, &self.diagnosis, &told)?;
+        if self.part {
+            return Ok(Benched::Part(CasesDone {
+                cases: self.cases.len(),
+                rows: rows.len(),
+            }));
+        }
+        let sheet = sheet::sum_up(&rows);
+        report::write(&self.bench.folder, &self.bench.request, &rows, &sheet)?;
+        Ok(Benched::Whole(sheet))
+    }
+}
+
+/// The cases of a range that was asked for.
+fn part_of<'a>(cases: &'a [Case], range: &Range<u64>) -> Result<&'a [Case], Failure> {
+    let end = |number: u64| usize::try_from(number).unwrap_or(usize::MAX);
+    cases.get(end(range.start)..end(range.end)).ok_or_else(|| {
+        Failure::input(format!(
+            "--cases: {}..{}; expected within 0..{}",
+            range.start,
+            range.end,
+            cases.len()
+        ))
+    })
+}
+
+fn case_done(row: &Row) -> CaseDone {
+    CaseDone {
+        case: row.case.index,
+        named: row.named.clone(),
+        outcome: row.outcome,
+        preset: row.case.preset,
+        truth: row.truth.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rotortwin_blind::bench::cases::Preset;
+
+    #[test]
+    fn val_parts_lie_within_the_bench() {
+        let job = Job {
+            presets: vec![Preset::Mixed],
+            n: 5,
+            seed: 1,
+            vehicles: vec!["f550.toml".to_owned()],
+            duration_s: 90.0,
+            out: "out".into(),
+            cases: None,
+            processes: None,
+            keep_logs: false,
+        };
+        let cases = request(&job).unwrap().cases(&[6]);
+        let part = part_of(&cases, &(3..5)).unwrap();
+        assert_eq!(part.iter().map(|case| case.index).collect::<Vec<_>>(), [3, 4]);
+        let error = part_of(&cases, &(3..6)).unwrap_err().to_string();
+        assert!(error.contains("within 0..5"), "{error}");
+    }
+}

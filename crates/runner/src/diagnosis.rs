@@ -1,0 +1,283 @@
+//! Which physical effect a model lacks.
+
+use crate::Tell;
+use crate::destination::ResultFolder;
+use crate::failure::Failure;
+use crate::grid::Grid;
+use crate::logs::{read_logs, refused};
+use crate::next_flight;
+use rotortwin_jobs::{Diagnosis as Job, JobEvent, Progress};
+use rotortwin_page::Report;
+use rotortwin_plant::effects::EffectDocument;
+use rotortwin_scenario::{ConfigError, effect_documents};
+use rotortwin_twin::baseline::Trim;
+use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search};
+use rotortwin_twin::estimation::parameters::FittedParameter;
+use rotortwin_twin::model::ModelStore;
+use std::path::Path;
+use std::time::Instant;
+
+/// Rows of the ranking that are told.
+const RANKING_ROWS: usize = 8;
+/// Effect document of a proposal.
+pub const PROPOSAL_FILE: &str = "proposed-effect.toml";
+
+/// What a model lacks, with the same as text where somebody reads that.
+#[derive(Debug)]
+pub struct Diagnosed {
+    /// The result.
+    pub diagnosis: Diagnosis,
+    /// For people, with what to fly next where the diagnosis cannot tell.
+    pub text: String,
+}
+
+/// Names the effects that a model lacks; what it finds is also in the job's folder.
+///
+/// * `advise`: fly manoeuvres in the simulator to say what to fly next; done for a folder in any case
+///
+/// # Errors
+/// The model, a log or an effect document cannot be used, or the folder not be written.
+pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Failure> {
+    let start = Instant::now();
+    let found = ModelStore::new(&job.models).find(&job.model)?;
+    let logs = read_logs(&job.logs)?;
+    refused(&logs, &found.version.vehicle)?;
+    let baseline = read_logs(&job.baseline)?;
+    refused(&baseline, &found.version.vehicle)?;
+    let effects: Result<Vec<EffectDocument>, ConfigError> = job.effects.iter().map(effect_documents::load).collect();
+    let effects = effects.map_err(Failure::input)?;
+    let folder = ResultFolder::of_option(job.out.as_ref()).map_err(Failure::input)?;
+    let options = Options {
+        effects,
+        baseline,
+        progress: &|text, share| tell(&share_done(text, share)),
+        clock: &|| start.elapsed().as_secs_f64(),
+        ..Options::default()
+    };
+    let diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;
+    let mut text = text(&diagnosis);
+    if (folder.is_some() || advise)
+        && let Some(advice) = next_flight::after(&diagnosis, &found.version)
+    {
+        text += &format!("Next flight  {advice}\n");
+    }
+    if let Some(folder) = folder.map(ResultFolder::keep) {
+        write(folder.path(), &text, &diagnosis).map_err(|sentence| Failure::writing(folder.path(), sentence))?;
+    }
+    Ok(Diagnosed { diagnosis, text })
+}
+
+/// How far a search is.
+pub(crate) fn share_done(text: &str, share: f64) -> JobEvent {
+    JobEvent::Progress(Progress::Share {
+        share,
+        text: text.to_owned(),
+    })
+}
+
+/// As it is printed and kept.
+pub fn json(diagnosis: &Diagnosis) -> String {
+    serde_json::to_string_pretty(diagnosis).expect("text and numbers are JSON")
+}
+
+/// The document that a proposal is, where the error is in no catalogue.
+pub fn proposed(diagnosis: &Diagnosis) -> Option<&EffectDocument> {
+    diagnosis.proposal.as_ref()?.document.as_ref()
+}
+
+fn write(folder: &Path, text: &str, diagnosis: &Diagnosis) -> Result<(), String> {
+    let file = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
+    };
+    file("diagnosis.json", &format!("{}\n", json(diagnosis)))?;
+    file("diagnosis.txt", text)?;
+    file("report.html", &report(text, diagnosis))?;
+    match proposed(diagnosis) {
+        Some(document) => file(PROPOSAL_FILE, &rotortwin_twin::propose::to_toml(document)),
+        None => Ok(()),
+    }
+}
+
+/// The diagnosis on a page.
+fn report(text: &str, diagnosis: &Diagnosis) -> String {
+    let page = Report {
+        kind: "diagnosis",
+        title: &format!("Diagnosis · {}", diagnosis.logs.join(", ")),
+        summary: text,
+        program: rotortwin_twin::model::TOOL,
+        data: diagnosis,
+    };
+    page.render().expect("text and numbers are JSON")
+}
+
+/// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
+fn parameter(p: &FittedParameter) -> String {
+    let digits = if p.interval_95 > 0.0 {
+        (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
+    } else {
+        4
+    };
+    let unit = if p.unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {}", p.unit)
+    };
+    format!("{} = {:.digits$} ± {:.digits$}{unit}", p.symbol, p.value, p.interval_95)
+}
+
+fn parameters(list: &[FittedParameter]) -> String {
+    list.iter().map(parameter).collect::<Vec<_>>().join(", ")
+}
+
+fn finding(found: &Finding) -> String {
+    let mut text = format!("{}: {}\n", found.label, parameters(&found.parameters));
+    text += &format!("             {}\n             {}\n", found.equation, found.reason);
+    for rival in &found.also_compatible {
+        text += &format!(
+            "             also compatible: {} (ln BF {:.1} behind)\n",
+            rival.label, rival.evidence_gap
+        );
+    }
+    for rival in &found.lost {
+        text += &format!("             not {}: {}\n", rival.label.to_lowercase(), rival.reason);
+    }
+    text
+}
+
+/// What changed against healthy flights.
+fn trim(trim: &Trim) -> String {
+    let changes: Vec<String> = trim
+        .thrust_change
+        .iter()
+        .map(|x| format!("{:+.1}", 100.0 * x))
+        .collect();
+    let seen = trim.smallest_loss.map_or_else(
+        || "no loss of one rotor up to 60 % would be named for certain".to_owned(),
+        |loss| format!("a loss of {:.0} % of one rotor would be named", 100.0 * loss),
+    );
+    format!(
+        "{}\n             thrust asked of the rotors over the healthy mean: {} %; healthy flights vary by {:.1} % in common and {:.1} % rotor \
+         by rotor; {seen}\n\n",
+        trim.sentence,
+        changes.join(", "),
+        100.0 * trim.spread[0],
+        100.0 * trim.spread[1]
+    )
+}
+
+/// What a finding may be called under a verdict: only what is believed is missing.
+fn called(verdict: &Verdict) -> &'static str {
+    match verdict {
+        Verdict::Missing { .. } | Verdict::PartlyMissing { .. } => "Missing",
+        Verdict::CannotTell { .. } => "One of",
+        _ => "Looks like",
+    }
+}
+
+/// The diagnosis for a terminal: the verdict first.
+fn text(diagnosis: &Diagnosis) -> String {
+    let mut text = diagnosis.trim.as_ref().map_or_else(String::new, trim);
+    text += &format!("{}\n\n", diagnosis.sentence);
+    let label = called(&diagnosis.verdict);
+    for found in &diagnosis.effects {
+        text += &format!("{label:13}{}", finding(found));
+    }
+    for found in &diagnosis.sensor_or_timing {
+        text += &format!("Log fault    {}", finding(found));
+    }
+    for one in diagnosis.calibrate.iter().filter(|one| !one.blocking) {
+        text += &format!("Calibrate    {}\n", one.sentence());
+    }
+    if let Some(proposal) = &diagnosis.proposal {
+        text += &format!("Proposal     {}\n", proposal.sentence());
+    }
+    if !diagnosis.held_out.is_empty() {
+        text += "\nFitted on every other 5 s, tested on the rest (means over 0.1 s)\n";
+        for error in &diagnosis.held_out {
+            text += &format!(
+                "  {:8} {:9.2} → {:9.2} m{}\n",
+                error.quantity,
+                1e3 * error.before,
+                1e3 * error.after,
+                error.unit
+            );
+        }
+    }
+    text += "\nRanking about the given model (linear; ± is 95 %)\n";
+    let mut table = Grid::new(["effect", "fitted", "ln BF", "held-out chi²"]).numbers([2, 3]);
+    for row in diagnosis.ranking.iter().take(RANKING_ROWS) {
+        table.add_row([
+            row.label.clone(),
+            parameters(&row.parameters),
+            format!("{:.1}", row.ln_bayes_factor),
+            format!("{:+.0}", row.held_out_chi2_change),
+        ]);
+    }
+    text += &format!("{table}\n");
+    if !diagnosis.not_testable.is_empty() {
+        text += "Not testable on this flight\n";
+        for row in &diagnosis.not_testable {
+            let need = row.minimum_size.map_or_else(
+                || "nothing of it shows".to_owned(),
+                |size| {
+                    format!(
+                        "would need {} (plausible {})",
+                        format!("{} {}", short(size), row.unit).trim_end(),
+                        short(row.plausible_size)
+                    )
+                },
+            );
+            text += &format!(
+                "  {}: {} {need}; excited by {}\n",
+                row.label, row.parameter, row.excited_by
+            );
+        }
+    }
+    text += &not_considered(&diagnosis.not_considered);
+    let colour: Vec<&str> = diagnosis.goodness.unexplained.iter().map(String::as_str).collect();
+    if !colour.is_empty() {
+        text += &format!("Unexplained  {}\n", colour.join(", "));
+    }
+    for note in &diagnosis.notes {
+        text += &format!("Note         {note}\n");
+    }
+    text += &format!(
+        "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",
+        diagnosis.threshold
+    );
+    text += &format!(
+        "Took         {:.2} s, ranked after {:.2} s\n",
+        diagnosis.timing.total_s, diagnosis.timing.ranked_s
+    );
+    text
+}
+
+/// Effects that could not be considered, those for the same reason together.
+fn not_considered(all: &[NotConsidered]) -> String {
+    let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
+    for one in all {
+        match reasons.iter_mut().find(|(reason, _)| *reason == one.reason) {
+            Some((_, labels)) => labels.push(&one.label),
+            None => reasons.push((&one.reason, vec![&one.label])),
+        }
+    }
+    let mut text = String::new();
+    if !reasons.is_empty() {
+        text += "Not considered\n";
+    }
+    for (reason, labels) in reasons {
+        text += &format!("  {}: {reason}\n", labels.join(", "));
+    }
+    text
+}
+
+/// Three significant digits.
+fn short(value: f64) -> String {
+    let digits = if value == 0.0 {
+        0
+    } else {
+        (2 - value.abs().log10().floor() as i32).clamp(0, 8) as usize
+    };
+    format!("{value:.digits$}")
+}

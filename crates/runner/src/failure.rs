@@ -1,0 +1,63 @@
+//! Why a job is not done.
+
+use crate::destination::full_disk;
+use rotortwin_blind::error::BlindError;
+use rotortwin_twin::model::StoreError;
+use std::fmt::Display;
+use std::path::Path;
+
+/// Why a job is not done, in one sentence.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Failure {
+    /// What was asked for cannot be done: another try would end alike.
+    Input(String),
+    /// It can, but not here or not now.
+    Failed(String),
+}
+
+impl Failure {
+    /// Bad input.
+    pub fn input(sentence: impl Display) -> Self {
+        Self::Input(sentence.to_string())
+    }
+
+    /// Any other failure.
+    pub fn failed(sentence: impl Display) -> Self {
+        Self::Failed(sentence.to_string())
+    }
+
+    /// Something could not be written to `place`; a full disk is named.
+    pub fn writing(place: &Path, sentence: impl Display) -> Self {
+        match full_disk(place) {
+            Some(disk) => Self::Failed(format!("{sentence}; {disk}")),
+            None => Self::failed(sentence),
+        }
+    }
+}
+
+impl Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (Self::Input(sentence) | Self::Failed(sentence)) = self;
+        f.write_str(sentence)
+    }
+}
+
+impl std::error::Error for Failure {}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::Io { .. } => Self::failed(error),
+            StoreError::Document(_) | StoreError::Refused(_) => Self::input(error),
+        }
+    }
+}
+
+impl From<BlindError> for Failure {
+    fn from(error: BlindError) -> Self {
+        match error {
+            BlindError::Input { .. } => Self::input(error),
+            _ => Self::failed(error),
+        }
+    }
+}

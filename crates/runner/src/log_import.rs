@@ -1,0 +1,100 @@
+//! A flight log is brought into canonical form.
+
+use crate::failure::Failure;
+use rotortwin_jobs::LogImport as Job;
+use rotortwin_scenario::VehicleDocuments;
+use rotortwin_twin::log::{FlightLog, ReadOptions};
+use std::path::{Path, PathBuf};
+
+/// A log that was imported.
+#[derive(Debug)]
+pub struct Imported {
+    /// As it is now.
+    pub log: FlightLog,
+    /// Where.
+    pub path: PathBuf,
+}
+
+/// What is to be minded when a log is read.
+#[derive(Debug, Default)]
+pub struct Reading<'a> {
+    /// Mapping file whose rows go before the built-in ones.
+    pub mapping: Option<&'a Path>,
+    /// Of a simulated run, take the truth instead of what was sensed.
+    pub truth: bool,
+    /// Vehicle document to hold the log against.
+    pub vehicle: Option<&'a Path>,
+    /// Take what can be read of a file whose checksum is wrong.
+    pub damaged: bool,
+}
+
+/// Imports the job's file under `name`.
+///
+/// # Errors
+/// The log cannot be used, or not be stored.
+pub fn import(job: &Job, name: &str) -> Result<Imported, Failure> {
+    let reading = Reading {
+        mapping: job.mapping.as_deref(),
+        truth: job.truth,
+        vehicle: job.vehicle.as_deref(),
+        damaged: job.damaged,
+    };
+    let imported = || {
+        let log = read(&job.file, &reading)?;
+        let log = if job.align { log.aligned() } else { log };
+        let log = match job.rate_hz {
+            Some(rate_hz) => log.resampled(rate_hz)?,
+            None => log,
+        };
+        let path = log.store(&job.out, name).map_err(|refusal| refusal.to_string())?;
+        Ok(Imported { log, path })
+    };
+    imported().map_err(Failure::Input)
+}
+
+/// Reads a log, or a part of it.
+///
+/// # Errors
+/// One sentence: what is wrong with it, or with what it is to be held against.
+pub fn read(file: &Path, reading: &Reading<'_>) -> Result<FlightLog, String> {
+    let vehicle = reading
+        .vehicle
+        .map(|path| VehicleDocuments::load(path).map_err(|error| error.to_string()));
+    let options = ReadOptions {
+        mapping: reading.mapping.map(Path::to_path_buf),
+        truth: reading.truth,
+        accept_damaged: reading.damaged,
+        ..ReadOptions::default()
+    };
+    let mut log = FlightLog::read_part_with(file, &options)?;
+    if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle) {
+        log.report.findings.extend(log.check_against_vehicle(&vehicle.vehicle));
+        log.vehicle = Some(path.display().to_string());
+    }
+    Ok(log)
+}
+
+/// File names without extension; where files share one, as many of their folders go before it as it takes.
+pub fn unique_names(files: &[PathBuf]) -> Vec<String> {
+    let parts = |file: &Path, folders: usize| -> String {
+        let stem = file
+            .file_stem()
+            .map_or_else(|| "log".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        let parents = file.ancestors().skip(1).filter_map(Path::file_name).take(folders);
+        let mut names: Vec<String> = parents.map(|name| name.to_string_lossy().into_owned()).collect();
+        names.reverse();
+        names.push(stem);
+        names.join("__")
+    };
+    let deepest = files.iter().map(|file| file.components().count()).max().unwrap_or(0);
+    files
+        .iter()
+        .map(|file| {
+            let alone = |folders: &usize| {
+                let name = parts(file, *folders);
+                files.iter().filter(|other| parts(other, *folders) == name).count() == 1
+            };
+            parts(file, (0..deepest).find(alone).unwrap_or(0))
+        })
+        .collect()
+}

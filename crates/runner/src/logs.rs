@@ -1,0 +1,22 @@
+//! Flights that a job reads.
+
+use crate::failure::Failure;
+use rotortwin_plant::vehicle::model::VehicleModel;
+use rotortwin_twin::log::FlightLog;
+use std::path::PathBuf;
+
+/// The logs at these paths, or parts of them.
+pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, Failure> {
+    paths
+        .iter()
+        .map(|path| FlightLog::read_part(path).map_err(Failure::input))
+        .collect()
+}
+
+/// Refuses the first log that must be mended before a diagnosis against this vehicle.
+pub(crate) fn refused(logs: &[FlightLog], vehicle: &VehicleModel) -> Result<(), Failure> {
+    match logs.iter().find_map(|log| log.refusal_before_diagnosis(vehicle)) {
+        Some(sentence) => Err(Failure::input(sentence)),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,126 @@
+//! A classifier is trained.
+
+use crate::destination;
+use crate::failure::Failure;
+use rotortwin_campaign::paper::classifiers;
+use rotortwin_campaign::paper::reproduction::{self, Method, Options, Reproduction};
+use rotortwin_campaign::parallel::available_threads;
+use rotortwin_jobs::Training as Job;
+use rotortwin_jobs::training::Method as Asked;
+use rotortwin_scenario::{Classifier, Scenario};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Vehicle, controller and detectors of the data set, unless another scenario is named.
+pub const BASE_SCENARIO: &str = "reference-flight";
+
+/// A training that can begin.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    job: &'a Job,
+    base: Scenario,
+    options: Options,
+}
+
+/// Looks at everything that can be looked at before the work.
+///
+/// # Errors
+/// The scenario cannot be used, or the file not be written.
+pub fn prepare(job: &Job) -> Result<Prepared<'_>, Failure> {
+    let base = Scenario::load_without_classifier(&job.scenario).map_err(Failure::input)?;
+    let parent = job.out.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent
+        && !parent.is_dir()
+    {
+        return Err(Failure::input(format!(
+            "--out: there is no folder {}",
+            parent.display()
+        )));
+    }
+    destination::writable_file(&job.out).map_err(Failure::Input)?;
+    let options = Options {
+        items: BTreeSet::new(),
+        methods: BTreeSet::new(),
+        seeds: (job.first_seed..).take(job.seeds as usize).collect(),
+        threads: job.threads.unwrap_or_else(available_threads),
+        tracking_epochs: 20,
+    };
+    let options = classifiers::options_for(method(job.method), options);
+    Ok(Prepared { job, base, options })
+}
+
+impl Prepared<'_> {
+    /// Flights and networks to compute.
+    pub fn parts(&self) -> u64 {
+        self.options.jobs(self.base.fdi_config().geometry.rotor_count())
+    }
+
+    /// Trains, and writes the classifier's file; `tick` is called after each part.
+    ///
+    /// # Errors
+    /// No flight can be trained on, or the file not be written.
+    pub fn train(&self, tick: &(dyn Fn() + Sync)) -> Result<Classifier, Failure> {
+        let trained = || {
+            let result = reproduction::run(&self.base, &self.options, tick)?;
+            let job = self.job;
+            let command = command_line(job.method, job.seeds, job.first_seed, &job.scenario);
+            save_classifier(
+                &self.base,
+                &result,
+                method(job.method),
+                job.first_seed,
+                &command,
+                &job.out,
+            )
+        };
+        trained().map_err(|sentence: String| Failure::writing(&self.job.out, sentence))
+    }
+}
+
+const fn method(asked: Asked) -> Method {
+    match asked {
+        Asked::Paper => Method::Paper,
+        Asked::Improved => Method::Improved,
+    }
+}
+
+/// As the classifier's file says how it was made.
+pub fn command_line(method: Asked, seeds: u32, first_seed: u64, scenario: &Path) -> String {
+    let (method, data_set) = (method.as_str(), data_set(seeds, first_seed, scenario));
+    format!("rotortwin train --method {method}{data_set} --out FILE")
+}
+
+/// The arguments that decide the numbers of a data set, as they would be typed.
+pub fn data_set(seeds: u32, first_seed: u64, scenario: &Path) -> String {
+    let mut line = format!(" --seeds {seeds} --first-seed {first_seed}");
+    if scenario != Path::new(BASE_SCENARIO) {
+        line += &format!(" --scenario {}", scenario.display());
+    }
+    line
+}
+
+/// Trains on all flights of one seed and writes the classifier's file.
+///
+/// # Errors
+/// There is no flight to train on, or the file cannot be written.
+pub fn save_classifier(
+    base: &Scenario,
+    result: &Reproduction,
+    method: Method,
+    seed: u64,
+    command: &str,
+    path: &Path,
+) -> Result<Classifier, String> {
+    let classifier = classifiers::train_on_all(result, method, seed)
+        .and_then(|fold| classifiers::classifier_file(base, result, method, seed, &fold, command))
+        .ok_or("no flights were kept to train on")?;
+    std::fs::write(path, classifier.to_json())
+        .map_err(|error| format!("{}: cannot write the file: {error}", path.display()))?;
+    Ok(classifier)
+}
+
+/// The result: where the classifier is, and what it was trained on.
+pub fn json(classifier: &Classifier, out: &Path) -> Value {
+    serde_json::json!({ "file": out, "name": classifier.name, "provenance": classifier.provenance })
+}

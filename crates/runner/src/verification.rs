@@ -1,0 +1,91 @@
+//! A run that was done is flown again.
+
+use crate::failure::Failure;
+use rotortwin_flight::lockstep::{self, FlightEnd, NoObserver};
+use rotortwin_flight::pace::Pace;
+use rotortwin_jobs::Verification as Job;
+use rotortwin_plant::Simulation;
+use rotortwin_scenario::{ConfigError, Documents, Scenario};
+use rotortwin_sim::session;
+use rotortwin_store::summary::{Status, Summary, load_summary};
+use serde::Serialize;
+use std::path::Path;
+
+/// Two executions of one run.
+#[derive(Debug)]
+pub struct Verified {
+    /// What the first one left.
+    pub summary: Summary,
+    /// Run hash of the second.
+    pub hash: String,
+}
+
+/// The result of a verification.
+#[derive(Debug, Serialize)]
+pub struct Verdict<'a> {
+    /// Run hash of the first execution.
+    recorded: &'a str,
+    /// Run hash of the second.
+    replayed: &'a str,
+    /// Whether they are the same.
+    same: bool,
+}
+
+impl Verified {
+    /// Whether both have the same run hash.
+    pub fn same(&self) -> bool {
+        self.hash == self.summary.run_hash
+    }
+
+    /// As it is printed.
+    pub fn verdict(&self) -> Verdict<'_> {
+        Verdict {
+            recorded: &self.summary.run_hash,
+            replayed: &self.hash,
+            same: self.same(),
+        }
+    }
+}
+
+/// Executes the recorded scenario again, in this process.
+///
+/// # Errors
+/// The run was not done or cannot be read, or it cannot be flown again.
+pub fn verify(job: &Job) -> Result<Verified, Failure> {
+    let run = job.run.as_path();
+    let summary = load_summary(run).map_err(Failure::input)?;
+    if summary.status != Status::Done {
+        return Err(Failure::input(format!(
+            "{} is a run that was {}; only a run that was done can be flown again and compared",
+            run.display(),
+            summary.status.as_str()
+        )));
+    }
+    let (scenario, simulation) = prepare(run, &summary).map_err(Failure::input)?;
+    let hash = if session::was_flown_by_autopilot(&summary) {
+        let folder = if run.is_dir() { Some(run) } else { run.parent() };
+        session::replay_autopilot(&scenario, simulation, summary.seed, folder.unwrap_or(Path::new("")))
+    } else {
+        replay(&scenario, simulation)
+    };
+    let hash = hash.map_err(Failure::Failed)?;
+    Ok(Verified { summary, hash })
+}
+
+fn prepare(run: &Path, summary: &Summary) -> Result<(Scenario, Simulation), ConfigError> {
+    let name = format!("{}, the recorded scenario", run.display());
+    let scenario = Scenario::from_documents(&Documents::from_toml(&name, &summary.scenario.text)?)?;
+    let simulation = scenario.simulation(summary.seed)?;
+    Ok((scenario, simulation))
+}
+
+fn replay(scenario: &Scenario, mut simulation: Simulation) -> Result<String, String> {
+    let setup = session::run_setup(scenario, &simulation, 1);
+    let mut link = session::in_process_link();
+    let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
+    match outcome.end {
+        FlightEnd::Done => Ok(outcome.run_hash),
+        FlightEnd::Canceled => Err("the replay was canceled".to_owned()),
+        FlightEnd::Failed(failure) => Err(failure.sentence),
+    }
+}

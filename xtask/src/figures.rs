@@ -1,0 +1,90 @@
+//! Figures that one page repeats from another: they stand once, or they are the same.
+//!
+//! A page that repeats figures is named in [`REPEATED`] with the heading below which it does and the page that it repeats. There every figure
+//! with a decimal point must stand in that page, too: whoever measures again and changes one page is told of the other.
+
+use anyhow::{Context, Result, bail};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Page, heading, and the page that holds the figures.
+const REPEATED: [(&str, &str, &str); 1] = [("README.md", "## The paper's tables", "docs/figures.md")];
+
+/// Fails with a line for each figure that stands in one of the pages only.
+pub(crate) fn check(root: &Path) -> Result<()> {
+    let mut complaints = Vec::new();
+    for (page, heading, source) in REPEATED {
+        let read = |page: &str| std::fs::read_to_string(root.join(page)).with_context(|| page.to_owned());
+        let (text, known) = (read(page)?, read(source)?);
+        let Some(section) = section(&text, heading) else {
+            bail!(
+                "{page}: there is no heading '{heading}'; expected it there, or its line gone from xtask/src/figures.rs"
+            );
+        };
+        let known = figures(&known);
+        for figure in figures(section).difference(&known) {
+            complaints.push(format!("{page}, {heading}: {figure} is not in {source}"));
+        }
+    }
+    if complaints.is_empty() {
+        return Ok(());
+    }
+    bail!("figures that differ between pages\n  {}", complaints.join("\n  "))
+}
+
+/// What stands below a heading, up to the next one of its rank or above.
+fn section<'a>(text: &'a str, heading: &str) -> Option<&'a str> {
+    let rank = heading.bytes().take_while(|byte| *byte == b'#').count();
+    let mut lines = text.split_inclusive('\n').scan(0, |end, line| {
+        *end += line.len();
+        Some((*end, line))
+    });
+    let (start, _) = lines.find(|(_, line)| line.trim_end() == heading)?;
+    let end = lines.find(|(_, line)| {
+        let marks = line.bytes().take_while(|byte| *byte == b'#').count();
+        (1..=rank).contains(&marks) && line.as_bytes().get(marks) == Some(&b' ')
+    });
+    let end = end.map_or(text.len(), |(end, line)| end - line.len());
+    text.get(start..end)
+}
+
+/// Numbers with a decimal point, as they are written.
+fn figures(text: &str) -> BTreeSet<&str> {
+    text.split(|letter: char| !letter.is_ascii_digit() && letter != '.')
+        .map(|word| word.trim_matches('.'))
+        .filter(|word| word.split('.').count() == 2)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_a_section_ends_with_the_next_heading_of_its_rank() {
+        let text = "# Page\n## One\n1.5\n### Below\n2.5\n## Two\n3.5\n";
+        assert_eq!(section(text, "## One"), Some("1.5\n### Below\n2.5\n"));
+        assert_eq!(section(text, "## Two"), Some("3.5\n"));
+        assert_eq!(section(text, "## Three"), None);
+    }
+
+    #[test]
+    fn val_figures_are_numbers_with_a_point() {
+        let text = "**84.81** %, 0.063 / 0.188 s, 48 flights of 90 s. See 1.2.3";
+        assert_eq!(figures(text), ["0.063", "0.188", "84.81"].into());
+    }
+
+    #[test]
+    fn val_a_figure_that_was_changed_on_one_page_is_told() {
+        let place = std::env::temp_dir().join(format!("figures-{}", std::process::id()));
+        std::fs::create_dir_all(place.join("docs")).unwrap();
+        let page = |figure: &str| format!("## The paper's tables\n| Table 6 | {figure} % |\n## Speed\n9.9\n");
+        std::fs::write(place.join("docs/figures.md"), "| Table 6 | 95.39 % |\n").unwrap();
+        std::fs::write(place.join("README.md"), page("95.39")).unwrap();
+        check(&place).unwrap();
+        std::fs::write(place.join("README.md"), page("95.40")).unwrap();
+        let complaint = check(&place).unwrap_err().to_string();
+        std::fs::remove_dir_all(&place).unwrap();
+        assert!(complaint.contains("95.40 is not in docs/figures.md"), "{complaint}");
+    }
+}
