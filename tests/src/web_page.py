@@ -323,18 +323,36 @@ def steps(browser: Browser) -> None:
 
 
 def stopped(word: str) -> int:
-    """Waits for the process of a job of ours that has this word in its command, and stops it: so it is not done before its Cancel is clicked."""
+    """Waits for the process of a job of ours that has this word in its command, and stops it: so it is not done before its Cancel is clicked.
+
+    The descriptor of the process: its number may be another's once it has ended.
+    """
     end = time.monotonic() + PATIENCE_MS / 1000
     while time.monotonic() < end:
         for entry in Path("/proc").glob("[0-9]*"):
             try:
+                process = os.pidfd_open(int(entry.name))
+            except ProcessLookupError:
+                continue
+            try:
                 words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
                 if word in words[1:4] and (entry / "cwd").resolve().is_relative_to(FOLDER.resolve()):
-                    os.kill(int(entry.name), signal.SIGSTOP)
-                    return int(entry.name)
+                    signal.pidfd_send_signal(process, signal.SIGSTOP)
+                    return process
             except (FileNotFoundError, ProcessLookupError):
-                continue
+                pass
+            os.close(process)
+        time.sleep(0.005)
     raise AssertionError(f"no process of a job with {word!r}")
+
+
+def goes_on(process: int) -> None:
+    """Lets a process of [`stopped`] go on. Where we come late the server has killed it already: it gives a canceled job 0.9 s to end."""
+    try:
+        signal.pidfd_send_signal(process, signal.SIGCONT)
+    except ProcessLookupError:
+        print("killed before it could go on")
+    os.close(process)
 
 
 # By itself on an idle machine each ends within 2 s, and the times are printed; here a dozen other pages are loaded at the same time. What
@@ -353,7 +371,7 @@ def cancel(browser: Browser) -> None:
         # Goes on once the server knows: what is as good as done would be done before.
         with page.expect_response(lambda answer: answer.url.endswith("/cancel")):
             row.get_by_role("button", name="Cancel").click()
-        os.kill(process, signal.SIGCONT)
+        goes_on(process)
         page.locator(f"#step-{step}").get_by_text("It was canceled.").wait_for(timeout=10_000)
         took = time.monotonic() - began
         print(f"{what}: canceled after {took:.2f} s")
