@@ -18,7 +18,7 @@ import urllib.request
 from pathlib import Path
 
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, Response, sync_playwright
 
 SERVER, CHROMIUM, FOLDER, SCENARIO = sys.argv[1], sys.argv[2], Path(sys.argv[3]), sys.argv[4]
 PAGES = ["/twin", "/runs?new=1", "/campaigns", "/blind", "/fdi", "/library", "/library?kind=vehicles&name=quad-x"]
@@ -369,13 +369,16 @@ def cancel(browser: Browser) -> None:
     def ends(step: int, what: str, word: str) -> None:
         process = stopped(word)
         row = page.locator(f"#step-{step} [role=status]", has_text=what)
-        began = time.monotonic()
         # Goes on once the server knows: what is as good as done would be done before.
-        with page.expect_response(lambda answer: answer.url.endswith("/cancel")):
+        with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
             row.get_by_role("button", name="Cancel").click()
         goes_on(process)
-        page.locator(f"#step-{step}").get_by_text("It was canceled.").wait_for(timeout=10_000)
-        took = time.monotonic() - began
+        page.locator(f"#step-{step}").get_by_text("It was canceled.").wait_for()
+        told(what, answer.value)
+
+    def told(what: str, answer: Response) -> None:
+        """Since the page asked: how long the mouse waits for a browser that has no turn says nothing of us."""
+        took = time.time() - answer.request.timing["startTime"] / 1000
         print(f"{what}: canceled after {took:.2f} s")
         assert took <= CANCELED_S, (what, took)
 
@@ -404,12 +407,10 @@ def cancel(browser: Browser) -> None:
     ends(3, "Identifying the vehicle", "from-log")
     page.goto(f"{SERVER}/runs/{api('/runs', {'scenario': 'reference-flight', 'pace': 'real-time'})['id']}")
     page.locator("h1 + .tag", has_text="running").wait_for()
-    page.get_by_role("button", name="Cancel").click()
-    began = time.monotonic()
+    with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
+        page.get_by_role("button", name="Cancel").click()
     page.locator("h1 + .tag", has_text="canceled").wait_for()
-    took = time.monotonic() - began
-    print(f"a live flight: canceled after {took:.2f} s")
-    assert took <= CANCELED_S, took
+    told("a live flight", answer.value)
     watch.check()
 
 
