@@ -13,6 +13,7 @@
 //! * [`postgres`]: a Postgres of one's own;
 //! * [`slurm`]: a Slurm cluster of two nodes;
 //! * [`python`]: Python with the client and what its tests need.
+//! * [`disk`]: a disk that is soon full;
 //! * [`cable`]: a connection that is cut without a word;
 //! * [`certificates`]: certificates of a test;
 //! * [`hosts`]: several hosts on one machine.
@@ -24,6 +25,7 @@
 
 pub mod cable;
 pub mod certificates;
+pub mod disk;
 pub mod hosts;
 pub mod postgres;
 pub mod process;

@@ -4,21 +4,24 @@ web_page.py SERVER CHROMIUM FOLDER SCENARIO; FOLDER has the logs and the server'
 console, an exception, or a request to another host.
 """
 
+import base64
 import json
 import math
 import os
 import re
 import signal
+import socket
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 import urllib.parse
 import urllib.request
 from pathlib import Path
 
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, Request, Response, sync_playwright
 
 SERVER, CHROMIUM, FOLDER, SCENARIO = sys.argv[1], sys.argv[2], Path(sys.argv[3]), sys.argv[4]
 PAGES = ["/twin", "/runs?new=1", "/campaigns", "/blind", "/fdi", "/library", "/library?kind=vehicles&name=quad-x"]
@@ -27,10 +30,23 @@ PATIENCE_MS = 120_000
 FIRST_LOAD_KB = 150
 # Table of 10,000 runs, s: twice what is wanted, as other things run beside the test; the time is printed.
 MANY_S = 3.0
+# A browser beside other tests: in a quiet moment all are far below (docs/web.md). Where many programs wait for each processor the times are
+# printed and say nothing of the page.
+BEHIND_S = 1.0
+LIVE_PICTURES = 5.0
+CLICK_S = 5.0
+TASK_MS = 200.0
+INTERACTIVE_S = 3.0
+CROWDED = 4.0
+RELOADED_AFTER_S = 30.0
+# A flight that ends when it is canceled.
+LONG_S = 1200.0
 # In the live flight.
 FAULT = "fault=[{time_s=6.0, rotor=3, blade='c'}]"
-# Software GL: no machine of ours has a picture card.
-OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# No machine of ours has a graphics card. Chromium then puts pages together with the processor, as on any such machine, and draws WebGL with a
+# processor, too (SwiftShader), if it is allowed to. `--use-angle=swiftshader` would make it take SwiftShader for a graphics card, and draw
+# every text and line through that: 280 ms a picture instead of 11.
+OPTIONS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 
 
 def api(path: str, body: dict | None = None) -> dict:
@@ -50,6 +66,22 @@ def is_described(url: str) -> bool:
     return False
 
 
+def is_crowded() -> bool:
+    """Whether more programs wait than a time can be measured beside."""
+    load = os.getloadavg()[0] / os.cpu_count()
+    if load > CROWDED:
+        print(f"{load:.1f} programs wait for each processor: the times are printed only")
+    return load > CROWDED
+
+
+def open_streams() -> int:
+    """Streams of events that pages read now."""
+    return len(STREAMS)
+
+
+STREAMS: set[int] = set()
+
+
 class Watch:
     """What must not happen on a page.
 
@@ -58,9 +90,14 @@ class Watch:
 
     def __init__(self, page: Page) -> None:
         self.complaints: list[str] = []
+        self.streams: list[Request] = []
         page.on("console", lambda m: self.error(m.text, m.location.get("url", "")) if m.type == "error" else None)
         page.on("pageerror", lambda error: self.complaints.append(f"exception: {error}"))
         page.on("request", lambda r: self.complaints.append(f"foreign host: {r.url}") if not r.url.startswith((SERVER, SERVER.replace("http", "ws"), "blob:", "data:")) else None)
+
+        page.on("request", lambda r: STREAMS.add(id(r)) or self.streams.append(r) if "/api/v1/events" in r.url else None)
+        for ended in ("requestfinished", "requestfailed"):
+            page.on(ended, lambda r: STREAMS.discard(id(r)))
 
     # What a scenario provokes.
     expected: str | None = None
@@ -367,13 +404,16 @@ def cancel(browser: Browser) -> None:
     def ends(step: int, what: str, word: str) -> None:
         process = stopped(word)
         row = page.locator(f"#step-{step} [role=status]", has_text=what)
-        began = time.monotonic()
         # Goes on once the server knows: what is as good as done would be done before.
-        with page.expect_response(lambda answer: answer.url.endswith("/cancel")):
+        with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
             row.get_by_role("button", name="Cancel").click()
         goes_on(process)
-        page.locator(f"#step-{step}").get_by_text("It was canceled.").wait_for(timeout=10_000)
-        took = time.monotonic() - began
+        page.locator(f"#step-{step}").get_by_text("It was canceled.").wait_for()
+        told(what, answer.value)
+
+    def told(what: str, answer: Response) -> None:
+        """Since the page asked: how long the mouse waits for a browser that has no turn says nothing of us."""
+        took = time.time() - answer.request.timing["startTime"] / 1000
         print(f"{what}: canceled after {took:.2f} s")
         assert took <= CANCELED_S, (what, took)
 
@@ -402,12 +442,10 @@ def cancel(browser: Browser) -> None:
     ends(3, "Identifying the vehicle", "from-log")
     page.goto(f"{SERVER}/runs/{api('/runs', {'scenario': 'reference-flight', 'pace': 'real-time'})['id']}")
     page.locator("h1 + .tag", has_text="running").wait_for()
-    page.get_by_role("button", name="Cancel").click()
-    began = time.monotonic()
+    with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
+        page.get_by_role("button", name="Cancel").click()
     page.locator("h1 + .tag", has_text="canceled").wait_for()
-    took = time.monotonic() - began
-    print(f"a live flight: canceled after {took:.2f} s")
-    assert took <= CANCELED_S, took
+    told("a live flight", answer.value)
     watch.check()
 
 
@@ -427,6 +465,18 @@ def strangers(browser: Browser) -> None:
     (FOLDER / "stub.ulg").write_bytes(whole[:9])
     drop(page, "stub.ulg")
     page.locator("#step-1 .say.bad").wait_for()
+    # What is too large is not sent at all.
+    with open(FOLDER / "huge.ulg", "wb") as file:
+        file.truncate(5_000_000_000)
+    sent = []
+    page.on("request", lambda r: sent.append(r.url) if r.method == "POST" and "/logs" in r.url or "/reports" in r.url else None)
+    for path, said in [("/twin", "#step-1 .say.bad"), ("/fdi", "main .say.bad")]:
+        page.goto(f"{SERVER}{path}")
+        began = time.monotonic()
+        page.set_input_files("input[type=file]", FOLDER / "huge.ulg")
+        page.locator(said).filter(has_text="huge.ulg (5.00 GB)").wait_for()
+        print(f"{path}, 5 GB: after {time.monotonic() - began:.2f} s “{page.locator(said).inner_text()}”")
+        assert not sent, sent
     # No name of a document or file may be HTML; names of columns, cells and descriptions may.
     evil = "<script>document.title='taken'</script><img src=x onerror=document.title='taken'>"
     rows = rows_of("healthy.parquet")
@@ -567,9 +617,307 @@ def live(browser: Browser) -> None:
     watch.check()
 
 
+def real_time(duration_s: float) -> str:
+    """A flight at real time with a fault in it."""
+    settings = [f"duration_s={duration_s}", "fdi.calibration_start_s=1.0", "fdi.calibration_end_s=5.0", FAULT]
+    return api("/runs", {"scenario": "short-hover", "link": "in-process", "pace": "real-time", "set": settings})["id"]
+
+
+# Counts, from before the page's own scripts on: pictures of the 3-D part by the clearing of its canvas, and at each picture of the screen the
+# flight's time that is shown; tasks of more than 50 ms.
+COUNTERS = """
+  window.seen = { pictures: 0, times: [], long: [] };
+  for (const type of [WebGL2RenderingContext]) {
+    const clear = type.prototype.clear;
+    type.prototype.clear = function (...args) { window.seen.pictures += 1; return clear.apply(this, args); };
+  }
+  const look = () => {
+    const shown = document.querySelector('.replay .player .num');
+    if (shown) window.seen.times.push([Date.now() / 1000, parseFloat(shown.textContent)]);
+    requestAnimationFrame(look);
+  };
+  requestAnimationFrame(look);
+  new PerformanceObserver((list) => { for (const one of list.getEntries()) window.seen.long.push([one.startTime, one.duration]); }).observe({ type: 'longtask', buffered: true });
+"""
+ROUND = "() => { const before = window.seen; window.seen = { pictures: 0, times: [], long: [] }; return before; }"
+
+
+class Clock:
+    """When a flight at real time began, by this machine's clock, s: the earliest that any of its samples can be explained with.
+
+    A program listens beside the browser, which has nothing to draw.
+    """
+
+    def __init__(self, run: str) -> None:
+        self.began = math.inf
+        host = urllib.parse.urlsplit(SERVER).netloc
+        self.socket = socket.create_connection(host.split(":"), timeout=30)
+        key = base64.b64encode(os.urandom(16)).decode()
+        self.socket.sendall(
+            f"GET /api/v1/runs/{run}/live?channels=roll_rad&rate_hz=100 HTTP/1.1\r\nhost: {host}\r\nupgrade: websocket\r\nconnection: upgrade\r\n"
+            f"sec-websocket-key: {key}\r\nsec-websocket-version: 13\r\n\r\n".encode()
+        )
+        self.rest = b""
+        while b"\r\n\r\n" not in self.rest:
+            self.rest += self.socket.recv(4096)
+        head, self.rest = self.rest.split(b"\r\n\r\n", 1)
+        assert b" 101 " in head, head
+        threading.Thread(target=self.listen, daemon=True).start()
+
+    def listen(self) -> None:
+        """Short text frames of the server: no mask, at most 64 kB (RFC 6455, 5.2)."""
+        while True:
+            while len(self.rest) < 2 or len(self.rest) < self.length()[0] + self.length()[1]:
+                more = self.socket.recv(65536)
+                if not more:
+                    return
+                self.rest += more
+            came = time.time()
+            start, size = self.length()
+            frame, self.rest = self.rest[start : start + size], self.rest[start + size :]
+            for found in re.findall(rb'"time_s":([\d.]+)', frame):
+                self.began = min(self.began, came - float(found))
+
+    def length(self) -> tuple[int, int]:
+        """Where the next frame's content begins, and how long it is."""
+        size = self.rest[1] & 127
+        return (2, size) if size < 126 else (4, int.from_bytes(self.rest[2:4], "big"))
+
+
+def share(values: list[float], at: float) -> float:
+    """Quantile."""
+    return sorted(values)[min(len(values) - 1, int(at * len(values)))]
+
+
+def behind(browser: Browser) -> None:
+    """A flight at real time: how far behind the page is, how many pictures it draws; a reload shows all from the start."""
+    run = real_time(LONG_S)
+    clock = Clock(run)
+    page, watch = open_page(browser, 1280)
+    page.add_init_script(COUNTERS)
+    page.goto(f"{SERVER}/runs/{run}")
+    replay = page.locator(".replay .player .num")
+    replay.wait_for()
+    lags, rates = [], []
+    for _ in range(2):
+        page.wait_for_timeout(2000)
+        began = time.monotonic()
+        page.evaluate(ROUND)
+        page.wait_for_timeout(5000)
+        seen = page.evaluate(ROUND)
+        lags += [at - clock.began - shown for at, shown in seen["times"]]
+        rates.append(seen["pictures"] / (time.monotonic() - began))
+        print(f"at 3-D pictures {rates[-1]:.1f}/s, screen {len(seen['times']) / 5:.1f}/s, tasks over 50 ms: {sorted((round(long) for _, long in seen['long']), reverse=True)[:5]}")
+    print(f"behind: median {1000 * share(lags, 0.5):.0f} ms, 95 % {1000 * share(lags, 0.95):.0f} ms, worst {1000 * max(lags):.0f} ms (n = {len(lags)})")
+    until(page, f"Number(document.querySelector('.replay input[type=range]').max) > {RELOADED_AFTER_S}")
+    page.reload()
+    replay.wait_for()
+    page.locator("h1 + .tag", has_text="running").wait_for()
+    until(page, f"Number(document.querySelector('.replay input[type=range]').max) > {RELOADED_AFTER_S}")
+    assert page.evaluate("Number(document.querySelector('.replay input[type=range]').min)") == 0.0, "all from the start"
+    figure = page.locator("figure", has=page.locator("strong", has_text="Height"))
+    figure.locator("summary").click()
+    times = [float(cell) for cell in figure.locator("tbody td:first-child").all_inner_texts()]
+    gaps = [later - earlier for earlier, later in zip(times, times[1:])]
+    assert times[0] == 0.0 and max(gaps) < 2.5 * (times[-1] - times[0]) / len(gaps), times
+    api(f"/runs/{run}/cancel", {})
+    page.locator("h1 + .tag", has_text="canceled").wait_for()
+    watch.check()
+    assert is_crowded() or share(lags, 0.5) <= BEHIND_S, lags
+    assert is_crowded() or max(rates) >= LIVE_PICTURES, rates
+
+
+def tabs(browser: Browser) -> None:
+    """Eight tabs on one running flight: each shows it, a click in any of them is answered at once, one of them reads the events."""
+    run = real_time(LONG_S)
+    context = browser.new_context(viewport={"width": 1600, "height": 900})
+    opened = []
+    for _ in range(8):
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.add_init_script(COUNTERS)
+        opened.append((page, Watch(page)))
+        page.goto(f"{SERVER}/runs/{run}")
+        page.locator(".replay .player .num").wait_for()
+    clicks = []
+    for words in ("lever", "yaw", "arm"):
+        for page, _ in opened:
+            began = time.monotonic()
+            page.get_by_role("button", name=words, exact=True).click()
+            page.get_by_text(f"Residual r, {words}", exact=False).first.wait_for()
+            clicks.append(time.monotonic() - began)
+    running = [page.locator("h1 + .tag").inner_text() for page, _ in opened]
+    print(f"eight tabs, load {os.getloadavg()[0]:.1f}: a click took {share(clicks, 0.5):.2f} s (median), {max(clicks):.2f} s (worst, n = {len(clicks)})")
+    assert running == ["running"] * 8, running
+    shown = [page.evaluate("Number(document.querySelector('.replay input[type=range]').max)") for page, _ in opened]
+    assert min(shown) > 0.0 and (is_crowded() or max(shown) - min(shown) < 5.0), f"each tab follows: {shown}"
+    streams = open_streams()
+    assert streams == 1, f"{streams} streams of events for eight tabs"
+    api(f"/runs/{run}/cancel", {})
+    for page, watch in opened:
+        page.locator("h1 + .tag", has_text="canceled").wait_for()
+        watch.check()
+    assert is_crowded() or max(clicks) <= CLICK_S, clicks
+
+
+def serve(data: Path, address: str = "127.0.0.1:0") -> tuple[subprocess.Popen, str]:
+    """A server of our own; its process and address."""
+    words = [os.environ["ROTORTWIN"], "serve", "--listen", address, "--data", data, "--workers", "2", "--library", Path(__file__).parents[2] / "config"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    line = process.stdout.readline()
+    return process, re.search(r"http://\S+", line)[0]
+
+
+# Every message of the page that reads the stream of events to the others.
+LISTEN = "window.told = []; new BroadcastChannel('rotortwin.news').onmessage = (m) => { if (m.data.news) window.told.push([m.data.cursor, m.data.news.job, m.data.news.event]); };"
+
+
+def killed(browser: Browser) -> None:
+    """`kill -9` of the server in mid-flight: two open pages say so, go on when it is back, and no event is missed or comes twice."""
+    global SERVER
+    data = FOLDER / "killed"
+    process, SERVER = serve(data)
+    try:
+        run = real_time(12.0)
+        context = browser.new_context(viewport={"width": 1280, "height": 900})
+        pages = [context.new_page() for _ in range(3)]
+        watches = [Watch(page) for page in pages]
+        for page, watch in zip(pages, watches):
+            page.set_default_timeout(PATIENCE_MS)
+            watch.expected = "ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_CONNECTION_RESET|ERR_EMPTY_RESPONSE|WebSocket connection"
+        # The third one listens to what the page that reads the stream tells the others.
+        pages[2].add_init_script(LISTEN)
+        pages[2].goto(f"{SERVER}/fdi")
+        pages[2].get_by_role("heading", name="FDI monitor").wait_for()
+        opened = events_after(None)
+        for page in pages[:2]:
+            page.goto(f"{SERVER}/runs/{run}")
+            page.locator(".replay .player .num").wait_for()
+        until(pages[0], "Number(document.querySelector('.replay input[type=range]').max) > 4")
+        process.kill()
+        process.wait()
+        began = time.monotonic()
+        for page in pages[:2]:
+            page.get_by_text("does not answer").wait_for()
+        said = time.monotonic() - began
+        time.sleep(2)
+        process, SERVER = serve(data, urllib.parse.urlsplit(SERVER).netloc)
+        began = time.monotonic()
+        for page in pages[:2]:
+            page.get_by_text("does not answer").wait_for(state="detached")
+        back = time.monotonic() - began
+        # The second attempt, from its start on.
+        until(pages[0], "Number(document.querySelector('.replay input[type=range]').max) < 4")
+        until(pages[0], "Number(document.querySelector('.replay input[type=range]').max) > 4")
+        assert pages[0].evaluate("Number(document.querySelector('.replay input[type=range]').min)") == 0.0, "the second attempt from its start"
+        for page in pages[:2]:
+            page.locator("h1 + .tag", has_text="done").wait_for()
+            page.get_by_role("heading", name="Summary").wait_for()
+        print(f"killed: said after {said:.1f} s, went on {back:.1f} s after it was back")
+        pages[2].wait_for_timeout(1000)
+        told = [tuple(one) for one in pages[2].evaluate("window.told")]
+        there = events_after(opened)
+        places = [one[0] for one in told]
+        assert len(set(places)) == len(places), "an event came twice"
+        missed = [one for one in there if one not in told]
+        assert there and not missed, f"missed {missed} of {len(there)}"
+        assert [one[2] for one in told if one[1] == run].count("ended") == 1
+        for watch in watches:
+            watch.check()
+    finally:
+        process.kill()
+        process.wait()
+
+
+def events_after(place: str | None) -> list | str:
+    """All events of the server after a place, as (place, job, kind); without one, the place of now."""
+    query = f"after={place}&wait=false" if place else "wait=false"
+    with urllib.request.urlopen(f"{SERVER}/api/v1/events?{query}", timeout=30) as answer:
+        blocks = [dict(line.split(": ", 1) for line in block.splitlines() if ": " in line) for block in answer.read().decode().split("\n\n")]
+    found = [(one["id"], json.loads(one["data"]).get("job"), one["event"]) for one in blocks if "id" in one]
+    return found if place else found[-1][0]
+
+
+def full(browser: Browser) -> None:
+    """The disk of the server is full: one sentence where it was asked, also for a file that is long in coming; with room again all goes on."""
+    page, watch = open_page(browser)
+    watch.expected = r"507 \("
+    page.goto(f"{SERVER}/twin")
+    page.get_by_role("heading", name="Twin").wait_for()
+    ballast = FOLDER / "disk" / "ballast"
+    with open(ballast, "wb", buffering=0) as file:
+        for size in (1 << 20, 1 << 12, 1):
+            try:
+                while True:
+                    file.write(b"\0" * size)
+            except OSError:
+                continue
+    refusal = page.locator("#step-1 .say.bad")
+    page.get_by_role("button", name=re.compile("^Fly it")).first.click()
+    refusal.filter(has_text="the disk of the data folder is full").wait_for()
+    (FOLDER / "long.csv").write_bytes(b"time_s\n" + b"0.0025\n" * 6_000_000)
+    for name in ("drag.parquet", "long.csv"):
+        drop(page, name)
+        refusal.filter(has_text=name).filter(has_text="the disk of the data folder is full").wait_for()
+        print(refusal.inner_text())
+    ballast.unlink()
+    drop(page, "drag.parquet")
+    page.locator("#step-2.done").wait_for()
+    watch.check()
+
+
+def scrub(browser: Browser) -> None:
+    """A flight of 36,000 samples of at least 60 channels: nobody who moves the cursor or zooms waits for a task of more than 100 ms."""
+    run = api("/runs", {"scenario": "reference-flight", "link": "in-process"})["id"]
+    assert wait_for(f"/runs/{run}")["status"] == "done"
+    channels = api(f"/runs/{run}/channels")
+    assert channels["rows"] >= 36_000 and len(channels["items"]) >= 60, (channels["rows"], len(channels["items"]))
+    page, watch = open_page(browser)
+    page.add_init_script(COUNTERS)
+    page.goto(f"{SERVER}/runs/{run}")
+    page.locator(".replay .player .num").wait_for()
+    page.locator("figure canvas").nth(8).wait_for()
+    page.wait_for_timeout(1500)
+    page.evaluate(ROUND)
+    slider = page.get_by_label("time of the replay")
+    slider.scroll_into_view_if_needed()
+    box = slider.bounding_box()
+    page.mouse.move(box["x"] + 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    for step in range(120):
+        page.mouse.move(box["x"] + box["width"] * step / 120, box["y"] + box["height"] / 2)
+    page.mouse.up()
+    scrubbed = page.evaluate(ROUND)
+    plot = page.locator("figure", has=page.locator("strong", has_text="Residual r")).locator(".u-over")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    for step in range(120):
+        page.mouse.move(box["x"] + box["width"] * step / 120, box["y"] + box["height"] / 2)
+    hovered = page.evaluate(ROUND)
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + box["height"] / 2, steps=10)
+    page.mouse.up()
+    page.get_by_role("button", name=re.compile("show all")).first.wait_for()
+    page.wait_for_timeout(1500)
+    zoomed = page.evaluate(ROUND)
+    longest = {what: max((long for _, long in seen["long"]), default=0.0) for what, seen in [("scrubbed", scrubbed), ("hovered", hovered), ("zoomed", zoomed)]}
+    print(f"36,000 samples x {len(channels['items'])} channels, longest task, ms (0: none over 50): {longest}")
+    watch.check()
+    assert is_crowded() or max(longest.values()) <= TASK_MS, longest
+
+
 def pages(browser: Browser) -> None:
-    """Each page, narrow and wide, dark and light: nothing sticks out, axe finds nothing serious; the first load is small."""
+    """Each page, narrow and wide, dark and light: nothing sticks out, axe finds nothing serious; the first load is small and soon there."""
     found = []
+    page, watch = open_page(browser)
+    began = time.monotonic()
+    page.goto(f"{SERVER}/twin", wait_until="commit")
+    page.get_by_role("button", name=re.compile("^Fly it")).first.wait_for()
+    interactive = time.monotonic() - began
+    if interactive > INTERACTIVE_S and not is_crowded():
+        found.append(f"the first page can be used after {interactive:.2f} s")
+    watch.check()
     for width, scheme in [(1600, "light"), (390, "dark")]:
         page, watch = open_page(browser, width, scheme)
         for path in PAGES:
@@ -584,6 +932,7 @@ def pages(browser: Browser) -> None:
                     found.append(f"{path} at {width}: {violation['id']}: {[node['target'] for node in violation['nodes'][:3]]}")
             if path == "/twin":
                 sizes = page.evaluate("performance.getEntriesByType('resource').filter(r => r.name.includes('/assets/')).map(r => r.encodedBodySize)")
+                print(f"first load: {sum(sizes) / 1000:.1f} kB, can be used after {interactive:.2f} s")
                 if sum(sizes) > 1000 * FIRST_LOAD_KB or not sizes:
                     found.append(f"first load: {sum(sizes)} bytes")
         watch.check()
@@ -596,7 +945,7 @@ def pages(browser: Browser) -> None:
 
 
 DESCRIBED = api("/openapi.json")["paths"]
-SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, pages)}
+SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages)}
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)

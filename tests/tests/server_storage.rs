@@ -1,13 +1,13 @@
 //! Where the server's files are: a bucket that several hosts share, and a disk that is full.
 
+use rotortwin_tests::disk::Disk;
 use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::Server;
-use rotortwin_tests::skip;
 use serde_json::json;
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
@@ -151,43 +151,6 @@ fn scenario_a_bucket_that_is_gone_is_named() {
     assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200, "it lives");
 }
 
-/// A small disk; unmounted when it is dropped.
-struct Disk(PathBuf);
-
-impl Disk {
-    /// `None`: nothing can be mounted here.
-    fn new(folder: PathBuf, size: &str) -> Option<Self> {
-        std::fs::create_dir_all(&folder).expect("it can be made");
-        let mounted = Command::new("mount")
-            .args(["-t", "tmpfs", "-o", &format!("size={size}"), "tmpfs"])
-            .arg(&folder)
-            .output();
-        match mounted {
-            Ok(output) if output.status.success() => Some(Self(folder)),
-            other => {
-                let why = other.map_or_else(
-                    |error| error.to_string(),
-                    |output| String::from_utf8_lossy(&output.stderr).into_owned(),
-                );
-                skip(&format!(
-                    "no disk can be mounted ({}): a full one is not tried",
-                    why.trim()
-                ));
-                None
-            }
-        }
-    }
-}
-
-impl Drop for Disk {
-    fn drop(&mut self) {
-        let ended = Command::new("umount").arg("--lazy").arg(&self.0).status();
-        if !ended.is_ok_and(|status| status.success()) {
-            eprintln!("{} cannot be unmounted", self.0.display());
-        }
-    }
-}
-
 /// Until the disk is full, and after there is room again.
 #[test]
 fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
@@ -195,7 +158,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     let Some(disk) = Disk::new(scratch.path("disk"), "8m") else {
         return;
     };
-    let data = disk.0.join("data");
+    let data = disk.path().join("data");
     let mut server = Server::start(&data);
     let flight = json!({ "scenario": "short-hover", "link": "in-process" });
     let first = server.submit(&flight);
@@ -203,7 +166,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     assert_eq!(first["status"], "done", "{first}");
 
     // Somebody else's file leaves less than a run needs, then nothing.
-    let ballast = disk.0.join("ballast");
+    let ballast = disk.path().join("ballast");
     let fill = |bytes: usize| {
         let mut file = std::fs::OpenOptions::new()
             .create(true)

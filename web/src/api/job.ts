@@ -2,8 +2,8 @@
 import { type Accessor, createEffect, createSignal, on, onCleanup } from "solid-js";
 import type { Schemas } from "./client";
 import { ask } from "./client";
-import { watchJob } from "./news";
-import { sentenceOf } from "./problem";
+import { hasEnded, watchJob } from "./news";
+import { ApiError, sentenceOf } from "./problem";
 
 export type JobView = Schemas["JobView"];
 
@@ -48,7 +48,7 @@ export function createJob<R>(collection: string, id: Accessor<string | undefined
     job,
     result: () => (job()?.status === "done" ? ((job()?.result ?? undefined) as R | undefined) : undefined),
     progress,
-    running: () => id() !== undefined && problem() === undefined && !["done", "failed", "canceled"].includes(job()?.status ?? ""),
+    running: () => id() !== undefined && problem() === undefined && !hasEnded(job()?.status),
     error: () => {
       if (problem() !== undefined) return problem();
       if (job()?.status === "failed") return job()?.error ?? "It failed, and the server does not say why.";
@@ -56,9 +56,12 @@ export function createJob<R>(collection: string, id: Accessor<string | undefined
     },
     cancel: async () => {
       try {
-        setJob(await ask<JobView>("POST", `/api/v1/${collection}/${id()}/cancel`));
+        const asked = await ask<JobView>("POST", `/api/v1/${collection}/${id()}/cancel`);
+        // The news of its end may have been faster than this answer.
+        setJob((now) => (now?.id === asked.id && hasEnded(now.status) ? now : asked));
       } catch (error) {
-        setProblem(sentenceOf(error));
+        // 409: it has ended meanwhile, and how is told by the news.
+        if (!(error instanceof ApiError) || error.status !== 409) setProblem(sentenceOf(error));
       }
     },
   };

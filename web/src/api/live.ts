@@ -28,12 +28,13 @@ export interface LiveHistory {
 }
 export type LiveMessage = LiveHistory | LiveStart | LiveSample | LiveEnd | { type: "lost"; count: number } | { type: "error"; detail: string };
 
-/** Watches a run from its first sample until it ends; returns what stops it. */
-export function watchLive(run: string, channels: string, rateHz: number, onMessage: (message: LiveMessage) => void): () => void {
+/** A sample that is so much earlier than the one before belongs to another attempt, s. */
+export const FLOWN_AGAIN_S = 1;
+
+/** Watches a run from the sample after `last` (0: from the first one) until it ends; returns what stops it. */
+export function watchLive(run: string, channels: string, rateHz: number, last: number, onMessage: (message: LiveMessage) => void): () => void {
   let stopped = false;
   let socket: WebSocket | undefined;
-  // Rows later than this are wanted: 0 is the first.
-  let last = 0;
   // A server without a history refuses `from_s` before the connection stands.
   let history = true;
   const connect = () => {
@@ -47,7 +48,17 @@ export function watchLive(run: string, channels: string, rateHz: number, onMessa
     };
     socket.onmessage = (event) => {
       const message = JSON.parse(String(event.data)) as LiveMessage;
-      if (message.type === "sample") last = message.time_s;
+      if (message.type === "sample") {
+        // It is flown again, and its beginning was told while nobody listened here: all of it is asked for.
+        if (history && message.time_s + FLOWN_AGAIN_S < last) {
+          last = 0;
+          if (socket) socket.onclose = null;
+          socket?.close();
+          connect();
+          return;
+        }
+        last = message.time_s;
+      }
       if (message.type === "history") last = message.time_s.at(-1) ?? last;
       if (message.type === "end") ended = true;
       onMessage(message);

@@ -88,6 +88,9 @@ export interface AnyJob {
   result?: unknown;
 }
 
+/** Whether a job stays as it is. */
+export const hasEnded = (status: AnyJob["status"] | undefined) => status === "done" || status === "failed" || status === "canceled";
+
 /**
  * Follows a job until it has ended: `onJob` with its first and each later state, `onEvent` with what it says meanwhile.
  *
@@ -103,11 +106,14 @@ export function watchJob<J extends AnyJob>(
   const url = `/api/v1/${collection}/${id}`;
   const control = new AbortController();
   let stop: (() => void) | undefined;
+  let ended = false;
   const look = async () => {
     const job = await ask<J>("GET", url, undefined, { signal: control.signal });
     if (control.signal.aborted) return true;
-    onJob(job);
-    return job.status === "done" || job.status === "failed" || job.status === "canceled";
+    // Answers of two looks may come in the other order: what has ended does not run again.
+    if (!ended) onJob(job);
+    ended ||= hasEnded(job.status);
+    return ended;
   };
   const told = (event: string, data: Record<string, unknown>) => {
     onEvent(event, data);

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { Collector, type Interval, type Score, type Summary, faultIntervals, kindOfScore, otherwise } from "./run";
+import { Collector, thinned, type Interval, type Score, type Summary, faultIntervals, kindOfScore, otherwise } from "./run";
 
 const start = { type: "start", status: "running", channels: [{ name: "a", unit: "m" }], rate_hz: 20 } as const;
 const sample = (time: number, a: number | null) => ({ type: "sample", time_s: time, step: Math.round(time * 400), values: { a } }) as const;
@@ -45,5 +45,14 @@ describe("scores of an interval", () => {
     const summary = { intervals: [interval({ fault_label: 0, start_s: 0, end_s: 45 }), interval({}), interval({ fault_label: 0, start_s: 60, end_s: 75, sensor_faults: ["gyro bias"] })] } as Summary;
     expect(faultIntervals(summary)).toEqual([[45, 60], [60, 75]]);
     expect(faultIntervals(undefined)).toEqual([]);
+  });
+});
+
+describe("thinned", () => {
+  it("keeps the first and the last row, and the same rows when more come", () => {
+    const of = (rows: number) => ({ time: Array.from({ length: rows }, (_, k) => k), data: { a: Array.from({ length: rows }, (_, k) => 10 * k) }, units: {} });
+    expect(thinned(of(10), 10).time).toEqual(of(10).time);
+    expect(thinned(of(11), 5)).toEqual({ time: [0, 3, 6, 9, 10], data: { a: [0, 30, 60, 90, 100] }, units: {} });
+    expect(thinned(of(13), 5).time).toEqual([0, 3, 6, 9, 12]);
   });
 });

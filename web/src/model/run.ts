@@ -1,7 +1,6 @@
 /** What the page knows of a run: its summary's shape, its samples, live and afterwards. */
-import { type Accessor, createEffect, createSignal, on, onCleanup } from "solid-js";
 import { ask } from "../api/client";
-import { type LiveMessage, watchLive } from "../api/live";
+import { FLOWN_AGAIN_S, type LiveMessage } from "../api/live";
 import type { Values } from "../plots/series";
 import type { Track } from "../replay/motion";
 
@@ -130,7 +129,7 @@ export class Collector {
 
   private add(time: number, value: (name: string) => number | null): void {
     // A run that is begun again starts at 0: what was collected belongs to the attempt before.
-    if (time + 1 < (this.time.at(-1) ?? -Infinity)) {
+    if (time + FLOWN_AGAIN_S < (this.time.at(-1) ?? -Infinity)) {
       this.time.length = 0;
       for (const values of Object.values(this.data)) values.length = 0;
     }
@@ -140,45 +139,16 @@ export class Collector {
   }
 }
 
-/** Pictures of plots are drawn so often, ms. */
-const PLOT_MS = 250;
-const LIVE_RATE_HZ = 40;
-
-/** Live samples: `frame` changes with every picture of the screen, `plots` a few times a second. */
-export function createLive(run: string, active: Accessor<boolean>) {
-  const empty: Samples = { time: [], data: {}, units: {} };
-  const [frame, setFrame] = createSignal<Samples>(empty);
-  const [plots, setPlots] = createSignal<Samples>(empty);
-  const [lost, setLost] = createSignal(0);
-  const [note, setNote] = createSignal<string>();
-  createEffect(
-    on(active, (wanted) => {
-      if (!wanted) return;
-      const collector = new Collector();
-      let [fresh, drawn] = [false, 0];
-      let pending = 0;
-      const draw = (now: number) => {
-        pending = requestAnimationFrame(draw);
-        if (!fresh) return;
-        fresh = false;
-        setFrame({ ...collector });
-        if (now - drawn > PLOT_MS) {
-          drawn = now;
-          setPlots({ ...collector });
-        }
-      };
-      pending = requestAnimationFrame(draw);
-      const stop = watchLive(run, "*", LIVE_RATE_HZ, (message) => {
-        fresh = collector.take(message) || fresh;
-        if (message.type === "lost") setLost((before) => before + message.count);
-        if (message.type === "error") setNote(message.detail);
-        if (message.type === "history" && message.thinned) setNote("The oldest samples are thinned until the run has ended.");
-      });
-      onCleanup(() => {
-        stop();
-        cancelAnimationFrame(pending);
-      });
-    }),
-  );
-  return { frame, plots, lost, note };
+/** Every so many rows, so that a plot has no more points than a screen shows; always the same rows, and the last one. */
+export function thinned(samples: Samples, most: number): Samples {
+  const every = Math.ceil(samples.time.length / most);
+  if (every <= 1) return samples;
+  const last = samples.time.length - 1;
+  const pick = <T>(values: readonly T[]): T[] => {
+    const kept: T[] = [];
+    for (let k = 0; k < values.length; k += every) kept.push(values[k] as T);
+    if (last % every !== 0 && values.length > last) kept.push(values[last] as T);
+    return kept;
+  };
+  return { time: pick(samples.time), data: Object.fromEntries(Object.entries(samples.data).map(([name, values]) => [name, pick(values)])), units: samples.units };
 }

@@ -2,7 +2,9 @@
 import { For, Show, createSignal, onCleanup } from "solid-js";
 import { createAttempt } from "../api/attempt";
 import { type Schemas, address, ask, get, upload } from "../api/client";
+import { tooLarge } from "../api/limits";
 import { createLoad } from "../api/load";
+import { ApiError } from "../api/problem";
 import { percent, short } from "../format";
 import { Figures, Panel, Problem, Progress } from "../parts/bits";
 import { Lanes } from "../plots/lanes";
@@ -44,7 +46,12 @@ function Judge() {
     });
   };
   const send = (file: File | undefined) => {
-    if (file) void judge(() => upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle() } }), file, setShare));
+    if (!file) return;
+    void judge(async () => {
+      const refusal = await tooLarge(file, true);
+      if (refusal) throw new ApiError(0, refusal);
+      return upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle() } }), file, setShare);
+    });
   };
   return (
     <Panel title="Judge a log" note="verdicts over time, the last word, what the log lacks">

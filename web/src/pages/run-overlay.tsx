@@ -1,11 +1,31 @@
+/** Runs beside each other in numbers, as `rotortwin controllers` has them. */
+export function Compared(props: { id: string; others: readonly string[] }) {
+  const compared = createLoad(
+    () => (props.others.length > 0 ? [props.id, ...props.others].join(",") : undefined),
+    (runs, signal) => get("/api/v1/controllers", { query: { runs }, signal }),
+  );
+  return (
+    <Show when={props.others.length > 0}>
+      <Panel title="The flights in numbers" note="tracking, energy, what the fault did, what was seen of it">
+        <Problem sentence={compared.error()} retry={compared.reload} />
+        <Show when={compared.data()} fallback={<Show when={compared.loading()}><p class="muted">Comparing …</p></Show>}>
+          {(found) => <Controllers compared={found()} names={found().rows.map((row) => (row.run === props.id ? "this run" : `run ${row.run.slice(0, 12)}`))} link={(run) => `/runs/${run}`} />}
+        </Show>
+      </Panel>
+    </Show>
+  );
+}
+
 /** Any channel of a run, beside the same one of other runs, and their difference. */
 import { For, Show, createMemo, createSignal } from "solid-js";
+import { get } from "../api/client";
 import { createLoad } from "../api/load";
 import { type Samples, samplesOf } from "../model/run";
 import { Panel, Problem } from "../parts/bits";
 import { Chart, type Line } from "../plots/chart";
 import { linearAt } from "../plots/series";
 import type { View } from "../plots/view";
+import { Controllers } from "../shown/controllers";
 import { seriesColour } from "../theme";
 
 const POINTS = 1600;

@@ -2,16 +2,17 @@
 import { For, Show, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
 import { type Schemas, ask, remove } from "../api/client";
 import { createLoad } from "../api/load";
-import { watchJob } from "../api/news";
+import { hasEnded, watchJob } from "../api/news";
 import { sentenceOf } from "../api/problem";
 import { percent, verdictText } from "../format";
-import { type Samples, type Summary, createLive, faultIntervals, samplesOf } from "../model/run";
+import { createLive } from "../model/live-run";
+import { type Samples, type Summary, faultIntervals, samplesOf } from "../model/run";
 import { Panel, Problem, Progress, StatusTag } from "../parts/bits";
 import { createView } from "../plots/view";
 import { type Geometry, MOTION_CHANNELS } from "../replay/motion";
 import { Replay } from "../replay/replay";
 import { navigate, route } from "../router";
-import { Overlay } from "./run-overlay";
+import { Compared, Overlay } from "./run-overlay";
 import { RunPlots } from "../shown/run-plots";
 import { RunSummary } from "../shown/run-summary";
 import { RunFiles } from "./run-files";
@@ -33,7 +34,7 @@ export default function RunPage(props: { id: string }) {
       onCleanup(stop);
     }),
   );
-  const ended = () => ["done", "failed", "canceled"].includes(run()?.status ?? "");
+  const ended = () => hasEnded(run()?.status);
   const recorded = createMemo(() => (ended() && (run()?.bytes ?? 0) > 0 ? id : undefined));
   const live = createLive(id, createMemo(() => run() !== undefined && !ended()));
   const summary = () => (run()?.summary ?? undefined) as Summary | undefined;
@@ -58,6 +59,11 @@ export default function RunPage(props: { id: string }) {
       setProblem(sentenceOf(error));
     }
   };
+  const cancel = () => act(async () => {
+    const asked = await ask<Run>("POST", `/api/v1/runs/${id}/cancel`);
+    // The news of its end may have been faster than this answer.
+    setRun((now) => (hasEnded(now?.status) ? now : asked));
+  });
   const [verified, setVerified] = createSignal<Schemas["Verification"] | "running">();
   const fork = () => act(async () => {
     const made = await ask<Run>("POST", `/api/v1/runs/${id}/fork`, { healthy: true });
@@ -86,7 +92,7 @@ export default function RunPage(props: { id: string }) {
         <span class="mono small muted break">{id}</span>
         <span class="grow" />
         <Show when={run() && !ended()}>
-          <button type="button" disabled={run()?.cancel_requested} onClick={() => void act(async () => setRun(await ask<Run>("POST", `/api/v1/runs/${id}/cancel`)))}>
+          <button type="button" disabled={run()?.cancel_requested} onClick={() => void cancel()}>
             {run()?.cancel_requested ? "Canceling …" : "Cancel"}
           </button>
         </Show>
@@ -140,6 +146,7 @@ export default function RunPage(props: { id: string }) {
       <Show when={(shown()?.time.length ?? 0) > 0}>
         <RunPlots samples={shown() as Samples} view={view} />
       </Show>
+      <Show when={ended()}><Compared id={id} others={others()} /></Show>
       <Overlay id={id} others={others()} samples={shown()} view={view} />
       <Show when={recorded()}><RunFiles id={id} /></Show>
     </>

@@ -1,5 +1,5 @@
 /** A plot over time or another axis, by uPlot: shared cursor, zoom by dragging, legend with the values at the cursor, summary and table. */
-import { For, Show, createEffect, createMemo, createSignal, createUniqueId, on, onCleanup, onMount, untrack } from "solid-js";
+import { For, Index, Show, createEffect, createMemo, createSignal, createUniqueId, on, onCleanup, onMount, untrack } from "solid-js";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { short } from "../format";
@@ -147,23 +147,24 @@ export function Chart(props: Props) {
     <figure class="plot fig" aria-labelledby={`${id}-title`}>
       <div class="legend">
         <strong id={`${id}-title`}>{props.title}{unit() ? `, ${unit()}` : ""}</strong>
-        <For each={spoken()}>
+        {/* By place: while a flight goes on the lines are others a few times a second, and what is said of them stays. */}
+        <Index each={spoken()}>
           {(line) => (
             <span class="key">
-              <i class="swatch" style={{ "background-color": `var(--${line.colour})` }} />
-              {line.label}
-              <span class="num">{atCursor(line)}</span>
+              <i class="swatch" style={{ "background-color": `var(--${line().colour})` }} />
+              {line().label}
+              <span class="num">{atCursor(line())}</span>
             </span>
           )}
-        </For>
-        <For each={props.bands ?? []}>
+        </Index>
+        <Index each={props.bands ?? []}>
           {(band) => (
             <span class="key">
-              <i class="swatch box" style={{ "background-color": `var(--${band.colour})`, opacity: String(band.opacity ?? 0.25) }} />
-              {band.label}
+              <i class="swatch box" style={{ "background-color": `var(--${band().colour})`, opacity: String(band().opacity ?? 0.25) }} />
+              {band().label}
             </span>
           )}
-        </For>
+        </Index>
       </div>
       <div
         class="canvas"

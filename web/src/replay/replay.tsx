@@ -9,6 +9,8 @@ import type { Colours, Scene } from "./scene";
 
 /** Points of the trail. */
 const TRAIL = 400;
+/** While the flight moves its state is told in words so often, s. */
+const TOLD_S = 0.5;
 const SPEEDS = [0.25, 1, 2, 5] as const;
 
 interface Props {
@@ -93,13 +95,16 @@ export function Replay(props: Props) {
     if (!playing() && at() >= end() - 1e-6) props.view.setCursor(start());
     setPlaying(!playing());
   };
-  const words = () => {
-    const now = pose();
+  // While it moves nobody reads forty sentences a second, and each is laid out and painted.
+  const moving = () => playing() || (props.live && props.view.cursor() === undefined);
+  const told = createMemo(() => (moving() ? Math.max(start(), Math.floor(at() / TOLD_S) * TOLD_S) : at()));
+  const words = createMemo(() => {
+    const now = poseAt(props.track, props.geometry, told());
     if (!now) return "No sample yet.";
     const [north, east, down] = now.position;
     const lossy = props.geometry.rotors.filter((_, k) => (now.loss[k] ?? 0) > 0).map((rotor) => `rotor ${rotor.number} ${percent(now.loss[rotor.number - 1] ?? 0)}`);
-    return `At ${at().toFixed(2)} s: ${metres(north)} north, ${metres(east)} east, ${metres(-down)} high. ${lossy.length > 0 ? `Estimated loss of thrust: ${lossy.join(", ")}.` : "No rotor is named."}`;
-  };
+    return `At ${told().toFixed(2)} s: ${metres(north)} north, ${metres(east)} east, ${metres(-down)} high. ${lossy.length > 0 ? `Estimated loss of thrust: ${lossy.join(", ")}.` : "No rotor is named."}`;
+  });
 
   return (
     <figure class="fig replay" aria-label="3-D replay">

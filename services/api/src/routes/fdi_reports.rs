@@ -1,5 +1,6 @@
 //! FDI over a whole flight log that is uploaded: judged by a process of its own, as every file of a stranger is read.
 
+use super::uploads::Upload;
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
@@ -10,7 +11,6 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse as _, Response};
-use futures_util::StreamExt as _;
 use rotortwin_scenario::DetectorSettings;
 use rotortwin_verdicts::log::LogReport;
 use serde::Deserialize;
@@ -18,11 +18,10 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::AsyncWriteExt as _;
 use utoipa::IntoParams;
 
 /// No uploaded log is larger.
-const LARGEST_LOG: u64 = 128 << 20;
+pub(super) const LARGEST_LOG: u64 = 128 << 20;
 /// Cells of its table, at most: 256 MiB of numbers.
 const MOST_CELLS: usize = 1 << 25;
 /// Longest wait for those that came before.
@@ -184,30 +183,20 @@ async fn stored(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem
 
 /// The body as a file of its own, which is gone when it is dropped.
 async fn received(app: &App, body: Body) -> Result<tempfile::NamedTempFile, Problem> {
-    let told = |error: std::io::Error| {
-        Problem::unwritten(
-            &error,
-            "the log cannot be kept while it is judged: the disk of the data folder is full",
-        )
-    };
+    let full = "the log cannot be kept while it is judged: the disk of the data folder is full";
+    let told = |error: std::io::Error| Problem::unwritten(&error, full);
     let file = tempfile::Builder::new()
         .prefix("upload-")
         .tempfile_in(&app.config.work.data)
         .map_err(told)?;
-    let mut out = tokio::fs::File::from_std(file.reopen().map_err(told)?);
-    let mut parts = body.into_data_stream();
-    let mut size = 0u64;
-    while let Some(part) = parts.next().await {
-        let part = part.map_err(|error| Problem::bad_request(format!("the log did not arrive whole: {error}")))?;
-        size += part.len() as u64;
-        if size > LARGEST_LOG {
-            return Err(Problem::too_large(format!(
-                "the log has more than {LARGEST_LOG} bytes; expected a shorter part of it"
-            )));
-        }
-        out.write_all(&part).await.map_err(told)?;
-    }
-    out.flush().await.map_err(told)?;
+    let out = file.reopen().map(tokio::fs::File::from_std);
+    let upload = Upload {
+        most: LARGEST_LOG,
+        too_large: &format!("the log has more than {LARGEST_LOG} bytes; expected a shorter part of it"),
+        broken: "the log did not arrive whole",
+        full,
+    };
+    let size = upload.write(body, out, |_| {}).await?;
     if size == 0 {
         return Err(Problem::bad_request("the body is empty; expected a flight log"));
     }

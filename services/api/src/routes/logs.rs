@@ -2,6 +2,7 @@
 
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, LIBRARY, OUT, STEM, laid_out};
+use super::uploads::Upload;
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
@@ -13,10 +14,8 @@ use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
-use futures_util::StreamExt as _;
 use rotortwin_jobs::{Input, LogImport, StoredJob};
 use serde::{Deserialize, Serialize};
-use tokio::io::AsyncWriteExt as _;
 use utoipa::{IntoParams, ToSchema};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -306,24 +305,21 @@ async fn receive(app: &App, body: Body, file: &str) -> Result<(String, u64, Stri
     let key = format!("uploads/{}", new_id());
     let folder = app.artifacts.place(&key);
     let (mut size, mut hash) = (0_u64, Xxh3::new());
-    let io = |error: std::io::Error| Problem::unwritten(&error, "the file cannot be kept: the disk is full");
-    tokio::fs::create_dir_all(&folder).await.map_err(io)?;
+    let full = "the file cannot be kept: the disk of the data folder is full";
+    let io = |error: std::io::Error| Problem::unwritten(&error, full);
+    let most = app.config.largest_upload;
+    let upload = Upload {
+        most,
+        too_large: &format!("the file has more than {most} bytes (`--largest-upload`)"),
+        broken: "the file did not come whole",
+        full,
+    };
     let received = async {
-        let mut target = tokio::fs::File::create(folder.join(file)).await.map_err(io)?;
-        let mut stream = body.into_data_stream();
-        while let Some(bytes) = stream.next().await {
-            let bytes = bytes.map_err(|error| Problem::bad_request(format!("the file did not come whole: {error}")))?;
-            size += bytes.len() as u64;
-            if size > app.config.largest_upload {
-                return Err(Problem::too_large(format!(
-                    "the file has more than {} bytes (`--largest-upload`)",
-                    app.config.largest_upload
-                )));
-            }
-            hash.update(&bytes);
-            target.write_all(&bytes).await.map_err(io)?;
-        }
-        target.flush().await.map_err(io)?;
+        let target = match tokio::fs::create_dir_all(&folder).await {
+            Ok(()) => tokio::fs::File::create(folder.join(file)).await,
+            Err(error) => Err(error),
+        };
+        size = upload.write(body, target, |bytes| hash.update(bytes)).await?;
         if size == 0 {
             return Err(Problem::unprocessable("the body is empty; expected a flight log"));
         }

@@ -35,6 +35,7 @@ mod table;
 mod tasks;
 mod telemetry;
 mod twin;
+mod uploads;
 mod verifications;
 
 pub(crate) use collection::collection;
@@ -186,6 +187,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(library::catalogue))
         .routes(routes!(all_events::events))
         .routes(routes!(session::get, session::sign_in, session::sign_out))
+        .routes(routes!(server::limits))
         .routes(routes!(server::healthz))
         .routes(routes!(server::readyz))
         .routes(routes!(server::metrics))

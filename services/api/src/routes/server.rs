@@ -4,15 +4,16 @@ use crate::App;
 use crate::access::Caller;
 use crate::clock::now_ms;
 use crate::problem::Problem;
+use axum::Json;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, State};
 use axum::http::header;
 use axum::response::IntoResponse;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::sync::Arc;
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 
 /// Longest wait for the store of files.
 const STORE_PATIENCE: std::time::Duration = std::time::Duration::from_secs(3);
@@ -60,6 +61,42 @@ fn has_room(data: &std::path::Path) -> std::io::Result<()> {
     let mut file = tempfile::tempfile_in(data)?;
     file.write_all(&vec![1; A_SUBMISSION])?;
     file.sync_data()
+}
+
+/// What the caller's account may have, and has.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Limits {
+    /// Bytes of a flight log that is uploaded, at most.
+    largest_log: u64,
+    /// Bytes of a flight log that is judged at once and not kept, at most.
+    largest_judged_log: u64,
+    /// Bytes of all files, at most.
+    most_bytes: u64,
+    /// Bytes of all files now.
+    bytes: i64,
+    /// Jobs that wait or run, at most.
+    most_open_jobs: u32,
+    /// Jobs that wait or run now.
+    open_jobs: i64,
+    /// Length of a flight, s of simulated time, at most.
+    longest_flight_s: f64,
+}
+
+/// What is refused, so that a client need not send it.
+#[utoipa::path(get, path = "/api/v1/limits", tag = "server", operation_id = "limits", responses(
+    (status = 200, description = "of the caller's account", body = Limits)
+))]
+pub(crate) async fn limits(State(app): State<Arc<App>>, caller: Caller) -> Result<Json<Limits>, Problem> {
+    let (open_jobs, bytes) = app.database.account(&caller.tenant).await?;
+    Ok(Json(Limits {
+        largest_log: app.config.largest_upload,
+        largest_judged_log: super::fdi_reports::LARGEST_LOG,
+        most_bytes: app.config.most_bytes,
+        bytes,
+        most_open_jobs: app.config.most_open,
+        open_jobs,
+        longest_flight_s: app.config.longest_flight_s,
+    }))
 }
 
 /// What is counted beside the rest.

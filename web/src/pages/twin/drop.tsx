@@ -1,6 +1,7 @@
 /** Step 1: a flight. Three examples, files that are dropped or chosen, or a run of this server. */
 import { For, Show, createSignal } from "solid-js";
 import { type Schemas, address, ask, get, upload } from "../../api/client";
+import { tooLarge } from "../../api/limits";
 import type { JobView } from "../../api/job";
 import { createLoad } from "../../api/load";
 import { sentenceOf } from "../../api/problem";
@@ -39,6 +40,12 @@ export function Drop(props: { twin: Twin }) {
       const control = new AbortController();
       setSending({ name: file.name, share: 0, stop: () => control.abort() });
       try {
+        // Nobody waits for the end of an upload to hear that it is too large.
+        const refusal = await tooLarge(file);
+        if (refusal) {
+          setProblem(refusal);
+          break;
+        }
         const url = address("/api/v1/logs", { query: { name: plainName(file.name) } });
         const job = await upload<JobView>(url, file, (share) => setSending((before) => before && { ...before, share }), control.signal);
         ids.push(job.id);

@@ -1,1 +1,0 @@
-import{B as e,g as t}from"./index-pr0na4dw.js";function n(){let[n,r]=e(!1),[i,a]=e();return{busy:n,problem:i,setProblem:a,attempt:async e=>{a(void 0),r(!0);try{await e()}catch(e){a(t(e))}finally{r(!1)}}}}export{n as t};
