@@ -1,5 +1,5 @@
 //! The real autopilots, as their own published simulator builds. Each test is counted as skipped where its variable does not name the program:
-//! `ROTORTWIN_ARDUCOPTER`, `ROTORTWIN_BETAFLIGHT`. They bind fixed ports, so there is one flight at a time.
+//! `ROTORTWIN_ARDUCOPTER`, `ROTORTWIN_PX4` (`build/…/bin/px4`, its `etc` beside `bin`), `ROTORTWIN_BETAFLIGHT`. They bind fixed ports, so there is one flight at a time.
 #![expect(clippy::unwrap_used, reason = "a flight that cannot begin has failed its test")]
 
 mod autopilots;
@@ -12,6 +12,7 @@ use rotortwin_bridge::autopilot::address::Protocol;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::betaflight::Betaflight;
 use rotortwin_bridge::autopilot::pilot::{self, Pilot, Piloted};
+use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::autopilot::{OutputMap, Patience};
 use rotortwin_flight::autopilot::{HandOver, fly};
 use rotortwin_flight::lockstep::{FlightEnd, FlightObserver, StopReason};
@@ -29,15 +30,28 @@ const FAULT_S: f64 = 20.0;
 const FLIGHT_S: f64 = 32.0;
 /// Largest distance from the hover point before the fault, m. Betaflight is flown by its sticks, and is not in lockstep: on a busy machine it wanders.
 const ARDUPILOT_WITHIN_M: f64 = 0.3;
+const PX4_WITHIN_M: f64 = 0.3;
 const BETAFLIGHT_WITHIN_M: f64 = 2.0;
 
-/// Ends its process.
-struct Running(Child);
+/// Ends its process; what it printed last is shown if the test fails.
+struct Running(Child, PathBuf);
+
+/// Lines of it.
+const SHOWN: usize = 40;
 
 impl Drop for Running {
     fn drop(&mut self) {
         drop(self.0.kill());
         drop(self.0.wait());
+        if std::thread::panicking() {
+            let text = std::fs::read(&self.1).unwrap_or_default();
+            let text = String::from_utf8_lossy(&text);
+            let lines: Vec<&str> = text.lines().collect();
+            eprintln!("the autopilot's console ends with");
+            for line in &lines[lines.len().saturating_sub(SHOWN)..] {
+                eprintln!("  {line}");
+            }
+        }
     }
 }
 
@@ -57,16 +71,22 @@ fn settings(name: &str) -> PathBuf {
 }
 
 fn start(program: &Path, args: &[&str], folder: &Path) -> Running {
-    let log = std::fs::File::create(folder.join("console.txt")).unwrap();
+    start_with(program, args, &[], folder)
+}
+
+fn start_with(program: &Path, args: &[&str], environment: &[(String, String)], folder: &Path) -> Running {
+    let console = folder.join("console.txt");
+    let log = std::fs::File::create(&console).unwrap();
     let child = Command::new(program)
         .args(args)
+        .envs(environment.iter().cloned())
         .current_dir(folder)
         .stdin(Stdio::null())
         .stdout(log.try_clone().unwrap())
         .stderr(log)
         .spawn()
         .unwrap();
-    Running(child)
+    Running(child, console)
 }
 
 /// Keeps what is said, and when a verdict came.
@@ -182,6 +202,35 @@ fn scenario_betaflight() {
     hovers_and_the_damage_is_isolated(AutopilotKind::Betaflight, BETAFLIGHT_WITHIN_M, |map, patience| {
         Betaflight::listen(&address.parse().unwrap(), true, map, patience).unwrap()
     });
+}
+
+/// `NAME=VALUE` of each line of a file that a shell would read.
+fn environment(file: &Path) -> Vec<(String, String)> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    lines
+        .filter_map(|line| line.split_once('='))
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .collect()
+}
+
+#[test]
+fn scenario_px4() {
+    let Some(program) = program("ROTORTWIN_PX4") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let etc = program.with_file_name("../etc");
+    let args = ["-d", etc.to_str().unwrap()];
+    let mut running = None;
+    hovers_and_the_damage_is_isolated(AutopilotKind::Px4, PX4_WITHIN_M, |map, patience| {
+        let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
+        let environment = environment(&settings("px4-hexa-x.env"));
+        running = Some(start_with(&program, &args, &environment, folder.path()));
+        let at = pilot::default_address(Protocol::Px4).unwrap();
+        Piloted::new(link, Some(Pilot::new(Protocol::Px4, at, pilot::MEET).unwrap()))
+    });
+    drop(running);
 }
 
 #[test]
