@@ -237,13 +237,20 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
     let heavy = std::fs::read_to_string(repository().join("config/vehicles/f550-skids.toml"))
         .expect("it is shipped")
         .replace("mass_kg = 1.55 ", "mass_kg = 4.65 ")
-        .replace("../blades/", &format!("{}/", repository().join("config/blades").display()));
+        .replace(
+            "../blades/",
+            &format!("{}/", repository().join("config/blades").display()),
+        );
     let heavy = scratch.write("heavy.toml", heavy);
     let refused = Call::new(&scratch, ["fdi-log".into(), log.into_os_string()])
         .with(["--model", path(&heavy)])
         .run()
         .expect_code(2);
-    assert!(refused.stderr.contains("a full battery would carry "), "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("a full battery would carry "),
+        "{}",
+        refused.stderr
+    );
 }
 
 #[test]

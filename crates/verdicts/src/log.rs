@@ -10,8 +10,8 @@
 //! Only what is in the air is given to the session: the log tells when the ground was left and where it was near
 //! again, which a session has to find without the rest of the flight. A *stretch* is what was judged after one calibration.
 
-use crate::voltage::WorkedOutVoltage;
 use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
+use crate::voltage::WorkedOutVoltage;
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
 use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};

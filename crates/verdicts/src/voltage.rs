@@ -152,7 +152,10 @@ impl WorkedOutVoltage {
 
     /// Force along the rotors' axis, N.
     fn force(&self, duty: &[f32; MAX_ROTORS]) -> f64 {
-        let wrench = self.config.geometry.wrench_from_thrust(&self.thrusts(duty, self.voltage));
+        let wrench = self
+            .config
+            .geometry
+            .wrench_from_thrust(&self.thrusts(duty, self.voltage));
         f64::from(wrench[0]).abs()
     }
 }

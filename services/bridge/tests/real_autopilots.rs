@@ -14,7 +14,7 @@ use rotortwin_bridge::autopilot::betaflight::Betaflight;
 use rotortwin_bridge::autopilot::pilot::{self, Pilot, Piloted};
 use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::autopilot::{OutputMap, Patience};
-use rotortwin_flight::autopilot::{HandOver, fly};
+use rotortwin_flight::autopilot::{AutopilotOutcome, HandOver, fly};
 use rotortwin_flight::lockstep::{FlightEnd, FlightObserver, StopReason};
 use rotortwin_flight::sample::Sample;
 use rotortwin_flight::setup::run_setup;
@@ -90,27 +90,29 @@ fn start_with(program: &Path, args: &[&str], environment: &[(String, String)], f
 }
 
 /// Keeps what is said, and when a verdict came.
-#[derive(Default)]
 struct Listener {
     watch: Watch,
+    /// Rotor that is damaged, from 1; 0: none.
+    rotor: i32,
     farthest_before_fault_m: f64,
     isolated_s: Option<f64>,
     alarmed: Option<f64>,
+    chatty: bool,
 }
 
 impl FlightObserver for Listener {
     fn sample(&mut self, sample: &Sample) -> Result<(), String> {
         self.watch.sample(sample)?;
         let time_s = sample.sensors.stamp.sim_time_ns as f64 * 1e-9;
-        if time_s < FAULT_S {
+        if time_s < FAULT_S || self.rotor == 0 {
             self.farthest_before_fault_m = self.watch.farthest_m;
             if sample.report.sequential > 0 || sample.report.sequential == -1 {
                 self.alarmed.get_or_insert(time_s);
             }
-        } else if sample.report.sequential == 3 {
+        } else if sample.report.sequential == self.rotor {
             self.isolated_s.get_or_insert(time_s);
         }
-        if sample.sensors.stamp.step.is_multiple_of(1600) {
+        if self.chatty && sample.sensors.stamp.step.is_multiple_of(1600) {
             eprintln!(
                 "{time_s:6.1} s  p {:.2?}  duty {:.3?}  verdict {}",
                 sample.truth.position_ned_m,
@@ -126,23 +128,37 @@ impl FlightObserver for Listener {
     }
 
     fn handed_over(&mut self, prelude_s: f64) {
-        eprintln!("hand-over after {prelude_s:.1} s");
+        if self.chatty {
+            eprintln!("hand-over after {prelude_s:.1} s");
+        }
     }
 
     fn words(&mut self, plant_time_s: f64, text: String) {
-        eprintln!("{plant_time_s:7.1} s  {text}");
+        if self.chatty {
+            eprintln!("{plant_time_s:7.1} s  {text}");
+        }
     }
 }
 
-/// Hovers within `within_m`, loses 10 % of the thrust of rotor 3, and lands.
-fn hovers_and_the_damage_is_isolated<A: Autopilot>(
+/// One flight to be flown.
+#[derive(Clone, Copy)]
+struct Order {
     kind: AutopilotKind,
-    within_m: f64,
-    open: impl FnOnce(OutputMap, Patience) -> A,
-) {
-    let fault = format!("[[fault]]\ntime_s = {FAULT_S:?}\nrotor = 3\nthrust_loss_percent = 10.0");
-    let scenario = scenario(FLIGHT_S, &fault);
-    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).unwrap();
+    duration_s: f64,
+    /// Loses 10 % of its thrust at [`FAULT_S`], from 1; 0: none.
+    rotor: i32,
+    seed: u64,
+    chatty: bool,
+}
+
+/// A hover, of which a propeller may be damaged, and a landing.
+fn flown<A: Autopilot>(order: Order, open: impl FnOnce(OutputMap, Patience) -> A) -> (Listener, AutopilotOutcome) {
+    let fault = match order.rotor {
+        0 => String::new(),
+        rotor => format!("[[fault]]\ntime_s = {FAULT_S:?}\nrotor = {rotor}\nthrust_loss_percent = 10.0"),
+    };
+    let scenario = scenario(order.duration_s, &fault);
+    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(order.kind, scenario.vehicle()).unwrap();
     let map = OutputMap {
         rotor_of_channel,
         pulse_min_us: frame.pulse.min_us,
@@ -150,21 +166,45 @@ fn hovers_and_the_damage_is_isolated<A: Autopilot>(
     };
     let patience = Patience {
         join: Duration::from_secs(60),
-        step: Duration::from_secs(10),
+        step: Duration::from_secs(30),
         ..Patience::default()
     };
     let mut autopilot = open(map, patience);
-    let mut simulation = scenario.simulation(1).unwrap();
-    let setup = run_setup(&scenario, &simulation, 1);
-    let (model, mut listener) = (InstrumentModel::default(), Listener::default());
+    let mut simulation = scenario.simulation(order.seed).unwrap();
+    let setup = run_setup(&scenario, &simulation, order.seed);
+    let model = InstrumentModel::default();
+    let mut listener = Listener {
+        watch: Watch::default(),
+        rotor: order.rotor,
+        farthest_before_fault_m: 0.0,
+        isolated_s: None,
+        alarmed: None,
+        chatty: order.chatty,
+    };
     let outcome = fly(
         &mut simulation,
         &mut autopilot,
         &setup,
-        (&model, 1),
+        (&model, order.seed),
         HandOver::default(),
         &mut listener,
     );
+    (listener, outcome)
+}
+
+/// A flight that loses 10 % of the thrust of rotor 3.
+fn third_rotor(kind: AutopilotKind) -> Order {
+    Order {
+        kind,
+        duration_s: FLIGHT_S,
+        rotor: 3,
+        seed: 1,
+        chatty: true,
+    }
+}
+
+/// It hovered within `within_m` and landed, and the damage was isolated.
+fn hovered_and_the_damage_was_isolated(within_m: f64, (listener, outcome): (Listener, AutopilotOutcome)) {
     assert_eq!(outcome.flight.end, FlightEnd::Done);
     eprintln!(
         "farthest from {HEIGHT_M} m: {:.3} m, with the fault {:.3} m; isolated at {:?} s; landed after {:?} s; {:?} wall",
@@ -199,9 +239,10 @@ fn scenario_betaflight() {
     );
     let _running = start(&program, &[], folder.path());
     let address = std::env::var("ROTORTWIN_BETAFLIGHT_ADDRESS").unwrap_or_else(|_| "betaflight".to_owned());
-    hovers_and_the_damage_is_isolated(AutopilotKind::Betaflight, BETAFLIGHT_WITHIN_M, |map, patience| {
+    let flight = flown(third_rotor(AutopilotKind::Betaflight), |map, patience| {
         Betaflight::listen(&address.parse().unwrap(), true, map, patience).unwrap()
     });
+    hovered_and_the_damage_was_isolated(BETAFLIGHT_WITHIN_M, flight);
 }
 
 /// `NAME=VALUE` of each line of a file that a shell would read.
@@ -254,11 +295,12 @@ fn scenario_arducopter() {
         lines.to_str().unwrap(),
     ];
     let mut running = None;
-    hovers_and_the_damage_is_isolated(AutopilotKind::ArduPilot, ARDUPILOT_WITHIN_M, |map, patience| {
+    let flight = flown(third_rotor(AutopilotKind::ArduPilot), |map, patience| {
         let link = ArduPilot::listen("127.0.0.1:9002".parse().unwrap(), map, patience).unwrap();
         running = Some(start(&program, &args, folder.path()));
         let at = pilot::default_address(Protocol::ArduPilot).unwrap();
         Piloted::new(link, Some(Pilot::new(Protocol::ArduPilot, at, pilot::MEET).unwrap()))
     });
+    hovered_and_the_damage_was_isolated(ARDUPILOT_WITHIN_M, flight);
     drop(running);
 }

@@ -279,7 +279,7 @@ impl PositionTarget {
 pub struct AutopilotVersion {
     /// Major, minor, patch, kind of release (255: a release).
     pub version: [u8; 4],
-    /// Eight characters of a commit, or eight bytes of it.
+    /// Eight characters of a commit (ArduPilot), or three bytes of a vendor's version and the first five of a commit, last first (PX4).
     pub commit: [u8; 8],
 }
 
@@ -295,10 +295,10 @@ impl AutopilotVersion {
             _ => " dev",
         };
         let commit = match self.commit {
-            [0, ..] => String::new(),
+            [0, 0, 0, 0, 0, 0, 0, 0] => String::new(),
             commit if commit.iter().all(u8::is_ascii_graphic) => format!(" ({})", String::from_utf8_lossy(&commit)),
-            // The bytes come last first.
-            commit => {
+            // PX4: the commit's first bytes, last first; the three lowest are a vendor's version, 0 of what is published.
+            [_, _, _, commit @ ..] => {
                 let digits: Vec<String> = commit.iter().rev().map(|byte| format!("{byte:02x}")).collect();
                 format!(" ({})", digits.concat())
             }
@@ -347,7 +347,9 @@ impl Battery {
 
     /// The payload. Charge, energy and temperature are not known; what is more than one field can hold goes into the second one.
     pub fn encode(&self) -> Vec<u8> {
-        let millivolts = (1e3 * self.voltage_v).round().clamp(0.0, 2.0 * f64::from(Self::NO_CELL - 1)) as u32;
+        let millivolts = (1e3 * self.voltage_v)
+            .round()
+            .clamp(0.0, 2.0 * f64::from(Self::NO_CELL - 1)) as u32;
         let first = millivolts.min(u32::from(Self::NO_CELL - 1));
         let mut cells = [Self::NO_CELL; 10];
         cells[0] = first as u16;
@@ -464,6 +466,22 @@ mod tests {
     }
 
     #[test]
+    fn regress_the_commit_of_a_published_px4_is_shown() {
+        // What PX4 6a1c5329838729823ba03a28d550a9437018b6d7 says of itself: no vendor's version in the three lowest bytes.
+        let version = AutopilotVersion {
+            version: [1, 18, 0, 0],
+            commit: [0, 0, 0, 0x83, 0x29, 0x53, 0x1c, 0x6a],
+        };
+        assert_eq!(version.text(), "1.18.0 dev (6a1c532983)");
+        let vendor = AutopilotVersion {
+            version: [1, 18, 0, 255],
+            commit: [3, 2, 1, 0x83, 0x29, 0x53, 0x1c, 0x6a],
+        };
+        assert_eq!(vendor.text(), "1.18.0 (6a1c532983)");
+        assert_eq!(AutopilotVersion::default().text(), "0.0.0 dev");
+    }
+
+    #[test]
     fn val_a_battery_is_told_as_pymavlink_tells_it() {
         let battery = Battery {
             voltage_v: 15.432,
@@ -480,7 +498,10 @@ mod tests {
         };
         decoder.push(&encode(1, 1, Battery::COMPONENT, BATTERY_STATUS, &high.encode()));
         let read = Battery::read(&decoder.next_frame().unwrap()).unwrap();
-        assert!((read.voltage_v - 100.8).abs() < 1e-9 && read.current_a == 0.0, "{read:?}");
+        assert!(
+            (read.voltage_v - 100.8).abs() < 1e-9 && read.current_a == 0.0,
+            "{read:?}"
+        );
     }
 
     #[test]
