@@ -7,3 +7,4 @@
 pub mod detectors;
 pub mod log;
 pub mod view;
+mod voltage;

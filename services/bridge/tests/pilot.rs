@@ -11,7 +11,7 @@ use rotortwin_bridge::autopilot::pilot::{Pilot, PilotAddress, Piloted};
 use rotortwin_bridge::mavlink::catalogue::{AUTOPILOT_VERSION, COMMAND_ACK, HEARTBEAT, LOCAL_POSITION_NED, STATUSTEXT};
 use rotortwin_bridge::mavlink::frame::{Decoder, Frame, encode};
 use rotortwin_bridge::mavlink::steering::{
-    Acknowledgement, AutopilotVersion, Command, Heartbeat, LocalPosition, PositionTarget, StatusText,
+    Acknowledgement, AutopilotVersion, Battery, Command, Heartbeat, LocalPosition, PositionTarget, StatusText,
 };
 use rotortwin_flight::autopilot::{AutopilotOutcome, HandOver, fly};
 use rotortwin_flight::lockstep::{FlightEnd, FlightObserver, StopReason};
@@ -73,6 +73,9 @@ struct Scripted {
     targets: u64,
     first_target_s: Option<f64>,
     on_ground_s: f64,
+    /// What it was told of its battery last, and how often.
+    battery: Option<Battery>,
+    batteries: u64,
 }
 
 const GUIDED: u32 = 4;
@@ -100,6 +103,8 @@ impl Scripted {
             targets: 0,
             first_target_s: None,
             on_ground_s: 0.0,
+            battery: None,
+            batteries: 0,
         }
     }
 
@@ -147,6 +152,13 @@ impl Scripted {
     }
 
     fn obey(&mut self, frame: &Frame) {
+        if let Some(battery) = Battery::read(frame) {
+            // PX4 takes the battery of its own vehicle only, from another component than itself.
+            assert_eq!([frame.system, frame.component], [1, 180]);
+            self.battery = Some(battery);
+            self.batteries += 1;
+            return;
+        }
         if let Some(target) = PositionTarget::read(frame) {
             self.target = Some(target);
             self.targets += 1;
@@ -164,9 +176,16 @@ impl Scripted {
             }
             Command::REQUEST_MESSAGE => {
                 assert_eq!(command.params[0], AUTOPILOT_VERSION as f32);
-                let version = AutopilotVersion {
-                    version: [4, 7, 0, 0],
-                    commit: *b"0a1b2c3d",
+                let version = match self.protocol {
+                    // As a PX4 that is built of 6a1c5329838729823ba03a28d550a9437018b6d7 says it.
+                    Protocol::Px4 => AutopilotVersion {
+                        version: [1, 18, 0, 0],
+                        commit: [0, 0, 0, 0x83, 0x29, 0x53, 0x1c, 0x6a],
+                    },
+                    _ => AutopilotVersion {
+                        version: [4, 7, 0, 0],
+                        commit: *b"0a1b2c3d",
+                    },
                 };
                 self.send(AUTOPILOT_VERSION, &version.encode());
             }
@@ -380,6 +399,8 @@ struct Flown {
     duties: Vec<[f64; MAX_ROTORS]>,
     version: Option<String>,
     targets: u64,
+    battery: Option<Battery>,
+    batteries: u64,
 }
 
 fn fly_it(scenario: &Scenario, autopilot: &mut impl Autopilot, listener: &mut Listener) -> AutopilotOutcome {
@@ -428,11 +449,13 @@ fn piloted(protocol: Protocol, fault: Fault) -> Flown {
         listener,
         version: autopilot.identity().version,
         targets: autopilot.autopilot.autopilot().targets,
+        battery: autopilot.autopilot.autopilot().battery,
+        batteries: autopilot.autopilot.autopilot().batteries,
         duties: autopilot.duties,
     }
 }
 
-fn flies(protocol: Protocol, name: &str, mode: &str) {
+fn flies(protocol: Protocol, version: &str, mode: &str) -> Flown {
     let flown = piloted(protocol, Fault::None);
     let said = &flown.listener.words;
     assert_eq!(flown.outcome.flight.end, FlightEnd::Done, "{said:?}");
@@ -458,28 +481,38 @@ fn flies(protocol: Protocol, name: &str, mode: &str) {
         assert!(said.iter().any(|said| said == text), "{text}: {said:?}");
     }
     assert!(said.last().unwrap().starts_with("landed, motors off, "), "{said:?}");
-    assert_eq!(flown.version, Some(format!("{name} 4.7.0 dev (0a1b2c3d)")));
+    assert_eq!(flown.version.as_deref(), Some(version));
     // 50 a second of simulated time, from the climb on.
     assert!(flown.targets >= 6 * 50, "{}", flown.targets);
     // What the pilot did is in the duties: they alone give the same run.
     let scenario = scenario(6.0, "");
     let again = fly_it(
         &scenario,
-        &mut Replay(flown.duties.into_iter()),
+        &mut Replay(flown.duties.clone().into_iter()),
         &mut Listener::default(),
     );
     assert_eq!(again.flight.run_hash, flown.outcome.flight.run_hash);
     assert_eq!(again.landing_s, None);
+    flown
 }
 
 #[test]
 fn scenario_ardupilot_is_armed_flown_and_landed() {
-    flies(Protocol::ArduPilot, "ArduPilot", "GUIDED");
+    let flown = flies(Protocol::ArduPilot, "ArduPilot 4.7.0 dev (0a1b2c3d)", "GUIDED");
+    // It has its battery from its own link.
+    assert_eq!(flown.batteries, 0);
 }
 
 #[test]
 fn scenario_px4_is_armed_flown_and_landed() {
-    flies(Protocol::Px4, "PX4", "OFFBOARD");
+    let flown = flies(Protocol::Px4, "PX4 1.18.0 dev (6a1c532983)", "OFFBOARD");
+    // The plant's battery under load, ten times a second of the whole flight: nothing of it comes over PX4's simulator link.
+    let battery = flown.battery.expect("it was told of its battery");
+    assert!(
+        (14.0..16.6).contains(&battery.voltage_v) && battery.current_a >= 0.0,
+        "{battery:?}"
+    );
+    assert!(flown.batteries >= 150, "{}", flown.batteries);
 }
 
 #[test]

@@ -1,5 +1,5 @@
 //! The real autopilots, as their own published simulator builds. Each test is counted as skipped where its variable does not name the program:
-//! `ROTORTWIN_ARDUCOPTER`, `ROTORTWIN_BETAFLIGHT`. They bind fixed ports, so there is one flight at a time.
+//! `ROTORTWIN_ARDUCOPTER`, `ROTORTWIN_PX4` (`build/…/bin/px4`, its `etc` beside `bin`), `ROTORTWIN_BETAFLIGHT`. They bind fixed ports, so there is one flight at a time.
 #![expect(clippy::unwrap_used, reason = "a flight that cannot begin has failed its test")]
 
 mod autopilots;
@@ -12,8 +12,9 @@ use rotortwin_bridge::autopilot::address::Protocol;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::betaflight::Betaflight;
 use rotortwin_bridge::autopilot::pilot::{self, Pilot, Piloted};
+use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::autopilot::{OutputMap, Patience};
-use rotortwin_flight::autopilot::{HandOver, fly};
+use rotortwin_flight::autopilot::{AutopilotOutcome, HandOver, fly};
 use rotortwin_flight::lockstep::{FlightEnd, FlightObserver, StopReason};
 use rotortwin_flight::sample::Sample;
 use rotortwin_flight::setup::run_setup;
@@ -29,15 +30,28 @@ const FAULT_S: f64 = 20.0;
 const FLIGHT_S: f64 = 32.0;
 /// Largest distance from the hover point before the fault, m. Betaflight is flown by its sticks, and is not in lockstep: on a busy machine it wanders.
 const ARDUPILOT_WITHIN_M: f64 = 0.3;
+const PX4_WITHIN_M: f64 = 0.3;
 const BETAFLIGHT_WITHIN_M: f64 = 2.0;
 
-/// Ends its process.
-struct Running(Child);
+/// Ends its process; what it printed last is shown if the test fails.
+struct Running(Child, PathBuf);
+
+/// Lines of it.
+const SHOWN: usize = 40;
 
 impl Drop for Running {
     fn drop(&mut self) {
         drop(self.0.kill());
         drop(self.0.wait());
+        if std::thread::panicking() {
+            let text = std::fs::read(&self.1).unwrap_or_default();
+            let text = String::from_utf8_lossy(&text);
+            let lines: Vec<&str> = text.lines().collect();
+            eprintln!("the autopilot's console ends with");
+            for line in &lines[lines.len().saturating_sub(SHOWN)..] {
+                eprintln!("  {line}");
+            }
+        }
     }
 }
 
@@ -57,40 +71,48 @@ fn settings(name: &str) -> PathBuf {
 }
 
 fn start(program: &Path, args: &[&str], folder: &Path) -> Running {
-    let log = std::fs::File::create(folder.join("console.txt")).unwrap();
+    start_with(program, args, &[], folder)
+}
+
+fn start_with(program: &Path, args: &[&str], environment: &[(String, String)], folder: &Path) -> Running {
+    let console = folder.join("console.txt");
+    let log = std::fs::File::create(&console).unwrap();
     let child = Command::new(program)
         .args(args)
+        .envs(environment.iter().cloned())
         .current_dir(folder)
         .stdin(Stdio::null())
         .stdout(log.try_clone().unwrap())
         .stderr(log)
         .spawn()
         .unwrap();
-    Running(child)
+    Running(child, console)
 }
 
 /// Keeps what is said, and when a verdict came.
-#[derive(Default)]
 struct Listener {
     watch: Watch,
+    /// Rotor that is damaged, from 1; 0: none.
+    rotor: i32,
     farthest_before_fault_m: f64,
     isolated_s: Option<f64>,
     alarmed: Option<f64>,
+    chatty: bool,
 }
 
 impl FlightObserver for Listener {
     fn sample(&mut self, sample: &Sample) -> Result<(), String> {
         self.watch.sample(sample)?;
         let time_s = sample.sensors.stamp.sim_time_ns as f64 * 1e-9;
-        if time_s < FAULT_S {
+        if time_s < FAULT_S || self.rotor == 0 {
             self.farthest_before_fault_m = self.watch.farthest_m;
             if sample.report.sequential > 0 || sample.report.sequential == -1 {
                 self.alarmed.get_or_insert(time_s);
             }
-        } else if sample.report.sequential == 3 {
+        } else if sample.report.sequential == self.rotor {
             self.isolated_s.get_or_insert(time_s);
         }
-        if sample.sensors.stamp.step.is_multiple_of(1600) {
+        if self.chatty && sample.sensors.stamp.step.is_multiple_of(1600) {
             eprintln!(
                 "{time_s:6.1} s  p {:.2?}  duty {:.3?}  verdict {}",
                 sample.truth.position_ned_m,
@@ -106,23 +128,37 @@ impl FlightObserver for Listener {
     }
 
     fn handed_over(&mut self, prelude_s: f64) {
-        eprintln!("hand-over after {prelude_s:.1} s");
+        if self.chatty {
+            eprintln!("hand-over after {prelude_s:.1} s");
+        }
     }
 
     fn words(&mut self, plant_time_s: f64, text: String) {
-        eprintln!("{plant_time_s:7.1} s  {text}");
+        if self.chatty {
+            eprintln!("{plant_time_s:7.1} s  {text}");
+        }
     }
 }
 
-/// Hovers within `within_m`, loses 10 % of the thrust of rotor 3, and lands.
-fn hovers_and_the_damage_is_isolated<A: Autopilot>(
+/// One flight to be flown.
+#[derive(Clone, Copy)]
+struct Order {
     kind: AutopilotKind,
-    within_m: f64,
-    open: impl FnOnce(OutputMap, Patience) -> A,
-) {
-    let fault = format!("[[fault]]\ntime_s = {FAULT_S:?}\nrotor = 3\nthrust_loss_percent = 10.0");
-    let scenario = scenario(FLIGHT_S, &fault);
-    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle()).unwrap();
+    duration_s: f64,
+    /// Loses 10 % of its thrust at [`FAULT_S`], from 1; 0: none.
+    rotor: i32,
+    seed: u64,
+    chatty: bool,
+}
+
+/// A hover, of which a propeller may be damaged, and a landing.
+fn flown<A: Autopilot>(order: Order, open: impl FnOnce(OutputMap, Patience) -> A) -> (Listener, AutopilotOutcome) {
+    let fault = match order.rotor {
+        0 => String::new(),
+        rotor => format!("[[fault]]\ntime_s = {FAULT_S:?}\nrotor = {rotor}\nthrust_loss_percent = 10.0"),
+    };
+    let scenario = scenario(order.duration_s, &fault);
+    let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(order.kind, scenario.vehicle()).unwrap();
     let map = OutputMap {
         rotor_of_channel,
         pulse_min_us: frame.pulse.min_us,
@@ -130,21 +166,45 @@ fn hovers_and_the_damage_is_isolated<A: Autopilot>(
     };
     let patience = Patience {
         join: Duration::from_secs(60),
-        step: Duration::from_secs(10),
+        step: Duration::from_secs(30),
         ..Patience::default()
     };
     let mut autopilot = open(map, patience);
-    let mut simulation = scenario.simulation(1).unwrap();
-    let setup = run_setup(&scenario, &simulation, 1);
-    let (model, mut listener) = (InstrumentModel::default(), Listener::default());
+    let mut simulation = scenario.simulation(order.seed).unwrap();
+    let setup = run_setup(&scenario, &simulation, order.seed);
+    let model = InstrumentModel::default();
+    let mut listener = Listener {
+        watch: Watch::default(),
+        rotor: order.rotor,
+        farthest_before_fault_m: 0.0,
+        isolated_s: None,
+        alarmed: None,
+        chatty: order.chatty,
+    };
     let outcome = fly(
         &mut simulation,
         &mut autopilot,
         &setup,
-        (&model, 1),
+        (&model, order.seed),
         HandOver::default(),
         &mut listener,
     );
+    (listener, outcome)
+}
+
+/// A flight that loses 10 % of the thrust of rotor 3.
+fn third_rotor(kind: AutopilotKind) -> Order {
+    Order {
+        kind,
+        duration_s: FLIGHT_S,
+        rotor: 3,
+        seed: 1,
+        chatty: true,
+    }
+}
+
+/// It hovered within `within_m` and landed, and the damage was isolated.
+fn hovered_and_the_damage_was_isolated(within_m: f64, (listener, outcome): (Listener, AutopilotOutcome)) {
     assert_eq!(outcome.flight.end, FlightEnd::Done);
     eprintln!(
         "farthest from {HEIGHT_M} m: {:.3} m, with the fault {:.3} m; isolated at {:?} s; landed after {:?} s; {:?} wall",
@@ -179,9 +239,39 @@ fn scenario_betaflight() {
     );
     let _running = start(&program, &[], folder.path());
     let address = std::env::var("ROTORTWIN_BETAFLIGHT_ADDRESS").unwrap_or_else(|_| "betaflight".to_owned());
-    hovers_and_the_damage_is_isolated(AutopilotKind::Betaflight, BETAFLIGHT_WITHIN_M, |map, patience| {
+    let flight = flown(third_rotor(AutopilotKind::Betaflight), |map, patience| {
         Betaflight::listen(&address.parse().unwrap(), true, map, patience).unwrap()
     });
+    hovered_and_the_damage_was_isolated(BETAFLIGHT_WITHIN_M, flight);
+}
+
+/// `NAME=VALUE` of each line of a file that a shell would read.
+fn environment(file: &Path) -> Vec<(String, String)> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    lines
+        .filter_map(|line| line.split_once('='))
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .collect()
+}
+
+#[test]
+fn scenario_px4() {
+    let Some(program) = program("ROTORTWIN_PX4") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let etc = program.with_file_name("../etc");
+    let args = ["-d", etc.to_str().unwrap()];
+    let mut running = None;
+    hovers_and_the_damage_is_isolated(AutopilotKind::Px4, PX4_WITHIN_M, |map, patience| {
+        let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
+        let environment = environment(&settings("px4-hexa-x.env"));
+        running = Some(start_with(&program, &args, &environment, folder.path()));
+        let at = pilot::default_address(Protocol::Px4).unwrap();
+        Piloted::new(link, Some(Pilot::new(Protocol::Px4, at, pilot::MEET).unwrap()))
+    });
+    drop(running);
 }
 
 #[test]
@@ -205,11 +295,12 @@ fn scenario_arducopter() {
         lines.to_str().unwrap(),
     ];
     let mut running = None;
-    hovers_and_the_damage_is_isolated(AutopilotKind::ArduPilot, ARDUPILOT_WITHIN_M, |map, patience| {
+    let flight = flown(third_rotor(AutopilotKind::ArduPilot), |map, patience| {
         let link = ArduPilot::listen("127.0.0.1:9002".parse().unwrap(), map, patience).unwrap();
         running = Some(start(&program, &args, folder.path()));
         let at = pilot::default_address(Protocol::ArduPilot).unwrap();
         Piloted::new(link, Some(Pilot::new(Protocol::ArduPilot, at, pilot::MEET).unwrap()))
     });
+    hovered_and_the_damage_was_isolated(ARDUPILOT_WITHIN_M, flight);
     drop(running);
 }

@@ -26,6 +26,8 @@ pub const HIL_ACTUATOR_CONTROLS: u32 = 93;
 pub const HIL_SENSOR: u32 = 107;
 /// HIL_GPS.
 pub const HIL_GPS: u32 = 113;
+/// BATTERY_STATUS.
+pub const BATTERY_STATUS: u32 = 147;
 /// AUTOPILOT_VERSION.
 pub const AUTOPILOT_VERSION: u32 = 148;
 /// STATUSTEXT.
@@ -47,6 +49,7 @@ pub fn crc_extra(message: u32) -> Option<u8> {
         HIL_ACTUATOR_CONTROLS => 47,
         HIL_SENSOR => 108,
         HIL_GPS => 124,
+        BATTERY_STATUS => 154,
         AUTOPILOT_VERSION => 178,
         STATUSTEXT => 83,
         _ => return None,

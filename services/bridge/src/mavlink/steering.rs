@@ -1,8 +1,8 @@
 //! The messages between an autopilot and whoever commands it, with their fields in wire order. Units and frames are those of the common dialect.
 
 use super::catalogue::{
-    AUTOPILOT_VERSION, COMMAND_ACK, COMMAND_LONG, HEARTBEAT, LOCAL_POSITION_NED, SET_POSITION_TARGET_LOCAL_NED,
-    STATUSTEXT,
+    AUTOPILOT_VERSION, BATTERY_STATUS, COMMAND_ACK, COMMAND_LONG, HEARTBEAT, LOCAL_POSITION_NED,
+    SET_POSITION_TARGET_LOCAL_NED, STATUSTEXT,
 };
 use super::frame::Frame;
 use super::reader::Reader;
@@ -279,7 +279,7 @@ impl PositionTarget {
 pub struct AutopilotVersion {
     /// Major, minor, patch, kind of release (255: a release).
     pub version: [u8; 4],
-    /// Eight characters of a commit, or eight bytes of it.
+    /// Eight characters of a commit (ArduPilot), or three bytes of a vendor's version and the first five of a commit, last first (PX4).
     pub commit: [u8; 8],
 }
 
@@ -295,10 +295,10 @@ impl AutopilotVersion {
             _ => " dev",
         };
         let commit = match self.commit {
-            [0, ..] => String::new(),
+            [0, 0, 0, 0, 0, 0, 0, 0] => String::new(),
             commit if commit.iter().all(u8::is_ascii_graphic) => format!(" ({})", String::from_utf8_lossy(&commit)),
-            // The bytes come last first.
-            commit => {
+            // PX4: the commit's first bytes, last first; the three lowest are a vendor's version, 0 of what is published.
+            [_, _, _, commit @ ..] => {
                 let digits: Vec<String> = commit.iter().rev().map(|byte| format!("{byte:02x}")).collect();
                 format!(" ({})", digits.concat())
             }
@@ -330,13 +330,67 @@ impl AutopilotVersion {
     }
 }
 
+/// BATTERY_STATUS of a pack whose cells are not measured one by one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Battery {
+    /// At the terminals, V; told to 1 mV, at most twice 65.534 V.
+    pub voltage_v: f64,
+    /// Discharge positive, A; told to 10 mA, at most 327.67 A.
+    pub current_a: f64,
+}
+
+impl Battery {
+    /// As which component of a vehicle a battery speaks.
+    pub const COMPONENT: u8 = 180;
+    /// A cell that is not there.
+    const NO_CELL: u16 = u16::MAX;
+
+    /// The payload. Charge, energy and temperature are not known; what is more than one field can hold goes into the second one.
+    pub fn encode(&self) -> Vec<u8> {
+        let millivolts = (1e3 * self.voltage_v)
+            .round()
+            .clamp(0.0, 2.0 * f64::from(Self::NO_CELL - 1)) as u32;
+        let first = millivolts.min(u32::from(Self::NO_CELL - 1));
+        let mut cells = [Self::NO_CELL; 10];
+        cells[0] = first as u16;
+        if millivolts > first {
+            cells[1] = (millivolts - first) as u16;
+        }
+        // −1 A would mean that nobody measures it.
+        let centiamperes = (100.0 * self.current_a).round().clamp(0.0, f64::from(i16::MAX)) as i16;
+        let mut bytes = [-1_i32; 2].map(i32::to_le_bytes).concat();
+        bytes.extend(i16::MAX.to_le_bytes());
+        bytes.extend(cells.iter().flat_map(|cell| cell.to_le_bytes()));
+        bytes.extend(centiamperes.to_le_bytes());
+        // The first battery; of all that the vehicle has; lithium polymer; charge not known.
+        bytes.extend([0, 1, 1, u8::MAX]);
+        bytes
+    }
+
+    /// Of a frame.
+    pub fn read(frame: &Frame) -> Option<Self> {
+        let mut reader = (frame.message == BATTERY_STATUS).then_some(Reader::of(frame))?;
+        // Charge, energy and temperature.
+        let _: [u8; 10] = reader.take();
+        let cells: [u16; 10] = std::array::from_fn(|_| u16::from_le_bytes(reader.take()));
+        let cells = cells.iter().take_while(|cell| **cell != Self::NO_CELL);
+        Some(Self {
+            voltage_v: cells.map(|cell| f64::from(*cell) * 1e-3).sum(),
+            current_a: f64::from(i16::from_le_bytes(reader.take())) * 0.01,
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::frame::{Decoder, encode};
     use super::super::hex::{bytes, frame};
     use super::*;
 
-    // Bytes that pymavlink 2.4.49 packs of the same messages, from system 1, component 1, with the sequence numbers 7 to 13.
+    // Bytes that pymavlink 2.4.49 packs of the same messages, from system 1, component 1, with the sequence numbers 7 to 13; the battery is
+    // component 180, number 14, by pymavlink 2.4.50.
+    const BATTERY_BYTES: &str =
+        "fd2400000e01b4930000ffffffffffffffffff7f483cffffffffffffffffffffffffffffffffffffd204000101ff66f9";
     const HEARTBEAT_BYTES: &str = "fd090000070101000000040000000d03890403113c";
     const COMMAND_BYTES: &str =
         "fd2100000801014c00000000803f0000003f0000000000000000000000000000000000005040900101010220b4";
@@ -409,6 +463,45 @@ mod tests {
         decoder.push(&again);
         assert_eq!(AutopilotVersion::read(&decoder.next_frame().unwrap()), Some(version));
         assert_eq!(LocalPosition::read(&frame(TEXT_BYTES)), None);
+    }
+
+    #[test]
+    fn regress_the_commit_of_a_published_px4_is_shown() {
+        // What PX4 6a1c5329838729823ba03a28d550a9437018b6d7 says of itself: no vendor's version in the three lowest bytes.
+        let version = AutopilotVersion {
+            version: [1, 18, 0, 0],
+            commit: [0, 0, 0, 0x83, 0x29, 0x53, 0x1c, 0x6a],
+        };
+        assert_eq!(version.text(), "1.18.0 dev (6a1c532983)");
+        let vendor = AutopilotVersion {
+            version: [1, 18, 0, 255],
+            commit: [3, 2, 1, 0x83, 0x29, 0x53, 0x1c, 0x6a],
+        };
+        assert_eq!(vendor.text(), "1.18.0 (6a1c532983)");
+        assert_eq!(AutopilotVersion::default().text(), "0.0.0 dev");
+    }
+
+    #[test]
+    fn val_a_battery_is_told_as_pymavlink_tells_it() {
+        let battery = Battery {
+            voltage_v: 15.432,
+            current_a: 12.34,
+        };
+        let theirs = encode(14, 1, Battery::COMPONENT, BATTERY_STATUS, &battery.encode());
+        assert_eq!(theirs, bytes(BATTERY_BYTES));
+        assert_eq!(Battery::read(&frame(BATTERY_BYTES)), Some(battery));
+        // 24 cells are more than one field holds, and charging is told as 0 A: −0.01 A would be "not measured".
+        let mut decoder = Decoder::default();
+        let high = Battery {
+            voltage_v: 100.8,
+            current_a: -0.01,
+        };
+        decoder.push(&encode(1, 1, Battery::COMPONENT, BATTERY_STATUS, &high.encode()));
+        let read = Battery::read(&decoder.next_frame().unwrap()).unwrap();
+        assert!(
+            (read.voltage_v - 100.8).abs() < 1e-9 && read.current_a == 0.0,
+            "{read:?}"
+        );
     }
 
     #[test]

@@ -18,6 +18,8 @@ pub(super) struct Dialect {
     /// Climbs by a command with a height, or by a mode of its own.
     pub(super) climb: Option<Mode>,
     pub(super) land: Mode,
+    /// It takes the battery from the pilot's line; others have it from the plant's own link, or not at all.
+    pub(super) takes_battery: bool,
 }
 
 /// Params 2 and 3 of MAV_CMD_DO_SET_MODE, and the mode in a heartbeat.
@@ -53,6 +55,7 @@ const ARDUPILOT: Dialect = Dialect {
     before_arming: Some(ardupilot("GUIDED", 4)),
     climb: None,
     land: ardupilot("LAND", 9),
+    takes_battery: false,
 };
 
 const PX4: Dialect = Dialect {
@@ -62,6 +65,7 @@ const PX4: Dialect = Dialect {
     before_arming: None,
     climb: Some(px4("AUTO.TAKEOFF", 4, 2)),
     land: px4("AUTO.LAND", 4, 6),
+    takes_battery: true,
 };
 
 impl Dialect {

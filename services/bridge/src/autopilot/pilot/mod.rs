@@ -21,11 +21,11 @@ pub use line::PilotAddress;
 
 use super::address::Protocol;
 use crate::mavlink::catalogue::{
-    AUTOPILOT_VERSION, COMMAND_LONG, HEARTBEAT, LOCAL_POSITION_NED, SET_POSITION_TARGET_LOCAL_NED,
+    AUTOPILOT_VERSION, BATTERY_STATUS, COMMAND_LONG, HEARTBEAT, LOCAL_POSITION_NED, SET_POSITION_TARGET_LOCAL_NED,
 };
 use crate::mavlink::frame::{Decoder, Frame, encode};
 use crate::mavlink::steering::{
-    Acknowledgement, AutopilotVersion, Command, Heartbeat, LocalPosition, PositionTarget, StatusText,
+    Acknowledgement, AutopilotVersion, Battery, Command, Heartbeat, LocalPosition, PositionTarget, StatusText,
 };
 use dialect::{Dialect, Mode};
 use line::Line;
@@ -50,6 +50,8 @@ const SILENT_S: f64 = 20.0;
 const RETRY_S: f64 = 2.0;
 const HEARTBEAT_S: f64 = 1.0;
 const TARGET_S: f64 = 0.02;
+/// Simulated time, s, between two words of the battery, to an autopilot that takes it from the pilot's line.
+const BATTERY_S: f64 = 0.1;
 /// Positions are followed for so long before the mode asks for it.
 const FIRST_TARGETS_S: f64 = 1.0;
 /// How often it is to say where it believes to be, µs.
@@ -181,6 +183,7 @@ pub struct Pilot {
     since_s: f64,
     tried_s: f64,
     heartbeat_s: f64,
+    battery_s: f64,
     target_s: f64,
     /// Wall clock of the first step.
     begun: Option<Instant>,
@@ -224,6 +227,7 @@ impl Pilot {
             since_s: 0.0,
             tried_s: f64::NEG_INFINITY,
             heartbeat_s: f64::NEG_INFINITY,
+            battery_s: f64::NEG_INFINITY,
             target_s: f64::NEG_INFINITY,
             begun: None,
             peer: [1, 1],
@@ -263,6 +267,7 @@ impl Pilot {
             self.heartbeat_s = self.now_s;
             self.send(HEARTBEAT, &Heartbeat::of_ground_station().encode());
         }
+        self.tell_battery(readings);
         match self.stage {
             Stage::Meet => self.meet(),
             Stage::Arm => self.arm(),
@@ -543,8 +548,27 @@ impl Pilot {
         self.send(COMMAND_LONG, &command.encode());
     }
 
+    /// Voltage and current of the plant's battery: its own model of one would be in its log in their place.
+    fn tell_battery(&mut self, readings: &Readings) {
+        let due = self.stage != Stage::Meet && self.now_s - self.battery_s >= BATTERY_S;
+        if !self.dialect.takes_battery || !due || readings.battery_voltage_v <= 0.0 {
+            return;
+        }
+        self.battery_s = self.now_s;
+        let battery = Battery {
+            voltage_v: readings.battery_voltage_v,
+            current_a: readings.battery_current_a,
+        };
+        // It takes the battery of its own vehicle only, so this one is a part of that.
+        self.send_as([self.peer[0], Battery::COMPONENT], BATTERY_STATUS, &battery.encode());
+    }
+
     fn send(&mut self, message: u32, payload: &[u8]) {
-        let bytes = encode(self.sequence, OUR_SYSTEM, OUR_COMPONENT, message, payload);
+        self.send_as([OUR_SYSTEM, OUR_COMPONENT], message, payload);
+    }
+
+    fn send_as(&mut self, [system, component]: [u8; 2], message: u32, payload: &[u8]) {
+        let bytes = encode(self.sequence, system, component, message, payload);
         self.sequence = self.sequence.wrapping_add(1);
         self.line.send(&bytes);
     }

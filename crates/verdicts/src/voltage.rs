@@ -1,0 +1,216 @@
+//! The battery's voltage of a log that has none, worked out of its duties.
+//!
+//! ```text
+//!  V = (V_oc(SoC) + √(V_oc² − 4 R P))/2     P = k_P Σ f^1.5     dSoC/dt = −P/(V Q)     f: Eq. 19 of duty and V
+//! ```
+//! Parameters are those of the vehicle's battery. The charge at the beginning is that with which the thrust carries the weight in the first
+//! seconds in the air:
+//!
+//! ```text
+//!  ∫ F_z cos φ cos θ dt = m (g T − Δv_down)
+//! ```
+//! Limits: whatever else changes the thrust of all rotors alike in these seconds (mass, density of the air, damage that was there before) is
+//! in the voltage; without drag and the lag of the rotors. After them the voltage is a prediction, which a battery that is not the vehicle's leaves.
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::FdiConfig;
+use rotortwin_plant::STEP_RATE_HZ;
+use rotortwin_plant::powertrain::battery::Battery;
+use rotortwin_scenario::Detectors;
+use rotortwin_twin::log::flight_parts::PartKind;
+use rotortwin_twin::log::{FlightLog, names};
+
+/// Length of the time in the air that the charge is found from, s: at least, and at most.
+const SHORTEST_S: f64 = 2.0;
+const LONGEST_S: f64 = 10.0;
+/// Charges between which the beginning is looked for: an empty battery has no thrust.
+const CHARGES: (f64, f64) = (0.01, 1.0);
+/// Halvings of that interval.
+const HALVINGS: usize = 40;
+
+/// One step of the time in the air.
+struct Step {
+    duty: [f32; MAX_ROTORS],
+    /// cos φ cos θ.
+    upright: f64,
+}
+
+/// A battery that is discharged by the duties of a log.
+#[derive(Clone)]
+pub(crate) struct WorkedOutVoltage {
+    battery: Battery,
+    config: FdiConfig,
+    rotor_count: usize,
+    state_of_charge: f64,
+    voltage: f64,
+    /// At the beginning, and the time in the air that it was found from, s since the log's first row.
+    pub(crate) begin: Begin,
+}
+
+/// How it began.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Begin {
+    pub(crate) state_of_charge: f64,
+    /// Mean over that time, V.
+    pub(crate) voltage_v: f64,
+    pub(crate) from_s: f64,
+    pub(crate) to_s: f64,
+}
+
+impl WorkedOutVoltage {
+    /// Finds the charge at the beginning.
+    ///
+    /// # Errors
+    /// Half a sentence: why it cannot be found.
+    pub(crate) fn of(log: &FlightLog, detectors: &Detectors) -> Result<Self, String> {
+        let rotor_count = detectors.vehicle().rotor_count();
+        let (from_s, steps, sinking) = first_seconds(log, rotor_count)?;
+        let duration_s = (steps.len() - 1) as f64 / STEP_RATE_HZ;
+        let config = *detectors.config();
+        let impulse = f64::from(config.mass) * (f64::from(config.gravity) * duration_s - sinking);
+        let begun = |state_of_charge: f64| Self {
+            battery: Battery::new(&detectors.vehicle().vehicle.battery),
+            config,
+            rotor_count,
+            state_of_charge,
+            voltage: 0.0,
+            begin: Begin::default(),
+        };
+        // Impulse of the thrust at a charge over what carried the vehicle, and the mean voltage.
+        let carried = |state_of_charge: f64| {
+            let mut battery = begun(state_of_charge);
+            let (mut sum, mut voltage) = (0.0, 0.0);
+            for step in &steps[1..] {
+                voltage += battery.step(&step.duty);
+                sum += battery.force(&step.duty) * step.upright / STEP_RATE_HZ;
+            }
+            (sum / impulse, voltage / (steps.len() - 1) as f64)
+        };
+        let (mut low, mut high) = CHARGES;
+        let (least, most) = (carried(low).0, carried(high).0);
+        let words = "of the weight in the first seconds in the air: the vehicle is not that of the log";
+        if most < 1.0 {
+            return Err(format!("a full battery would carry {:.0} % {words}", 100.0 * most));
+        }
+        if least > 1.0 {
+            return Err(format!("an empty battery would carry {:.0} % {words}", 100.0 * least));
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if carried(middle).0 < 1.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let state_of_charge = 0.5 * (low + high);
+        Ok(Self {
+            begin: Begin {
+                state_of_charge,
+                voltage_v: carried(state_of_charge).1,
+                from_s,
+                to_s: from_s + duration_s,
+            },
+            ..begun(state_of_charge)
+        })
+    }
+
+    /// Voltage at the terminals, V, as it was last.
+    pub(crate) fn now(&self) -> f32 {
+        let begun = self.voltage > 0.0;
+        (if begun { self.voltage } else { self.begin.voltage_v }) as f32
+    }
+
+    /// Voltage at the terminals, V, while these duties are in force for one step.
+    pub(crate) fn step(&mut self, duty: &[f32; MAX_ROTORS]) -> f64 {
+        // The first step of all has no voltage of one before.
+        let before = if self.voltage > 0.0 {
+            self.voltage
+        } else {
+            self.battery.open_circuit_voltage(self.state_of_charge)
+        };
+        let power = self.battery.power_coefficient()
+            * self
+                .thrusts(duty, before)
+                .iter()
+                .map(|f| f64::from(*f).powf(1.5))
+                .sum::<f64>();
+        let output = self.battery.output(self.state_of_charge, power);
+        self.voltage = output.battery_voltage;
+        let charge = self.state_of_charge + self.battery.charge_rate(output.battery_current) / STEP_RATE_HZ;
+        self.state_of_charge = charge.max(0.0);
+        self.voltage
+    }
+
+    fn thrusts(&self, duty: &[f32; MAX_ROTORS], voltage: f64) -> [f32; MAX_ROTORS] {
+        let mut thrust = [0.0; MAX_ROTORS];
+        for (thrust, duty) in thrust.iter_mut().zip(duty).take(self.rotor_count) {
+            *thrust = self.config.thrust_map.thrust(*duty, voltage as f32);
+        }
+        thrust
+    }
+
+    /// Force along the rotors' axis, N.
+    fn force(&self, duty: &[f32; MAX_ROTORS]) -> f64 {
+        let wrench = self
+            .config
+            .geometry
+            .wrench_from_thrust(&self.thrusts(duty, self.voltage));
+        f64::from(wrench[0]).abs()
+    }
+}
+
+/// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and by how much the velocity down grew, m/s.
+fn first_seconds(log: &FlightLog, rotor_count: usize) -> Result<(f64, Vec<Step>, f64), String> {
+    let start_s = log.time_s.first().copied().unwrap_or(0.0);
+    let parts = log.flight_parts(None).parts;
+    let in_air = |part: &&rotortwin_twin::log::flight_parts::FlightPart| {
+        matches!(part.kind, PartKind::Air | PartKind::Unknown) && part.end_s - part.start_s >= SHORTEST_S
+    };
+    let why = || format!("it is found from {SHORTEST_S} s in the air without a gap, and the log has none");
+    let part = parts.iter().find(in_air).ok_or_else(why)?;
+    let (from_s, to_s) = (part.start_s, part.end_s.min(part.start_s + LONGEST_S));
+    let duties: Vec<String> = (1..=rotor_count).map(names::duty).collect();
+    let mut columns = vec![names::VELOCITY[2], names::ATTITUDE[0], names::ATTITUDE[1]];
+    columns.extend(duties.iter().map(String::as_str));
+    let mut steps = Vec::new();
+    let mut sinking: Option<(f64, f64)> = None;
+    let mut begin_s = from_s;
+    let mut over = false;
+    let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, STEP_RATE_HZ, |first, block| {
+        for row in 0..block[0].len() {
+            let time_s = start_s + (first + row) as f64 / STEP_RATE_HZ;
+            if over || time_s < from_s || time_s > to_s {
+                continue;
+            }
+            if block.iter().any(|values| values[row].is_nan()) {
+                // Values that begin later than the part are no gap in it.
+                over = !steps.is_empty();
+                continue;
+            }
+            let mut duty = [0.0; MAX_ROTORS];
+            for (rotor, slot) in duty.iter_mut().enumerate().take(rotor_count) {
+                *slot = block[3 + rotor][row] as f32;
+            }
+            let down = block[0][row];
+            sinking = Some(sinking.map_or((down, down), |(begin, _)| (begin, down)));
+            if steps.is_empty() {
+                begin_s = time_s;
+            }
+            steps.push(Step {
+                duty,
+                upright: block[1][row].cos() * block[2][row].cos(),
+            });
+        }
+        Ok(())
+    });
+    match given {
+        Ok(()) => {}
+    }
+    match sinking {
+        Some((begin, end)) if steps.len() as f64 >= SHORTEST_S * STEP_RATE_HZ => {
+            Ok((begin_s - start_s, steps, end - begin))
+        }
+        _ => Err(why()),
+    }
+}
