@@ -1,6 +1,7 @@
 //! `rotortwin fly`: one flight, in this process or in three.
 
 use crate::destination::{self, ResultFolder};
+use crate::foxglove::{self, Viewers};
 use crate::ground_station::GroundStation;
 use crate::output;
 use clap::{Parser, ValueEnum};
@@ -122,6 +123,10 @@ pub struct Args {
     /// the speed of the flight: see --pace
     #[arg(long, value_name = "udp:IP:PORT")]
     pub mavlink: Option<crate::ground_station::Address>,
+    /// Show the flight live in Foxglove and Lichtblick, which connect there [default address: 127.0.0.1:8765]. At the speed of the flight:
+    /// see --pace
+    #[arg(long, value_name = "IP:PORT", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS, value_parser = foxglove::parse_address)]
+    pub foxglove: Option<std::net::SocketAddr>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub json: bool,
@@ -140,7 +145,7 @@ impl Args {
     /// Samples a second that the plant is to tell.
     fn live_hz(&self) -> Option<f64> {
         let shown = self.mavlink.map(|_| crate::ground_station::RATE_HZ);
-        self.live.or(shown)
+        self.live.or(self.foxglove.map(|_| foxglove::RATE_HZ)).or(shown)
     }
 
     /// The plant's process cannot read the scenario's file: it says less than what is flown.
@@ -294,6 +299,11 @@ pub fn run(args: &Args) -> ExitCode {
         Some(Ok(opened)) => Some(opened),
         None => None,
     };
+    let run_id = new_run_id();
+    let viewers = match args.foxglove.map(|at| foxglove::open(at, &scenario, run_id)).transpose() {
+        Ok(viewers) => viewers,
+        Err(sentence) => return output::bad_input(sentence),
+    };
     let (address, folder) =
         match settle(args).and_then(|address| Ok((address, run_folder(args, scenario.name(), seed)?))) {
             Ok(settled) => settled,
@@ -311,7 +321,8 @@ pub fn run(args: &Args) -> ExitCode {
     };
     let screen = Screen::new(args.json, args.events)
         .with_samples(args.live.is_some())
-        .with_station(station);
+        .with_station(station)
+        .with_viewers(viewers);
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
         seed,
@@ -328,7 +339,7 @@ pub fn run(args: &Args) -> ExitCode {
             None => link_name(args.link).to_owned(),
         },
         pace: args.pace.into(),
-        run_id: new_run_id(),
+        run_id,
         live_hz: args.live_hz(),
     };
     let (mut board, mut placed) = (None, None);
@@ -937,6 +948,7 @@ pub struct Screen {
     /// Among these the samples.
     samples: bool,
     station: RefCell<Option<GroundStation>>,
+    viewers: RefCell<Option<Box<dyn Viewers>>>,
 }
 
 impl Screen {
@@ -959,6 +971,7 @@ impl Screen {
             events,
             samples: true,
             station: RefCell::default(),
+            viewers: RefCell::default(),
         }
     }
 
@@ -974,8 +987,22 @@ impl Screen {
         }
     }
 
-    /// Passes an event on to the ground station.
+    /// Says where viewers find the flight, whoever reads the rest.
+    fn with_viewers(self, viewers: Option<Box<dyn Viewers>>) -> Self {
+        if let Some(viewers) = &viewers {
+            eprintln!("Foxglove     {}", viewers.url());
+        }
+        Self {
+            viewers: RefCell::new(viewers),
+            ..self
+        }
+    }
+
+    /// Passes an event on to viewers and to the ground station.
     fn show_afar(&self, event: &RunEvent) {
+        if let (Some(viewers), RunEvent::Sample(sample)) = (self.viewers.borrow_mut().as_mut(), event) {
+            viewers.sample(sample);
+        }
         let mut station = self.station.borrow_mut();
         let Some(station) = station.as_mut() else { return };
         match event {

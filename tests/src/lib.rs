@@ -24,6 +24,7 @@
 
 pub mod cable;
 pub mod certificates;
+pub mod foxglove;
 pub mod hosts;
 pub mod postgres;
 pub mod process;

@@ -36,6 +36,7 @@ mod tasks;
 mod telemetry;
 mod twin;
 mod verifications;
+mod viewers;
 
 pub(crate) use collection::collection;
 pub(crate) use documents::documents;
@@ -131,6 +132,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(telemetry::compare))
         .routes(routes!(exports::export))
         .routes(routes!(live::live))
+        .routes(routes!(viewers::view))
         .routes(routes!(campaigns::submit))
         .merge(campaigns::campaigns::routes())
         .routes(routes!(blind_benches::submit))
