@@ -300,7 +300,11 @@ pub fn run(args: &Args) -> ExitCode {
         None => None,
     };
     let run_id = new_run_id();
-    let viewers = match args.foxglove.map(|at| foxglove::open(at, &scenario, run_id)).transpose() {
+    let viewers = match args
+        .foxglove
+        .map(|at| foxglove::open(at, &scenario, run_id))
+        .transpose()
+    {
         Ok(viewers) => viewers,
         Err(sentence) => return output::bad_input(sentence),
     };

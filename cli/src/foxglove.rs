@@ -32,15 +32,17 @@ pub fn provide(open: Open) {
 
 /// Opens what was provided.
 pub(crate) fn open(at: SocketAddr, scenario: &Scenario, run_id: u64) -> Result<Box<dyn Viewers>, String> {
-    let open = OPEN.get().ok_or_else(|| {
-        format!("--foxglove {at}: this program knows no WebSockets; expected rotortwin-network")
-    })?;
+    let open = OPEN
+        .get()
+        .ok_or_else(|| format!("--foxglove {at}: this program knows no WebSockets; expected rotortwin-network"))?;
     open(at, scenario, run_id)
 }
 
 /// Reads an address, and says what it expected otherwise.
 pub(crate) fn parse_address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| {
-        format!("'{text}': expected IP:PORT, such as {DEFAULT_ADDRESS}, or nothing; the scenario stands before --foxglove")
+        format!(
+            "'{text}': expected IP:PORT, such as {DEFAULT_ADDRESS}, or nothing; the scenario stands before --foxglove"
+        )
     })
 }

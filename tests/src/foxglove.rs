@@ -109,7 +109,11 @@ impl Viewer {
             (2, bytes) => match bytes[0] {
                 1 => {
                     let id = u32::from_le_bytes(bytes[1..5].try_into().expect("4 bytes"));
-                    Heard::Message(self.subscribed[&id].clone(), number(&bytes[5..13]), bytes[13..].to_vec())
+                    Heard::Message(
+                        self.subscribed[&id].clone(),
+                        number(&bytes[5..13]),
+                        bytes[13..].to_vec(),
+                    )
                 }
                 2 => Heard::Time(number(&bytes[1..])),
                 other => panic!("no message of kind {other}"),
@@ -124,7 +128,12 @@ fn base64(text: &str) -> Vec<u8> {
     const LETTERS: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let letters = text.bytes().filter(|letter| *letter != b'=');
     let values: Vec<u32> = letters
-        .map(|letter| LETTERS.iter().position(|known| *known == letter).expect("a letter of base64") as u32)
+        .map(|letter| {
+            LETTERS
+                .iter()
+                .position(|known| *known == letter)
+                .expect("a letter of base64") as u32
+        })
         .collect();
     values
         .chunks(4)

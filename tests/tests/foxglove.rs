@@ -70,7 +70,12 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
     let ended = run.end(std::time::Duration::from_secs(60)).expect_code(0);
     assert!(last_ns > 3_900_000_000, "up to the end: {last_ns}");
     assert_eq!(status.len(), 1, "{status:?}");
-    assert!(status[0]["message"].as_str().is_some_and(|text| text.contains("setParameters")), "{status:?}");
+    assert!(
+        status[0]["message"]
+            .as_str()
+            .is_some_and(|text| text.contains("setParameters")),
+        "{status:?}"
+    );
 
     let bytes = std::fs::read(ended.out().join("run.mcap")).expect("it was written");
     let mut recorded = Messages::new();
@@ -78,19 +83,28 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
         let message = message.expect("it can be read");
         let schema = message.channel.schema.as_ref().expect("a schema");
         let channel = &viewer.channels[&message.channel.topic];
-        assert_eq!((&channel.schema_name, &channel.schema[..]), (&schema.name, &schema.data[..]));
+        assert_eq!(
+            (&channel.schema_name, &channel.schema[..]),
+            (&schema.name, &schema.data[..])
+        );
         let key = (message.channel.topic.clone(), message.log_time);
         recorded.entry(key).or_default().push(message.data.to_vec());
     }
     // Poses and scenes come at their own rate: at the times that both have.
     let mut same: BTreeMap<&str, usize> = BTreeMap::new();
-    for ((topic, time_ns), bytes) in live.iter().filter(|((topic, _), _)| topic != "/trail" && topic != "/log") {
+    for ((topic, time_ns), bytes) in live
+        .iter()
+        .filter(|((topic, _), _)| topic != "/trail" && topic != "/log")
+    {
         match recorded.get(&(topic.clone(), *time_ns)) {
             Some(known) => {
                 assert_eq!(bytes, known, "{topic} at {time_ns} ns");
                 *same.entry(topic).or_default() += 1;
             }
-            None => assert!(["/tf", "/pose", "/reference_pose", "/scene"].contains(&topic.as_str()), "{topic}"),
+            None => assert!(
+                ["/tf", "/pose", "/reference_pose", "/scene"].contains(&topic.as_str()),
+                "{topic}"
+            ),
         }
     }
     for topic in ["/nav", "/reference", "/command", "/truth", "/battery", "/fdi"] {
@@ -100,19 +114,32 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
         assert!(same[topic] > 20, "{topic}: {same:?}");
     }
     // What it is: a vehicle at 5 m with six rotors, of which one is told to be faulty.
-    let last = |topic: &str| live.range((topic.to_owned(), 0)..=(topic.to_owned(), u64::MAX)).next_back().expect("one").1;
+    let last = |topic: &str| {
+        live.range((topic.to_owned(), 0)..=(topic.to_owned(), u64::MAX))
+            .next_back()
+            .expect("one")
+            .1
+    };
     let pose = PoseInFrame::decode(&last("/pose")[0][..]).expect("a pose");
     let height = pose.pose.expect("a pose").position.expect("a place").z;
     assert!((4.0..6.0).contains(&height), "{height}");
     let transform = FrameTransform::decode(&last("/tf")[0][..]).expect("a transform");
-    assert_eq!((&*transform.parent_frame_id, &*transform.child_frame_id), ("world", "vehicle"));
+    assert_eq!(
+        (&*transform.parent_frame_id, &*transform.child_frame_id),
+        ("world", "vehicle")
+    );
     let scene = SceneUpdate::decode(&last("/scene")[0][..]).expect("a scene");
-    assert_eq!((scene.entities[0].cylinders.len(), scene.entities[0].arrows.len()), (6, 6));
+    assert_eq!(
+        (scene.entities[0].cylinders.len(), scene.entities[0].arrows.len()),
+        (6, 6)
+    );
     let trail = SceneUpdate::decode(&last("/trail")[0][..]).expect("a scene");
     assert!(trail.entities[0].lines[0].points.len() > 20);
 
     // Nobody who looked on has changed the flight.
-    let alone = Call::fly(&scratch, Link::Iceoryx2, &flight, "alone").run().expect_code(0);
+    let alone = Call::fly(&scratch, Link::Iceoryx2, &flight, "alone")
+        .run()
+        .expect_code(0);
     assert_eq!(alone.run_hash(), ended.run_hash());
 }
 
@@ -128,9 +155,13 @@ fn scenario_strangers_and_the_gone_do_not_end_the_flight() {
     drop(gone);
     let mut rude = TcpStream::connect(&address).expect("it listens");
     rude.write_all(b"\x00\xff not HTTP\r\n\r\n").expect("it takes it");
-    let _silent: Vec<TcpStream> = (0..40).map(|_| TcpStream::connect(&address).expect("it listens")).collect();
+    let _silent: Vec<TcpStream> = (0..40)
+        .map(|_| TcpStream::connect(&address).expect("it listens"))
+        .collect();
     let ended = run.end(std::time::Duration::from_secs(60)).expect_code(0);
-    let alone = Call::fly(&scratch, Link::InProcess, &flight, "alone").run().expect_code(0);
+    let alone = Call::fly(&scratch, Link::InProcess, &flight, "alone")
+        .run()
+        .expect_code(0);
     assert_eq!(alone.run_hash(), ended.run_hash());
 }
 
@@ -140,13 +171,19 @@ fn val_an_address_that_cannot_be_had_is_told_before_anything_is_written() {
     let flight = scenario(&scratch, 3.0);
     let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = taken.local_addr().expect("it is bound").to_string();
-    let refused = Call::fly(&scratch, Link::InProcess, &flight, "run").with(["--foxglove", &address]).run().expect_code(2);
+    let refused = Call::fly(&scratch, Link::InProcess, &flight, "run")
+        .with(["--foxglove", &address])
+        .run()
+        .expect_code(2);
     let said = refused.stderr.join("\n");
     assert!(said.contains(&address) && said.contains("in use"), "{said}");
     assert!(!refused.out().exists());
     let refused = Call::new(&scratch, ["fly", "--foxglove", "hover"]).run().expect_code(2);
     let said = refused.stderr.join("\n");
-    assert!(said.contains("'hover': expected IP:PORT") && said.contains("before --foxglove"), "{said}");
+    assert!(
+        said.contains("'hover': expected IP:PORT") && said.contains("before --foxglove"),
+        "{said}"
+    );
     let elsewhere = ["--server", "http://127.0.0.1:1", "fly", "hover", "--foxglove"];
     let said = Call::new(&scratch, elsewhere).run().expect_code(2).stderr.join("\n");
     assert!(said.contains("--foxglove belongs to flights on this machine"), "{said}");
@@ -175,13 +212,22 @@ fn scenario_a_run_of_a_server_is_shown() {
             Heard::End => break,
         }
     }
-    assert!(scenes > 10 && last_ns > 3_000_000_000, "{scenes} scenes, the last at {last_ns} ns");
+    assert!(
+        scenes > 10 && last_ns > 3_000_000_000,
+        "{scenes} scenes, the last at {last_ns} ns"
+    );
 
     // No WebSocket, no such run, no such protocol.
     assert_eq!(server.ask("GET", &path, &[], "").status, 400);
     assert_eq!(server.ask("GET", "/api/v1/runs/none/foxglove", &[], "").status, 404);
     let stream = server.connect();
-    let refusal = rotortwin_tests::websocket::WebSocket::open_on(stream, server.address(), &path, &[]).expect_err("no protocol");
+    let refusal =
+        rotortwin_tests::websocket::WebSocket::open_on(stream, server.address(), &path, &[]).expect_err("no protocol");
     assert_eq!(refusal.0, 400);
-    assert!(refusal.1["detail"].as_str().is_some_and(|text| text.contains("foxglove.sdk.v1")), "{refusal:?}");
+    assert!(
+        refusal.1["detail"]
+            .as_str()
+            .is_some_and(|text| text.contains("foxglove.sdk.v1")),
+        "{refusal:?}"
+    );
 }

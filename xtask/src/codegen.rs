@@ -43,7 +43,10 @@ fn package(include: &Path, sources: &[PathBuf], descriptors_file: &str) -> Resul
     let mut files = BTreeMap::new();
     for entry in std::fs::read_dir(&out)? {
         let entry = entry?;
-        files.insert(entry.file_name().to_string_lossy().into_owned(), std::fs::read(entry.path())?);
+        files.insert(
+            entry.file_name().to_string_lossy().into_owned(),
+            std::fs::read(entry.path())?,
+        );
     }
     std::fs::remove_dir_all(&out)?;
     // Descriptors without source positions: comments would make the file three times as large.

@@ -116,15 +116,25 @@ impl Viewer {
             Said::Subscribe { subscriptions } => {
                 let wanted = subscriptions.iter().map(|wish| {
                     let topic = Topic::ALL.get(wish.channel_id).copied();
-                    let topic = topic.ok_or_else(|| format!("there is no channel {}; expected one of those advertised", wish.channel_id))?;
+                    let topic = topic.ok_or_else(|| {
+                        format!(
+                            "there is no channel {}; expected one of those advertised",
+                            wish.channel_id
+                        )
+                    })?;
                     Ok((wish.id, topic))
                 });
                 let wanted = wanted.collect::<Result<Vec<_>, String>>()?;
                 if self.wanted.len() + wanted.len() > MOST_SUBSCRIPTIONS {
                     return Err(format!("expected at most {MOST_SUBSCRIPTIONS} subscriptions"));
                 }
-                if let Some((id, _)) = wanted.iter().find(|(id, _)| self.wanted.iter().any(|(known, _)| known == id)) {
-                    return Err(format!("subscription {id} is there already; expected a number of its own"));
+                if let Some((id, _)) = wanted
+                    .iter()
+                    .find(|(id, _)| self.wanted.iter().any(|(known, _)| known == id))
+                {
+                    return Err(format!(
+                        "subscription {id} is there already; expected a number of its own"
+                    ));
                 }
                 let topics = wanted.iter().map(|(_, topic)| *topic).collect();
                 self.wanted.extend(wanted);
@@ -142,7 +152,10 @@ impl Viewer {
         const TIME: u8 = 2;
         let mut time = vec![TIME];
         time.extend(row.time_ns.to_le_bytes());
-        let messages = row.messages.iter().flat_map(|(topic, message)| self.of(*topic, row.time_ns, message));
+        let messages = row
+            .messages
+            .iter()
+            .flat_map(|(topic, message)| self.of(*topic, row.time_ns, message));
         std::iter::once(time).chain(messages).collect()
     }
 
@@ -181,7 +194,10 @@ mod tests {
         let frame = vec![1, 2, 1, 0, 0, 8, 7, 6, 5, 4, 3, 2, 1, 0xaa, 0xbb];
         assert_eq!(viewer.frames(&row), [time.clone(), frame]);
         assert!(viewer.hear(&wish).unwrap_err().contains("258"), "the same number twice");
-        assert_eq!(viewer.hear(r#"{"op":"unsubscribe","subscriptionIds":[258]}"#), Ok(vec![]));
+        assert_eq!(
+            viewer.hear(r#"{"op":"unsubscribe","subscriptionIds":[258]}"#),
+            Ok(vec![])
+        );
         assert_eq!(viewer.frames(&row), [time]);
     }
 

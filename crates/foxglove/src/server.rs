@@ -108,14 +108,16 @@ impl Server {
         inside.log.extend(lines.map(|(_, line)| (row.time_ns, line.clone())));
         let surplus = inside.log.len().saturating_sub(KEPT_LINES);
         inside.log.drain(..surplus);
-        inside.viewers.retain(|viewer| match viewer.rows.try_send(Arc::clone(&row)) {
-            Ok(()) => true,
-            Err(TrySendError::Full(_)) => {
-                viewer.lost.fetch_add(1, Ordering::Relaxed);
-                true
-            }
-            Err(TrySendError::Disconnected(_)) => false,
-        });
+        inside
+            .viewers
+            .retain(|viewer| match viewer.rows.try_send(Arc::clone(&row)) {
+                Ok(()) => true,
+                Err(TrySendError::Full(_)) => {
+                    viewer.lost.fetch_add(1, Ordering::Relaxed);
+                    true
+                }
+                Err(TrySendError::Disconnected(_)) => false,
+            });
     }
 }
 
@@ -174,7 +176,10 @@ fn welcome(stream: TcpStream, from: SocketAddr, shared: &Arc<Shared>) {
         }
         gone.store(false, Ordering::Relaxed);
     };
-    if let Err(error) = std::thread::Builder::new().name("foxglove viewer".to_owned()).spawn(serve) {
+    if let Err(error) = std::thread::Builder::new()
+        .name("foxglove viewer".to_owned())
+        .spawn(serve)
+    {
         tracing::warn!(%error, "a viewer was turned away");
         alive.store(false, Ordering::Relaxed);
     }
@@ -200,7 +205,10 @@ fn serve(
     let mut socket = tungstenite::accept_hdr_with_config(stream, choose_protocol, Some(config))
         .map_err(|error| format!("the hand-shake failed: {error}"))?;
     socket.get_ref().set_read_timeout(Some(GLANCE)).map_err(words)?;
-    say(&mut socket, Message::text(protocol::server_info(&shared.name, &shared.session)))?;
+    say(
+        &mut socket,
+        Message::text(protocol::server_info(&shared.name, &shared.session)),
+    )?;
     say(&mut socket, Message::text(protocol::advertise()))?;
     let mut viewer = Viewer::default();
     let mut looked = Instant::now();
@@ -210,7 +218,9 @@ fn serve(
                 let lines = row.messages.iter().filter(|(topic, _)| *topic == Topic::Log);
                 log.extend(lines.map(|(_, line)| (row.time_ns, line.clone())));
                 for frame in viewer.frames(&row) {
-                    socket.write(Message::binary(frame)).map_err(|error| error.to_string())?;
+                    socket
+                        .write(Message::binary(frame))
+                        .map_err(|error| error.to_string())?;
                 }
                 socket.flush().map_err(|error| error.to_string())?;
                 false
@@ -220,7 +230,12 @@ fn serve(
         };
         let count = lost.swap(0, Ordering::Relaxed);
         if count > 0 {
-            say(&mut socket, Message::text(protocol::status(&format!("{count} rows are lost: this viewer is too slow"))))?;
+            say(
+                &mut socket,
+                Message::text(protocol::status(&format!(
+                    "{count} rows are lost: this viewer is too slow"
+                ))),
+            )?;
         }
         if over {
             // The viewer hears a close, or has closed itself.
@@ -239,14 +254,21 @@ fn serve(
 fn choose_protocol(request: &Request, mut response: Response) -> Result<Response, ErrorResponse> {
     const HEADER: &str = "sec-websocket-protocol";
     let offered = request.headers().get_all(HEADER).iter();
-    let offered: Vec<&str> = offered.filter_map(|value| value.to_str().ok()).flat_map(|value| value.split(',')).map(str::trim).collect();
+    let offered: Vec<&str> = offered
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(','))
+        .map(str::trim)
+        .collect();
     match SUBPROTOCOLS.into_iter().find(|known| offered.contains(known)) {
         Some(known) => {
             response.headers_mut().insert(HEADER, HeaderValue::from_static(known));
             Ok(response)
         }
         None => {
-            let mut refusal = ErrorResponse::new(Some(format!("expected a viewer that offers the protocol {}\n", SUBPROTOCOLS.join(" or "))));
+            let mut refusal = ErrorResponse::new(Some(format!(
+                "expected a viewer that offers the protocol {}\n",
+                SUBPROTOCOLS.join(" or ")
+            )));
             *refusal.status_mut() = StatusCode::BAD_REQUEST;
             Err(refusal)
         }
@@ -264,11 +286,18 @@ fn listen_to(socket: &mut WebSocket<TcpStream>, viewer: &mut Viewer, log: &[(u64
             Ok(Message::Text(text)) => text,
             Ok(Message::Close(_)) => return Err("it said so".to_owned()),
             Ok(Message::Binary(_)) => {
-                say(socket, Message::text(protocol::status("messages of a viewer are not taken here")))?;
+                say(
+                    socket,
+                    Message::text(protocol::status("messages of a viewer are not taken here")),
+                )?;
                 continue;
             }
             Ok(_) => continue,
-            Err(tungstenite::Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => return Ok(()),
+            Err(tungstenite::Error::Io(error))
+                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
+            {
+                return Ok(());
+            }
             Err(error) => return Err(error.to_string()),
         };
         match viewer.hear(&text) {

@@ -36,7 +36,9 @@ fn connect(address: SocketAddr) -> WebSocket<TcpStream> {
     let stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let mut request = format!("ws://{address}/").into_client_request().unwrap();
-    request.headers_mut().insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().unwrap());
+    request
+        .headers_mut()
+        .insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().unwrap());
     let (mut socket, answer) = tungstenite::client(request, stream).unwrap();
     assert_eq!(answer.headers()["sec-websocket-protocol"], "foxglove.sdk.v1");
     let wishes: Vec<String> = (0..12).map(|id| format!(r#"{{"id":{id},"channelId":{id}}}"#)).collect();
@@ -81,7 +83,11 @@ fn scenario_a_viewer_that_reads_nothing_loses_rows_and_holds_nobody_up() {
     assert!(longest < Duration::from_secs(1), "one row took {longest:?}");
     let end = Instant::now();
     drop(server);
-    assert!(end.elapsed() < Duration::from_secs(2), "the end took {:?}", end.elapsed());
+    assert!(
+        end.elapsed() < Duration::from_secs(2),
+        "the end took {:?}",
+        end.elapsed()
+    );
     eprintln!("6000 rows in {:?}, the longest {longest:?}", start.elapsed());
     let (binary, said) = reader.join().unwrap();
     eprintln!("who reads got {binary} messages, and was told {said:?}");
@@ -89,7 +95,10 @@ fn scenario_a_viewer_that_reads_nothing_loses_rows_and_holds_nobody_up() {
     while let Ok(message) = stuck.read() {
         rows += usize::from(message.is_binary());
     }
-    assert!(rows < binary * 9 / 10, "who does not read has lost some: {rows} of {binary}");
+    assert!(
+        rows < binary * 9 / 10,
+        "who does not read has lost some: {rows} of {binary}"
+    );
 }
 
 #[test]
@@ -113,7 +122,10 @@ fn scenario_who_was_slow_is_told_what_it_lost() {
             break text;
         }
     };
-    assert!(told.contains("rows are lost") && told.contains(r#""op":"status""#), "{told}");
+    assert!(
+        told.contains("rows are lost") && told.contains(r#""op":"status""#),
+        "{told}"
+    );
 }
 
 #[test]
@@ -123,6 +135,8 @@ fn val_too_many_viewers_are_turned_away() {
     let stream = TcpStream::connect(server.address()).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let mut request = format!("ws://{}/", server.address()).into_client_request().unwrap();
-    request.headers_mut().insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().unwrap());
+    request
+        .headers_mut()
+        .insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().unwrap());
     tungstenite::client(request, stream).unwrap_err();
 }

@@ -63,9 +63,10 @@ impl<W: Write + Seek> McapSink<W> {
         for row in 0..chunk.len {
             let sequence = (chunk.first_row + row as u64) as u32;
             let (writer, channels) = (&mut self.writer, &self.channels);
-            let time_ns = self.streams.row(|place| chunk.columns[place][row], |topic, time_ns, message| {
-                write(writer, channels, topic, (time_ns, sequence), message)
-            });
+            let time_ns = self.streams.row(
+                |place| chunk.columns[place][row],
+                |topic, time_ns, message| write(writer, channels, topic, (time_ns, sequence), message),
+            );
             self.last_time_ns = time_ns.map_err(|source| StoreError::Mcap {
                 path: self.path.clone(),
                 source,
@@ -80,9 +81,11 @@ impl<W: Write + Seek> McapSink<W> {
         let wrap = |source| StoreError::Mcap { path, source };
         if let Some(sentence) = self.failure.take() {
             let (writer, channels) = (&mut self.writer, &self.channels);
-            let said = self.streams.end(self.last_time_ns, &sentence, |topic, time_ns, message| {
-                write(writer, channels, topic, (time_ns, 0), message)
-            });
+            let said = self
+                .streams
+                .end(self.last_time_ns, &sentence, |topic, time_ns, message| {
+                    write(writer, channels, topic, (time_ns, 0), message)
+                });
             if let Err(error) = said {
                 return Err(wrap(error));
             }
@@ -110,9 +113,7 @@ fn write<W: Write + Seek>(
     writer.write_to_known_channel(&header, message)
 }
 
-fn add_channels<W: Write + Seek>(
-    writer: &mut Writer<W>,
-) -> std::result::Result<[u16; Topic::ALL.len()], McapError> {
+fn add_channels<W: Write + Seek>(writer: &mut Writer<W>) -> std::result::Result<[u16; Topic::ALL.len()], McapError> {
     let none = BTreeMap::new();
     let mut channels = [0; Topic::ALL.len()];
     for topic in Topic::ALL {

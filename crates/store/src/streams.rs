@@ -20,8 +20,8 @@ use crate::telemetry::Column;
 use prost::Message;
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_proto::foxglove::{
-    self, ArrowPrimitive, Color, CylinderPrimitive, FrameTransform, LinePrimitive, Log, Point3, Pose, PoseInFrame, Quaternion,
-    SceneEntity, SceneUpdate, SpherePrimitive, TextPrimitive, Vector3,
+    self, ArrowPrimitive, Color, CylinderPrimitive, FrameTransform, LinePrimitive, Log, Point3, Pose, PoseInFrame,
+    Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, TextPrimitive, Vector3,
 };
 use rotortwin_proto::google::protobuf::{Duration, Timestamp};
 use rotortwin_proto::{
@@ -353,7 +353,10 @@ impl Streams {
         let flown = flu_in_nwu(triple(truth), triple(truth + 6));
         let asked = flu_in_nwu(triple(reference), [0.0, 0.0, at(reference + 6)]);
         if self.pose.is_due(time_ns) {
-            for (child, topic, pose) in [("vehicle", Topic::Pose, flown), ("reference", Topic::ReferencePose, asked)] {
+            for (child, topic, pose) in [
+                ("vehicle", Topic::Pose, flown),
+                ("reference", Topic::ReferencePose, asked),
+            ] {
                 let Some(pose) = pose else { continue };
                 self.say(&transform(child, time_ns, pose), Topic::Transform, time_ns, &mut write)?;
                 let message = PoseInFrame {
@@ -485,7 +488,10 @@ fn stamp(time_ns: u64) -> Option<Timestamp> {
 
 /// The pose in north-west-up of a forward-left-up body, from a position in NED and ZYX Euler angles of an FRD body; none if it is not finite.
 fn flu_in_nwu([north, east, down]: [f64; 3], [roll, pitch, yaw]: [f64; 3]) -> Option<Pose> {
-    if ![north, east, down, roll, pitch, yaw].iter().all(|value| value.is_finite()) {
+    if ![north, east, down, roll, pitch, yaw]
+        .iter()
+        .all(|value| value.is_finite())
+    {
         return None;
     }
     let ((sr, cr), (sp, cp), (sy, cy)) = ((roll / 2.0).sin_cos(), (pitch / 2.0).sin_cos(), (yaw / 2.0).sin_cos());
@@ -548,7 +554,11 @@ const fn pose(x: f64, y: f64, z: f64, orientation: Quaternion) -> Option<Pose> {
 /// the sequential detector suspects it), the verdict in words.
 fn scene(header: &SpoolHeader, time_ns: u64, rotors: &[DrawnRotor], sequential: i32, probability: f64) -> SceneUpdate {
     // FRD → FLU.
-    let places: Vec<[f64; 3]> = header.rotor_positions_body_m.iter().map(|[x, y, z]| [*x, -y, -z]).collect();
+    let places: Vec<[f64; 3]> = header
+        .rotor_positions_body_m
+        .iter()
+        .map(|[x, y, z]| [*x, -y, -z])
+        .collect();
     let arm = places.iter().map(|[x, y, _]| x.hypot(*y)).fold(0.0, f64::max);
     let nearest = places.iter().enumerate().flat_map(|(i, [x, y, _])| {
         let others = places[..i].iter();

@@ -27,7 +27,9 @@ fn header(rotor_count: usize) -> SpoolHeader {
         step_ns: synthetic::STEP_NS,
         conditions: BTreeMap::from([(1, "blade b".into()), (2, "blade c".into()), (3, "blade d".into())]),
         sensor_faults: vec!["GNSS dropout".into()],
-        rotor_positions_body_m: (0..rotor_count).map(|i| [0.25 * (i as f64).cos(), 0.25 * (i as f64).sin(), -0.05]).collect(),
+        rotor_positions_body_m: (0..rotor_count)
+            .map(|i| [0.25 * (i as f64).cos(), 0.25 * (i as f64).sin(), -0.05])
+            .collect(),
         hover_thrust_n: 2.5,
     }
 }
@@ -371,7 +373,9 @@ fn val_scene_shows_rotors_thrust_and_fault_where_they_are() {
     let outputs = fly(folder.path(), synthetic::ROTORS, std::iter::once(row), facts());
     let bytes = std::fs::read(outputs.mcap.unwrap()).unwrap();
     let find = |topic: &str| {
-        let mut messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap());
+        let mut messages = mcap::MessageStream::new(&bytes)
+            .unwrap()
+            .map(|message| message.unwrap());
         decoded(&messages.find(|message| message.channel.topic == topic).unwrap())
     };
     let scene = find("/scene");
@@ -390,7 +394,10 @@ fn val_scene_shows_rotors_thrust_and_fault_where_they_are() {
             2.0 * (x * y + w * z),
             2.0 * (x * z - w * y),
         ];
-        assert!(close(along[0], 0.0) && close(along[1], 0.0) && close(along[2], 1.0), "up: {along:?}");
+        assert!(
+            close(along[0], 0.0) && close(along[1], 0.0) && close(along[2], 1.0),
+            "up: {along:?}"
+        );
         let length = at(format!("arrows.{rotor}.shaft_length")) + at(format!("arrows.{rotor}.head_length"));
         let expected = 0.25 * row.truth.thrust_n[rotor] / made.hover_thrust_n;
         assert!(close(length, expected), "an arm at hover: {length} {expected}");
@@ -590,13 +597,19 @@ fn val_layout_names_topics_and_fields_that_there_are() {
             assert!(kind.is_none(), "{name}: {path} is no number");
             fields += 1;
         }
-        let listed = panel["topics"].as_object().into_iter().flat_map(|topics| topics.keys().map(String::as_str));
+        let listed = panel["topics"]
+            .as_object()
+            .into_iter()
+            .flat_map(|topics| topics.keys().map(String::as_str));
         for topic in listed.chain(panel["topicToRender"].as_str()) {
             assert!(topics.contains_key(topic), "{name}: {topic}");
             shown.insert(topic);
         }
     }
-    assert!(fields > 10 && shown.contains("/scene") && shown.contains("/log"), "{fields} {shown:?}");
+    assert!(
+        fields > 10 && shown.contains("/scene") && shown.contains("/log"),
+        "{fields} {shown:?}"
+    );
     // Each place of the picture has a panel.
     let mut places = vec![&layout["layout"]];
     while let Some(place) = places.pop() {

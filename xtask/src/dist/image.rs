@@ -31,8 +31,15 @@ pub(super) fn image(program: &Path, tree: &Path, stage: &Path, out: &Path) -> Re
     let layer = stage.join("layer.tar");
     command::run("layer of the image", packed(&root, &layer).arg("."))?;
     let diff_id = sha256(&layer)?;
-    command::run("compress it", Command::new("gzip").args(["--no-name", "--force"]).arg(&layer))?;
-    let layer = Blob::take(&stage.join("layer.tar.gz"), &blobs, "application/vnd.oci.image.layer.v1.tar+gzip")?;
+    command::run(
+        "compress it",
+        Command::new("gzip").args(["--no-name", "--force"]).arg(&layer),
+    )?;
+    let layer = Blob::take(
+        &stage.join("layer.tar.gz"),
+        &blobs,
+        "application/vnd.oci.image.layer.v1.tar+gzip",
+    )?;
 
     let architecture = match std::env::consts::ARCH {
         "x86_64" => "amd64",
@@ -62,7 +69,8 @@ pub(super) fn image(program: &Path, tree: &Path, stage: &Path, out: &Path) -> Re
     let mut entry = manifest.descriptor();
     entry["platform"] = json!({ "architecture": architecture, "os": "linux" });
     entry["annotations"] = json!({ "org.opencontainers.image.ref.name": name });
-    let index = json!({ "schemaVersion": 2, "mediaType": "application/vnd.oci.image.index.v1+json", "manifests": [entry] });
+    let index =
+        json!({ "schemaVersion": 2, "mediaType": "application/vnd.oci.image.index.v1+json", "manifests": [entry] });
     let for_docker = json!([{ "Config": config.path(), "RepoTags": [name], "Layers": [layer.path()] }]);
     for (file, content) in [
         ("oci-layout", json!({ "imageLayoutVersion": "1.0.0" })),
@@ -73,7 +81,10 @@ pub(super) fn image(program: &Path, tree: &Path, stage: &Path, out: &Path) -> Re
     }
     let file = out.join(format!("rotortwin-{VERSION}-{}.oci.tar", std::env::consts::ARCH));
     let mut tar = packed(&layout, &file);
-    command::run("container image", tar.args(["oci-layout", "index.json", "manifest.json", "blobs"]))
+    command::run(
+        "container image",
+        tar.args(["oci-layout", "index.json", "manifest.json", "blobs"]),
+    )
 }
 
 /// The files of the layer.
@@ -85,7 +96,10 @@ fn fill(program: &Path, tree: &Path, root: &Path) -> Result<()> {
     let about = Path::new("usr/share/doc/rotortwin");
     command::run(
         "papers of the image",
-        Command::new("cp").arg("-r").arg(tree.join(about)).arg(root.join("usr/share/doc")),
+        Command::new("cp")
+            .arg("-r")
+            .arg(tree.join(about))
+            .arg(root.join("usr/share/doc")),
     )?;
     fs::write(
         root.join("etc/passwd"),
@@ -118,12 +132,18 @@ fn fill(program: &Path, tree: &Path, root: &Path) -> Result<()> {
 /// A tar of a folder that depends on what is in it alone. Folders that a process writes to belong to its user.
 fn packed(folder: &Path, file: &Path) -> Command {
     let mut tar = Command::new("tar");
-    tar.args(["--create", "--sort=name", "--mtime=@0", "--numeric-owner", "--format=ustar"])
-        .args(["--owner=10001", "--group=10001", "--mode=u+rwX,go+rX,go-w"])
-        .arg("--file")
-        .arg(file)
-        .arg("--directory")
-        .arg(folder);
+    tar.args([
+        "--create",
+        "--sort=name",
+        "--mtime=@0",
+        "--numeric-owner",
+        "--format=ustar",
+    ])
+    .args(["--owner=10001", "--group=10001", "--mode=u+rwX,go+rX,go-w"])
+    .arg("--file")
+    .arg(file)
+    .arg("--directory")
+    .arg(folder);
     tar
 }
 

@@ -121,7 +121,10 @@ fn installed(root: &Path, program: &Path, tree: &Path) -> Result<PathBuf> {
     for name in ["README.md", "CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT"] {
         fs::copy(root.join(name), about.join(name))?;
     }
-    fs::copy(root.join("deploy/foxglove/rotortwin.json"), about.join("foxglove-layout.json"))?;
+    fs::copy(
+        root.join("deploy/foxglove/rotortwin.json"),
+        about.join("foxglove-layout.json"),
+    )?;
     fs::write(
         about.join("copyright"),
         "rotortwin: MIT or Apache-2.0, see LICENSE-MIT and LICENSE-APACHE beside this file.\n",

@@ -16,7 +16,14 @@ const PROGRAMS: [&str; 2] = ["rotortwin-network", "rotortwin-native"];
 /// Writes the list.
 pub(super) fn write(root: &Path, out: &Path) -> Result<()> {
     let target = output_of(std::process::Command::new("rustc").args(["--print", "host-tuple"]))?;
-    let said = output_of(cargo(root).args(["metadata", "--format-version", "1", "--locked", "--filter-platform", target.trim()]))?;
+    let said = output_of(cargo(root).args([
+        "metadata",
+        "--format-version",
+        "1",
+        "--locked",
+        "--filter-platform",
+        target.trim(),
+    ]))?;
     let metadata: Value = serde_json::from_str(&said).context("what cargo metadata says")?;
     let lock = std::fs::read_to_string(root.join("Cargo.lock"))?;
     let list = list(&metadata, &checksums(&lock))?;
@@ -48,9 +55,11 @@ fn list(metadata: &Value, checksums: &BTreeMap<(String, String), String>) -> Res
         .into_iter()
         .map(|node| {
             let normal = entries(&node["deps"]).into_iter().filter(|used| {
-                let is_macro = packages
-                    .get(&text(&used["pkg"]))
-                    .is_some_and(|package| entries(&package["targets"]).iter().any(|target| entries(&target["kind"]).contains(&json!("proc-macro"))));
+                let is_macro = packages.get(&text(&used["pkg"])).is_some_and(|package| {
+                    entries(&package["targets"])
+                        .iter()
+                        .any(|target| entries(&target["kind"]).contains(&json!("proc-macro")))
+                });
                 !is_macro && entries(&used["dep_kinds"]).iter().any(|kind| kind["kind"].is_null())
             });
             (text(&node["id"]), normal.map(|used| text(&used["pkg"])).collect())
@@ -72,7 +81,11 @@ fn list(metadata: &Value, checksums: &BTreeMap<(String, String), String>) -> Res
     }
     let reference = |id: &str| {
         let package = packages.get(id).with_context(|| format!("{id} is unknown"))?;
-        Ok::<_, anyhow::Error>(format!("pkg:cargo/{}@{}", text(&package["name"]), text(&package["version"])))
+        Ok::<_, anyhow::Error>(format!(
+            "pkg:cargo/{}@{}",
+            text(&package["name"]),
+            text(&package["version"])
+        ))
     };
     let (mut components, mut dependencies) = (Vec::new(), Vec::new());
     for id in &found {
@@ -106,11 +119,16 @@ mod tests {
 
     #[test]
     fn val_what_is_linked_is_listed_and_nothing_else() {
-        let package = |name: &str, kind: &str| {
-            json!({ "id": name, "name": name, "version": "1.2.3", "license": "MIT/Apache-2.0", "targets": [{ "kind": [kind] }] })
-        };
+        let package = |name: &str, kind: &str| json!({ "id": name, "name": name, "version": "1.2.3", "license": "MIT/Apache-2.0", "targets": [{ "kind": [kind] }] });
         let normal = |name: &str| json!({ "pkg": name, "dep_kinds": [{ "kind": null }] });
-        let names = ["rotortwin-network", "rotortwin-native", "used", "used-by-used", "built-with", "of-tests"];
+        let names = [
+            "rotortwin-network",
+            "rotortwin-native",
+            "used",
+            "used-by-used",
+            "built-with",
+            "of-tests",
+        ];
         let mut packages: Vec<Value> = names.iter().map(|name| package(name, "lib")).collect();
         packages.push(package("macro", "proc-macro"));
         let deps = json!([
@@ -123,10 +141,16 @@ mod tests {
         let lock = "[[package]]\nname = \"used\"\nversion = \"1.2.3\"\nchecksum = \"abc\"\n";
         let list = list(&metadata, &checksums(lock)).expect("it is whole");
         let components = list["components"].as_array().expect("a list");
-        let named: Vec<&str> = components.iter().filter_map(|component| component["name"].as_str()).collect();
+        let named: Vec<&str> = components
+            .iter()
+            .filter_map(|component| component["name"].as_str())
+            .collect();
         assert_eq!(named, ["rotortwin-native", "rotortwin-network", "used", "used-by-used"]);
         assert_eq!(components[2]["hashes"][0]["content"], "abc");
         assert_eq!(components[2]["licenses"][0]["expression"], "MIT OR Apache-2.0");
-        assert_eq!(list["dependencies"][2]["dependsOn"], json!(["pkg:cargo/used-by-used@1.2.3"]));
+        assert_eq!(
+            list["dependencies"][2]["dependsOn"],
+            json!(["pkg:cargo/used-by-used@1.2.3"])
+        );
     }
 }

@@ -45,7 +45,9 @@ pub(crate) async fn view(
     let run = super::runs::find(&app, &caller, id).await?;
     let scenario = Documents::from_toml("the recorded scenario", &super::runs::flight_of(&run)?.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
-        .map_err(|error| Problem::unprocessable(format!("this version cannot show what another one accepted: {error}")))?;
+        .map_err(|error| {
+            Problem::unprocessable(format!("this version cannot show what another one accepted: {error}"))
+        })?;
     let upgrade = upgrade.map_err(|rejection| {
         let mut problem = Problem::bad_request(format!("{}; expected a WebSocket", rejection.body_text()));
         problem.status = rejection.status().as_u16();
