@@ -1,5 +1,6 @@
 //! `rotortwin fly`: one flight, in this process or in three.
 
+use crate::foxglove::{self, Viewers};
 use crate::ground_station::GroundStation;
 use crate::output;
 use clap::{Parser, ValueEnum};
@@ -107,6 +108,10 @@ pub struct Args {
     /// the speed of the flight: see --pace
     #[arg(long, value_name = "udp:IP:PORT")]
     pub mavlink: Option<crate::ground_station::Address>,
+    /// Show the flight live in Foxglove and Lichtblick, which connect there [default address: 127.0.0.1:8765]. At the speed of the flight:
+    /// see --pace
+    #[arg(long, value_name = "IP:PORT", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS, value_parser = foxglove::parse_address)]
+    pub foxglove: Option<std::net::SocketAddr>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub json: bool,
@@ -125,7 +130,7 @@ impl Args {
     /// Samples a second that the plant is to tell.
     fn live_hz(&self) -> Option<f64> {
         let shown = self.mavlink.map(|_| crate::ground_station::RATE_HZ);
-        self.live.or(shown)
+        self.live.or(self.foxglove.map(|_| foxglove::RATE_HZ)).or(shown)
     }
 
     /// The plant's process cannot read the scenario's file: it says less than what is flown.
@@ -250,6 +255,14 @@ pub fn run(args: &Args) -> ExitCode {
         return output::bad_input(error);
     }
     // Before anything is written.
+    let viewers = match args
+        .foxglove
+        .map(|at| foxglove::open(at, &scenario, flight::new_run_id()))
+        .transpose()
+    {
+        Ok(viewers) => viewers,
+        Err(sentence) => return output::bad_input(sentence),
+    };
     let settled = args
         .controller
         .as_ref()
@@ -277,7 +290,8 @@ pub fn run(args: &Args) -> ExitCode {
     };
     let screen = Screen::new(args.json, args.events)
         .with_samples(args.live.is_some())
-        .with_station(station);
+        .with_station(station)
+        .with_viewers(viewers);
     let order = Order {
         scenario: &scenario,
         path: &args.scenario,
@@ -530,6 +544,7 @@ pub struct Screen {
     /// Among these the samples.
     samples: bool,
     station: RefCell<Option<GroundStation>>,
+    viewers: RefCell<Option<Box<dyn Viewers>>>,
 }
 
 impl Screen {
@@ -552,6 +567,7 @@ impl Screen {
             events,
             samples: true,
             station: RefCell::default(),
+            viewers: RefCell::default(),
         }
     }
 
@@ -567,8 +583,22 @@ impl Screen {
         }
     }
 
-    /// Passes an event on to the ground station.
+    /// Says where viewers find the flight, whoever reads the rest.
+    fn with_viewers(self, viewers: Option<Box<dyn Viewers>>) -> Self {
+        if let Some(viewers) = &viewers {
+            eprintln!("Foxglove     {}", viewers.url());
+        }
+        Self {
+            viewers: RefCell::new(viewers),
+            ..self
+        }
+    }
+
+    /// Passes an event on to viewers and to the ground station.
     fn show_afar(&self, event: &RunEvent) {
+        if let (Some(viewers), RunEvent::Sample(sample)) = (self.viewers.borrow_mut().as_mut(), event) {
+            viewers.sample(sample);
+        }
         let mut station = self.station.borrow_mut();
         let Some(station) = station.as_mut() else { return };
         match event {

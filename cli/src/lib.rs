@@ -43,6 +43,7 @@ mod fdi_models;
 pub mod fdi_service;
 mod fit;
 pub mod fly;
+pub mod foxglove;
 mod ground_station;
 pub mod improve;
 mod job;
@@ -222,7 +223,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
     if cli.server.server.is_some() {
         return network::perform(perform, &cli.server, &cli.command);
     }
-    if perform.is_none() && network::is_over_zenoh(&cli.command) {
+    if perform.is_none() && network::is_over_network(&cli.command) {
         return network::hand_over();
     }
     match cli.command {

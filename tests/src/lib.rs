@@ -26,6 +26,7 @@
 pub mod cable;
 pub mod certificates;
 pub mod disk;
+pub mod foxglove;
 pub mod hosts;
 pub mod postgres;
 pub mod process;

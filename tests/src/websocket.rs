@@ -25,16 +25,27 @@ impl WebSocket {
     /// # Panics
     /// No HTTP answer comes.
     pub fn open_from(server: &Server, path: &str, headers: &[(&str, &str)]) -> Result<Self, (u16, Value)> {
-        let mut stream = server.connect();
+        Self::open_on(server.connect(), server.address(), path, headers)
+    }
+
+    /// [`open_from`](Self::open_from) of any server, at the other end of a connection.
+    ///
+    /// # Panics
+    /// No HTTP answer comes.
+    pub fn open_on(
+        mut stream: TcpStream,
+        host: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+    ) -> Result<Self, (u16, Value)> {
         stream.set_nodelay(true).expect("an option");
         let more: String = headers
             .iter()
             .map(|(name, value)| format!("{name}: {value}\r\n"))
             .collect();
         let request = format!(
-            "GET {path} HTTP/1.1\r\nhost: {}\r\n{more}connection: upgrade\r\nupgrade: websocket\r\n\
-             sec-websocket-version: 13\r\nsec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n",
-            server.address()
+            "GET {path} HTTP/1.1\r\nhost: {host}\r\n{more}connection: upgrade\r\nupgrade: websocket\r\n\
+             sec-websocket-version: 13\r\nsec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
         );
         stream.write_all(request.as_bytes()).expect("it takes the request");
         let mut head = Vec::new();
@@ -58,11 +69,11 @@ impl WebSocket {
         Err((status, serde_json::from_slice(&body).unwrap_or_default()))
     }
 
-    /// The next frame: its kind, and what it holds.
+    /// The next frame: its kind (1 text, 2 binary, 8 close), and what it holds.
     ///
     /// # Panics
     /// The connection breaks, or nothing comes in time.
-    fn frame(&mut self) -> (u8, Vec<u8>) {
+    pub fn frame(&mut self) -> (u8, Vec<u8>) {
         let mut head = [0; 2];
         self.stream.read_exact(&mut head).expect("a frame");
         let length = match head[1] & 0x7f {

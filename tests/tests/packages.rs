@@ -196,3 +196,158 @@ fn scenario_the_debian_package_works_in_an_empty_root() {
         assert!(root.join(page).is_file(), "{page}");
     }
 }
+
+/// The container image, unpacked by its own description: every blob is what its name says, and its command works as its user.
+#[test]
+fn scenario_the_container_image_works_without_a_daemon() {
+    let Some(folder) = packages() else { return };
+    if !rustix::process::geteuid().is_root() || Command::new("unshare").arg("--version").output().is_err() {
+        skip("the container image: expected root and unshare");
+        return;
+    }
+    let scratch = Scratch::new();
+    let (layout, root) = (scratch.path("layout"), scratch.path("root"));
+    let unpack = |file: &Path, to: &Path| {
+        std::fs::create_dir_all(to).expect("a folder");
+        let tar = Command::new("tar")
+            .args(["--extract", "--file"])
+            .arg(file)
+            .arg("--directory")
+            .arg(to)
+            .output();
+        let tar = tar.expect("tar starts");
+        assert!(tar.status.success(), "{}", words(&tar));
+    };
+    unpack(&package(folder, ".oci.tar"), &layout);
+    let read = |path: PathBuf| rotortwin_tests::program::read_json(&path);
+    let blob = |descriptor: &serde_json::Value| {
+        let digest = descriptor["digest"]
+            .as_str()
+            .expect("a digest")
+            .strip_prefix("sha256:")
+            .expect("of SHA-256");
+        let path = layout.join("blobs/sha256").join(digest);
+        let size = std::fs::metadata(&path).expect("it is there").len();
+        assert_eq!(descriptor["size"], size, "{}", path.display());
+        let sum = Command::new("sha256sum").arg(&path).output().expect("sha256sum starts");
+        assert!(words(&sum).starts_with(digest), "{}", path.display());
+        path
+    };
+    assert_eq!(read(layout.join("oci-layout"))["imageLayoutVersion"], "1.0.0");
+    let manifest = read(blob(&read(layout.join("index.json"))["manifests"][0]));
+    let config = read(blob(&manifest["config"]));
+    let layers = manifest["layers"].as_array().expect("layers");
+    assert_eq!(
+        layers.len(),
+        config["rootfs"]["diff_ids"].as_array().expect("digests").len()
+    );
+    for (layer, diff_id) in layers
+        .iter()
+        .zip(config["rootfs"]["diff_ids"].as_array().expect("digests"))
+    {
+        let path = blob(layer);
+        let plain = Command::new("sh")
+            .args(["-c", "gzip -dc \"$1\" | sha256sum", "sh"])
+            .arg(&path)
+            .output();
+        let plain = words(&plain.expect("sh starts"));
+        assert!(
+            diff_id
+                .as_str()
+                .is_some_and(|id| id.trim_start_matches("sha256:") == plain[..64]),
+            "{plain}"
+        );
+        unpack(&path, &root);
+    }
+    // For `docker load` of any version: the same blobs.
+    let docker = read(layout.join("manifest.json"));
+    assert_eq!(
+        docker[0]["Layers"][0],
+        format!(
+            "blobs/{}",
+            layers[0]["digest"].as_str().expect("a digest").replace(':', "/")
+        )
+    );
+
+    let settings = &config["config"];
+    let line = |key: &str| -> Vec<String> {
+        let words = settings[key].as_array().expect("words").iter();
+        words.map(|word| word.as_str().expect("a word").to_owned()).collect()
+    };
+    assert_eq!(line("Cmd"), ["serve", "--data", "/data"]);
+    let script = r#"
+        mkdir -p "$1"/proc "$1"/dev
+        exec unshare --mount --pid --fork sh -ec '
+            root=$1; user=$2; entry=$3; shift 3
+            mount --rbind /dev "$root"/dev; mount -t proc proc "$root"/proc
+            rotortwin() { env -i HOME=/data PATH="$PATH" chroot --userspec="$user" "$root" "$entry" "$@"; }
+            cd "$root"
+            rotortwin fly short-hover --out /data/run
+            rotortwin "$@" > "$root"/tmp/said &
+            for _ in $(seq 100); do url=$(sed -n "s/^Serving  *//p" "$root"/tmp/said); [ -z "$url" ] || break; sleep 0.1; done
+            rotortwin --server "$url" fly short-hover --out /data/run-2
+            kill %1; wait' sh "$@"
+    "#;
+    let output = Command::new("sh")
+        .args(["-c", script, "sh"])
+        .arg(&root)
+        .arg(settings["User"].as_str().expect("a user"))
+        .args(line("Entrypoint"))
+        .args(line("Cmd"))
+        .args(["--listen", "127.0.0.1:0"])
+        .output()
+        .expect("sh starts");
+    let said = words(&output);
+    assert_eq!(said.matches("Run hash").count(), 2, "{said}");
+}
+
+#[test]
+fn val_the_list_of_parts_names_what_is_in_the_packages() {
+    let Some(folder) = packages() else { return };
+    let list = rotortwin_tests::program::read_json(&package(folder, ".cdx.json"));
+    assert_eq!(
+        (&list["bomFormat"], &list["specVersion"]),
+        (&"CycloneDX".into(), &"1.5".into())
+    );
+    let components = list["components"].as_array().expect("a list");
+    let find = |name: &str| components.iter().find(|component| component["name"] == name);
+    for linked in [
+        "rotortwin-network",
+        "rotortwin-native",
+        "zenoh",
+        "parquet",
+        "tungstenite",
+        "pyo3",
+    ] {
+        assert!(find(linked).is_some(), "{linked}");
+    }
+    for not in [
+        "proptest",
+        "prost-build",
+        "serde_derive",
+        "rotortwin-tests",
+        "windows-sys",
+    ] {
+        assert!(find(not).is_none(), "{not}");
+    }
+    let zenoh = find("zenoh").expect("it is linked");
+    assert_eq!(
+        zenoh["hashes"][0]["content"].as_str().map(str::len),
+        Some(64),
+        "{zenoh}"
+    );
+    assert!(
+        zenoh["licenses"][0]["expression"]
+            .as_str()
+            .is_some_and(|licence| licence.contains("Apache-2.0")),
+        "{zenoh}"
+    );
+    // SHA256SUMS has all files, this one too.
+    let sums = std::fs::read_to_string(folder.join("SHA256SUMS")).expect("it was written");
+    let files = std::fs::read_dir(folder).expect("it is there").count() - 1;
+    assert_eq!(
+        (sums.lines().count(), sums.contains(".cdx.json")),
+        (files, true),
+        "{sums}"
+    );
+}

@@ -3,10 +3,13 @@
 use anyhow::{Context, Result, bail};
 use prost::Message as _;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Where the generated files stand, relative to the root.
 const TARGET: &str = "proto/src";
+
+/// Messages of Foxglove that are written, and what they are made of: proto/foxglove.
+const FOXGLOVE: [&str; 4] = ["FrameTransform", "PoseInFrame", "SceneUpdate", "Log"];
 
 /// File name → content of everything that is generated.
 fn generate(root: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
@@ -19,25 +22,39 @@ fn generate(root: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
         .filter(|path| path.extension().is_some_and(|extension| extension == "proto"))
         .collect();
     sources.sort();
-    let descriptors = protox::compile(&sources, [&include]).context("compiling proto/rotortwin/v1")?;
+    let foxglove = FOXGLOVE.map(|name| include.join(format!("foxglove/{name}.proto")));
+    let mut files = package(&include, &sources, "descriptor.bin").context("proto/rotortwin/v1")?;
+    files.extend(package(&include, &foxglove, "foxglove.bin").context("proto/foxglove")?);
+    Ok(files)
+}
+
+/// The Rust code of each package among the sources, and their descriptors in one file.
+fn package(include: &Path, sources: &[PathBuf], descriptors_file: &str) -> Result<BTreeMap<String, Vec<u8>>> {
+    let mut descriptors = protox::compile(sources, [include]).context("compiling")?;
     let out = std::env::temp_dir().join(format!("rotortwin-codegen-{}", std::process::id()));
     std::fs::create_dir_all(&out)?;
     prost_build::Config::new()
         .out_dir(&out)
         .btree_map(["."])
+        // Two messages of Google's are no reason for a library.
+        .compile_well_known_types()
         .compile_fds(descriptors.clone())
         .context("generating Rust code")?;
-    let code = std::fs::read(out.join("rotortwin.v1.rs"))?;
+    let mut files = BTreeMap::new();
+    for entry in std::fs::read_dir(&out)? {
+        let entry = entry?;
+        files.insert(
+            entry.file_name().to_string_lossy().into_owned(),
+            std::fs::read(entry.path())?,
+        );
+    }
     std::fs::remove_dir_all(&out)?;
     // Descriptors without source positions: comments would make the file three times as large.
-    let mut descriptors = descriptors;
     for file in &mut descriptors.file {
         file.source_code_info = None;
     }
-    Ok(BTreeMap::from([
-        ("rotortwin.v1.rs".to_owned(), code),
-        ("descriptor.bin".to_owned(), descriptors.encode_to_vec()),
-    ]))
+    files.insert(descriptors_file.to_owned(), descriptors.encode_to_vec());
+    Ok(files)
 }
 
 /// Writes the generated files.

@@ -36,7 +36,8 @@ const USAGE: &str = "usage: cargo xtask TASK
                     (--check: unit tests, and whether web/dist is up to date)
   firmware [--keep] build the programs of the boards, print and check their sizes, search their steps for panics
                     (--keep: remember the sizes in firmware/sizes.txt)
-  dist              what people install who do not build, in target/packages: archive, Debian package, Python wheel
+  dist              what people install who do not build, in target/packages: archive, Debian package, Python wheel,
+                    container image, list of parts
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
   detector WHAT [SCENARIO] [key=value …]
                     the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)

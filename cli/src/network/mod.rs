@@ -30,10 +30,10 @@ pub(crate) fn perform(perform: Option<Perform>, server: &remote::ServerArgs, com
     }
 }
 
-/// True for what is done here, but over zenoh, of which this program may know nothing.
-pub(crate) fn is_over_zenoh(command: &Command) -> bool {
+/// True for what is done here, but over zenoh or a WebSocket, of which this program may know nothing.
+pub(crate) fn is_over_network(command: &Command) -> bool {
     match command {
-        Command::Fly(args) => args.link == fly::LinkKind::Zenoh,
+        Command::Fly(args) => args.link == fly::LinkKind::Zenoh || args.foxglove.is_some(),
         Command::Conform(args) => args.is_over_zenoh(),
         Command::Job(args) => args.is_over_zenoh(),
         Command::Sim(args) => args.link.transport() == "zenoh",
@@ -54,7 +54,7 @@ pub(crate) fn hand_over() -> ExitCode {
         .exec();
     if error.kind() == std::io::ErrorKind::NotFound {
         return output::bad_input(format!(
-            "servers and zenoh are in a program of their own, {PROGRAM}, which is neither beside this one nor on the search path; expected \
+            "servers, zenoh and viewers are in a program of their own, {PROGRAM}, which is neither beside this one nor on the search path; expected \
              ./run, which builds it, or `cargo build --release --package rotortwin --package {PROGRAM}`"
         ));
     }

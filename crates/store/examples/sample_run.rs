@@ -28,6 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         step_ns: synthetic::STEP_NS,
         conditions: BTreeMap::from([(1, "blade b".into()), (2, "blade c".into()), (3, "blade d".into())]),
         sensor_faults: Vec::new(),
+        ..SpoolHeader::default()
     };
     let mut spool = SpoolWriter::create(&folder.spool_path(), &header)?;
     let mut took = Duration::ZERO;

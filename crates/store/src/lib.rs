@@ -9,6 +9,8 @@
 //!                        └─▶ summary.json        facts, verdict table        (analysis, summary)
 //! ```
 //!
+//! [`streams`] makes the messages of `run.mcap`, which a flight can show live as well.
+//!
 //! [`query`] answers questions about `telemetry.parquet`: channels, an interval, as many rows as a picture needs.
 //!
 //! [`RunFolder`] makes the folder, [`SpoolWriter`] takes the rows, [`finalise`] writes the rest. The crate knows no link, no
@@ -27,6 +29,7 @@ pub mod query;
 mod report;
 pub mod run_folder;
 pub mod spool;
+pub mod streams;
 pub mod summary;
 pub mod telemetry;
 mod ulog;

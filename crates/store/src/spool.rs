@@ -47,6 +47,12 @@ pub struct SpoolHeader {
     /// What the bits of `sensor_faults` mean, from bit 0.
     #[serde(default)]
     pub sensor_faults: Vec<String>,
+    /// Hubs of the rotors against the centre of mass, FRD, m: the vehicle as it is drawn. Empty: unknown.
+    #[serde(default)]
+    pub rotor_positions_body_m: Vec<[f64; 3]>,
+    /// Thrust of a rotor at hover, N: arrows have their length from it. 0: unknown.
+    #[serde(default)]
+    pub hover_thrust_n: f64,
 }
 
 /// The header as it stands in the file.

@@ -6,6 +6,7 @@ use parquet::record::Field;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_store::files::{MCAP_FILE, REPORT_FILE, SUMMARY_FILE, TELEMETRY_FILE};
+use rotortwin_store::streams::Topic;
 use rotortwin_store::summary::{Failure, Status};
 use rotortwin_store::{
     Kind, Outputs, RunFolder, SpoolHeader, SpoolWriter, Summary, TelemetryRow, finalise, load_summary,
@@ -26,6 +27,10 @@ fn header(rotor_count: usize) -> SpoolHeader {
         step_ns: synthetic::STEP_NS,
         conditions: BTreeMap::from([(1, "blade b".into()), (2, "blade c".into()), (3, "blade d".into())]),
         sensor_faults: vec!["GNSS dropout".into()],
+        rotor_positions_body_m: (0..rotor_count)
+            .map(|i| [0.25 * (i as f64).cos(), 0.25 * (i as f64).sin(), -0.05])
+            .collect(),
+        hover_thrust_n: 2.5,
     }
 }
 
@@ -127,6 +132,7 @@ fn value_at(message: &DynamicMessage, path: &str) -> f64 {
         .into_owned();
     let number = |value: &Value| match value {
         Value::F32(value) => f64::from(*value),
+        Value::F64(value) => *value,
         Value::I32(value) => f64::from(*value),
         Value::U32(value) => f64::from(*value),
         Value::Bool(value) => f64::from(u8::from(*value)),
@@ -134,9 +140,30 @@ fn value_at(message: &DynamicMessage, path: &str) -> f64 {
     };
     match &value {
         Value::Message(inner) => value_at(inner, rest),
-        Value::List(list) => number(&list[rest.parse::<usize>().unwrap()]),
+        Value::List(list) => {
+            let (place, rest) = rest.split_once('.').unwrap_or((rest, ""));
+            match &list[place.parse::<usize>().unwrap()] {
+                Value::Message(inner) => value_at(inner, rest),
+                value => number(value),
+            }
+        }
         value => number(value),
     }
+}
+
+/// A message by the descriptor that the file has with it.
+fn decoded(message: &mcap::Message<'_>) -> DynamicMessage {
+    let schema = message.channel.schema.as_ref().unwrap();
+    assert_eq!(
+        (schema.encoding.as_str(), message.channel.message_encoding.as_str()),
+        ("protobuf", "protobuf"),
+        "one encoding for all"
+    );
+    let pool = DescriptorPool::decode(&schema.data[..]).unwrap();
+    let kind = pool
+        .get_message_by_name(&schema.name)
+        .unwrap_or_else(|| panic!("no message {}", schema.name));
+    DynamicMessage::decode(kind, &message.data[..]).unwrap()
 }
 
 #[test]
@@ -166,16 +193,8 @@ fn val_mcap_messages_are_those_of_the_proto_files() {
     for message in mcap::MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();
         assert_eq!(message.log_time, 0);
-        let schema = message.channel.schema.as_ref().unwrap();
-        if schema.encoding != "protobuf" {
-            continue;
-        }
-        let pool = DescriptorPool::decode(&schema.data[..]).unwrap();
-        let kind = pool
-            .get_message_by_name(&schema.name)
-            .unwrap_or_else(|| panic!("no message {}", schema.name));
-        let decoded = DynamicMessage::decode(kind, &message.data[..]).unwrap();
-        assert_eq!(decoded.unknown_fields().count(), 0, "{}", schema.name);
+        let decoded = decoded(&message);
+        assert_eq!(decoded.unknown_fields().count(), 0, "{}", message.channel.topic);
         messages.insert(message.channel.topic.clone(), decoded);
     }
     let f = f64::from;
@@ -270,19 +289,23 @@ fn val_mcap_has_every_step_and_logs_the_faults() {
     for (id, channel) in channels {
         let expected = match channel.topic.as_str() {
             "/tf" => 2 * 40,
+            "/pose" | "/reference_pose" => 40,
+            "/scene" => 20,
+            "/trail" => 2,
             "/log" => 4,
             _ => 400,
         };
         assert_eq!(counts[id], expected, "{}", channel.topic);
     }
-    assert_eq!(file.channels.len(), 8);
+    assert_eq!(file.channels.len(), 12);
     let log: Vec<(u64, String)> = mcap::MessageStream::new(&bytes)
         .unwrap()
         .map(|message| message.unwrap())
         .filter(|message| message.channel.topic == "/log")
         .map(|message| {
-            let line: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
-            (message.log_time, line["message"].as_str().unwrap().to_owned())
+            let line = decoded(&message);
+            let text = line.get_field_by_name("message").unwrap();
+            (message.log_time, text.as_str().unwrap().to_owned())
         })
         .collect();
     assert_eq!(
@@ -310,8 +333,8 @@ fn val_transform_keeps_the_direction_of_the_nose() {
         .map(|message| message.unwrap())
         .find(|message| message.channel.topic == "/tf")
         .unwrap();
-    let transform: serde_json::Value = serde_json::from_slice(&transform.data).unwrap();
-    let number = |object: &str, name: &str| transform[object][name].as_f64().unwrap();
+    let transform = decoded(&transform);
+    let number = |object: &str, name: &str| value_at(&transform, &format!("{object}.{name}"));
     let [w, x, y, z] = ["w", "x", "y", "z"].map(|name| number("rotation", name));
     // First and second column of the rotation matrix: nose (forward) and left wing.
     let nose = [
@@ -336,6 +359,59 @@ fn val_transform_keeps_the_direction_of_the_nose() {
         ["x", "y", "z"].map(|name| number("translation", name)),
         [1.0, -2.0, -3.0]
     );
+}
+
+/// Against the meaning of Foxglove's primitives: a cylinder stands where its pose is, an arrow points along its pose's x axis.
+#[test]
+fn val_scene_shows_rotors_thrust_and_fault_where_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut row = synthetic::row(20_009);
+    (row.step, row.sim_time_ns) = (0, 0);
+    row.truth.thrust_n[2] = 1.25;
+    row.sequential = 3;
+    row.suspect_rotors = 0b100;
+    let outputs = fly(folder.path(), synthetic::ROTORS, std::iter::once(row), facts());
+    let bytes = std::fs::read(outputs.mcap.unwrap()).unwrap();
+    let find = |topic: &str| {
+        let mut messages = mcap::MessageStream::new(&bytes)
+            .unwrap()
+            .map(|message| message.unwrap());
+        decoded(&messages.find(|message| message.channel.topic == topic).unwrap())
+    };
+    let scene = find("/scene");
+    let at = |path: String| value_at(&scene, &format!("entities.0.{path}"));
+    const TOLERANCE: f64 = 1e-12;
+    let close = |value: f64, expected: f64| (value - expected).abs() < TOLERANCE;
+    let made = header(synthetic::ROTORS);
+    for (rotor, [forward, right, down]) in made.rotor_positions_body_m.iter().enumerate() {
+        for drawn in ["cylinders", "arrows"] {
+            let place = ["x", "y", "z"].map(|axis| at(format!("{drawn}.{rotor}.pose.position.{axis}")));
+            assert_eq!(place, [*forward, -right, -down], "{drawn} {rotor}: forward, left, up");
+        }
+        let [w, x, y, z] = ["w", "x", "y", "z"].map(|name| at(format!("arrows.{rotor}.pose.orientation.{name}")));
+        let along = [
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y + w * z),
+            2.0 * (x * z - w * y),
+        ];
+        assert!(
+            close(along[0], 0.0) && close(along[1], 0.0) && close(along[2], 1.0),
+            "up: {along:?}"
+        );
+        let length = at(format!("arrows.{rotor}.shaft_length")) + at(format!("arrows.{rotor}.head_length"));
+        let expected = 0.25 * row.truth.thrust_n[rotor] / made.hover_thrust_n;
+        assert!(close(length, expected), "an arm at hover: {length} {expected}");
+        let red = |drawn: &str| at(format!("{drawn}.{rotor}.color.r"));
+        assert_eq!(red("cylinders") > 0.8, rotor == 2, "the faulty one is red");
+        assert_eq!(red("arrows") > 0.8, rotor == 2, "the suspected one is orange");
+    }
+    let (pose, transform) = (find("/pose"), find("/tf"));
+    for axis in ["x", "y", "z"] {
+        assert_eq!(
+            value_at(&pose, &format!("pose.position.{axis}")),
+            value_at(&transform, &format!("translation.{axis}"))
+        );
+    }
 }
 
 /// The result inside of a report.
@@ -494,4 +570,52 @@ fn val_report_of_the_largest_vehicle_stays_small() {
     let outputs = fly(folder.path(), 16, rows, facts());
     let length = std::fs::metadata(outputs.report).unwrap().len() as usize;
     assert!(length < REPORT_LIMIT_BYTES, "{length} bytes");
+}
+
+/// What the shipped layout of Foxglove and Lichtblick draws is in the streams: topics, and fields of their messages.
+#[test]
+fn val_layout_names_topics_and_fields_that_there_are() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/foxglove/rotortwin.json");
+    let layout: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    let topics: BTreeMap<&str, Topic> = Topic::ALL.into_iter().map(|topic| (topic.name(), topic)).collect();
+    let panels = layout["configById"].as_object().unwrap();
+    let (mut fields, mut shown) = (0, BTreeSet::new());
+    for (name, panel) in panels {
+        for path in panel["paths"].as_array().into_iter().flatten() {
+            let path = path["value"].as_str().unwrap();
+            let (topic, rest) = path.split_once('.').unwrap();
+            let topic = topics.get(topic).unwrap_or_else(|| panic!("{name}: {path}"));
+            let (message, descriptors) = topic.schema();
+            let pool = DescriptorPool::decode(descriptors).unwrap();
+            let mut kind = pool.get_message_by_name(message);
+            for step in rest.split('.') {
+                let step = step.split('[').next().unwrap();
+                let field = kind.as_ref().and_then(|kind| kind.get_field_by_name(step));
+                let field = field.unwrap_or_else(|| panic!("{name}: {path}: no {step}"));
+                kind = field.kind().as_message().cloned();
+            }
+            assert!(kind.is_none(), "{name}: {path} is no number");
+            fields += 1;
+        }
+        let listed = panel["topics"]
+            .as_object()
+            .into_iter()
+            .flat_map(|topics| topics.keys().map(String::as_str));
+        for topic in listed.chain(panel["topicToRender"].as_str()) {
+            assert!(topics.contains_key(topic), "{name}: {topic}");
+            shown.insert(topic);
+        }
+    }
+    assert!(
+        fields > 10 && shown.contains("/scene") && shown.contains("/log"),
+        "{fields} {shown:?}"
+    );
+    // Each place of the picture has a panel.
+    let mut places = vec![&layout["layout"]];
+    while let Some(place) = places.pop() {
+        match place.as_str() {
+            Some(panel) => assert!(panels.contains_key(panel), "{panel}"),
+            None => places.extend([&place["first"], &place["second"]]),
+        }
+    }
 }

@@ -6,6 +6,7 @@
 extern crate rotortwin_cli;
 
 mod fdi_service;
+mod foxglove;
 mod health;
 mod remote;
 mod router;
@@ -19,6 +20,7 @@ use std::process::ExitCode;
 /// Does what the command line of this process asks for.
 pub fn run() -> ExitCode {
     rotortwin_zenoh::provide();
+    rotortwin_cli::foxglove::provide(foxglove::open);
     rotortwin_cli::run(Some(perform))
 }
 

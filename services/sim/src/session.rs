@@ -152,6 +152,25 @@ pub fn replay_autopilot(
     }
 }
 
+/// What is said of a run's rows before the first of them.
+pub fn telemetry_header(scenario: &Scenario) -> SpoolHeader {
+    header_of(scenario, &ConditionSchedule::new(scenario))
+}
+
+fn header_of(scenario: &Scenario, conditions: &ConditionSchedule) -> SpoolHeader {
+    let vehicle = scenario.vehicle();
+    let placements = vehicle.rotors.layout.placements();
+    let weight_n = vehicle.body.mass_kg * vehicle.body.gravity_m_s2;
+    SpoolHeader {
+        rotor_count: vehicle.rotor_count(),
+        step_ns: STEP_NS,
+        conditions: conditions.descriptions().clone(),
+        sensor_faults: conditions.sensor_fault_names().to_vec(),
+        rotor_positions_body_m: placements.iter().map(|rotor| rotor.position_body.into()).collect(),
+        hover_thrust_n: weight_n / placements.len() as f64,
+    }
+}
+
 /// Records what `flown` flies; it gives the outcome, over which link, and who flew.
 fn recorded(
     scenario: &Scenario,
@@ -165,12 +184,7 @@ fn recorded(
         .expect("the scenario was tried with this seed before");
     simulation.record_accelerometer(&scenario.document().sensors, config.seed);
     let conditions = ConditionSchedule::new(scenario);
-    let header = SpoolHeader {
-        rotor_count: simulation.rotor_count(),
-        step_ns: STEP_NS,
-        conditions: conditions.descriptions().clone(),
-        sensor_faults: conditions.sensor_fault_names().to_vec(),
-    };
+    let header = header_of(scenario, &conditions);
     let spool = SpoolWriter::create(&folder.spool_path(), &header)?;
     emit(RunEvent::Waiting);
     let setup = run_setup(scenario, &simulation, config.run_id);

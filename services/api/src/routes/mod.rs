@@ -37,6 +37,7 @@ mod telemetry;
 mod twin;
 mod uploads;
 mod verifications;
+mod viewers;
 
 pub(crate) use collection::collection;
 pub(crate) use documents::documents;
@@ -132,6 +133,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(telemetry::compare))
         .routes(routes!(exports::export))
         .routes(routes!(live::live))
+        .routes(routes!(viewers::view))
         .routes(routes!(campaigns::submit))
         .merge(campaigns::campaigns::routes())
         .routes(routes!(blind_benches::submit))

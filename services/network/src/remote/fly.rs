@@ -66,6 +66,8 @@ fn only_here(args: &Args) -> Option<&'static str> {
         (args.join_timeout.is_some(), "--join-timeout"),
         (args.cpu.is_some(), "--cpu"),
         (args.controller.is_some(), "--controller"),
+        (args.mavlink.is_some(), "--mavlink"),
+        (args.foxglove.is_some(), "--foxglove"),
     ];
     options.into_iter().find_map(|(given, name)| given.then_some(name))
 }

@@ -1,11 +1,18 @@
-//! `cargo xtask dist`: what people install who do not build: an archive, a Debian package, a Python wheel.
+//! `cargo xtask dist`: what people install who do not build: an archive, a Debian package, a Python wheel, a container image; and a list of
+//! what is in them.
 //!
 //! ```text
 //!  rotortwin-network ───────▶ stripped ─┬─▶ rotortwin-V-x86_64-linux.tar.gz   program, completions, manual pages
 //!  lib_native.so ────────────▶ stripped ─┤─▶ rotortwin_V_amd64.deb             the same where Debian puts them
-//!  clients/python ───────────▶ its wheel ┴─▶ rotortwin-V-cp310-abi3-….whl      the command, the native module and the client
+//!                                        │
+//!  the C library of this system ──────────┼─▶ rotortwin-V-x86_64.oci.tar         a container image: see [`image`]
+//!  clients/python ───────────▶ its wheel ─┴─▶ rotortwin-V-cp310-abi3-….whl      the command, the native module and the client
+//!  cargo metadata ────────────────────────────▶ rotortwin-V-x86_64.cdx.json        what it is made of (CycloneDX)
 //! ```
 //! The oldest glibc that they run on is that of the newest symbol which they use; it names the wheel and is what the package asks for.
+
+mod image;
+mod parts_list;
 
 use crate::command;
 use anyhow::{Context as _, Result, bail};
@@ -41,9 +48,21 @@ pub(crate) fn run(root: &Path) -> Result<()> {
     let tree = installed(root, &program, &stage.join("root"))?;
     archive(root, &tree, &out)?;
     debian(&tree, &out, glibc)?;
+    image::image(&program, &tree, &stage, &out)?;
+    parts_list::write(root, &out)?;
     wheel(root, &program, &module, &out, glibc)?;
     fs::remove_dir_all(&stage)?;
     sums(&out)
+}
+
+/// What a command prints; it has to succeed.
+fn output_of(command: &mut Command) -> Result<String> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    let said = command.output().with_context(|| format!("starting {name}"))?;
+    if !said.status.success() {
+        bail!("{name}: {}", String::from_utf8_lossy(&said.stderr));
+    }
+    String::from_utf8(said.stdout).with_context(|| format!("what {name} prints"))
 }
 
 fn stripped(from: &Path, to: &Path) -> Result<PathBuf> {
@@ -102,6 +121,10 @@ fn installed(root: &Path, program: &Path, tree: &Path) -> Result<PathBuf> {
     for name in ["README.md", "CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT"] {
         fs::copy(root.join(name), about.join(name))?;
     }
+    fs::copy(
+        root.join("deploy/foxglove/rotortwin.json"),
+        about.join("foxglove-layout.json"),
+    )?;
     fs::write(
         about.join("copyright"),
         "rotortwin: MIT or Apache-2.0, see LICENSE-MIT and LICENSE-APACHE beside this file.\n",
