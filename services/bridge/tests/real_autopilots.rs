@@ -255,23 +255,95 @@ fn environment(file: &Path) -> Vec<(String, String)> {
         .collect()
 }
 
+/// One flight with a PX4 of its own in `folder`.
+fn with_px4(program: &Path, folder: &Path, order: Order) -> (Running, (Listener, AutopilotOutcome)) {
+    let etc = program.with_file_name("../etc");
+    let args = ["-d", etc.to_str().unwrap()];
+    let mut running = None;
+    let flight = flown(order, |map, patience| {
+        let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
+        let environment = environment(&settings("px4-hexa-x.env"));
+        running = Some(start_with(program, &args, &environment, folder));
+        let at = pilot::default_address(Protocol::Px4).unwrap();
+        Piloted::new(link, Some(Pilot::new(Protocol::Px4, at, pilot::MEET).unwrap()))
+    });
+    (running.unwrap(), flight)
+}
+
 #[test]
 fn scenario_px4() {
     let Some(program) = program("ROTORTWIN_PX4") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
-    let etc = program.with_file_name("../etc");
-    let args = ["-d", etc.to_str().unwrap()];
-    let mut running = None;
-    hovers_and_the_damage_is_isolated(AutopilotKind::Px4, PX4_WITHIN_M, |map, patience| {
-        let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
-        let environment = environment(&settings("px4-hexa-x.env"));
-        running = Some(start_with(&program, &args, &environment, folder.path()));
-        let at = pilot::default_address(Protocol::Px4).unwrap();
-        Piloted::new(link, Some(Pilot::new(Protocol::Px4, at, pilot::MEET).unwrap()))
-    });
-    drop(running);
+    let (_running, flight) = with_px4(&program, folder.path(), third_rotor(AutopilotKind::Px4));
+    hovered_and_the_damage_was_isolated(PX4_WITHIN_M, flight);
+}
+
+/// Each rotor and three seeds: 18 flights, of which 17 have to be right.
+#[test]
+#[ignore = "eighteen flights, some minutes"]
+fn scenario_px4_each_rotor() {
+    let program = program("ROTORTWIN_PX4").expect("asked for by name, it needs the program");
+    let mut right = 0;
+    eprintln!("rotor seed  isolated after  alarm before  farthest, with the fault  landed  wall");
+    for (rotor, seed) in (1..=6).flat_map(|rotor| (1..=3).map(move |seed| (rotor, seed))) {
+        let folder = tempfile::tempdir().unwrap();
+        let order = Order {
+            rotor,
+            seed,
+            chatty: false,
+            ..third_rotor(AutopilotKind::Px4)
+        };
+        let (_running, (listener, outcome)) = with_px4(&program, folder.path(), order);
+        let delay_s = listener.isolated_s.map(|time_s| time_s - FAULT_S);
+        let seconds = |time_s: Option<f64>| time_s.map_or("none".to_owned(), |time_s| format!("{time_s:.2} s"));
+        eprintln!(
+            "{rotor:5} {seed:4}  {:>14}  {:>12}  {:.3} m, {:.3} m  {:>6}  {:.0} s",
+            seconds(delay_s),
+            seconds(listener.alarmed),
+            listener.farthest_before_fault_m,
+            listener.watch.farthest_m,
+            seconds(outcome.landing_s),
+            outcome.flight.wall.as_secs_f64()
+        );
+        let good = outcome.flight.end == FlightEnd::Done
+            && outcome.landing_s.is_some()
+            && listener.alarmed.is_none()
+            && listener.watch.verdict == rotor
+            && delay_s.is_some_and(|delay_s| delay_s <= 3.0)
+            && listener.farthest_before_fault_m < PX4_WITHIN_M;
+        right += u32::from(good);
+    }
+    assert!(right >= 17, "{right} of 18 flights were right");
+}
+
+/// Healthy for `ROTORTWIN_HEALTHY_S` (1800) s.
+#[test]
+#[ignore = "half an hour of simulated time"]
+fn scenario_px4_healthy() {
+    let program = program("ROTORTWIN_PX4").expect("asked for by name, it needs the program");
+    let duration_s = std::env::var("ROTORTWIN_HEALTHY_S").map_or(1800.0, |text| text.parse().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let order = Order {
+        duration_s,
+        rotor: 0,
+        chatty: false,
+        ..third_rotor(AutopilotKind::Px4)
+    };
+    let (_running, (listener, outcome)) = with_px4(&program, folder.path(), order);
+    eprintln!(
+        "{duration_s} s: farthest {:.3} m, alarm {:?}, landed {:?}, {:?} wall",
+        listener.farthest_before_fault_m, listener.alarmed, outcome.landing_s, outcome.flight.wall
+    );
+    assert_eq!(outcome.flight.end, FlightEnd::Done);
+    assert!(outcome.landing_s.is_some(), "it has not landed");
+    assert_eq!(listener.alarmed, None);
+    assert!(
+        listener.farthest_before_fault_m < PX4_WITHIN_M,
+        "{} m",
+        listener.farthest_before_fault_m
+    );
 }
 
 #[test]
