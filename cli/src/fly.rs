@@ -8,6 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_bridge::address::BoardAddress;
 use rotortwin_bridge::autopilot::address::{ADDRESSES, AutopilotAddress, Protocol};
 use rotortwin_flight::pace::Pace;
+use rotortwin_process::priority::{self, DEFAULT_PRIORITY, parse_priority};
 use rotortwin_process::{LinkAddress, Placement};
 use rotortwin_runner::autopilot::{PilotChoice, Waits, open_autopilot};
 use rotortwin_runner::destination::ResultFolder;
@@ -76,6 +77,10 @@ pub struct Args {
     /// Run every process on this CPU [default: a free one while the pace is fast and all processes are started here]
     #[arg(long, value_name = "CPU", value_parser = cpu_number())]
     pub cpu: Option<usize>,
+    /// Real-time priority (SCHED_FIFO) and locked memory for all processes of the flight, 1 to 99; with --pace real-time [default: none;
+    /// without a number: 40]
+    #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
+    pub priority: Option<u8>,
     /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file
     #[arg(long, value_name = "MODEL")]
     pub model: Option<String>,
@@ -298,6 +303,7 @@ pub fn run(args: &Args) -> ExitCode {
         whole_documents: args.whole_documents(),
         seed,
         pace: args.pace.into(),
+        priority: args.priority,
         live_hz: args.live_hz(),
         join_timeout_ms: args.join_timeout,
         step_timeout_ms: args.step_timeout,
@@ -385,6 +391,12 @@ fn settle(args: &Args, foreign: Option<Peers>) -> Result<Peers, Failure> {
     if let Some(cpu) = args.cpu {
         // The processes that this one starts inherit it.
         rotortwin_process::pin_to_cpu(cpu).map_err(Failure::Input)?;
+    }
+    if let Some(priority) = args.priority {
+        if args.pace != PaceArg::RealTime {
+            return Err(Failure::input(priority::NEEDS_PACE));
+        }
+        priority::probe(priority).map_err(Failure::input)?;
     }
     if let Some(foreign) = foreign {
         return Ok(foreign);

@@ -12,7 +12,7 @@ use rotortwin_jobs::{FlightHere, Meeting};
 use rotortwin_links::endpoint::PeerOptions;
 use rotortwin_links::host_name;
 use rotortwin_process::launch::{self, Part};
-use rotortwin_process::{AnyEndpoint, LinkAddress, Placement, Supervisor};
+use rotortwin_process::{AnyEndpoint, LinkAddress, Placement, Supervisor, priority};
 use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_sim::session::{self, DeadPlant, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
@@ -49,6 +49,8 @@ pub struct Order<'a> {
     pub seed: u64,
     /// How fast.
     pub pace: Pace,
+    /// Real-time priority of all processes of the flight (`rotortwin_process::priority`), with their memory locked.
+    pub priority: Option<u8>,
     /// Samples to tell, a second of simulated time.
     pub live_hz: Option<f64>,
     /// Longest wait for the peers to join, ms; unset: as long as their kind usually takes.
@@ -193,6 +195,7 @@ pub fn perform(job: &Flight, here: &FlightHere, folder: &Path, tell: Tell<'_>) -
             flight::Pace::Fast => Pace::Fast,
             flight::Pace::RealTime => Pace::RealTime,
         },
+        priority: None,
         live_hz: here.live_hz,
         // Ours are there at once, or never.
         join_timeout_ms: (!own).then_some(job.join_timeout_ms),
@@ -272,6 +275,7 @@ fn fly_with(order: Order<'_>, folder: &RunFolder, tell: Tell<'_>) -> Result<Flow
         link_name: link_name(&order.peers),
         pace: order.pace,
         run_id: new_run_id(),
+        priority: order.priority,
         live_hz: order.live_hz,
     };
     let flight = Running {
@@ -283,6 +287,11 @@ fn fly_with(order: Order<'_>, folder: &RunFolder, tell: Tell<'_>) -> Result<Flow
         folder,
         tell,
     };
+    if let Some(priority) = order.priority
+        && !matches!(order.peers, Peers::Processes(_))
+    {
+        priority::take(priority).map_err(|error| error.to_string())?;
+    }
     let alone = |summary: Summary| Flown {
         summary,
         board: None,
@@ -491,6 +500,10 @@ impl Running<'_> {
         common
             .option("--join-timeout", join_timeout.to_string())
             .option("--step-timeout", self.step_timeout_ms.to_string());
+        if let Some(priority) = self.config.priority {
+            // Its value is optional, and so stands in the same word.
+            common.plain(format!("--priority={priority}"));
+        }
         let mut sim = common.clone();
         sim.option("--link", processes.address.to_string())
             .option("--seed", self.config.seed.to_string());
@@ -530,14 +543,20 @@ impl Running<'_> {
     /// All that those need to know who start a part by themselves.
     fn invited(&self, processes: &Processes) -> Vec<Invited> {
         let link = processes.address.for_peers(&host_name()).to_string();
-        let invited = |who: &External| Invited {
-            command: invitation(*who, &link, self.config.run_id, self.step_timeout_ms),
-            join_timeout_ms: self.join_timeout_ms.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS),
-            link: link.clone(),
-            messages: rotortwin_wire::PROTOCOL_VERSION,
-            role: who.name(),
-            run_id: format!("{:016x}", self.config.run_id),
-            step_timeout_ms: self.step_timeout_ms,
+        let invited = |who: &External| {
+            let command = invitation(*who, &link, self.config.run_id, self.step_timeout_ms);
+            Invited {
+                command: match self.config.priority {
+                    Some(priority) => format!("{command} --priority={priority}"),
+                    None => command,
+                },
+                join_timeout_ms: self.join_timeout_ms.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS),
+                link: link.clone(),
+                messages: rotortwin_wire::PROTOCOL_VERSION,
+                role: who.name(),
+                run_id: format!("{:016x}", self.config.run_id),
+                step_timeout_ms: self.step_timeout_ms,
+            }
         };
         processes.external.iter().map(invited).collect()
     }
@@ -551,6 +570,10 @@ impl ArgList {
     fn option(&mut self, name: &str, value: impl Into<OsString>) -> &mut Self {
         self.0.extend([name.into(), value.into()]);
         self
+    }
+
+    fn plain(&mut self, word: impl Into<OsString>) {
+        self.0.push(word.into());
     }
 }
 

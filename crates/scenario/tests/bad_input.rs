@@ -455,10 +455,7 @@ fn val_files() {
             .to_string();
         error.replace(&format!("{}/", folder.path().display()), "")
     };
-    assert_eq!(
-        load("none.toml"),
-        "none.toml: file not found; expected a TOML file"
-    );
+    assert_eq!(load("none.toml"), "none.toml: file not found; expected a TOML file");
     fs::create_dir(folder.path().join("dir.toml")).unwrap();
     assert_eq!(
         load("dir.toml"),

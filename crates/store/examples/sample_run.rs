@@ -73,6 +73,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             jitter_us_p99: 74.0,
             jitter_us_max: 912.5,
             deadline_misses: 3,
+            ..RealTime::default()
         });
         summary.failure = Some(Failure {
             peer: "controller".into(),

@@ -107,7 +107,7 @@ pub struct ControllerRecord {
 }
 
 /// How well a run kept to the wall clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RealTime {
     /// Length of a step, ms.
     pub period_ms: f64,
@@ -122,6 +122,29 @@ pub struct RealTime {
     pub jitter_us_max: f64,
     /// Steps whose answer came after the next step was due.
     pub deadline_misses: u64,
+    /// How much too late the worst answer came, ms; absent in files of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overrun_ms_max: Option<f64>,
+    /// Real-time priority and locked memory of all processes that were started, 1 to 99; absent without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub priority: Option<u8>,
+    /// Missed deadlines and late reports by who was late and why, the most frequent first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub late: Vec<LateSteps>,
+}
+
+/// Steps that were late for one reason, as the kernel tells it: what took most of the time since the command before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LateSteps {
+    /// `plant` (with all that flies in its process), `controller`, or `fdi`: its reports, which no deadline waits for, came later than a
+    /// period after their step.
+    pub who: String,
+    /// `scheduler`: woken, it waited for a processor that others had; `computing`; `unknown`: neither, or that kernel cannot be asked.
+    pub why: String,
+    /// How many.
+    pub steps: u64,
+    /// How much too late at worst, ms.
+    pub worst_ms: f64,
 }
 
 /// How well the flight followed what it was asked for.
