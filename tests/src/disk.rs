@@ -34,9 +34,7 @@ impl Disk {
             }
         }
     }
-}
 
-impl Disk {
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.0

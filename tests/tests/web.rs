@@ -3,7 +3,6 @@
 //! Needs Chromium (Debian's `chromium`) and Playwright for Python, which comes into a virtual environment under `target/`; skipped by name
 //! without them.
 
-use rotortwin_tests::disk::Disk;
 use rotortwin_tests::program::program;
 use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
@@ -59,17 +58,13 @@ fn logs(scratch: &Scratch) {
 }
 
 fn passes(scenario: &str) {
-    passes_in(scenario, &Scratch::new(), "data");
-}
-
-/// With the server's data in this folder of the place.
-fn passes_in(scenario: &str, scratch: &Scratch, data: &str) {
     let Some(chromium) = chromium() else { return };
     let Some(programs) = environment("web-page", &PACKAGES) else {
         return;
     };
-    logs(scratch);
-    let server = Server::start(&scratch.path(data));
+    let scratch = Scratch::new();
+    logs(&scratch);
+    let server = Server::start(&scratch.path("data"));
     let output = Command::new(programs.join("python"))
         .arg(repository().join("tests/src/web_page.py"))
         .arg(server.url())
@@ -321,24 +316,6 @@ fn scenario_a_flight_is_shown_while_it_flies() {
 #[test]
 fn scenario_a_flight_at_real_time_is_shown_as_it_flies_and_a_reload_shows_all_of_it() {
     passes("behind");
-}
-
-#[test]
-fn scenario_eight_tabs_on_one_running_flight_stay_responsive() {
-    passes("tabs");
-}
-
-#[test]
-fn scenario_a_server_that_is_killed_in_mid_flight_costs_the_page_no_event() {
-    passes("killed");
-}
-
-#[test]
-fn scenario_a_full_disk_is_a_sentence_on_the_page() {
-    let scratch = Scratch::new();
-    if let Some(_disk) = Disk::new(scratch.path("disk"), "8m") {
-        passes_in("full", &scratch, "disk/data");
-    }
 }
 
 #[test]
