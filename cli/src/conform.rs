@@ -198,6 +198,7 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
         join_timeout: args.trial.join_timeout,
         step_timeout: args.trial.step_timeout,
         cpu: None,
+        priority: None,
         supervisor_pid: None,
     };
     // It ends with the run, which tells it so.
