@@ -314,7 +314,14 @@ fn val_a_recording_without_definitions_is_read_by_those_of_ros_2() {
     let log = FlightLog::read(&data("ros2-humble.db3")).expect("a log");
     let whole = FlightLog::read(&data("ros2.mcap")).expect("a log");
     assert!(log.time_s.len() >= 35 && log.time_s.len() <= 40, "{}", log.time_s.len());
-    for name in ["roll_rad", "velocity_east_m_s", "accel_z_m_s2", "duty_3", "battery_voltage_v", "battery_current_a"] {
+    for name in [
+        "roll_rad",
+        "velocity_east_m_s",
+        "accel_z_m_s2",
+        "duty_3",
+        "battery_voltage_v",
+        "battery_current_a",
+    ] {
         let (own, other) = (log.column(name).expect(name), whole.column(name).expect(name));
         assert_eq!(own[..35], other[..35], "{name}");
     }
@@ -362,7 +369,10 @@ fn prop_cut_and_damaged_databases_break_nothing() {
         bytes[at..at + 6].copy_from_slice(b"copies");
     }
     let said = refusal("a.db3", &bytes);
-    assert!(said.contains("'topics' and 'messages'") && said.contains("copies"), "{said}");
+    assert!(
+        said.contains("'topics' and 'messages'") && said.contains("copies"),
+        "{said}"
+    );
 }
 
 #[test]

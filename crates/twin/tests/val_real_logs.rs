@@ -140,7 +140,10 @@ fn val_a_motor_lag_that_is_off_by_less_than_a_factor_of_two_is_named_with_its_va
         found.sentence
     );
     assert!(
-        found.held_out.iter().any(|error| error.quantity == "torque" && error.after < 0.9 * error.before),
+        found
+            .held_out
+            .iter()
+            .any(|error| error.quantity == "torque" && error.after < 0.9 * error.before),
         "{:?}",
         found.held_out
     );

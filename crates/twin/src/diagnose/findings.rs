@@ -98,12 +98,7 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
 }
 
 /// The constant that an effect is the error of, if that is one that the vehicle document has a number for, and what it should be.
-fn constant_of(
-    entry: &Candidate,
-    values: &[f64],
-    deviations: &[f64],
-    onset_s: Option<f64>,
-) -> Option<ConstantWanted> {
+fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: Option<f64>) -> Option<ConstantWanted> {
     let (place, constant) = entry.constant.as_ref().filter(|_| onset_s.is_none())?;
     // A share of a level without a unit is what the parameter says already.
     (!constant.unit.is_empty()).then(|| ConstantWanted {

@@ -336,7 +336,9 @@ impl Calibration {
         };
         let wants = format!("{} ± {}", number(self.wanted), number(self.wanted_interval_95));
         // Which of a ratio is wrong no flight tells, as long as nobody has weighed or measured one of them.
-        let Some(ratio) = ratio_of(&self.key).filter(|_| !self.source.is_guess() && self.value > 0.0 && self.wanted > 0.0) else {
+        let Some(ratio) =
+            ratio_of(&self.key).filter(|_| !self.source.is_guess() && self.value > 0.0 && self.wanted > 0.0)
+        else {
             return format!("{} {what} ({known}), these flights want {wants}{better}", self.name);
         };
         let share = self.wanted / self.value;
@@ -365,7 +367,11 @@ fn ratio_of(key: &str) -> Option<Ratio> {
         "rotors.thrust_level" => ("thrust over mass", false, "the mass is right"),
         "body.inertia_body_kg_m2[0]" => ("thrust times arm over roll inertia", true, "thrust and arms are right"),
         "body.inertia_body_kg_m2[1]" => ("thrust times arm over pitch inertia", true, "thrust and arms are right"),
-        "body.inertia_body_kg_m2[2]" => ("rotor torque over yaw inertia", true, "thrust and torque ratio are right"),
+        "body.inertia_body_kg_m2[2]" => (
+            "rotor torque over yaw inertia",
+            true,
+            "thrust and torque ratio are right",
+        ),
         _ => return None,
     };
     Some(Ratio { name, below, others })

@@ -113,7 +113,10 @@ fn leave_out_runaway_estimates(log: &mut FlightLog) {
         return;
     };
     let speed = |row: usize| velocity.iter().map(|axis| axis[row] * axis[row]).sum::<f64>().sqrt();
-    let mut speeds: Vec<f64> = (0..log.time_s.len()).map(speed).filter(|speed| speed.is_finite()).collect();
+    let mut speeds: Vec<f64> = (0..log.time_s.len())
+        .map(speed)
+        .filter(|speed| speed.is_finite())
+        .collect();
     let Some(median) = resample::median(&mut speeds).filter(|median| *median > FASTEST_M_S) else {
         return;
     };
@@ -128,7 +131,9 @@ fn leave_out_other_voltages(log: &mut FlightLog) {
         return;
     };
     let finite = || values.iter().copied().filter(|value| value.is_finite());
-    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    });
     let of_cells = (1..=MOST_CELLS).any(|cells| CELL_V.contains(&(high / f64::from(cells))));
     if high < low || of_cells {
         return;
@@ -152,7 +157,9 @@ fn leave_out(log: &mut FlightLog, columns: &[&str], reason: &str) {
             });
         }
     }
-    log.report.notes.push(format!("{} left out: {reason}", columns.join(", ")));
+    log.report
+        .notes
+        .push(format!("{} left out: {reason}", columns.join(", ")));
 }
 
 /// A column that is there without a value would take the place of what can be computed from others: an empty accelerometer that of the force

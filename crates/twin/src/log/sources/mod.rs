@@ -272,7 +272,8 @@ pub(crate) fn parse(format: Format, bytes: &[u8], asked: &Asked<'_>) -> Result<S
         Format::Mcap | Format::RunMcap => ros::mcap::parse(bytes, asked),
         Format::Db3 => ros::db3::parse(bytes, asked),
         Format::Ros1Bag => Err(
-            "a bag of ROS 1; 'rosbags-convert --src FILE --dst FOLDER' makes a recording of ROS 2 of it, which is read".to_owned(),
+            "a bag of ROS 1; 'rosbags-convert --src FILE --dst FOLDER' makes a recording of ROS 2 of it, which is read"
+                .to_owned(),
         ),
         Format::Zstd => Err("the whole file is compressed; 'zstd -d FILE' unpacks it".to_owned()),
     }?;

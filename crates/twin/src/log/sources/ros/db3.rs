@@ -33,7 +33,9 @@ fn definitions(database: &mut Database<'_>, table: Option<&Table>) -> Result<Def
             if let (Some(kind), Some(encoding), Some(text)) = (kind, encoding, text) {
                 bytes += kind.len() + text.len();
                 if bytes > MOST_DEFINITION_BYTES {
-                    return Err(format!("more than {MOST_DEFINITION_BYTES} bytes of message definitions"));
+                    return Err(format!(
+                        "more than {MOST_DEFINITION_BYTES} bytes of message definitions"
+                    ));
                 }
                 found.insert(kind.to_owned(), (encoding.to_owned(), text.to_owned()));
             }
@@ -91,7 +93,10 @@ pub(in super::super) fn parse(bytes: &[u8], asked: &Asked<'_>) -> Result<SourceL
     )?;
     let columns = ["topic_id", "timestamp", "data"].map(|name| messages.column(name));
     let topic_of = |row: &super::sqlite::Row<'_>| row.value(columns[0]).and_then(Value::integer);
-    let wanted: BTreeMap<i64, bool> = places.iter().map(|(id, place)| (*id, recording.wants(*place))).collect();
+    let wanted: BTreeMap<i64, bool> = places
+        .iter()
+        .map(|(id, place)| (*id, recording.wants(*place)))
+        .collect();
     let (mut unread, mut odd, mut compressed) = (BTreeMap::<i64, usize>::new(), 0_usize, 0_usize);
     // Of topics that are not read not even the rest of a large message is looked for.
     let left_out = std::cell::RefCell::new(&mut unread);

@@ -12,20 +12,50 @@ const MESSAGES: [(&str, &str); 24] = [
     ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n"),
     ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"),
     ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n"),
-    ("geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"),
-    ("geometry_msgs/Pose", "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"),
-    ("geometry_msgs/Twist", "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n"),
-    ("geometry_msgs/Transform", "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"),
-    ("geometry_msgs/PoseWithCovariance", "geometry_msgs/Pose pose\nfloat64[36] covariance\n"),
-    ("geometry_msgs/TwistWithCovariance", "geometry_msgs/Twist twist\nfloat64[36] covariance\n"),
-    ("geometry_msgs/PoseStamped", "std_msgs/Header header\ngeometry_msgs/Pose pose\n"),
-    ("geometry_msgs/PoseWithCovarianceStamped", "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n"),
+    (
+        "geometry_msgs/Quaternion",
+        "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
+    ),
+    (
+        "geometry_msgs/Pose",
+        "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    ),
+    (
+        "geometry_msgs/Twist",
+        "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
+    ),
+    (
+        "geometry_msgs/Transform",
+        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    ),
+    (
+        "geometry_msgs/PoseWithCovariance",
+        "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
+    ),
+    (
+        "geometry_msgs/TwistWithCovariance",
+        "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+    ),
+    (
+        "geometry_msgs/PoseStamped",
+        "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
+    ),
+    (
+        "geometry_msgs/PoseWithCovarianceStamped",
+        "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n",
+    ),
     (
         "geometry_msgs/TransformStamped",
         "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
     ),
-    ("geometry_msgs/TwistStamped", "std_msgs/Header header\ngeometry_msgs/Twist twist\n"),
-    ("geometry_msgs/TwistWithCovarianceStamped", "std_msgs/Header header\ngeometry_msgs/TwistWithCovariance twist\n"),
+    (
+        "geometry_msgs/TwistStamped",
+        "std_msgs/Header header\ngeometry_msgs/Twist twist\n",
+    ),
+    (
+        "geometry_msgs/TwistWithCovarianceStamped",
+        "std_msgs/Header header\ngeometry_msgs/TwistWithCovariance twist\n",
+    ),
     (
         "nav_msgs/Odometry",
         "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
@@ -53,22 +83,36 @@ const MESSAGES: [(&str, &str); 24] = [
         "std_msgs/Header header\nuint8 radiation_type\nfloat32 field_of_view\nfloat32 min_range\nfloat32 max_range\nfloat32 range\n",
     ),
     ("mavros_msgs/RCOut", "std_msgs/Header header\nuint16[] channels\n"),
-    ("actuator_msgs/Actuators", "std_msgs/Header header\nfloat64[] position\nfloat64[] velocity\nfloat64[] normalized\n"),
+    (
+        "actuator_msgs/Actuators",
+        "std_msgs/Header header\nfloat64[] position\nfloat64[] velocity\nfloat64[] normalized\n",
+    ),
     ("rosgraph_msgs/Clock", "builtin_interfaces/Time clock\n"),
 ];
 
 /// The definition of a type with all that it is made of, as a recording would carry it; `None` for one that is not known.
 pub(super) fn definition(kind: &str) -> Option<String> {
-    let fields = |kind: &str| MESSAGES.iter().find(|(name, _)| *name == kind).map(|(_, fields)| *fields);
+    let fields = |kind: &str| {
+        MESSAGES
+            .iter()
+            .find(|(name, _)| *name == kind)
+            .map(|(_, fields)| *fields)
+    };
     let kind = plain_name(kind);
     let mut text = fields(&kind)?.to_owned();
     let mut parts: Vec<&str> = Vec::new();
     loop {
-        let named = |line: &str| line.split(' ').next().map(|kind| kind.trim_end_matches(']').split('[').next().unwrap_or("").to_owned());
-        let missing = text
-            .lines()
-            .filter_map(named)
-            .find_map(|kind| MESSAGES.iter().find(|(name, _)| *name == kind).filter(|(name, _)| !parts.contains(name)));
+        let named = |line: &str| {
+            line.split(' ')
+                .next()
+                .map(|kind| kind.trim_end_matches(']').split('[').next().unwrap_or("").to_owned())
+        };
+        let missing = text.lines().filter_map(named).find_map(|kind| {
+            MESSAGES
+                .iter()
+                .find(|(name, _)| *name == kind)
+                .filter(|(name, _)| !parts.contains(name))
+        });
         let Some((name, fields)) = missing else {
             return Some(text);
         };

@@ -118,7 +118,9 @@ impl<'a> Row<'a> {
 /// Big endian, with its sign.
 fn integer(bytes: &[u8]) -> i64 {
     let negative = bytes.first().is_some_and(|first| first & 0x80 != 0);
-    bytes.iter().fold(if negative { -1 } else { 0 }, |value, byte| (value << 8) | i64::from(*byte))
+    bytes.iter().fold(if negative { -1 } else { 0 }, |value, byte| {
+        (value << 8) | i64::from(*byte)
+    })
 }
 
 /// Seven bits a byte, the highest first, eight in a ninth; the number and what follows.
@@ -161,17 +163,28 @@ pub(super) struct Database<'a> {
 impl<'a> Database<'a> {
     /// Reads the header.
     pub(super) fn open(bytes: &'a [u8]) -> Result<Self, String> {
-        let header = bytes
-            .get(..HEADER)
-            .ok_or_else(|| format!("an SQLite database of {} bytes; its header alone has {HEADER}", bytes.len()))?;
+        let header = bytes.get(..HEADER).ok_or_else(|| {
+            format!(
+                "an SQLite database of {} bytes; its header alone has {HEADER}",
+                bytes.len()
+            )
+        })?;
         let page = match u16_at(header, 16) {
             Some(1) => 1 << 16,
             Some(size) if size.is_power_of_two() && size >= 512 => size,
-            other => return Err(format!("an SQLite database with pages of {} bytes; 512 to 65536 were expected", other.unwrap_or(0))),
+            other => {
+                return Err(format!(
+                    "an SQLite database with pages of {} bytes; 512 to 65536 were expected",
+                    other.unwrap_or(0)
+                ));
+            }
         };
         let usable = page - usize::from(header[20]);
         if usable < 480 {
-            return Err(format!("an SQLite database of which {} of {page} bytes a page are reserved", header[20]));
+            return Err(format!(
+                "an SQLite database of which {} of {page} bytes a page are reserved",
+                header[20]
+            ));
         }
         if !matches!(u32_at(header, 56), Some(0 | 1)) {
             return Err("an SQLite database with text in UTF-16; UTF-8 was expected".to_owned());
@@ -206,17 +219,24 @@ impl<'a> Database<'a> {
         };
         let mut tables = Vec::new();
         // The rows of the table of tables are not refused by anybody.
-        let _ = self.rows(&schema, |_| true, |row| {
-            let text = |place| row.value(Some(place)).and_then(Value::text);
-            let root = row.value(Some(3)).and_then(Value::integer);
-            if let (Some("table"), Some(name), Some(root), Some(sql)) =
-                (text(0), text(1), root.and_then(|root| usize::try_from(root).ok()), text(4))
-            {
-                let (columns, rowid) = columns_of(sql);
-                tables.push((name.to_owned(), Table { root, columns, rowid }));
-            }
-            Ok(())
-        });
+        let _ = self.rows(
+            &schema,
+            |_| true,
+            |row| {
+                let text = |place| row.value(Some(place)).and_then(Value::text);
+                let root = row.value(Some(3)).and_then(Value::integer);
+                if let (Some("table"), Some(name), Some(root), Some(sql)) = (
+                    text(0),
+                    text(1),
+                    root.and_then(|root| usize::try_from(root).ok()),
+                    text(4),
+                ) {
+                    let (columns, rowid) = columns_of(sql);
+                    tables.push((name.to_owned(), Table { root, columns, rowid }));
+                }
+                Ok(())
+            },
+        );
         tables
     }
 
@@ -244,7 +264,8 @@ impl<'a> Database<'a> {
             let kind = page[head];
             let cells = u16_at(page, head + 3).unwrap_or(0);
             let pointers = head + if kind == INTERIOR { 12 } else { 8 };
-            let cell = |k: usize| u16_at(page, pointers + 2 * k).filter(|at| *at < self.usable);
+            let usable = self.usable;
+            let cell = |k: usize| u16_at(page, pointers + 2 * k).filter(|at| *at < usable);
             match kind {
                 INTERIOR => {
                     let right = u32_at(page, head + 8);
@@ -267,7 +288,12 @@ impl<'a> Database<'a> {
                             break;
                         };
                         let at = (start + at) as u64;
-                        let front = Row { table, number, record: local, at };
+                        let front = Row {
+                            table,
+                            number,
+                            record: local,
+                            at,
+                        };
                         if !wanted(&front) {
                             continue;
                         }
@@ -278,7 +304,12 @@ impl<'a> Database<'a> {
                         whole.clear();
                         whole.extend_from_slice(local);
                         if self.overflow(first, length, &mut whole) {
-                            each(&Row { table, number, record: &whole, at })?;
+                            each(&Row {
+                                table,
+                                number,
+                                record: &whole,
+                                at,
+                            })?;
                         } else {
                             self.damaged += 1;
                         }
@@ -295,7 +326,9 @@ impl<'a> Database<'a> {
     fn cell(&self, page: &'a [u8], at: usize) -> Option<(i64, &'a [u8], Option<(usize, usize)>)> {
         let (length, rest) = varint(page.get(at..self.usable)?)?;
         let (number, content) = varint(rest)?;
-        let length = usize::try_from(length).ok().filter(|length| *length <= self.bytes.len())?;
+        let length = usize::try_from(length)
+            .ok()
+            .filter(|length| *length <= self.bytes.len())?;
         let most = self.usable - 35;
         let local = if length <= most {
             length
@@ -305,7 +338,11 @@ impl<'a> Database<'a> {
             if fitting <= most { fitting } else { least }
         };
         let record = content.get(..local)?;
-        let rest = if local < length { Some((u32_at(content, local)?, length)) } else { None };
+        let rest = if local < length {
+            Some((u32_at(content, local)?, length))
+        } else {
+            None
+        };
         Some((number as i64, record, rest))
     }
 
@@ -361,7 +398,9 @@ mod tests {
 
     #[test]
     fn val_columns_stand_in_the_statement_that_made_the_table() {
-        let (columns, rowid) = columns_of("CREATE TABLE messages(id INTEGER PRIMARY KEY,\"topic_id\" INTEGER NOT NULL, x DECIMAL(3,2), UNIQUE(x))");
+        let (columns, rowid) = columns_of(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY,\"topic_id\" INTEGER NOT NULL, x DECIMAL(3,2), UNIQUE(x))",
+        );
         assert_eq!(columns, ["id", "topic_id", "x"]);
         assert_eq!(rowid, Some(0));
     }
