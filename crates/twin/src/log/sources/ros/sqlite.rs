@@ -146,6 +146,15 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<usize> {
     usize::try_from(u32::from_be_bytes(bytes.get(at..at + 4)?.try_into().ok()?)).ok()
 }
 
+/// A row as it stands on a leaf page.
+struct Cell<'a> {
+    number: i64,
+    /// What of its record stands on this page.
+    local: &'a [u8],
+    /// The page where the rest begins, and the length of the whole record.
+    rest: Option<(usize, usize)>,
+}
+
 /// A database in memory.
 pub(super) struct Database<'a> {
     bytes: &'a [u8],
@@ -282,7 +291,7 @@ impl<'a> Database<'a> {
                 LEAF => {
                     for k in 0..cells {
                         let read = cell(k).and_then(|at| Some((at, self.cell(page, at)?)));
-                        let Some((at, (number, local, rest))) = read else {
+                        let Some((at, Cell { number, local, rest })) = read else {
                             self.damaged += 1;
                             // A page whose pointers lead nowhere has no further rows.
                             break;
@@ -321,9 +330,8 @@ impl<'a> Database<'a> {
         Ok(())
     }
 
-    /// A row's number, what stands of its record on this page, and the page where the rest begins with the length of the whole.
-    #[expect(clippy::type_complexity, reason = "read in one place")]
-    fn cell(&self, page: &'a [u8], at: usize) -> Option<(i64, &'a [u8], Option<(usize, usize)>)> {
+    /// The cell of a row; `None`: it is damaged.
+    fn cell(&self, page: &'a [u8], at: usize) -> Option<Cell<'a>> {
         let (length, rest) = varint(page.get(at..self.usable)?)?;
         let (number, content) = varint(rest)?;
         let length = usize::try_from(length)
@@ -343,7 +351,11 @@ impl<'a> Database<'a> {
         } else {
             None
         };
-        Some((number as i64, record, rest))
+        Some(Cell {
+            number: number as i64,
+            local: record,
+            rest,
+        })
     }
 
     /// Appends overflow pages up to a length; false where they end before.
