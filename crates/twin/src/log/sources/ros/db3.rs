@@ -48,7 +48,7 @@ fn definitions(database: &mut Database<'_>, table: Option<&Table>) -> Result<Def
 /// Reads a recording.
 pub(in super::super) fn parse(bytes: &[u8], asked: &Asked<'_>) -> Result<SourceLog, String> {
     let mut database = Database::open(bytes)?;
-    let tables = database.tables();
+    let tables = database.tables()?;
     let table = |name: &str| tables.iter().find(|(table, _)| table == name).map(|(_, table)| table);
     let (Some(topics), Some(messages)) = (table("topics"), table("messages")) else {
         let names: Vec<&str> = tables.iter().take(6).map(|(name, _)| name.as_str()).collect();

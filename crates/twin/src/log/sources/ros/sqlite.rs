@@ -219,7 +219,7 @@ impl<'a> Database<'a> {
     }
 
     /// Tables by their names.
-    pub(super) fn tables(&mut self) -> Vec<(String, Table)> {
+    pub(super) fn tables(&mut self) -> Result<Vec<(String, Table)>, String> {
         let named = |column: &str| column.to_owned();
         let schema = Table {
             root: 1,
@@ -227,8 +227,7 @@ impl<'a> Database<'a> {
             rowid: None,
         };
         let mut tables = Vec::new();
-        // The rows of the table of tables are not refused by anybody.
-        let _ = self.rows(
+        self.rows(
             &schema,
             |_| true,
             |row| {
@@ -245,8 +244,8 @@ impl<'a> Database<'a> {
                 }
                 Ok(())
             },
-        );
-        tables
+        )?;
+        Ok(tables)
     }
 
     /// Calls `each` with every row of a table whose front `wanted` accepts: a row is whole for `each` only, as the rest of a large one
