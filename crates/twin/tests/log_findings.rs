@@ -274,6 +274,53 @@ fn val_grounded_and_empty_logs_are_named() {
 }
 
 #[test]
+fn val_what_no_multirotor_and_no_battery_has_is_left_out_and_the_rest_is_read() {
+    // An estimator that was logged and not flown by: it falls at 200 m/s and more, as its position says, too.
+    let (time, mut columns) = motion(100.0);
+    for (name, values) in &mut columns {
+        let runaway: fn(f64, f64) -> f64 = match name.as_str() {
+            "velocity_down_m_s" => |v, t| v + 120.0 + 4.0 * t,
+            "position_down_m" => |x, t| x + (120.0 + 2.0 * t) * t,
+            _ => continue,
+        };
+        values
+            .iter_mut()
+            .zip(&time)
+            .for_each(|(value, t)| *value = runaway(*value, *t));
+    }
+    columns.push((
+        "battery_voltage_v".to_owned(),
+        time.iter().map(|t| 5.95 + 0.002 * t).collect(),
+    ));
+    let found = log(time.clone(), columns);
+    for name in names::VELOCITY
+        .iter()
+        .chain(&names::POSITION)
+        .chain(&["battery_voltage_v"])
+    {
+        assert!(found.column(name).is_none(), "{name}");
+    }
+    assert!(found.column("roll_rad").is_some() && found.column("accel_z_m_s2").is_some());
+    assert_eq!(found.report.findings, []);
+    let notes = found.report.notes.join("\n");
+    assert!(
+        notes.contains("the estimator ran away") && notes.contains("5.95 to 6.07 V"),
+        "{notes}"
+    );
+    // What a battery and a fast vehicle have stays.
+    let (time, mut columns) = motion(100.0);
+    for (cells, cell_v) in [(1.0, 3.6), (3.0, 4.2), (6.0, 3.4), (12.0, 4.35)] {
+        columns.retain(|(name, _)| name != "battery_voltage_v");
+        columns.push((
+            "battery_voltage_v".to_owned(),
+            time.iter().map(|t| cells * (cell_v - 0.001 * t)).collect(),
+        ));
+        let found = log(time.clone(), columns.clone());
+        assert!(found.column("battery_voltage_v").is_some() && found.column("velocity_down_m_s").is_some());
+    }
+}
+
+#[test]
 fn val_swapped_motors_and_rotor_count_are_named() {
     let vehicle = quad();
     for rate_hz in [100.0, 400.0] {

@@ -209,7 +209,7 @@ fn regress_what_is_no_recording_of_ros_2_is_refused_with_what_helps() {
     let said = refusal("a.bag", b"#ROSBAG V2.0\n\x45\0\0\0");
     assert!(said.contains("ROS 1") && said.contains("rosbags-convert"), "{said}");
     let said = refusal("a.db3", b"SQLite format 3\0\x10\0\x01\x01");
-    assert!(said.contains("ros2 bag convert"), "{said}");
+    assert!(said.contains("its header alone has 100"), "{said}");
     let said = refusal("a.mcap.zstd", &[0x28, 0xb5, 0x2f, 0xfd, 0, 0]);
     assert!(said.contains("zstd -d"), "{said}");
     let message = |encoding: &'static str| {
@@ -285,6 +285,94 @@ fn val_a_stored_import_keeps_what_its_columns_do_not_tell() {
         (SourceKind::Px4Ulog, &log.parameters)
     );
     assert!(!again.parameters.is_empty());
+}
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+#[test]
+fn val_a_recording_in_sqlite_is_the_same_flight_as_in_mcap() {
+    let log = FlightLog::read(&data("ros2.db3")).expect("a log");
+    let same = FlightLog::read(&data("ros2.mcap")).expect("a log");
+    assert_eq!(log.source.kind, SourceKind::Ros2Bag);
+    assert!(log.time_s.len() > 100 && log.columns.len() > 15);
+    assert_eq!(log.time_s, same.time_s);
+    assert_eq!(
+        log.columns.keys().collect::<Vec<_>>(),
+        same.columns.keys().collect::<Vec<_>>()
+    );
+    for (name, values) in &log.columns {
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(values), bits(&same.columns[name]), "{name}");
+    }
+    assert_eq!(log.report.notes, same.report.notes);
+}
+
+#[test]
+fn val_a_recording_without_definitions_is_read_by_those_of_ros_2() {
+    let log = FlightLog::read(&data("ros2-humble.db3")).expect("a log");
+    let whole = FlightLog::read(&data("ros2.mcap")).expect("a log");
+    assert!(log.time_s.len() >= 35 && log.time_s.len() <= 40, "{}", log.time_s.len());
+    for name in [
+        "roll_rad",
+        "velocity_east_m_s",
+        "accel_z_m_s2",
+        "pitch_rate_rad_s",
+        "battery_voltage_v",
+        "battery_current_a",
+    ] {
+        let (own, other) = (log.column(name).expect(name), whole.column(name).expect(name));
+        assert_eq!(own[..35], other[..35], "{name}");
+    }
+    // Which outputs are rotors is told by how they move, and these few rows are no flight.
+    assert!(log.column("duty_1").is_some());
+    let notes = log.report.notes.join("\n");
+    assert!(
+        notes.contains("the recording holds no definitions") && notes.contains("sensor_msgs/BatteryState"),
+        "{notes}"
+    );
+}
+
+#[test]
+fn prop_cut_and_damaged_databases_break_nothing() {
+    let whole = std::fs::read(data("ros2-humble.db3")).expect("it is in the repository");
+    let folder = folder();
+    let read = |bytes: &[u8]| FlightLog::read(&stored(&folder, "a.db3", bytes));
+    let (mut less, mut refused) = (0, 0);
+    for end in (0..whole.len()).step_by(1_021) {
+        match read(&whole[..end]) {
+            Ok(log) => {
+                let said = log.report.notes.iter().any(|note| note.contains("are cut or damaged"));
+                assert!(said, "{end}: {:?}", log.report.notes);
+                less += 1;
+            }
+            Err(error) => {
+                assert!(!error.to_string().is_empty());
+                refused += 1;
+            }
+        }
+    }
+    assert!(less > 10 && refused > 2, "{less} read, {refused} refused");
+    for at in (16..whole.len()).step_by(499) {
+        let mut damaged = whole.clone();
+        damaged[at] ^= 0x55;
+        drop(read(&damaged));
+    }
+    // A table whose root is the page that says so.
+    let said = refusal("a.db3", &[b"SQLite format 3\0".as_slice(), &[0; 200]].concat());
+    assert!(said.contains("pages of 0 bytes"), "{said}");
+    let other = stored(&folder, "other.db3", &whole);
+    let mut bytes = std::fs::read(&other).expect("written");
+    // No such tables: their names in the table of tables are others.
+    while let Some(at) = bytes.windows(6).position(|window| window == b"topics") {
+        bytes[at..at + 6].copy_from_slice(b"copies");
+    }
+    let said = refusal("a.db3", &bytes);
+    assert!(
+        said.contains("'topics' and 'messages'") && said.contains("copies"),
+        "{said}"
+    );
 }
 
 #[test]

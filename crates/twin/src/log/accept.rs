@@ -19,6 +19,13 @@ const ACCEL_IN_G: std::ops::Range<f64> = 0.7..1.4;
 /// No pitch in radians is beyond ±π/2; rounding allowed.
 const PITCH_LIMIT_RAD: f64 = std::f64::consts::FRAC_PI_2 + 1e-3;
 
+/// No multirotor flies faster for half of a flight, m/s.
+const FASTEST_M_S: f64 = 100.0;
+/// Highest voltage of a flight over its cells, V: of an empty cell at rest to more than a full one of the high-voltage kind.
+const CELL_V: std::ops::RangeInclusive<f64> = 3.2..=4.5;
+/// Most cells in series.
+const MOST_CELLS: u32 = 24;
+
 /// Checks a table and makes a log of it.
 pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) -> Result<FlightLog, LogError> {
     let path = source.path.clone();
@@ -92,9 +99,67 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         parameters: std::collections::BTreeMap::new(),
         report,
     };
+    leave_out_runaway_estimates(&mut log);
+    leave_out_other_voltages(&mut log);
     checks::examine(&mut log);
     drop_empty_columns(&mut log);
     Ok(log)
+}
+
+/// An estimator that was logged without being flown by may run away, with speeds that no multirotor has: its velocity and position say nothing,
+/// and rates, accelerometer and attitude are as good as ever.
+fn leave_out_runaway_estimates(log: &mut FlightLog) {
+    let Some(velocity) = log.vector(names::VELOCITY) else {
+        return;
+    };
+    let speed = |row: usize| velocity.iter().map(|axis| axis[row] * axis[row]).sum::<f64>().sqrt();
+    let mut speeds: Vec<f64> = (0..log.time_s.len())
+        .map(speed)
+        .filter(|speed| speed.is_finite())
+        .collect();
+    let Some(median) = resample::median(&mut speeds).filter(|median| *median > FASTEST_M_S) else {
+        return;
+    };
+    let reason = format!("the estimator ran away: half of the time its speed is above {median:.0} m/s");
+    leave_out(log, &[names::VELOCITY, names::POSITION].concat(), &reason);
+}
+
+/// A voltage that no number of LiPo cells has is another supply's, or that of a sensor which is not connected or not scaled: no model of the
+/// battery can be held against it.
+fn leave_out_other_voltages(log: &mut FlightLog) {
+    let Some(values) = log.column(names::BATTERY_VOLTAGE) else {
+        return;
+    };
+    let finite = || values.iter().copied().filter(|value| value.is_finite());
+    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    });
+    let of_cells = (1..=MOST_CELLS).any(|cells| CELL_V.contains(&(high / f64::from(cells))));
+    if high < low || of_cells {
+        return;
+    }
+    let reason = format!(
+        "{low:.2} to {high:.2} V is the voltage of no number of LiPo cells ({} to {} V each at the highest): the sensor is not connected or not scaled",
+        CELL_V.start(),
+        CELL_V.end()
+    );
+    leave_out(log, &[names::BATTERY_VOLTAGE], &reason);
+}
+
+/// Takes columns out, with the reason.
+fn leave_out(log: &mut FlightLog, columns: &[&str], reason: &str) {
+    for column in columns {
+        if log.columns.remove(*column).is_some() {
+            log.report.missing_cells.retain(|missing| missing.column != *column);
+            log.report.unused_columns.push(UnusedColumn {
+                column: (*column).to_owned(),
+                reason: reason.to_owned(),
+            });
+        }
+    }
+    log.report
+        .notes
+        .push(format!("{} left out: {reason}", columns.join(", ")));
 }
 
 /// A column that is there without a value would take the place of what can be computed from others: an empty accelerometer that of the force

@@ -214,7 +214,7 @@ fn read_autopilot(
         }
         sources::Format::Tlog => (SourceKind::MavlinkTlog, mapping::SourceName::MavlinkTlog),
         sources::Format::RunMcap => (SourceKind::RunMcap, mapping::SourceName::RunMcap),
-        sources::Format::Mcap | sources::Format::Ros1Bag | sources::Format::Ros2Sqlite | sources::Format::Zstd => {
+        sources::Format::Mcap | sources::Format::Db3 | sources::Format::Ros1Bag | sources::Format::Zstd => {
             (SourceKind::Ros2Bag, mapping::SourceName::Ros2)
         }
     };

@@ -104,11 +104,12 @@ pub(crate) enum Format {
     Tlog,
     /// Recording of ROS 2.
     Mcap,
+    /// The same in SQLite.
+    Db3,
     /// `run.mcap` of this program.
     RunMcap,
     /// Not read; each is refused with what makes a log of it.
     Ros1Bag,
-    Ros2Sqlite,
     Zstd,
 }
 
@@ -246,8 +247,8 @@ pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
         })
     } else if bytes.starts_with(b"#ROSBAG V") {
         Some(Format::Ros1Bag)
-    } else if bytes.starts_with(b"SQLite format 3\0") {
-        Some(Format::Ros2Sqlite)
+    } else if bytes.starts_with(ros::sqlite::MAGIC) {
+        Some(Format::Db3)
     } else if bytes.starts_with(&[0x28, 0xb5, 0x2f, 0xfd]) {
         Some(Format::Zstd)
     } else if tlog::looks_like(bytes) {
@@ -269,11 +270,9 @@ pub(crate) fn parse(format: Format, bytes: &[u8], asked: &Asked<'_>) -> Result<S
         Format::BlackboxCsv => blackbox::decoded::parse(bytes, room),
         Format::Tlog => tlog::parse(bytes, room),
         Format::Mcap | Format::RunMcap => ros::mcap::parse(bytes, asked),
+        Format::Db3 => ros::db3::parse(bytes, asked),
         Format::Ros1Bag => Err(
-            "a bag of ROS 1; 'rosbags-convert --src FILE --dst FOLDER' makes a recording of ROS 2 of it, which is read".to_owned(),
-        ),
-        Format::Ros2Sqlite => Err(
-            "an SQLite database, such as older ROS 2 records (.db3); 'ros2 bag convert' with 'storage_id: mcap' makes an MCAP file of it, which is read"
+            "a bag of ROS 1; 'rosbags-convert --src FILE --dst FOLDER' makes a recording of ROS 2 of it, which is read"
                 .to_owned(),
         ),
         Format::Zstd => Err("the whole file is compressed; 'zstd -d FILE' unpacks it".to_owned()),

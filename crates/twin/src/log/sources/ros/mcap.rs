@@ -8,7 +8,7 @@
 
 use super::super::usdlog::crc32;
 use super::super::{Asked, Cursor, SourceLog};
-use super::Recording;
+use super::{Recording, refused_encoding};
 use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
@@ -70,16 +70,6 @@ struct Reader<'a> {
     most_unpacked_bytes: u64,
     /// Records whose content is not what their kind has.
     odd: usize,
-}
-
-/// Why the messages of an encoding are not read.
-fn refused_encoding(encoding: &str) -> String {
-    let advice = if encoding == "ros1" {
-        ", which ROS 1 has; 'rosbags-convert' makes a recording of ROS 2 of it"
-    } else {
-        ""
-    };
-    format!("messages are encoded as '{encoding}'{advice}; 'cdr', as ROS 2 has it, was expected")
 }
 
 impl Reader<'_> {

@@ -1,7 +1,7 @@
 //! Recordings of ROS 2, and the MCAP files of this program's own runs.
 //!
 //! ```text
-//! .mcap (mcap) · .db3 (sqlite) ─▶ topics with their types and definitions ─▶ Recording: numbers of what the mapping names (definition, cdr)
+//! .mcap (mcap) · .db3 (db3, sqlite) ─▶ topics with their types and definitions ─▶ Recording: numbers of what the mapping names (definition, cdr)
 //!     ─▶ one clock (clock) ─▶ one vehicle, the best topic of each type (choose) ─▶ body axes turned to the world (derive) ─▶ SourceLog
 //! ```
 //! Numbers come from messages by the definition that the recording carries, so that every version of `px4_msgs` and every message of one's own
@@ -13,10 +13,13 @@
 mod cdr;
 mod choose;
 mod clock;
+pub(super) mod db3;
 mod definition;
 mod derive;
+mod known;
 pub(super) mod mcap;
 mod own;
+pub(super) mod sqlite;
 
 use super::{Asked, RawStream, Room, SourceLog, Unread};
 use cdr::Plan;
@@ -101,6 +104,16 @@ impl<'a> Recording<'a> {
         let place = self.topic(name, kind, Ok(""))?;
         self.topics[place].own = true;
         Ok(place)
+    }
+
+    /// True where the mapping names a topic or its type.
+    fn wants(&self, topic: usize) -> bool {
+        self.topics[topic].wanted
+    }
+
+    /// Messages of a topic that is not read.
+    fn count(&mut self, topic: usize, messages: usize) {
+        self.topics[topic].messages += messages;
     }
 
     /// A message of a topic; `at`: the byte of the file where it, or what it is packed in, begins.
@@ -214,6 +227,16 @@ impl<'a> Recording<'a> {
             clock_s,
         })
     }
+}
+
+/// Why the messages of an encoding are not read.
+fn refused_encoding(encoding: &str) -> String {
+    let advice = if encoding == "ros1" {
+        ", which ROS 1 has; 'rosbags-convert' makes a recording of ROS 2 of it"
+    } else {
+        ""
+    };
+    format!("messages are encoded as '{encoding}'{advice}; 'cdr', as ROS 2 has it, was expected")
 }
 
 /// The stream of a topic, with what is derived of its columns.
