@@ -254,7 +254,7 @@ fn scenario_the_container_image_works_without_a_daemon() {
         assert!(
             diff_id
                 .as_str()
-                .is_some_and(|id| id.trim_start_matches("sha256:") == plain[..64]),
+                .is_some_and(|id| id.trim_start_matches("sha256:") == &plain[..64]),
             "{plain}"
         );
         unpack(&path, &root);

@@ -2,7 +2,7 @@
 
 use rotortwin_tests::program::{Call, Link, number};
 use rotortwin_tests::scratch::{Scratch, hover};
-use rotortwin_tests::skip::skip;
+use rotortwin_tests::skip;
 use std::ffi::OsString;
 use std::process::Command;
 

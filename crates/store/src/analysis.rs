@@ -489,6 +489,8 @@ mod tests {
             step_ns: STEP_NS,
             conditions: BTreeMap::from([(1, "blade b".to_owned())]),
             sensor_faults: vec!["gyro stuck".to_owned()],
+            rotor_positions_body_m: Vec::new(),
+            hover_thrust_n: 0.0,
         };
         let mut writer = SpoolWriter::create(&path, &header).unwrap();
         rows.iter().for_each(|row| writer.push(row).unwrap());
