@@ -53,7 +53,7 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
             break (time_ns, Log::decode(&bytes[..]).expect("a log").message);
         }
     };
-    assert_eq!(early, (1_500_000_000, "rotor 3: thrust loss 20 %".to_owned()));
+    assert_eq!(early, (1_500_000_000, "rotor 3: −20 % thrust".to_owned()));
 
     let (mut live, mut status, mut last_ns) = (Messages::new(), Vec::new(), 0);
     loop {
