@@ -144,30 +144,6 @@ fn rows(run: &Path) -> Vec<BTreeMap<String, f64>> {
         .collect()
 }
 
-/// Columns that the detectors need beside the voltage.
-fn needed() -> Vec<String> {
-    let mut names = vec!["time_s".to_owned()];
-    for (quantity, axes) in [
-        ("velocity_X_m_s", ["north", "east", "down"]),
-        ("X_rad", AXES),
-        ("X_rate_rad_s", AXES),
-    ] {
-        names.extend(axes.map(|axis| quantity.replace('X', axis)));
-    }
-    names.extend((1..=6).map(|rotor| format!("duty_{rotor}")));
-    names
-}
-
-/// These columns of rows, as CSV.
-fn csv(names: &[String], rows: impl IntoIterator<Item = BTreeMap<String, f64>>) -> String {
-    let mut out = names.join(",") + "\n";
-    for row in rows {
-        let cells: Vec<String> = names.iter().map(|name| row[name].to_string()).collect();
-        out += &(cells.join(",") + "\n");
-    }
-    out
-}
-
 /// A hover in the middle of which attitude and rates make a roll of 360° in 0.8 s that no duty asks for.
 fn with_a_flip(scratch: &Scratch) -> PathBuf {
     const FROM_S: f64 = 25.0;
@@ -178,10 +154,17 @@ fn with_a_flip(scratch: &Scratch) -> PathBuf {
         .with(["--set", "duration_s=50"])
         .run()
         .expect_code(0);
-    let mut names = needed();
-    names.push("battery_voltage_v".to_owned());
-    let mut flight = rows(ended.out());
-    for row in &mut flight {
+    let mut names = vec!["time_s".to_owned(), "battery_voltage_v".to_owned()];
+    for (quantity, axes) in [
+        ("velocity_X_m_s", ["north", "east", "down"]),
+        ("X_rad", AXES),
+        ("X_rate_rad_s", AXES),
+    ] {
+        names.extend(axes.map(|axis| quantity.replace('X', axis)));
+    }
+    names.extend((1..=6).map(|rotor| format!("duty_{rotor}")));
+    let mut out = names.join(",") + "\n";
+    for mut row in rows(ended.out()) {
         let share = (row["time_s"] - FROM_S) / LASTS_S;
         if (0.0..1.0).contains(&share) {
             // Of least jerk.
@@ -191,66 +174,10 @@ fn with_a_flip(scratch: &Scratch) -> PathBuf {
             *row.get_mut("roll_rate_rad_s").expect("a column") +=
                 TAU / LASTS_S * 30.0 * (share * (1.0 - share)).powi(2);
         }
+        let cells: Vec<String> = names.iter().map(|name| row[name].to_string()).collect();
+        out += &(cells.join(",") + "\n");
     }
-    scratch.write("flip.csv", csv(&names, flight))
-}
-
-#[test]
-fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
-    const ONSET_S: f64 = 38.0;
-    const LOSS: f64 = 0.10;
-    let scratch = Scratch::new();
-    let mut fault = toml::Table::new();
-    fault.insert("time_s".into(), ONSET_S.into());
-    fault.insert("rotor".into(), 5.into());
-    fault.insert("thrust_loss_percent".into(), (100.0 * LOSS).into());
-    let run = from_the_ground(&scratch, "quiet", Some(fault.into()));
-    let flight: Vec<_> = rows(&run).into_iter().filter(|row| row["time_s"] < 50.0).collect();
-    let true_voltage = flight[8000]["battery_voltage_v"];
-    let log = scratch.write("quiet.csv", csv(&needed(), flight));
-    let report = judged(&scratch, &[path(&log)], "f550-skids");
-    let lack = &report["lacks"][0];
-    assert_eq!(lack["columns"], serde_json::json!(["battery_voltage_v"]), "{report}");
-    assert_eq!(lack["prevents_verdicts"], false, "{report}");
-    let said = lack["rules_out"].as_str().expect("words");
-    assert!(said.starts_with("what all rotors lose together"), "{said}");
-    // Worked out of the duties it is that of the battery, to what a start without drag and lag leaves.
-    let voltage: f64 = said
-        .split_once("battery: ")
-        .and_then(|(_, rest)| rest.split_once(" V"))
-        .and_then(|(number, _)| number.parse().ok())
-        .expect("a voltage");
-    assert!(
-        (voltage - true_voltage).abs() < 0.3,
-        "{voltage} V, it was {true_voltage} V"
-    );
-    let first = number(&report["counts"][2]["first_alarm_s"]);
-    assert!((ONSET_S..ONSET_S + 2.0).contains(&first), "{report}");
-    let last = &report["final_window"]["sequential"];
-    assert_eq!(last["rotors"], serde_json::json!([5]), "{report}");
-    let loss = &last["thrust_loss"][0];
-    assert!(
-        number(&loss["share_low"]) < LOSS && LOSS < number(&loss["share_high"]),
-        "{loss}"
-    );
-    // A vehicle three times as heavy cannot have flown it: no verdict, and why.
-    let heavy = std::fs::read_to_string(repository().join("config/vehicles/f550-skids.toml"))
-        .expect("it is shipped")
-        .replace("mass_kg = 1.55 ", "mass_kg = 4.65 ")
-        .replace(
-            "../blades/",
-            &format!("{}/", repository().join("config/blades").display()),
-        );
-    let heavy = scratch.write("heavy.toml", heavy);
-    let refused = Call::new(&scratch, ["fdi-log".into(), log.into_os_string()])
-        .with(["--model", path(&heavy)])
-        .run()
-        .expect_code(2);
-    assert!(
-        refused.stderr.contains("a full battery would carry "),
-        "{}",
-        refused.stderr
-    );
+    scratch.write("flip.csv", out)
 }
 
 #[test]

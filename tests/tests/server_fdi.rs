@@ -607,17 +607,6 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
     let quiet = whole.replace("battery_voltage_v", "another_voltage");
     let report = ask(query, quiet.as_bytes()).json();
     assert_eq!(report["lacks"][0]["columns"], json!(["battery_voltage_v"]), "{report}");
-    // It is worked out of the duties; without a velocity there is no verdict.
-    assert_eq!(
-        (
-            &report["lacks"][0]["prevents_verdicts"],
-            &report["final_window"]["sequential"]["rotors"]
-        ),
-        (&json!(false), &json!([3]))
-    );
-    let still = whole.replace("velocity_down_m_s", "another_velocity_m_s");
-    let report = ask(query, still.as_bytes()).json();
-    assert_eq!(report["lacks"][0]["columns"], json!(["velocity_down_m_s"]), "{report}");
     assert_eq!(
         (&report["lacks"][0]["prevents_verdicts"], &report["final_window"]),
         (&json!(true), &Value::Null)

@@ -7,4 +7,3 @@
 pub mod detectors;
 pub mod log;
 pub mod view;
-mod voltage;

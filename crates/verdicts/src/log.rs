@@ -11,7 +11,6 @@
 //! again, which a session has to find without the rest of the flight. A *stretch* is what was judged after one calibration.
 
 use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
-use crate::voltage::WorkedOutVoltage;
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
 use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
@@ -176,21 +175,23 @@ fn needed(rotor_count: usize) -> Vec<(&'static str, Vec<String>)> {
             "the thrust that was commanded",
             (1..=rotor_count).map(names::duty).collect(),
         ),
+        (
+            "the thrust that a rotor gives at a duty, which falls with the voltage",
+            vec![names::BATTERY_VOLTAGE.to_owned()],
+        ),
     ]
 }
 
-/// The log has a value of it.
-fn has(log: &FlightLog, name: &str) -> bool {
-    let values = log.column(name);
-    values.is_some_and(|values| values.iter().any(|value| !value.is_nan()))
-}
-
-/// What the log lacks beside the voltage.
+/// What the log lacks.
 fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
+    let has = |name: &String| {
+        log.column(name)
+            .is_some_and(|values| values.iter().any(|value| !value.is_nan()))
+    };
     let mut lacks: Vec<Lack> = needed(detectors.vehicle().rotor_count())
         .into_iter()
         .filter_map(|(what_for, columns)| {
-            let columns: Vec<String> = columns.into_iter().filter(|name| !has(log, name)).collect();
+            let columns: Vec<String> = columns.into_iter().filter(|name| !has(name)).collect();
             (!columns.is_empty()).then(|| Lack {
                 columns,
                 rules_out: format!("all verdicts: they tell {what_for}"),
@@ -206,42 +207,6 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
         });
     }
     lacks
-}
-
-/// The voltage of a log that has none, and what is not known for want of it.
-fn without_voltage(log: &FlightLog, detectors: &Detectors) -> (Option<WorkedOutVoltage>, Lack) {
-    let columns = vec![names::BATTERY_VOLTAGE.to_owned()];
-    match WorkedOutVoltage::of(log, detectors) {
-        Ok(voltage) => {
-            let begin = voltage.begin;
-            let rules_out = format!(
-                "what all rotors lose together, and what comes as slowly as a battery empties. Its voltage was worked out of the duties with the \
-                 vehicle's battery: {:.2} V in the mean of {:.1} to {:.1} s, where the thrust carried the weight (charge {:.0} % at their \
-                 beginning); the size of a loss counts from that",
-                begin.voltage_v,
-                begin.from_s,
-                begin.to_s,
-                100.0 * begin.state_of_charge
-            );
-            let lack = Lack {
-                columns,
-                rules_out,
-                prevents_verdicts: false,
-            };
-            (Some(voltage), lack)
-        }
-        Err(why) => {
-            let rules_out = format!(
-                "all verdicts: it tells the thrust that a rotor gives at a duty, and cannot be worked out of the duties either: {why}"
-            );
-            let lack = Lack {
-                columns,
-                rules_out,
-                prevents_verdicts: true,
-            };
-            (None, lack)
-        }
-    }
 }
 
 /// Judges a log that was read.
@@ -265,18 +230,11 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
             log.duration_s()
         )));
     }
-    let mut lacks = lacks(log, detectors);
-    let mut voltage = None;
-    if !has(log, names::BATTERY_VOLTAGE) && !lacks.iter().any(|lack| lack.prevents_verdicts) {
-        let (worked_out, lack) = without_voltage(log, detectors);
-        voltage = worked_out;
-        lacks.insert(0, lack);
-    }
+    let lacks = lacks(log, detectors);
     let rate_hz = log.sample_rate_hz();
     let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
     let mut judge = Judge::new(detectors, log);
     judge.lists = every_window;
-    judge.voltage = voltage;
     if !lacks.iter().any(|lack| lack.prevents_verdicts) {
         judge.run(log, rotor_count);
     }
@@ -332,24 +290,10 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
     })
 }
 
-/// Column of the first duty in a block: velocity, attitude and rates come before.
-const FIRST_DUTY: usize = 9;
-
-/// Duties of a row.
-fn duties(block: &[Vec<f64>], row: usize, rotor_count: usize) -> [f32; MAX_ROTORS] {
-    let mut duty = [0.0; MAX_ROTORS];
-    for (rotor, slot) in duty.iter_mut().enumerate().take(rotor_count) {
-        *slot = block[FIRST_DUTY + rotor][row] as f32;
-    }
-    duty
-}
-
 /// Feeds a session and counts what it says.
 struct Judge {
     session: FdiSession,
     chunk: Chunk,
-    /// In the place of the voltage that the log lacks.
-    voltage: Option<WorkedOutVoltage>,
     lost: u64,
     timeline: Vec<ChangeView>,
     left_out: u64,
@@ -387,7 +331,6 @@ impl Judge {
         Self {
             session: FdiSession::new(*detectors.config(), 1).expect("the detectors were checked"),
             chunk: Chunk::default(),
-            voltage: None,
             lost: 0,
             timeline: Vec::new(),
             left_out: 0,
@@ -411,19 +354,16 @@ impl Judge {
     fn run(&mut self, log: &FlightLog, rotor_count: usize) {
         let duties: Vec<String> = (1..=rotor_count).map(names::duty).collect();
         let mut columns: Vec<&str> = [names::VELOCITY, names::ATTITUDE, names::RATES].concat();
+        columns.push(names::BATTERY_VOLTAGE);
         columns.extend(duties.iter().map(String::as_str));
-        if self.voltage.is_none() {
-            columns.push(names::BATTERY_VOLTAGE);
-        }
         let start_s = log.time_s.first().copied().unwrap_or(0.0);
         let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, STEP_RATE_HZ, |first, block| {
             for row in 0..block[0].len() {
                 let step = first + row;
                 let time_s = start_s + step as f64 / STEP_RATE_HZ;
-                let voltage = self.voltage_at(time_s - start_s, block, row, rotor_count);
                 match self.outside_of_air(time_s) {
                     Some(obstacle) => self.skip(step as u64, obstacle),
-                    None => self.row(step, block, row, rotor_count, voltage),
+                    None => self.row(step, block, row, rotor_count),
                 }
             }
             Ok(())
@@ -433,20 +373,7 @@ impl Judge {
         }
     }
 
-    /// V, of the log or worked out; the battery is discharged from where its charge was found on.
-    fn voltage_at(&mut self, since_s: f64, block: &[Vec<f64>], row: usize, rotor_count: usize) -> f32 {
-        let Some(voltage) = &mut self.voltage else {
-            return block[FIRST_DUTY + rotor_count][row] as f32;
-        };
-        let duty = duties(block, row, rotor_count);
-        // Without duties (a gap) it stays as it was.
-        if since_s < voltage.begin.from_s || duty.iter().any(|duty| duty.is_nan()) {
-            return voltage.now();
-        }
-        voltage.step(&duty) as f32
-    }
-
-    fn row(&mut self, step: usize, block: &[Vec<f64>], row: usize, rotor_count: usize, voltage: f32) {
+    fn row(&mut self, step: usize, block: &[Vec<f64>], row: usize, rotor_count: usize) {
         if block.iter().any(|values| values[row].is_nan()) {
             self.lost += 1;
             self.skip(
@@ -460,6 +387,10 @@ impl Judge {
         }
         let number = |column: usize| block[column][row] as f32;
         let three = |first: usize| [number(first), number(first + 1), number(first + 2)];
+        let mut duty = [0.0; MAX_ROTORS];
+        for (rotor, slot) in duty.iter_mut().enumerate().take(rotor_count) {
+            *slot = number(10 + rotor);
+        }
         if self.chunk.samples.is_empty() {
             self.chunk.first_step = step as u64;
         }
@@ -469,8 +400,8 @@ impl Judge {
             velocity_ned_m_s: three(0),
             attitude_rad: three(3),
             body_rates_rad_s: three(6),
-            duty: duties(block, row, rotor_count),
-            battery_voltage_v: voltage,
+            duty,
+            battery_voltage_v: number(9),
             time_s: None,
         });
         if self.chunk.samples.len() == LONGEST_CHUNK {

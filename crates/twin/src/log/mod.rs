@@ -252,9 +252,8 @@ fn accepted(
     side: Option<side_file::SideFile>,
     options: &ReadOptions,
 ) -> Result<FlightLog, LogError> {
-    let mut assembled =
+    let assembled =
         assemble::assemble(parsed, mapping, most_cells(options)).map_err(|reason| LogError::format(file, reason))?;
-    let made_up = simulated::take_made_up_speeds(&mut assembled.table);
     let mut log = accept::accept(source, assembled.table, side)?;
     log.origin = log.origin.or(assembled.origin);
     log.parameters = parsed.parameters.clone();
@@ -264,7 +263,6 @@ fn accepted(
     log.report.unused_columns.extend(assembled.report.unused_columns);
     log.report.conversions.splice(0..0, assembled.report.conversions);
     log.report.notes.splice(0..0, assembled.report.notes);
-    log.report.notes.extend(made_up);
     log.report.notes.extend(simulated::of_streams(parsed));
     Ok(log)
 }
