@@ -13,6 +13,7 @@
 mod access;
 mod artifacts;
 mod browsers;
+mod bucket;
 mod clock;
 mod connections;
 mod data_folder;
@@ -55,6 +56,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
+pub use bucket::Bucket;
 pub use fdi::sessions::FdiLimits;
 pub use problem::Problem;
 pub use pulse::alive;
