@@ -62,6 +62,8 @@ pub use problem::Problem;
 pub use pulse::alive;
 pub use routes::openapi_document;
 
+/// Queries in SQL that are answered at the same time.
+const QUERIES_AT_ONCE: usize = 2;
 /// Jobs that were begun may take this long to be put back into the queue when the process ends.
 const END_GRACE: Duration = Duration::from_secs(5);
 /// The database may take this long to be closed.
@@ -158,6 +160,8 @@ pub(crate) struct App {
     pub(crate) rate: Rate,
     pub(crate) fdi: FdiSessions,
     pub(crate) metrics: Metrics,
+    /// Turns of queries in SQL.
+    pub(crate) queries: tokio::sync::Semaphore,
 }
 
 impl App {
@@ -338,6 +342,7 @@ impl Server {
             shop: Arc::clone(&worker.shop),
             fdi,
             metrics: Metrics::new(),
+            queries: tokio::sync::Semaphore::new(QUERIES_AT_ONCE),
         });
         Ok(Self {
             app,

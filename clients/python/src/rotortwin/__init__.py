@@ -25,6 +25,7 @@ from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncI
 from .client import BlindBenches, Campaigns, Client, Jobs, Library, Models, Runs, Scenarios
 from .errors import (
     BadRequest,
+    CampaignFailed,
     Conflict,
     ConnectionLost,
     DiskFull,
@@ -48,6 +49,8 @@ from .models import (
     FdiState,
     FdiWindow,
     Job,
+    QueryAnswer,
+    QueryColumn,
     Run,
     Sample,
     Ticket,
@@ -58,6 +61,7 @@ from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
 if TYPE_CHECKING:
     from .analysis import IdentifiedVehicle, Improved, JudgedLog, Result, compare, diagnose, fdi_log, improve, vehicle_from_log
+    from ._campaign import campaign
     from ._query import query
     from .simulation import FlightError, Flights, InputError, Scenario, Simulation, SimulationBatch, Verdict, fly
 
@@ -66,6 +70,7 @@ _HERE = {
     "analysis": (
         "IdentifiedVehicle", "Improved", "JudgedLog", "Result", "compare", "diagnose", "fdi_log", "improve", "vehicle_from_log",
     ),  # fmt: skip
+    "_campaign": ("campaign",),
     "_query": ("query",),
     "simulation": ("FlightError", "Flights", "InputError", "Scenario", "Simulation", "SimulationBatch", "Verdict", "fly"),
 }
@@ -99,6 +104,7 @@ __all__ = [
     "Autopilot",
     "BadRequest",
     "BlindBenches",
+    "CampaignFailed",
     "Campaigns",
     "Channel",
     "Classifiers",
@@ -130,6 +136,8 @@ __all__ = [
     "Models",
     "NotFound",
     "Problem",
+    "QueryAnswer",
+    "QueryColumn",
     "Resource",
     "Result",
     "RotortwinError",
@@ -148,6 +156,7 @@ __all__ = [
     "Validation",
     "Verdict",
     "Verification",
+    "campaign",
     "compare",
     "diagnose",
     "fdi_log",

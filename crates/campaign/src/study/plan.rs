@@ -16,6 +16,7 @@ use rotortwin_plant::random::RandomStream;
 use rotortwin_scenario::names::{Kind, meant};
 use rotortwin_scenario::template::{ScenarioTemplate, TomlFile, overlay, set_value};
 use rotortwin_scenario::{ConfigError, Scenario};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -141,6 +142,7 @@ pub struct Campaign {
     path: PathBuf,
     file: TomlFile,
     document: CampaignDocument,
+    scenario_path: PathBuf,
     template: ScenarioTemplate,
     /// The base scenario with `[set]`.
     base: Table,
@@ -195,6 +197,7 @@ impl Campaign {
             warnings: Vec::new(),
             file,
             document,
+            scenario_path,
             template,
             base,
         };
@@ -256,6 +259,14 @@ impl Campaign {
         self.template.directory()
     }
 
+    /// Every file that its flights are made of: the document, the base, vehicles, blades, classifiers, effects.
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        let mut files = self.template.files();
+        files.insert(self.path.clone());
+        files.insert(self.scenario_path.clone());
+        files
+    }
+
     /// Hash over the document, the base with its vehicle, blades and classifier: what decides the flights besides the program.
     pub fn content_hash(&self) -> Result<String, ConfigError> {
         // What it is said to show changes no flight.
@@ -277,6 +288,10 @@ impl Campaign {
                 let part = serde_json::to_string(&(&documents.vehicle, &documents.blades, &documents.classifier))
                     .expect("documents of text and numbers are JSON");
                 seen.push(content_hash(part.as_bytes()));
+                if !documents.effects.is_empty() {
+                    let effects = serde_json::to_string(&documents.effects).expect("documents are JSON");
+                    seen.push(content_hash(effects.as_bytes()));
+                }
             }
         }
         seen.sort_unstable();
