@@ -142,7 +142,7 @@ fn request(args: &Args, spill: &Path) -> String {
         .iter()
         .map(|(name, folder)| [name.as_str(), folder.as_str()])
         .collect();
-    for folder in &args.folders {
+    for folder in args.folders.iter().map(String::as_str) {
         sources.push([if is_alone { "" } else { folder.trim_end_matches('/') }, folder]);
     }
     if sources.is_empty() {

@@ -24,7 +24,10 @@ pub fn environment(name: &str, packages: &[&str]) -> Option<PathBuf> {
 /// # Panics
 /// The folder `target` cannot be written.
 pub fn client_environment() -> Option<PathBuf> {
-    environment("python-client", &["--editable", &format!("{}[test]", client_folder().display())])
+    environment(
+        "python-client",
+        &["--editable", &format!("{}[test]", client_folder().display())],
+    )
 }
 
 /// [`environment`] of a certain Python.

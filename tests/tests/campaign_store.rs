@@ -54,7 +54,9 @@ fn scenario_shards_in_a_bucket_are_the_bytes_of_one_machine() {
     let there = bucket.address("night");
     let there = there.as_str();
     let fly = |shards: &str| {
-        let words = ["campaign", file, "--shards", shards, "--out", there, "--jobs", "1", "--json"];
+        let words = [
+            "campaign", file, "--shards", shards, "--out", there, "--jobs", "1", "--json",
+        ];
         call(&scratch, &bucket, &words)
     };
     let said = |ended: Ended| -> Value { serde_json::from_str(&ended.expect_code(0).stdout).expect("JSON") };
@@ -83,7 +85,11 @@ fn scenario_shards_in_a_bucket_are_the_bytes_of_one_machine() {
     let missing = format!("{} of {SHARDS} shards are missing", SHARDS - before);
     assert!(early.stderr.join("\n").contains(&missing), "{:?}", early.stderr);
     let rest = said(fly("0..10").run());
-    assert_eq!(rest["flights"], 32 * (SHARDS - before), "what is there is not flown again");
+    assert_eq!(
+        rest["flights"],
+        32 * (SHARDS - before),
+        "what is there is not flown again"
+    );
     assert_eq!(said(fly("0..10").run())["flights"], 0);
 
     // With and without a folder that holds some of them; a second time into the same.

@@ -7,7 +7,14 @@ use std::process::Command;
 #[test]
 fn scenario_campaigns_survive_the_death_of_nodes() {
     let client = client_folder().display().to_string();
-    let packages = ["--editable", &client, "ray==2.60.0", "distributed==2026.8.0", "pyarrow>=15", "pytest>=8"];
+    let packages = [
+        "--editable",
+        &client,
+        "ray==2.60.0",
+        "distributed==2026.8.0",
+        "pyarrow>=15",
+        "pytest>=8",
+    ];
     let Some(programs) = environment("executors-environment", &packages) else {
         return;
     };

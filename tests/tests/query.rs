@@ -53,7 +53,11 @@ fn scenario_results_are_tables() {
         table.contains("flight") && table.contains("The first 3 rows"),
         "{table}"
     );
-    assert_eq!(table.lines().filter(|line| line.trim().parse::<u64>().is_ok()).count(), 3, "{table}");
+    assert_eq!(
+        table.lines().filter(|line| line.trim().parse::<u64>().is_ok()).count(),
+        3,
+        "{table}"
+    );
     let sql = "SELECT DISTINCT folder FROM campaign";
     let named = ask(&scratch, &programs, &[sql, "--named", "mine=runs/c", "--csv"]);
     assert_eq!(named.expect_code(0).stdout, "folder\nmine\n");
@@ -134,11 +138,7 @@ fn scenario_a_query_ends_in_time_and_with_its_command() {
     let large = "SELECT length(list(range)) FROM range(300000000)";
     let large = ask(&scratch, &programs, &[large, "--memory", "64"]);
     assert!(matches!(large.code, Some(1 | 2)), "{:?}", large.code);
-    assert!(
-        large.stderr[0].to_lowercase().contains("memory"),
-        "{:?}",
-        large.stderr
-    );
+    assert!(large.stderr[0].to_lowercase().contains("memory"), "{:?}", large.stderr);
 
     let mut command = Command::new(program())
         .args(["query", endless, "--python"])

@@ -16,7 +16,12 @@ fn scenario_results_are_asked_where_the_server_keeps_them() {
     let Some(programs) = client_environment() else { return };
     let scratch = Scratch::new();
     let python = programs.join("python").display().to_string();
-    let server = Server::start_in(&[("ROTORTWIN_PYTHON", &python)], "127.0.0.1:0", &scratch.path("data"), &[]);
+    let server = Server::start_in(
+        &[("ROTORTWIN_PYTHON", &python)],
+        "127.0.0.1:0",
+        &scratch.path("data"),
+        &[],
+    );
     let flight = |seed: u64| server.submit(&json!({ "scenario": "short-hover", "link": "in-process", "seed": seed }));
     let ids = [flight(1), flight(2)];
     let runs = ids.each_ref().map(|id| server.ended(id));
@@ -33,9 +38,20 @@ fn scenario_results_are_asked_where_the_server_keeps_them() {
         assert_eq!(answer["rows"][row][0], json!(id), "{answer}");
         assert_eq!(answer["rows"][row][1], runs[0]["result"]["steps"], "{answer}");
     }
-    assert_eq!((&answer["more"], answer["rows"].as_array().map(Vec::len)), (&json!(false), Some(2)));
-    let few = ask(&server, &json!({ "sql": "SELECT time_s FROM telemetry", "runs": ids, "rows": 3 })).json();
-    assert_eq!((few["rows"].as_array().map(Vec::len), &few["more"]), (Some(3), &json!(true)), "{few}");
+    assert_eq!(
+        (&answer["more"], answer["rows"].as_array().map(Vec::len)),
+        (&json!(false), Some(2))
+    );
+    let few = ask(
+        &server,
+        &json!({ "sql": "SELECT time_s FROM telemetry", "runs": ids, "rows": 3 }),
+    )
+    .json();
+    assert_eq!(
+        (few["rows"].as_array().map(Vec::len), &few["more"]),
+        (Some(3), &json!(true)),
+        "{few}"
+    );
 
     // Nothing but the files that were named, and nothing of where they are.
     let key = |id: &str| format!("jobs/{id}/1/out/telemetry.parquet");
@@ -49,26 +65,40 @@ fn scenario_results_are_asked_where_the_server_keeps_them() {
         (String::new(), 422),
         ("SELECT '\0'".to_owned(), 422),
         (format!("SELECT '{}'", "x".repeat(200_000)), 422),
-        ("SELECT count(*) FROM range(100000000000) a, range(1000000) b WHERE hash(a.range + b.range) = 7".to_owned(), 422),
+        (
+            "SELECT count(*) FROM range(100000000000) a, range(1000000) b WHERE hash(a.range + b.range) = 7".to_owned(),
+            422,
+        ),
         ("SELECT sql FROM duckdb_views() WHERE NOT internal".to_owned(), 200),
     ] {
         let answer = ask(&server, &json!({ "sql": sql, "runs": [&ids[0]] }));
         let shown: String = sql.chars().take(80).collect();
         assert_eq!(answer.status, status, "{shown}: {}", answer.json());
         let text = answer.json().to_string();
-        assert!(!text.contains(&scratch.folder().display().to_string()), "{shown}: {text}");
+        assert!(
+            !text.contains(&scratch.folder().display().to_string()),
+            "{shown}: {text}"
+        );
     }
     assert!(!scratch.path("data/x.csv").exists());
     for (body, status, word) in [
         (json!({ "sql": "SELECT 1" }), 422, "expected 1 to 1000"),
         (json!({ "sql": "SELECT 1", "runs": ["nobody"] }), 404, "nobody"),
-        (json!({ "sql": "SELECT 1", "campaigns": [&ids[0]] }), 404, ids[0].as_str()),
+        (
+            json!({ "sql": "SELECT 1", "campaigns": [&ids[0]] }),
+            404,
+            ids[0].as_str(),
+        ),
         (json!({ "sql": "SELECT 1", "runs": ids, "rows": 0 }), 422, "`rows` is 0"),
         (json!({ "runs": ids }), 422, "sql"),
     ] {
         let answer = ask(&server, &body);
         let detail = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
-        assert!(answer.status == status && detail.contains(word), "{body}: {} {detail}", answer.status);
+        assert!(
+            answer.status == status && detail.contains(word),
+            "{body}: {} {detail}",
+            answer.status
+        );
     }
 }
 
@@ -81,5 +111,9 @@ fn scenario_a_server_without_an_engine_says_so() {
     server.ended(&id);
     let answer = ask(&server, &json!({ "sql": "SELECT 1", "runs": [id] }));
     let detail = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
-    assert!(answer.status == 501 && detail.contains("pip install duckdb"), "{} {detail}", answer.status);
+    assert!(
+        answer.status == 501 && detail.contains("pip install duckdb"),
+        "{} {detail}",
+        answer.status
+    );
 }

@@ -11,8 +11,16 @@ use std::process::Command;
 
 fn server_on(bucket: &Bucket, data: &Path) -> Server {
     let environment = bucket.environment();
-    let environment: Vec<(&str, &str)> = environment.iter().map(|(name, value)| (*name, value.as_str())).collect();
-    Server::start_in(&environment, "127.0.0.1:0", data, &["--artifacts", &bucket.address("bench")])
+    let environment: Vec<(&str, &str)> = environment
+        .iter()
+        .map(|(name, value)| (*name, value.as_str()))
+        .collect();
+    Server::start_in(
+        &environment,
+        "127.0.0.1:0",
+        data,
+        &["--artifacts", &bucket.address("bench")],
+    )
 }
 
 #[test]

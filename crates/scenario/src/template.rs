@@ -7,7 +7,7 @@
 //! The files that a scenario names (vehicle, blades, classifier) are read once for each path and kept, so that making the scenario of
 //! a flight costs less than a millisecond. Every scenario is checked as a whole, as [`Scenario::load`] does.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -55,7 +55,6 @@ impl TomlFile {
 struct VehicleFiles {
     vehicle: Document,
     blades: Document,
-    blades_path: PathBuf,
     rotor_count: usize,
 }
 
@@ -64,7 +63,6 @@ struct VehicleFiles {
 struct Files {
     vehicles: BTreeMap<PathBuf, VehicleFiles>,
     classifiers: BTreeMap<PathBuf, Classifier>,
-    effects: BTreeSet<PathBuf>,
 }
 
 /// See the module.
@@ -112,20 +110,7 @@ impl ScenarioTemplate {
             .map(|path| self.classifier(&document, path))
             .transpose()?;
         let effects = effect_documents::named(&document, &parsed.effect_files, &self.directory)?;
-        let effect_paths = parsed.effect_files.iter();
-        let effect_paths = effect_paths.map(|path| meant(Kind::Effect, &self.directory, path));
-        let mut read = self.files.lock().unwrap_or_else(PoisonError::into_inner);
-        read.effects.extend(effect_paths);
-        drop(read);
         Scenario::assemble(&document, &files.vehicle, &files.blades, classifier, effects, true)
-    }
-
-    /// The files that were read for the scenarios made so far: vehicles, blades, classifiers, effects.
-    pub fn files(&self) -> BTreeSet<PathBuf> {
-        let files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
-        let blades = files.vehicles.values().map(|vehicle| &vehicle.blades_path);
-        let named = files.vehicles.keys().chain(files.classifiers.keys());
-        named.chain(blades).chain(&files.effects).cloned().collect()
     }
 
     /// Rotors of the vehicle that `table` names.
@@ -153,7 +138,6 @@ impl ScenarioTemplate {
         let blades_path = meant(Kind::Blades, beside, &parsed.rotors.blades);
         let read = VehicleFiles {
             blades: vehicle.follow("rotors.blades", &blades_path)?,
-            blades_path,
             rotor_count: parsed.rotor_count(),
             vehicle,
         };

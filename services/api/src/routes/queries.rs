@@ -3,12 +3,11 @@
 use super::jobs::Shared;
 use crate::App;
 use crate::access::Caller;
-use crate::json_object::JsonObject;
 use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use crate::worker::answer::{Patience, answer_in};
-use axum::http::header::CONTENT_TYPE;
-use axum::response::{IntoResponse as _, Response};
+use axum::Json;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::ffi::OsString;
@@ -38,7 +37,7 @@ const NO_ENGINE: &str = "SQL over results needs";
 /// A query, and whose files it is about.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Query {
+pub(crate) struct SqlQuery {
     /// One SELECT in DuckDB's SQL. Files of one name are a table of that name, such as `telemetry` of runs and `campaign` of campaigns, in
     /// which the column `folder` begins with the id of the job.
     #[schema(max_length = 100_000)]
@@ -58,7 +57,7 @@ pub(crate) struct Query {
 }
 
 /// A column of an answer.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub(crate) struct QueryColumn {
     name: String,
     /// DuckDB's name of it: `DOUBLE`, `BIGINT`, `VARCHAR`, …
@@ -67,7 +66,7 @@ pub(crate) struct QueryColumn {
 }
 
 /// The answer to a query: `rows[i][j]` belongs to `columns[j]`.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub(crate) struct QueryAnswer {
     columns: Vec<QueryColumn>,
     /// Numbers, truth values, texts, lists, objects; null is no value, or no number. What JSON has no word for is a text.
@@ -78,7 +77,7 @@ pub(crate) struct QueryAnswer {
 }
 
 /// Answers SQL about the Parquet files of jobs that are done: 30 s and 32 MiB at most.
-#[utoipa::path(post, path = "/api/v1/queries", tag = "queries", operation_id = "query", request_body = Query, responses(
+#[utoipa::path(post, path = "/api/v1/queries", tag = "queries", operation_id = "query", request_body = SqlQuery, responses(
     (status = 200, description = "the answer", body = QueryAnswer),
     (status = 400, description = "a body that is none", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such job", body = Problem, content_type = "application/problem+json"),
@@ -88,11 +87,17 @@ pub(crate) struct QueryAnswer {
     (status = 501, description = "this server has no engine for SQL", body = Problem, content_type = "application/problem+json"),
     (status = 503, description = "too many queries at once", body = Problem, content_type = "application/problem+json")
 ))]
-pub(crate) async fn query(app: Shared, caller: Caller, body: Result<JsonObject<Query>, Problem>) -> Result<Response, Problem> {
+pub(crate) async fn query(
+    app: Shared,
+    caller: Caller,
+    body: Result<JsonObject<SqlQuery>, Problem>,
+) -> Result<Json<QueryAnswer>, Problem> {
     let JsonObject(query) = body?;
     let rows = query.rows.unwrap_or(USUAL_ROWS);
     if !(1..=MOST_ROWS).contains(&rows) {
-        return Err(Problem::unprocessable(format!("`rows` is {rows}; expected 1 to {MOST_ROWS}")));
+        return Err(Problem::unprocessable(format!(
+            "`rows` is {rows}; expected 1 to {MOST_ROWS}"
+        )));
     }
     if query.sql.len() > LONGEST_SQL || query.sql.contains('\0') {
         return Err(Problem::unprocessable(format!(
@@ -103,7 +108,9 @@ pub(crate) async fn query(app: Shared, caller: Caller, body: Result<JsonObject<Q
     let folders = folders(&app, &caller, &query).await?;
     let turn = tokio::time::timeout(PATIENCE, app.queries.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
-        return Err(Problem::unavailable("other queries are being answered; expected a later try"));
+        return Err(Problem::unavailable(
+            "other queries are being answered; expected a later try",
+        ));
     };
     // What begins with a dash is SQL, too.
     let mut words: Vec<OsString> = vec!["query".into(), "--json".into(), "--jobs".into(), "2".into()];
@@ -126,19 +133,26 @@ pub(crate) async fn query(app: Shared, caller: Caller, body: Result<JsonObject<Q
         wall: LONGEST + Duration::from_secs(10),
     };
     // Below the root, where paths are keys: what the engine says of files tells nothing of this host.
-    let answered = answer_in(&app.config.work.program, words, patience, Some(&app.artifacts.place(""))).await;
+    let answered = answer_in(
+        &app.config.work.program,
+        words,
+        patience,
+        Some(&app.artifacts.place("")),
+    )
+    .await;
     match answered {
-        Ok(answer) => Ok(([(CONTENT_TYPE, "application/json")], answer).into_response()),
-        Err(problem) if problem.detail.contains(NO_ENGINE) => Err(Problem::not_implemented(format!(
-            "on this server: {}",
-            problem.detail
-        ))),
+        Ok(answer) => serde_json::from_str(&answer)
+            .map(Json)
+            .map_err(|error| Problem::internal(&error)),
+        Err(problem) if problem.detail.contains(NO_ENGINE) => {
+            Err(Problem::not_implemented(format!("on this server: {}", problem.detail)))
+        }
         Err(problem) => Err(problem),
     }
 }
 
 /// Id and key of each job, whose Parquet files are local files after this.
-async fn folders(app: &App, caller: &Caller, query: &Query) -> Result<Vec<(String, String)>, Problem> {
+async fn folders(app: &App, caller: &Caller, query: &SqlQuery) -> Result<Vec<(String, String)>, Problem> {
     let kinds = [
         (JobKind::Run, &query.runs),
         (JobKind::Campaign, &query.campaigns),
@@ -156,8 +170,15 @@ async fn folders(app: &App, caller: &Caller, query: &Query) -> Result<Vec<(Strin
         for id in ids {
             let job = super::tasks::done(app, caller, kind, id).await?;
             let key = job.folder.unwrap_or_default();
-            let files = app.artifacts.list(&key).await.map_err(|error| Problem::internal(&error))?;
-            let tables: Vec<_> = files.into_iter().filter(|file| file.path.ends_with(".parquet")).collect();
+            let files = app
+                .artifacts
+                .list(&key)
+                .await
+                .map_err(|error| Problem::internal(&error))?;
+            let tables: Vec<_> = files
+                .into_iter()
+                .filter(|file| file.path.ends_with(".parquet"))
+                .collect();
             if tables.is_empty() {
                 return Err(Problem::unprocessable(format!(
                     "the {} {id} has no Parquet files; expected one that has",
