@@ -89,7 +89,7 @@ fn named(text: &str) -> Result<(String, String), String> {
 }
 
 /// Exit code 2 for SQL that cannot be answered, 1 where there is no engine or it reached a limit.
-pub fn run(args: &Args) -> ExitCode {
+pub(crate) fn run(args: &Args) -> ExitCode {
     match ask(args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Refusal::BadInput(sentence)) => output::bad_input(sentence),

@@ -131,6 +131,8 @@ class _Folder:
         return self
 
     def __exit__(self, *_error: object) -> None:
+        # By word: processes of an executor that were forked meanwhile hold the file open, too.
+        fcntl.flock(self._lock, fcntl.LOCK_UN)
         self._lock.close()
 
     def _shard(self, number: int) -> Path:
