@@ -93,6 +93,8 @@ struct Place<'a> {
 
 impl<'a> Place<'a> {
     fn open(address: &'a str) -> Result<Self, StoreError> {
+        // For TLS; an error says that there is one already.
+        let _chosen = rustls::crypto::ring::default_provider().install_default();
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .enable_all()

@@ -19,9 +19,9 @@ ray = pytest.importorskip("ray")
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A campaign of 24 shards, and its results from one machine."""
+    """A campaign of 12 shards, and its results from one machine."""
     folder = tmp_path_factory.mktemp("campaign")
-    file = write(folder / "own", ROOT, flights=24 * 32, duration_s=30.0)
+    file = write(folder / "own", ROOT, flights=12 * 32, duration_s=20.0)
     fly_here(program(), file, folder / "one")
     return file, folder / "one"
 
@@ -38,17 +38,17 @@ def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_p
         killed: list[float] = []
 
         def progress(present: int, _all: int) -> None:
-            if present >= 4 and not killed:
+            if present >= 3 and not killed:
                 killed.append(time.monotonic())
                 threading.Thread(target=cluster.remove_node, args=(nodes[1], False)).start()
 
-        table = rotortwin.campaign(file, executor="ray", out=tmp_path / "ray", shards_per_task=2, program=program(), progress=progress)
+        table = rotortwin.campaign(file, executor="ray", out=tmp_path / "ray", shards_per_task=1, program=program(), progress=progress)
         assert killed, "no node was killed"
         assert len([node for node in ray.nodes() if node["Alive"]]) == 2
     finally:
         ray.shutdown()
         cluster.shutdown()
-    assert table.num_rows == 24 * 32
+    assert table.num_rows == 12 * 32
     assert_same(one, tmp_path / "ray")
 
 
@@ -73,12 +73,12 @@ def test_scenario_a_dask_worker_dies_in_mid_campaign(here: tuple[Path, Path], tm
         killed: list[int] = []
 
         def progress(present: int, _all: int) -> None:
-            if present >= 4 and not killed:
+            if present >= 3 and not killed:
                 worker = next(iter(cluster.workers.values()))
                 killed.append(worker.pid)
                 worker.process.process._process.kill()
 
-        table = rotortwin.campaign(file, executor=client, out=tmp_path / "dask", shards_per_task=2, program=program(), progress=progress)
+        table = rotortwin.campaign(file, executor=client, out=tmp_path / "dask", shards_per_task=1, program=program(), progress=progress)
     assert killed
-    assert table.num_rows == 24 * 32
+    assert table.num_rows == 12 * 32
     assert_same(one, tmp_path / "dask")
