@@ -227,10 +227,11 @@ def _answer(request: Mapping[str, Any]) -> None:
     with duckdb.connect() as connection:
         _configure(connection, request["memory"], request["threads"], request["spill"], request["spill_most"])
         sql = request["sql"]
-        _check_is_a_question(connection, sql)
         try:
             files = _add_tables(connection, request["sources"])
             _lock(connection, files)
+            # Behind the lock: to read some statements (IMPORT DATABASE) is to read files.
+            _check_is_a_question(connection, sql)
             cursor = connection.execute(sql)
             names = _told_apart([column[0] for column in cursor.description])
             kinds = [str(column[1]) for column in cursor.description]
