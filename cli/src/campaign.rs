@@ -2,7 +2,7 @@
 //! elsewhere, put together.
 
 use crate::progress::resumed_bar;
-use crate::{destination, network, output};
+use crate::{destination, output};
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
@@ -50,7 +50,7 @@ struct MergeArgs {
     /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
     #[arg(value_parser = crate::named::campaign())]
     campaign: PathBuf,
-    /// Folders with shards of it, or s3://BUCKET/PREFIX, in any order; a shard may be in several
+    /// Folders with shards of it, in any order; a shard may be in several
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
     /// Folder of the whole; one that holds a part of it already is gone on with [default: runs/campaign-NAME]
@@ -67,8 +67,7 @@ pub struct FlightArgs {
     /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
     #[arg(value_parser = crate::named::campaign())]
     pub campaign: PathBuf,
-    /// Folder of the campaign; one that holds a part of it is gone on with; with --shards also s3://BUCKET/PREFIX, with the credentials in
-    /// AWS_… [default: runs/campaign-NAME]
+    /// Folder of the campaign; one that holds a part of it is gone on with [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Threads [default: as many as this process may use]
@@ -98,7 +97,7 @@ pub struct FlightArgs {
     check: bool,
     /// Fly only these shards of 32 flights, FIRST..END, and leave them as they are; 'rotortwin campaign merge' puts them together
     #[arg(long, value_name = "FIRST..END", value_parser = output::range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
-    pub shards: Option<Range<u64>>,
+    shards: Option<Range<u64>>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub json: bool,
@@ -108,18 +107,6 @@ pub struct FlightArgs {
 }
 
 impl Args {
-    /// True if a place of it is in an object store, which another program reaches.
-    pub fn is_in_a_store(&self) -> bool {
-        match (&self.command, &self.flights) {
-            (Some(Sub::Merge(args)), _) => {
-                let out = args.out.iter();
-                out.chain(&args.folders).any(|place| address(place).is_some())
-            }
-            (None, Some(args)) => args.out.as_deref().and_then(address).is_some(),
-            (None, None) => false,
-        }
-    }
-
     /// The campaign that is to be flown; `None`: something else is to be done.
     pub fn flights(&self) -> Option<&FlightArgs> {
         self.flights.as_ref()
@@ -151,59 +138,17 @@ pub fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Res
     Ok(())
 }
 
-/// `s3://BUCKET/PREFIX`, if it is not the path of a folder.
-pub fn address(place: &Path) -> Option<&str> {
-    place.to_str().filter(|text| text.starts_with("s3://"))
-}
-
-/// What only a program that reaches object stores can do.
-pub trait Store {
-    /// Flies shards of a campaign into an object store.
-    fn fly(&self, args: &FlightArgs, address: &str, campaign: &Campaign) -> Result<ExitCode, StoreError>;
-
-    /// Takes in the shards that are at an address.
-    fn take_in(&self, into: &CampaignFolder, address: &str, campaign: &Campaign) -> Result<(), StoreError>;
-}
-
-/// Why something with an object store did not go well.
-#[derive(Debug)]
-pub enum StoreError {
-    /// What is asked for, or what is there, is wrong: one sentence.
-    BadInput(String),
-    /// The store does not answer, or the disk is full: one sentence.
-    Failed(String),
-}
-
-impl StoreError {
-    /// What it says.
-    pub fn sentence(self) -> String {
-        match self {
-            Self::BadInput(sentence) | Self::Failed(sentence) => sentence,
-        }
-    }
-
-    /// Says it.
-    pub fn print(self) -> ExitCode {
-        match self {
-            Self::BadInput(sentence) => output::bad_input(sentence),
-            Self::Failed(sentence) => output::failed(sentence),
-        }
-    }
-}
-
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
-///
-/// * `store`: what reaches object stores; none in a program that does not
-pub fn run(args: &Args, store: Option<&dyn Store>) -> ExitCode {
+pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     match (&args.command, &args.flights) {
-        (Some(Sub::Merge(args)), _) => merge(args, store),
-        (None, Some(args)) => fly(args, store),
+        (Some(Sub::Merge(args)), _) => merge(args),
+        (None, Some(args)) => fly(args),
         (None, None) => output::bad_input("campaign: expected a campaign, or 'merge'; see 'rotortwin campaign --help'"),
     }
 }
 
-fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
+fn fly(args: &FlightArgs) -> ExitCode {
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
         Err(error) => return output::bad_input(error),
@@ -221,18 +166,6 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
             print!("{}", described(&campaign));
         }
         return ExitCode::SUCCESS;
-    }
-    if let Some(address) = args.out.as_deref().and_then(address) {
-        if args.shards.is_none() {
-            return output::bad_input(format!(
-                "--out {address}: an object store takes shards; expected --shards FIRST..END, and 'rotortwin campaign merge' for the whole"
-            ));
-        }
-        let flown = match store {
-            Some(store) => store.fly(args, address, &campaign),
-            None => return network::hand_over(),
-        };
-        return flown.unwrap_or_else(StoreError::print);
     }
     if args.hunt {
         return hunt(args, &campaign);
@@ -279,12 +212,7 @@ fn described(campaign: &Campaign) -> String {
 }
 
 /// Takes the shards of other folders in, and makes the results of what is there.
-fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
-    if let Some(address) = args.out.as_deref().and_then(address) {
-        return output::bad_input(format!(
-            "--out {address}: what is put together is a folder; expected --out DIR"
-        ));
-    }
+fn merge(args: &MergeArgs) -> ExitCode {
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
         Err(error) => return output::bad_input(error),
@@ -295,15 +223,8 @@ fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     for other in &args.folders {
-        let taken = match (address(other), store) {
-            (None, _) => take_in(&folder, other, &campaign)
-                .map(drop)
-                .map_err(StoreError::BadInput),
-            (Some(address), Some(store)) => store.take_in(&folder, address, &campaign),
-            (Some(_), None) => return network::hand_over(),
-        };
-        if let Err(error) = taken {
-            return error.print();
+        if let Err(sentence) = take_in(&folder, other, &campaign) {
+            return output::bad_input(sentence);
         }
     }
     let missing = runner::missing(&folder, 0..folder.shard_count());
@@ -352,30 +273,10 @@ fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
     if args.events {
         crate::fly::end_with_standard_input();
     }
-    let flown = fly_missing(args, campaign, &folder, BTreeSet::new(), &|_shard| Ok(()));
-    match flown.and_then(|flown| finish(args, campaign, &folder, &flown)) {
+    match fly_missing(args, campaign, &folder).and_then(|flown| finish(args, campaign, &folder, &flown)) {
         Ok(code) => code,
         Err(sentence) => destination::failed_at(folder.path(), sentence),
     }
-}
-
-/// Flies shards of a campaign, except those that are `elsewhere`, and has each kept there as soon as it is in `folder`.
-///
-/// # Errors
-/// One sentence: a shard cannot be written or kept.
-pub fn fly_shards(
-    args: &FlightArgs,
-    campaign: &Campaign,
-    folder: &CampaignFolder,
-    address: &str,
-    elsewhere: BTreeSet<u64>,
-    keep: &runner::Keep<'_>,
-) -> Result<ExitCode, String> {
-    if args.events {
-        crate::fly::end_with_standard_input();
-    }
-    let flown = fly_missing(args, campaign, folder, elsewhere, keep)?;
-    Ok(say_shards(args, &flown, address))
 }
 
 /// How this run of the command went.
@@ -400,18 +301,12 @@ impl Flown {
     }
 }
 
-fn fly_missing(
-    args: &FlightArgs,
-    campaign: &Campaign,
-    folder: &CampaignFolder,
-    elsewhere: BTreeSet<u64>,
-    keep: &runner::Keep<'_>,
-) -> Result<Flown, String> {
+fn fly_missing(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder) -> Result<Flown, String> {
     let options = RunOptions {
         threads: args.threads.unwrap_or_else(available_threads),
         limit: args.limit,
         shards: args.shards.clone(),
-        elsewhere,
+        elsewhere: BTreeSet::new(),
     };
     let plan = runner::plan(folder, &options);
     let stop = stop_flag()?;
@@ -442,7 +337,7 @@ fn fly_missing(
         &options,
         &stop,
         &progress,
-        keep,
+        &|_shard| Ok(()),
     );
     bar.finish_and_clear();
     Ok(Flown {
@@ -475,7 +370,24 @@ pub fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
 
 fn finish(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder, flown: &Flown) -> Result<ExitCode, String> {
     if args.shards.is_some() {
-        return Ok(say_shards(args, flown, &folder.path().display().to_string()));
+        let complete = flown.end == RunEnd::Complete;
+        if args.json {
+            output::line(
+                &serde_json::json!({ "flights": flown.flights, "steps": flown.steps, "complete": complete })
+                    .to_string(),
+            );
+        } else {
+            output::line(&format!(
+                "{} flights flown; shards in {}",
+                flown.flights,
+                folder.path().display()
+            ));
+        }
+        return Ok(if complete {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::from(rotortwin_process::EXIT_FAILED)
+        });
     }
     let go_on = command_line(&args.campaign, args.out.as_deref());
     summed_up(campaign, folder, flown, args.json, &go_on)?;
@@ -483,22 +395,6 @@ fn finish(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder, flown
         RunEnd::Complete => ExitCode::SUCCESS,
         RunEnd::Stopped => ExitCode::from(rotortwin_process::EXIT_FAILED),
     })
-}
-
-fn say_shards(args: &FlightArgs, flown: &Flown, place: &str) -> ExitCode {
-    let complete = flown.end == RunEnd::Complete;
-    if args.json {
-        output::line(
-            &serde_json::json!({ "flights": flown.flights, "steps": flown.steps, "complete": complete }).to_string(),
-        );
-    } else {
-        output::line(&format!("{} flights flown; shards in {place}", flown.flights));
-    }
-    if complete {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::from(rotortwin_process::EXIT_FAILED)
-    }
 }
 
 /// Makes the results of the shards that are there, and prints them.

@@ -13,7 +13,6 @@
 //! * [`postgres`]: a Postgres of one's own;
 //! * [`slurm`]: a Slurm cluster of two nodes;
 //! * [`python`]: Python with the client and what its tests need.
-//! * [`bucket`]: an S3-compatible store;
 //! * [`cable`]: a connection that is cut without a word;
 //! * [`certificates`]: certificates of a test;
 //! * [`hosts`]: several hosts on one machine.
@@ -23,7 +22,6 @@
 //!
 //! Linux only: processes are looked up in `/proc`, shared memory in `/dev/shm`.
 
-pub mod bucket;
 pub mod cable;
 pub mod certificates;
 pub mod hosts;

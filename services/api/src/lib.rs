@@ -13,7 +13,6 @@
 mod access;
 mod artifacts;
 mod browsers;
-mod bucket;
 mod clock;
 mod connections;
 mod data_folder;
@@ -56,14 +55,11 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
-pub use bucket::Bucket;
 pub use fdi::sessions::FdiLimits;
 pub use problem::Problem;
 pub use pulse::alive;
 pub use routes::openapi_document;
 
-/// Queries in SQL that are answered at the same time.
-const QUERIES_AT_ONCE: usize = 2;
 /// Jobs that were begun may take this long to be put back into the queue when the process ends.
 const END_GRACE: Duration = Duration::from_secs(5);
 /// The database may take this long to be closed.
@@ -160,8 +156,6 @@ pub(crate) struct App {
     pub(crate) rate: Rate,
     pub(crate) fdi: FdiSessions,
     pub(crate) metrics: Metrics,
-    /// Turns of queries in SQL.
-    pub(crate) queries: tokio::sync::Semaphore,
 }
 
 impl App {
@@ -342,7 +336,6 @@ impl Server {
             shop: Arc::clone(&worker.shop),
             fdi,
             metrics: Metrics::new(),
-            queries: tokio::sync::Semaphore::new(QUERIES_AT_ONCE),
         });
         Ok(Self {
             app,

@@ -31,20 +31,7 @@ pub(crate) async fn answer<W: AsRef<OsStr>>(
     words: impl IntoIterator<Item = W>,
     patience: Patience,
 ) -> Result<String, Problem> {
-    answer_in(program, words, patience, None).await
-}
-
-/// [`answer`], of a command that runs in a folder.
-pub(crate) async fn answer_in<W: AsRef<OsStr>>(
-    program: &Path,
-    words: impl IntoIterator<Item = W>,
-    patience: Patience,
-    folder: Option<&Path>,
-) -> Result<String, Problem> {
     let mut command = Command::new(program);
-    if let Some(folder) = folder {
-        command.current_dir(folder);
-    }
     command
         .args(words)
         .stdin(Stdio::null())
