@@ -7,7 +7,7 @@ use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::SideBySide;
-use rotortwin_campaign::study::folder::{CampaignFolder, shards_of};
+use rotortwin_campaign::study::folder::{CampaignFolder, manifest, shards_of};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
 use rotortwin_campaign::study::runner::{RunEnd, missing as missing_shards};
@@ -165,7 +165,10 @@ fn fly(args: &FlightArgs) -> ExitCode {
     }
     if args.check {
         if args.json {
-            println!("{:#}", described_as_json(&campaign));
+            match described_as_json(&campaign) {
+                Ok(described) => println!("{described:#}"),
+                Err(sentence) => return output::failed(sentence),
+            }
         } else {
             print!("{}", described(&campaign));
         }
@@ -180,16 +183,24 @@ fn fly(args: &FlightArgs) -> ExitCode {
     }
 }
 
-/// For scripts that share the shards out.
-fn described_as_json(campaign: &Campaign) -> serde_json::Value {
+/// For programs that share the shards out.
+fn described_as_json(campaign: &Campaign) -> Result<serde_json::Value, String> {
     let document = campaign.document();
-    serde_json::json!({
+    let files: Vec<PathBuf> = campaign
+        .files()
+        .iter()
+        .map(|path| std::path::absolute(path).map_err(|error| format!("{}: {error}", path.display())))
+        .collect::<Result<_, String>>()?;
+    Ok(serde_json::json!({
         "name": document.name,
         "description": document.description,
         "flights": campaign.flights(),
         "shards": shards_of(campaign.flights()),
         "seed": document.seed,
-    })
+        "campaign": std::path::absolute(campaign.path()).map_err(|error| error.to_string())?,
+        "files": files,
+        "manifest": manifest(campaign)?,
+    }))
 }
 
 fn described(campaign: &Campaign) -> String {

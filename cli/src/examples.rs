@@ -87,6 +87,12 @@ Examples:
   rotortwin campaign wide-draw --shards 0..4 --out part-0
   rotortwin campaign merge wide-draw part-0 part-1 --out whole";
 
+pub(crate) const QUERY: &str = "\
+Examples:
+  rotortwin query 'SELECT folder, max(true_roll_rad) FROM telemetry GROUP BY folder' runs
+  rotortwin query 'SELECT * FROM campaign ORDER BY flight LIMIT 10' runs/campaign-detector-ideal --csv
+  rotortwin query 'DESCRIBE shards' s3://bench/night-17";
+
 pub(crate) const FIT: &str = "\
 Examples:
   rotortwin fit thrust stand.csv --map time=1:s --map thrust=2:kg";

@@ -56,6 +56,7 @@ pub mod network;
 mod next_flight;
 pub mod output;
 mod progress;
+mod query;
 pub mod replay;
 pub mod reproduce;
 pub mod show;
@@ -131,6 +132,9 @@ pub enum Command {
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
     #[command(after_help = examples::CAMPAIGN)]
     Campaign(campaign::Args),
+    /// SQL over results: every Parquet file below folders, or of an object store, is a row of a table
+    #[command(after_help = examples::QUERY)]
+    Query(query::Args),
     /// Vehicle constants from bench measurements: thrust, battery, motor lag
     #[command(after_help = examples::FIT)]
     Fit(fit::Args),
@@ -242,6 +246,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Effects(args) => effects::run(&args),
         Command::Model(args) => model::run(&args),
         Command::Campaign(args) => campaign::run(&args),
+        Command::Query(args) => query::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Vehicle(args) => vehicle::run(&args),
         Command::Blind(args) => blind::run(&args),

@@ -19,6 +19,17 @@ pub fn environment(name: &str, packages: &[&str]) -> Option<PathBuf> {
     environment_of("python3", name, packages)
 }
 
+/// [`environment`] of the client with what its tests need; DuckDB and PyArrow are among it.
+///
+/// # Panics
+/// The folder `target` cannot be written.
+pub fn client_environment() -> Option<PathBuf> {
+    environment(
+        "python-client",
+        &["--editable", &format!("{}[test]", client_folder().display())],
+    )
+}
+
 /// [`environment`] of a certain Python.
 ///
 /// # Panics

@@ -247,7 +247,10 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
         .run()
         .expect_code(2);
     assert!(
-        refused.stderr.iter().any(|line| line.contains("a full battery would carry ")),
+        refused
+            .stderr
+            .iter()
+            .any(|line| line.contains("a full battery would carry ")),
         "{:?}",
         refused.stderr
     );

@@ -1,13 +1,12 @@
 //! The Python client: its own tests against the program that was just built, and its types.
 
 use rotortwin_tests::program::program;
-use rotortwin_tests::python::{client_folder, environment};
+use rotortwin_tests::python::{client_environment, client_folder};
 use std::process::Command;
 
 /// Runs a program of the environment in the client's folder; what it said if it failed.
 fn passes(name: &str, arguments: &[&str]) {
-    let packages = ["--editable", &format!("{}[test]", client_folder().display())];
-    let Some(programs) = environment("python-client", &packages) else {
+    let Some(programs) = client_environment() else {
         return;
     };
     let output = Command::new(programs.join(name))

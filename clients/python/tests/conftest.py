@@ -18,6 +18,8 @@ from rotortwin import Client
 
 # What runs in this process is part of the platform's wheel only; tests/tests/packages.rs runs these tests from it.
 collect_ignore = [] if importlib.util.find_spec("rotortwin._native") else ["native"]
+# Ray and Dask are in an environment of their own: tests/tests/executors.rs.
+collect_ignore += [] if importlib.util.find_spec("ray") else ["executors"]
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -10,6 +10,7 @@ use rotortwin_campaign::study::totals::Totals;
 use rotortwin_campaign::study::{Campaign, report, results};
 use rotortwin_jobs::{Campaign as Job, JobEvent, Progress};
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -79,11 +80,13 @@ pub struct ShardsFlown {
 /// It is another campaign's, or another program began it.
 pub fn prepare<'a>(job: &Job, campaign: &'a Campaign) -> Result<Prepared<'a>, Failure> {
     let folder = CampaignFolder::open(&job.out, campaign).map_err(Failure::Input)?;
-    runner::check_same_program(campaign, &OneByOne, &folder).map_err(Failure::Input)?;
+    let place = folder.path().display().to_string();
+    runner::check_same_program(campaign, &OneByOne, &folder, &place).map_err(Failure::Input)?;
     let options = RunOptions {
         threads: job.threads.unwrap_or_else(available_threads),
         limit: job.limit,
         shards: job.shards.clone(),
+        elsewhere: BTreeSet::new(),
     };
     let plan = runner::plan(&folder, &options);
     Ok(Prepared {
@@ -131,7 +134,15 @@ impl Prepared<'_> {
             }));
         };
         let engine = SideBySide::default();
-        let end = runner::run(self.campaign, &engine, &self.folder, &self.options, stop, &progress);
+        let end = runner::run(
+            self.campaign,
+            &engine,
+            &self.folder,
+            &self.options,
+            stop,
+            &progress,
+            &|_shard| Ok(()),
+        );
         let end = end.map_err(|sentence| Failure::writing(self.folder.path(), sentence))?;
         Ok(Flown {
             end,

@@ -25,6 +25,7 @@ from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncI
 from .client import BlindBenches, Campaigns, Client, Jobs, Library, Models, Runs, Scenarios
 from .errors import (
     BadRequest,
+    CampaignFailed,
     Conflict,
     ConnectionLost,
     DiskFull,
@@ -58,6 +59,7 @@ from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
 
 if TYPE_CHECKING:
     from .analysis import IdentifiedVehicle, Improved, JudgedLog, Result, compare, diagnose, fdi_log, improve, vehicle_from_log
+    from ._campaign import campaign
     from ._query import query
     from .simulation import FlightError, Flights, InputError, Scenario, Simulation, SimulationBatch, Verdict, fly
 
@@ -66,6 +68,7 @@ _HERE = {
     "analysis": (
         "IdentifiedVehicle", "Improved", "JudgedLog", "Result", "compare", "diagnose", "fdi_log", "improve", "vehicle_from_log",
     ),  # fmt: skip
+    "_campaign": ("campaign",),
     "_query": ("query",),
     "simulation": ("FlightError", "Flights", "InputError", "Scenario", "Simulation", "SimulationBatch", "Verdict", "fly"),
 }
@@ -99,6 +102,7 @@ __all__ = [
     "Autopilot",
     "BadRequest",
     "BlindBenches",
+    "CampaignFailed",
     "Campaigns",
     "Channel",
     "Classifiers",
@@ -148,6 +152,7 @@ __all__ = [
     "Validation",
     "Verdict",
     "Verification",
+    "campaign",
     "compare",
     "diagnose",
     "fdi_log",

@@ -26,6 +26,10 @@ class JobFailed(RotortwinError):
         self.status = status
 
 
+class CampaignFailed(RotortwinError):
+    """A campaign of this machine or of an executor cannot be flown, or a task of it failed."""
+
+
 class Problem(RotortwinError):
     """The server refused (RFC 9457, `application/problem+json`); the text is its `detail`."""
 

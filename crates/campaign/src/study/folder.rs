@@ -13,7 +13,7 @@
 use super::plan::Campaign;
 use super::record::{FlightRecord, columns};
 use crate::table_file::Values;
-use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use parquet::file::reader::{ChunkReader, FileReader as _, SerializedFileReader};
 use parquet::record::RowAccessor as _;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -27,7 +27,8 @@ pub fn shards_of(flights: u64) -> u64 {
     flights.div_ceil(SHARD_FLIGHTS)
 }
 
-const MANIFEST: &str = "campaign.json";
+/// File that says what a folder belongs to.
+pub const MANIFEST: &str = "campaign.json";
 const LOCK: &str = "campaign.lock";
 const SHARDS: &str = "shards";
 const PART: &str = "part";
@@ -53,6 +54,72 @@ pub struct CampaignFolder {
     _lock: File,
 }
 
+impl Manifest {
+    fn of(campaign: &Campaign) -> Result<Self, String> {
+        Ok(Self {
+            format: FORMAT,
+            name: campaign.document().name.clone(),
+            program: program(),
+            content_hash: campaign.content_hash().map_err(|error| error.to_string())?,
+            flights: campaign.flights(),
+        })
+    }
+
+    fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("texts and numbers are JSON")
+    }
+}
+
+/// The manifest of a campaign's folder, wherever it is.
+///
+/// # Errors
+/// A file that the campaign names cannot be read.
+pub fn manifest(campaign: &Campaign) -> Result<String, String> {
+    Ok(Manifest::of(campaign)?.to_json())
+}
+
+/// Whether what was found as the manifest of `place` is that of this campaign and this program; an error is one sentence that names `place`.
+///
+/// # Errors
+/// It is not.
+pub fn check_manifest(place: &str, found: &[u8], campaign: &Campaign) -> Result<(), String> {
+    let wanted = Manifest::of(campaign)?;
+    let known: Manifest = serde_json::from_slice(found)
+        .map_err(|error| format!("{place}/{MANIFEST}: not the manifest of a campaign: {error}"))?;
+    if known.format != FORMAT {
+        return Err(format!(
+            "{place}: was written in format {} of campaign folders, this program has {FORMAT}; name another folder with --out",
+            known.format
+        ));
+    }
+    if known.program != wanted.program {
+        return Err(format!(
+            "{place}: was begun by {}, this is {}, whose flights may differ; name another folder with --out",
+            known.program, wanted.program
+        ));
+    }
+    if known != wanted {
+        return Err(format!(
+            "{place}: holds flights of another campaign: {} or a file that it names has changed since; name another folder with --out, \
+             or remove this one",
+            campaign.path().display()
+        ));
+    }
+    Ok(())
+}
+
+/// Path of a shard below the folder.
+pub fn shard_name(shard: u64) -> String {
+    format!("{SHARDS}/{shard:06}.parquet")
+}
+
+/// The shard whose path below the folder this is.
+pub fn shard_number(name: &str) -> Option<u64> {
+    let digits = name.strip_prefix(SHARDS)?.strip_prefix('/')?.strip_suffix(".parquet")?;
+    let shard = digits.parse().ok()?;
+    (shard_name(shard) == name).then_some(shard)
+}
+
 /// Program and version, as in the manifest.
 pub fn program() -> String {
     format!("rotortwin {}", env!("CARGO_PKG_VERSION"))
@@ -61,45 +128,16 @@ pub fn program() -> String {
 impl CampaignFolder {
     /// Makes the folder of `campaign` at `path`, or opens it to go on. An error is one sentence, and nothing was changed.
     pub fn open(path: &Path, campaign: &Campaign) -> Result<Self, String> {
-        let wanted = Manifest {
-            format: FORMAT,
-            name: campaign.document().name.clone(),
-            program: program(),
-            content_hash: campaign.content_hash().map_err(|error| error.to_string())?,
-            flights: campaign.flights(),
-        };
+        let wanted = Manifest::of(campaign)?;
         let shown = path.display();
         let manifest_path = path.join(MANIFEST);
         let known = match std::fs::read_to_string(&manifest_path) {
-            Ok(text) => {
-                let manifest: Manifest = serde_json::from_str(&text)
-                    .map_err(|error| format!("{}: not the manifest of a campaign: {error}", manifest_path.display()))?;
-                Some(manifest)
-            }
+            Ok(text) => Some(text),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
             Err(error) => return Err(format!("{}: cannot be read: {error}", manifest_path.display())),
         };
         match &known {
-            Some(known) if known.format != FORMAT => {
-                return Err(format!(
-                    "{shown}: was written in format {} of campaign folders, this program has {FORMAT}; name another folder with --out",
-                    known.format
-                ));
-            }
-            Some(known) if known.program != wanted.program => {
-                return Err(format!(
-                    "{shown}: was begun by {}, this is {}, whose flights may differ; name another folder with --out",
-                    known.program, wanted.program
-                ));
-            }
-            Some(known) if *known != wanted => {
-                return Err(format!(
-                    "{shown}: holds flights of another campaign: {} or a file that it names has changed since; name another folder with \
-                     --out, or remove this one",
-                    campaign.path().display()
-                ));
-            }
-            Some(_) => {}
+            Some(text) => check_manifest(&shown.to_string(), text.as_bytes(), campaign)?,
             None => {
                 let occupied = match std::fs::read_dir(path) {
                     Ok(mut entries) => entries.next().is_some(),
@@ -125,8 +163,7 @@ impl CampaignFolder {
         rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive)
             .map_err(|_taken| format!("{shown}: another process works on this campaign at this moment"))?;
         if known.is_none() {
-            let text = serde_json::to_string_pretty(&wanted).expect("texts and numbers are JSON");
-            write_whole(&manifest_path, text.as_bytes())?;
+            write_whole(&manifest_path, wanted.to_json().as_bytes())?;
         }
         let folder = Self {
             path: path.to_path_buf(),
@@ -180,7 +217,7 @@ impl CampaignFolder {
     }
 
     fn shard_path(&self, shard: u64) -> PathBuf {
-        self.path.join(SHARDS).join(format!("{shard:06}.parquet"))
+        self.path.join(shard_name(shard))
     }
 
     /// True if all its flights have been flown.
@@ -194,9 +231,24 @@ impl CampaignFolder {
         std::fs::read(&path).map_err(|error| format!("{}: cannot be read: {error}", path.display()))
     }
 
-    /// Takes a shard of another folder of the same campaign.
-    pub fn copy_shard(&self, shard: u64, from: &Self) -> Result<(), String> {
-        write_whole(&self.shard_path(shard), &from.shard_bytes(shard)?)
+    /// Takes the bytes of a shard that was flown elsewhere, if they are those of its flights.
+    ///
+    /// # Errors
+    /// They are not, or cannot be written: one sentence, which names `from` where it is about the bytes.
+    pub fn put_shard(&self, shard: u64, content: &[u8], from: &str) -> Result<(), String> {
+        // What cannot be read is refused here, where its place can be named.
+        self.records(shard, bytes::Bytes::copy_from_slice(content))
+            .map_err(|reason| format!("{from}: {reason}; remove it, fly it again and merge again"))?;
+        write_whole(&self.shard_path(shard), content)
+    }
+
+    /// Removes a shard that has been taken to its place.
+    ///
+    /// # Errors
+    /// The file cannot be removed.
+    pub fn drop_shard(&self, shard: u64) -> Result<(), String> {
+        let path = self.shard_path(shard);
+        std::fs::remove_file(&path).map_err(|error| format!("{}: cannot be removed: {error}", path.display()))
     }
 
     /// Writes a whole shard.
@@ -222,29 +274,32 @@ impl CampaignFolder {
             )
         };
         let file = File::open(&path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
-        let reader =
-            SerializedFileReader::new(file).map_err(|error| refuse(format!("not a whole Parquet file: {error}")))?;
+        self.records(shard, file).map_err(refuse)
+    }
+
+    fn records(&self, shard: u64, file: impl ChunkReader + 'static) -> Result<Vec<FlightRecord>, String> {
+        let reader = SerializedFileReader::new(file).map_err(|error| format!("not a whole Parquet file: {error}"))?;
         let schema = reader.metadata().file_metadata().schema();
         let place = schema
             .get_fields()
             .iter()
             .position(|field| field.name() == "record")
-            .ok_or_else(|| refuse("has no column `record`".into()))?;
-        let rows = reader.get_row_iter(None).map_err(|error| refuse(error.to_string()))?;
+            .ok_or("has no column `record`")?;
+        let rows = reader.get_row_iter(None).map_err(|error| error.to_string())?;
         let records: Vec<FlightRecord> = rows
             .map(|row| {
-                let row = row.map_err(|error| refuse(error.to_string()))?;
-                let text = row.get_string(place).map_err(|error| refuse(error.to_string()))?;
-                serde_json::from_str(text).map_err(|error| refuse(format!("a record cannot be read: {error}")))
+                let row = row.map_err(|error| error.to_string())?;
+                let text = row.get_string(place).map_err(|error| error.to_string())?;
+                serde_json::from_str(text).map_err(|error| format!("a record cannot be read: {error}"))
             })
             .collect::<Result<_, String>>()?;
         let range = self.shard_range(shard);
         if !records.iter().map(|record| record.flight).eq(range.clone()) {
-            return Err(refuse(format!(
+            return Err(format!(
                 "does not hold the flights {} to {}",
                 range.start,
                 range.end - 1
-            )));
+            ));
         }
         Ok(records)
     }

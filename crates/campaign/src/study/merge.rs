@@ -8,7 +8,7 @@
 //! Any order, any number of times. A flight depends on its campaign and its number alone, so two folders that hold the same shard hold the
 //! same bytes; where they do not, a machine or a program went wrong, and nothing says which.
 
-use super::folder::CampaignFolder;
+use super::folder::{CampaignFolder, shard_name};
 use super::plan::Campaign;
 use std::path::Path;
 
@@ -25,23 +25,33 @@ pub fn take_in(into: &CampaignFolder, from: &Path, campaign: &Campaign) -> Resul
         ));
     }
     let part = CampaignFolder::open_present(from, campaign)?;
+    let place = from.display().to_string();
     let mut taken = 0;
     for shard in (0..part.shard_count()).filter(|shard| part.has_shard(*shard)) {
-        if into.has_shard(shard) {
-            if part.shard_bytes(shard)? != into.shard_bytes(shard)? {
-                return Err(format!(
-                    "{}: shard {shard} is another one than in {}: the same flights gave different results on two machines, or a file is \
-                     damaged; fly it again and compare",
-                    from.display(),
-                    into.path().display()
-                ));
-            }
-            continue;
-        }
-        // What cannot be read is refused here, where its folder can be named.
-        part.read_shard(shard)?;
-        into.copy_shard(shard, &part)?;
-        taken += 1;
+        taken += u64::from(take_in_shard(into, &place, shard, &part.shard_bytes(shard)?)?);
     }
     Ok(taken)
+}
+
+/// Takes one shard that was found at `place`, a folder or an address; `false`: it is there already, with the same bytes.
+///
+/// # Errors
+/// It cannot be read, or `into` has it otherwise: one sentence.
+pub fn take_in_shard(into: &CampaignFolder, place: &str, shard: u64, content: &[u8]) -> Result<bool, String> {
+    if !into.has_shard(shard) {
+        into.put_shard(shard, content, &format!("{place}/{}", shard_name(shard)))?;
+        return Ok(true);
+    }
+    if content == into.shard_bytes(shard)? {
+        return Ok(false);
+    }
+    Err(different(place, &into.path().display().to_string(), shard))
+}
+
+/// Two places have different bytes for the same flights.
+pub fn different(place: &str, other: &str, shard: u64) -> String {
+    format!(
+        "{place}: shard {shard} is another one than in {other}: the same flights gave different results on two machines, or a file is \
+         damaged; fly it again and compare"
+    )
 }

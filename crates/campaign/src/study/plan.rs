@@ -14,8 +14,9 @@ use crate::paper::protocol::Course;
 use rotortwin_flight::run_hash::content_hash;
 use rotortwin_plant::random::RandomStream;
 use rotortwin_scenario::names::{Kind, meant};
-use rotortwin_scenario::template::{ScenarioTemplate, TomlFile, overlay, set_value};
+use rotortwin_scenario::template::{ScenarioTemplate, TomlFile, overlay, set_value, value_at};
 use rotortwin_scenario::{ConfigError, Scenario};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -141,6 +142,7 @@ pub struct Campaign {
     path: PathBuf,
     file: TomlFile,
     document: CampaignDocument,
+    scenario_path: PathBuf,
     template: ScenarioTemplate,
     /// The base scenario with `[set]`.
     base: Table,
@@ -195,6 +197,7 @@ impl Campaign {
             warnings: Vec::new(),
             file,
             document,
+            scenario_path,
             template,
             base,
         };
@@ -256,6 +259,40 @@ impl Campaign {
         self.template.directory()
     }
 
+    /// Every file that its flights are made of: the document, the base, vehicles, blades, classifiers, effects.
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        let mut files = BTreeSet::from([self.path.clone(), self.scenario_path.clone()]);
+        for choice in self.vehicle_choices() {
+            let mut table = self.base.clone();
+            // What cannot be set has been refused.
+            if choice
+                .into_iter()
+                .all(|(key, value)| set_value(&mut table, &key, value).is_ok())
+            {
+                self.add_files(&table, &mut files);
+            }
+        }
+        files
+    }
+
+    /// The files that a scenario names, and those that these name.
+    fn add_files(&self, table: &Table, files: &mut BTreeSet<PathBuf>) {
+        let text = |key: &str| value_at(table, key).and_then(Value::as_str);
+        if let Some(vehicle) = text("vehicle") {
+            let path = meant(Kind::Vehicle, self.directory(), vehicle);
+            let read = std::fs::read_to_string(&path).ok();
+            let read = read.and_then(|text| text.parse::<Table>().ok());
+            if let Some(blades) = read.as_ref().and_then(|read| value_at(read, "rotors.blades")?.as_str()) {
+                files.insert(meant(Kind::Blades, path.parent().unwrap_or(Path::new("")), blades));
+            }
+            files.insert(path);
+        }
+        files.extend(text("fdi.network").map(|network| meant(Kind::Classifier, self.directory(), network)));
+        let effects = value_at(table, "effect_files").and_then(Value::as_array);
+        let effects = effects.into_iter().flatten().filter_map(Value::as_str);
+        files.extend(effects.map(|effect| meant(Kind::Effect, self.directory(), effect)));
+    }
+
     /// Hash over the document, the base with its vehicle, blades and classifier: what decides the flights besides the program.
     pub fn content_hash(&self) -> Result<String, ConfigError> {
         // What it is said to show changes no flight.
@@ -277,6 +314,10 @@ impl Campaign {
                 let part = serde_json::to_string(&(&documents.vehicle, &documents.blades, &documents.classifier))
                     .expect("documents of text and numbers are JSON");
                 seen.push(content_hash(part.as_bytes()));
+                if !documents.effects.is_empty() {
+                    let effects = serde_json::to_string(&documents.effects).expect("documents are JSON");
+                    seen.push(content_hash(effects.as_bytes()));
+                }
             }
         }
         seen.sort_unstable();
@@ -294,7 +335,7 @@ impl Campaign {
                     choice
                         .set
                         .iter()
-                        .any(|(key, _)| key == "vehicle" || key == "fdi" || key == "fdi.network")
+                        .any(|(key, _)| ["vehicle", "fdi", "fdi.network", "effect_files"].contains(&key.as_str()))
                 };
                 choices.extend(list.iter().filter(names_files).map(|choice| choice.set.clone()));
             }

@@ -9,7 +9,7 @@ use super::folder::{CampaignFolder, SHARD_FLIGHTS};
 use super::plan::Campaign;
 use super::record::{FlightRecord, FlightStatus};
 use super::score::DetectorScore;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -24,6 +24,8 @@ pub struct RunOptions {
     pub limit: Option<u64>,
     /// Fly only these shards; the others are flown elsewhere.
     pub shards: Option<std::ops::Range<u64>>,
+    /// Shards that are there, but not in the folder: in an object store.
+    pub elsewhere: BTreeSet<u64>,
 }
 
 /// What has been flown since the start, told after every few flights.
@@ -73,7 +75,8 @@ pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
     let asked = options.shards.clone().unwrap_or(0..all);
     let shards = asked.start.min(end)..asked.end.min(end);
     let size = |shard: u64| folder.shard_range(shard).end - folder.shard_range(shard).start;
-    let missing = missing(folder, shards.clone());
+    let mut missing = missing(folder, shards.clone());
+    missing.retain(|shard| !options.elsewhere.contains(shard));
     let wanted: u64 = shards.map(size).sum();
     Plan {
         present_flights: wanted - missing.iter().map(|shard| size(*shard)).sum::<u64>(),
@@ -83,10 +86,14 @@ pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
 }
 
 /// Flies a flight of the first and of the last shard that is there again: a program that makes something else of them must not go on.
+///
+/// # Errors
+/// It does: one sentence that names `place`, where the shards are.
 pub fn check_same_program(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
     folder: &CampaignFolder,
+    place: &str,
 ) -> Result<(), String> {
     let mut present = (0..folder.shard_count()).filter(|shard| folder.has_shard(*shard));
     let mut ends: Vec<u64> = present.next().into_iter().chain(present.next_back()).collect();
@@ -97,8 +104,7 @@ pub fn check_same_program(
         let now = fly(campaign, engine, before.flight..before.flight + 1);
         if now.first() != Some(before) {
             return Err(format!(
-                "{}: this program makes something else of flight {} than the one that began the campaign; name another folder with --out",
-                folder.path().display(),
+                "{place}: this program makes something else of flight {} than the one that began the campaign; name another folder with --out",
                 before.flight
             ));
         }
@@ -112,7 +118,10 @@ struct Open {
     missing: u64,
 }
 
-/// Flies the missing shards. `progress` is called from any thread.
+/// What is done with a shard once it is in the folder. An error ends the run of the command.
+pub type Keep<'a> = dyn Fn(u64) -> Result<(), String> + Sync + 'a;
+
+/// Flies the missing shards. `progress` and `keep` are called from any thread.
 pub fn run(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
@@ -120,6 +129,7 @@ pub fn run(
     options: &RunOptions,
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
+    keep: &Keep<'_>,
 ) -> Result<RunEnd, String> {
     let missing = plan(folder, options).missing;
     let lanes = (engine.lanes() as u64).clamp(1, SHARD_FLIGHTS);
@@ -129,6 +139,7 @@ pub fn run(
     let open: Mutex<BTreeMap<u64, Open>> = Mutex::default();
     let failure: Mutex<Option<String>> = Mutex::default();
     let halted = AtomicBool::new(false);
+    let written = AtomicUsize::new(0);
     let worker = || {
         while !halted.load(Ordering::Relaxed) {
             let wanted = |job: usize| {
@@ -162,12 +173,18 @@ pub fn run(
             };
             if let Some(done) = done {
                 let records: Vec<FlightRecord> = done.groups.into_values().flatten().collect();
-                if let Err(sentence) = folder.write_shard(shard, &records, campaign) {
-                    failure
-                        .lock()
-                        .unwrap_or_else(PoisonError::into_inner)
-                        .get_or_insert(sentence);
-                    halted.store(true, Ordering::Relaxed);
+                let kept = folder.write_shard(shard, &records, campaign);
+                match kept.and_then(|()| keep(shard)) {
+                    Ok(()) => {
+                        written.fetch_add(1, Ordering::Relaxed);
+                    }
+                    Err(sentence) => {
+                        failure
+                            .lock()
+                            .unwrap_or_else(PoisonError::into_inner)
+                            .get_or_insert(sentence);
+                        halted.store(true, Ordering::Relaxed);
+                    }
                 }
             }
         }
@@ -181,7 +198,7 @@ pub fn run(
     if let Some(sentence) = failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(sentence);
     }
-    let complete = missing.iter().all(|shard| folder.has_shard(*shard));
+    let complete = written.into_inner() == missing.len();
     Ok(if complete { RunEnd::Complete } else { RunEnd::Stopped })
 }
 

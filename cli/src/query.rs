@@ -1,0 +1,464 @@
+//! `rotortwin query`: SQL over results, by the DuckDB of a Python on this machine.
+//!
+//! ```text
+//!  query ── request, one line of JSON ──▶ python3 -c clients/python/src/rotortwin/_query.py ── a line of JSON for each row ──▶ table, JSON, CSV
+//! ```
+//! The engine runs in a process of its own, with limits of memory and time; it answers one SELECT, and reads the Parquet files below the
+//! folders that were named and nothing else. Why not an engine in this program: docs/decisions/0065.
+
+use crate::{output, terminal};
+use clap::Parser;
+use rotortwin_runner::grid::Grid;
+use rustix::process::{Pid, Resource, Rlimit, prlimit};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::time::{Duration, Instant};
+
+/// The engine: the module of the Python package, which uses nothing of the rest of it.
+const ENGINE: &str = include_str!("../../clients/python/src/rotortwin/_query.py");
+
+/// Runs the text that follows it, with nothing to be imported from the folder that this is started in.
+const START: &str = "import sys; sys.path = [p for p in sys.path if p]; space = {'__name__': 'rotortwin_query'}; \
+                     exec(compile(sys.argv.pop(), 'query', 'exec'), space); sys.exit(space['main']())";
+
+/// Exit code of the engine: `NO_DUCKDB` in its source.
+const NO_DUCKDB: i32 = 4;
+
+/// Said where there is no engine; the server tells this by its beginning.
+const MISSING: &str = "SQL over results needs Python 3.10 or later with DuckDB 1.2 or later, which is not here; expected `pip install duckdb pyarrow` \
+                       for the python3 on the search path, or --python PROGRAM (or ROTORTWIN_PYTHON) that names another one";
+
+/// Rows of a table that is read by a person.
+const ROWS_OF_A_TABLE: u64 = 100;
+
+/// What Python, DuckDB and PyArrow take beside the memory of a query, bytes. Measured: 0.3 GB with two threads; stacks are counted whole.
+const OVERHEAD: u64 = 1_000_000_000;
+
+/// Lines that are read before they are printed.
+const LINES_AHEAD: usize = 1024;
+
+/// No query spills more than this to the temporary folder.
+const MOST_SPILLED: &str = "64GB";
+
+/// Arguments of `rotortwin query`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// One SELECT in DuckDB's SQL; each kind of Parquet file is a table: telemetry, campaign, shards, rows, …
+    pub sql: String,
+    /// Folders with results, or s3://BUCKET/PREFIX with the credentials in AWS_…; what is below them counts [default: runs]
+    #[arg(value_name = "FOLDER")]
+    folders: Vec<String>,
+    /// A folder whose rows have this name in the column `folder`; may be given several times
+    #[arg(long = "named", value_name = "NAME=FOLDER", value_parser = named)]
+    named: Vec<(String, String)>,
+    /// Print one JSON object: columns, rows, whether there are more
+    #[arg(long, conflicts_with = "csv")]
+    json: bool,
+    /// Print CSV
+    #[arg(long)]
+    csv: bool,
+    /// At most so many rows [default: 100 of a table; all with --json or --csv]
+    #[arg(long, value_name = "N")]
+    rows: Option<u64>,
+    /// Memory of the query, MB; what does not fit goes to a temporary folder
+    #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(16..=1_000_000))]
+    memory: u64,
+    /// Longest time of the query, s
+    #[arg(long = "time", value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    time_s: u64,
+    /// Threads [default: as many as this process may use]
+    #[arg(long = "jobs", value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// The Python whose DuckDB is asked [default: python3 beside this program, or else on the search path]
+    #[arg(long, value_name = "PROGRAM", env = "ROTORTWIN_PYTHON")]
+    python: Option<PathBuf>,
+    /// Longest answer, bytes
+    #[arg(long, value_name = "BYTES", hide = true)]
+    most_bytes: Option<u64>,
+}
+
+fn named(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, folder)) if !name.is_empty() && !folder.is_empty() => Ok((name.to_owned(), folder.to_owned())),
+        _ => Err("expected NAME=FOLDER".to_owned()),
+    }
+}
+
+/// Exit code 2 for SQL that cannot be answered, 1 where there is no engine or it reached a limit.
+pub(crate) fn run(args: &Args) -> ExitCode {
+    match ask(args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Refusal::BadInput(sentence)) => output::bad_input(sentence),
+        Err(Refusal::Failed(sentence)) => output::failed(sentence),
+    }
+}
+
+enum Refusal {
+    BadInput(String),
+    Failed(String),
+}
+
+fn ask(args: &Args) -> Result<(), Refusal> {
+    let spill = tempfile::Builder::new()
+        .prefix("rotortwin-query-")
+        .tempdir()
+        .map_err(|error| Refusal::Failed(format!("no temporary folder can be made for the query: {error}")))?;
+    let request = request(args, spill.path());
+    for python in pythons(args.python.as_deref()) {
+        let mut engine = match Engine::start(&python, &request, args) {
+            Ok(engine) => engine,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(error) => {
+                return Err(Refusal::Failed(format!(
+                    "{}: cannot be started: {error}",
+                    python.display()
+                )));
+            }
+        };
+        let mut printer = Printer::new(args);
+        while let Some(line) = engine.next_line()? {
+            printer.take(&line).map_err(Refusal::Failed)?;
+            if terminal::is_closed() {
+                return Ok(());
+            }
+        }
+        match engine.end()? {
+            NO_DUCKDB => {}
+            0 => return printer.finish().map_err(Refusal::Failed),
+            code => return Err(engine.refusal(code)),
+        }
+    }
+    Err(Refusal::Failed(MISSING.to_owned()))
+}
+
+fn request(args: &Args, spill: &Path) -> String {
+    let is_alone = args.named.is_empty() && args.folders.len() < 2;
+    let mut sources: Vec<[&str; 2]> = args
+        .named
+        .iter()
+        .map(|(name, folder)| [name.as_str(), folder.as_str()])
+        .collect();
+    for folder in args.folders.iter().map(String::as_str) {
+        sources.push([if is_alone { "" } else { folder.trim_end_matches('/') }, folder]);
+    }
+    if sources.is_empty() {
+        sources.push(["", "runs"]);
+    }
+    let rows = args
+        .rows
+        .or_else(|| (!args.json && !args.csv).then_some(ROWS_OF_A_TABLE));
+    json!({
+        "sql": args.sql,
+        "sources": sources,
+        "memory": format!("{}MB", args.memory),
+        "threads": args.threads,
+        "spill": spill,
+        "spill_most": MOST_SPILLED,
+        "rows": rows,
+        "bytes": args.most_bytes,
+    })
+    .to_string()
+}
+
+/// The one that was asked for, or all that may have a DuckDB.
+fn pythons(asked: Option<&Path>) -> Vec<PathBuf> {
+    if let Some(asked) = asked {
+        return vec![asked.to_owned()];
+    }
+    // The wheel puts this program into the folder of its environment's Python.
+    let beside = std::env::current_exe().ok().map(|own| own.with_file_name("python3"));
+    let beside = beside.filter(|path| path.is_file());
+    beside.into_iter().chain([PathBuf::from("python3")]).collect()
+}
+
+/// A process that answers one query.
+struct Engine {
+    child: Child,
+    /// Open until this ends: the process takes its closing for our death.
+    _stdin: std::process::ChildStdin,
+    lines: Receiver<std::io::Result<String>>,
+    words: Option<std::thread::JoinHandle<String>>,
+    until: Instant,
+    limit_s: u64,
+    memory: u64,
+}
+
+impl Drop for Engine {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+impl Engine {
+    fn start(python: &Path, request: &str, args: &Args) -> std::io::Result<Self> {
+        let mut child = Command::new(python)
+            .args(["-c", START, ENGINE])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()?;
+        limit_memory(&child, args.memory * 1_000_000 + OVERHEAD)?;
+        let missing = || std::io::Error::other("it has no standard input and output");
+        let mut stdin = child.stdin.take().ok_or_else(missing)?;
+        let stdout = child.stdout.take().ok_or_else(missing)?;
+        let mut stderr = child.stderr.take().ok_or_else(missing)?;
+        let words = std::thread::spawn(move || {
+            let mut bytes = Vec::new();
+            // What cannot be read is not said.
+            stderr.read_to_end(&mut bytes).ok();
+            String::from_utf8_lossy(&bytes).into_owned()
+        });
+        let (send, lines) = sync_channel(LINES_AHEAD);
+        std::thread::spawn(move || {
+            for line in BufReader::new(stdout).lines() {
+                if send.send(line).is_err() {
+                    break;
+                }
+            }
+        });
+        let sent = writeln!(stdin, "{request}").and_then(|()| stdin.flush());
+        match sent {
+            // A Python that cannot even read this has said why.
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => return Err(error),
+            _ => {}
+        }
+        Ok(Self {
+            child,
+            _stdin: stdin,
+            lines,
+            words: Some(words),
+            until: Instant::now() + Duration::from_secs(args.time_s),
+            limit_s: args.time_s,
+            memory: args.memory,
+        })
+    }
+
+    /// `None` after the last one.
+    fn next_line(&mut self) -> Result<Option<String>, Refusal> {
+        let left = self.until.saturating_duration_since(Instant::now());
+        match self.lines.recv_timeout(left) {
+            Ok(Ok(line)) => Ok(Some(line)),
+            Ok(Err(error)) => Err(Refusal::Failed(format!("the answer cannot be read: {error}"))),
+            Err(RecvTimeoutError::Disconnected) => Ok(None),
+            Err(RecvTimeoutError::Timeout) => Err(Refusal::Failed(format!(
+                "the query took longer than {} s and was stopped; expected a smaller one, or more with --time",
+                self.limit_s
+            ))),
+        }
+    }
+
+    /// Its exit code; −1: a signal ended it.
+    fn end(&mut self) -> Result<i32, Refusal> {
+        let status = self
+            .child
+            .wait()
+            .map_err(|error| Refusal::Failed(format!("the process of the query cannot be waited for: {error}")))?;
+        Ok(status.code().unwrap_or(-1))
+    }
+
+    /// What it said before it ended with this code.
+    fn refusal(&mut self, code: i32) -> Refusal {
+        let words = self.words.take().map(std::thread::JoinHandle::join);
+        let words = words.and_then(Result::ok).unwrap_or_default();
+        let last = words.lines().rev().find(|line| !line.trim().is_empty());
+        let sentence = last.unwrap_or("it said nothing").trim();
+        match code {
+            2 => Refusal::BadInput(sentence.to_owned()),
+            1 if !words.contains("Traceback") => Refusal::Failed(sentence.to_owned()),
+            _ => Refusal::Failed(format!(
+                "the process of the query ended without an answer: {sentence} (it may take {} MB; --memory allows more)",
+                self.memory
+            )),
+        }
+    }
+}
+
+fn limit_memory(child: &Child, most: u64) -> std::io::Result<()> {
+    let pid = Pid::from_raw(child.id().cast_signed());
+    // Not the address space, of which shared memory takes much without using it.
+    let limits = [(Resource::Data, most), (Resource::Core, 0)];
+    for (resource, most) in limits {
+        let was = rustix::process::getrlimit(resource);
+        let most = was.maximum.map_or(most, |maximum| maximum.min(most));
+        let limit = Rlimit {
+            current: Some(most),
+            maximum: Some(most),
+        };
+        match prlimit(pid, resource, limit) {
+            // Its death is seen elsewhere.
+            Err(error) if error != rustix::io::Errno::SRCH => return Err(error.into()),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// A line of the engine.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Line {
+    Row(Vec<Value>),
+    Start { columns: Vec<Column> },
+    End { rows: u64, more: bool },
+}
+
+#[derive(Deserialize)]
+struct Column {
+    name: String,
+    #[serde(rename = "type")]
+    kind: String,
+}
+
+impl Column {
+    fn is_number(&self) -> bool {
+        let kinds = ["INT", "DOUBLE", "FLOAT", "DECIMAL"];
+        kinds.iter().any(|kind| self.kind.contains(kind)) && !self.kind.contains(['[', '('])
+            || self.kind.starts_with("DECIMAL")
+    }
+}
+
+/// Prints an answer as it comes; a table, when all of it is there.
+struct Printer<'a> {
+    args: &'a Args,
+    columns: Vec<Column>,
+    table: Vec<Vec<String>>,
+    rows: u64,
+    end: Option<(u64, bool)>,
+}
+
+impl<'a> Printer<'a> {
+    fn new(args: &'a Args) -> Self {
+        Self {
+            args,
+            columns: Vec::new(),
+            table: Vec::new(),
+            rows: 0,
+            end: None,
+        }
+    }
+
+    fn take(&mut self, text: &str) -> Result<(), String> {
+        // Rows of JSON pass as they are.
+        if self.args.json && text.starts_with('[') {
+            print!("{}{text}", if self.rows == 0 { "\n" } else { ",\n" });
+            self.rows += 1;
+            return Ok(());
+        }
+        let line =
+            serde_json::from_str(text).map_err(|error| format!("the answer is damaged: {error}: {text:.200}"))?;
+        match line {
+            Line::Start { columns } => {
+                if self.args.json {
+                    let columns: Vec<Value> = columns
+                        .iter()
+                        .map(|column| json!({ "name": column.name, "type": column.kind }))
+                        .collect();
+                    print!("{{\"columns\":{},\"rows\":[", Value::Array(columns));
+                } else if self.args.csv {
+                    let names: Vec<String> = columns.iter().map(|column| csv(&column.name)).collect();
+                    println!("{}", names.join(","));
+                }
+                self.columns = columns;
+            }
+            Line::Row(row) => {
+                self.rows += 1;
+                if self.args.csv {
+                    let cells: Vec<String> = row.iter().map(|value| csv(&plain(value))).collect();
+                    println!("{}", cells.join(","));
+                } else {
+                    self.table.push(row.iter().map(plain).collect());
+                }
+            }
+            Line::End { rows, more } => self.end = Some((rows, more)),
+        }
+        Ok(())
+    }
+
+    fn finish(self) -> Result<(), String> {
+        let Some((rows, more)) = self.end.filter(|(rows, _)| *rows == self.rows) else {
+            return Err(format!("the answer broke off after {} rows", self.rows));
+        };
+        if self.args.json {
+            println!("\n],\"more\":{more}}}");
+            return Ok(());
+        }
+        if self.args.csv {
+            if more {
+                eprintln!("the first {rows} rows; there are more");
+            }
+            return Ok(());
+        }
+        let numbers = self.columns.iter().enumerate();
+        let numbers: Vec<usize> = numbers
+            .filter(|(_, column)| column.is_number())
+            .map(|(place, _)| place)
+            .collect();
+        let mut grid = Grid::new(self.columns.iter().map(|column| column.name.as_str())).numbers(numbers);
+        for row in self.table {
+            grid.add_row(row);
+        }
+        println!("{grid}");
+        if more {
+            println!("The first {rows} rows; --rows N shows more, --csv and --json show all.");
+        }
+        Ok(())
+    }
+}
+
+/// A value as a person reads it; nothing where there is none.
+fn plain(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+fn csv(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(words: &[&str]) -> Args {
+        Args::try_parse_from(["query"].iter().chain(words)).expect("they parse")
+    }
+
+    fn sources(words: &[&str]) -> Value {
+        let request: Value = serde_json::from_str(&request(&args(words), Path::new("/spill"))).expect("JSON");
+        request["sources"].clone()
+    }
+
+    #[test]
+    fn val_places_have_names_where_there_are_several() {
+        assert_eq!(sources(&["SELECT 1"]), json!([["", "runs"]]));
+        assert_eq!(sources(&["SELECT 1", "out/"]), json!([["", "out/"]]));
+        assert_eq!(
+            sources(&["SELECT 1", "a/", "s3://b/c"]),
+            json!([["a", "a/"], ["s3://b/c", "s3://b/c"]])
+        );
+        assert_eq!(sources(&["SELECT 1", "--named", "x=a=b"]), json!([["x", "a=b"]]));
+        let parsed = Args::try_parse_from(["query", "SELECT 1", "--named", "=a"]);
+        assert!(parsed.is_err_and(|error| error.to_string().contains("expected NAME=FOLDER")));
+    }
+
+    #[test]
+    fn val_cells_of_csv() {
+        assert_eq!(csv("plain"), "plain");
+        assert_eq!(csv("a,\"b\""), "\"a,\"\"b\"\"\"");
+        assert_eq!(plain(&json!(null)), "");
+        assert_eq!(plain(&json!([1, "x"])), "[1,\"x\"]");
+    }
+}

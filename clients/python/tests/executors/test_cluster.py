@@ -1,0 +1,84 @@
+"""Campaigns on Ray and Dask, of whose nodes some die."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rotortwin
+
+from campaigns import assert_same, fly_here, write
+from conftest import ROOT, program
+
+ray = pytest.importorskip("ray")
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A campaign of 12 shards, and its results from one machine."""
+    folder = tmp_path_factory.mktemp("campaign")
+    file = write(folder / "own", ROOT, flights=12 * 32, duration_s=20.0)
+    fly_here(program(), file, folder / "one")
+    return file, folder / "one"
+
+
+def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_path: Path) -> None:
+    from ray.cluster_utils import Cluster
+
+    file, one = here
+    # The head flies nothing, so that what is lost is flown by the node that is left.
+    cluster: Any = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "object_store_memory": 100 << 20})
+    nodes = [cluster.add_node(num_cpus=1, object_store_memory=100 << 20) for _ in range(2)]
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        killed: list[float] = []
+
+        def progress(present: int, _all: int) -> None:
+            if present >= 3 and not killed:
+                killed.append(time.monotonic())
+                threading.Thread(target=cluster.remove_node, args=(nodes[1], False)).start()
+
+        table = rotortwin.campaign(file, executor="ray", out=tmp_path / "ray", shards_per_task=1, program=program(), progress=progress)
+        assert killed, "no node was killed"
+        assert len([node for node in ray.nodes() if node["Alive"]]) == 2
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert table.num_rows == 12 * 32
+    assert_same(one, tmp_path / "ray")
+
+
+def test_scenario_what_the_program_refuses_is_not_tried_again(here: tuple[Path, Path], tmp_path: Path) -> None:
+    file, _ = here
+    ray.init(num_cpus=1, object_store_memory=100 << 20, log_to_driver=False)
+    try:
+        # A program of another version is there, but not on this node.
+        other = tmp_path / "rotortwin"
+        other.write_text(f'#!/bin/sh\ncase "$*" in *--shards*) echo "rotortwin: not here" >&2; exit 2;; esac\nexec {program()} "$@"\n')
+        other.chmod(0o755)
+        with pytest.raises(rotortwin.CampaignFailed, match="not here"):
+            rotortwin.campaign(file, executor=ray, program=str(other))
+    finally:
+        ray.shutdown()
+
+
+def test_scenario_a_dask_worker_dies_in_mid_campaign(here: tuple[Path, Path], tmp_path: Path) -> None:
+    distributed: Any = pytest.importorskip("distributed")
+    file, one = here
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, distributed.Client(cluster) as client:
+        killed: list[int] = []
+
+        def progress(present: int, _all: int) -> None:
+            if present >= 3 and not killed:
+                worker = next(iter(cluster.workers.values()))
+                killed.append(worker.pid)
+                worker.process.process._process.kill()
+
+        table = rotortwin.campaign(file, executor=client, out=tmp_path / "dask", shards_per_task=1, program=program(), progress=progress)
+    assert killed
+    assert table.num_rows == 12 * 32
+    assert_same(one, tmp_path / "dask")

@@ -1,0 +1,32 @@
+//! Campaigns from Python on a Ray and a Dask cluster of this machine, of which nodes die.
+
+use rotortwin_tests::program::program;
+use rotortwin_tests::python::{client_folder, environment};
+use std::process::Command;
+
+#[test]
+fn scenario_campaigns_survive_the_death_of_nodes() {
+    let client = client_folder().display().to_string();
+    let packages = [
+        "--editable",
+        &client,
+        "ray==2.60.0",
+        "distributed==2026.8.0",
+        "pyarrow>=15",
+        "pytest>=8",
+    ];
+    let Some(programs) = environment("executors-environment", &packages) else {
+        return;
+    };
+    let output = Command::new(programs.join("pytest"))
+        .args(["-p", "no:cacheprovider", "tests/executors"])
+        .current_dir(client_folder())
+        .env("ROTORTWIN_PROGRAM", program())
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("RAY_USAGE_STATS_ENABLED", "0")
+        .output()
+        .expect("it starts");
+    let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
+    assert!(output.status.success(), "{}", words.concat());
+    print!("{}", words.concat());
+}
