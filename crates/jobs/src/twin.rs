@@ -87,6 +87,9 @@ pub struct Identification {
     /// Cells in series.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cells: Option<u32>,
+    /// Thrust bench of one rotor, or a datasheet table.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bench: Vec<PathBuf>,
     /// Fit each half of each flight and score it on the other.
     #[serde(default)]
     pub held_out: bool,

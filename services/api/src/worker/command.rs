@@ -112,6 +112,9 @@ pub(super) fn words(job: &Job) -> Result<Vec<OsString>, String> {
             words.maybe("--capacity", found.capacity_ah);
             words.maybe("--cells", found.cells);
             words.plain(found.held_out.then_some("--held-out"));
+            for table in &found.bench {
+                words.option("--bench", table);
+            }
             words.option("--out", &found.out);
         }
         Job::NextFlight(next) => {
