@@ -485,6 +485,24 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
             .is_some_and(|values| values.len() > 5),
         "{job}"
     );
+    // The same with a bench: what it says is in the result, and a table that is none fails the job with the table's name.
+    let table = (2..=10).fold("throttle [%],thrust [g],torque [Nm]\n".to_owned(), |text, step| {
+        let duty = 0.1 * f64::from(step);
+        let thrust = 1100.0 * (0.4 * duty + 0.6 * duty * duty);
+        text + &format!("{},{thrust},{}\n", 100.0 * duty, 0.017 * thrust * 9.80665e-3)
+    });
+    let mut with_bench = body.clone();
+    with_bench["bench"] = json!([{ "name": "stand.csv", "text": table }]);
+    let measured = server.submit_to("identifications", &with_bench);
+    let measured = server.ended_in("identifications", &measured);
+    assert_eq!(measured["status"], "done", "{measured}");
+    let notes = measured["result"]["identified"]["notes"].to_string();
+    assert!(notes.contains("stand.csv"), "{notes}");
+    with_bench["bench"] = json!([{ "name": "stand.csv", "text": "a,b\n1,2\n" }]);
+    let wrong = server.submit_to("identifications", &with_bench);
+    let wrong = server.ended_in("identifications", &wrong);
+    assert_eq!(wrong["status"], "failed", "{wrong}");
+    assert!(wrong["error"].to_string().contains("stand.csv"), "{wrong}");
     let kept = server.ask("POST", &format!("/api/v1/identifications/{id}/keep"), &[], "");
     assert_eq!(kept.status, 201, "{}", kept.json());
     let geometry = server.get("/api/v1/vehicles/mine/geometry");
@@ -497,6 +515,11 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
         (json!({ "name": "a b" }), 400),
         (json!({ "frame": "--out" }), 422),
         (json!({ "cells": 99 }), 422),
+        (json!({ "bench": [{ "name": "../out", "text": "" }] }), 422),
+        (
+            json!({ "bench": [{ "name": "a", "text": "x".repeat((1 << 20) + 1) }] }),
+            422,
+        ),
     ] {
         let mut body = body.clone();
         body.as_object_mut()

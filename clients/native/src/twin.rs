@@ -179,7 +179,7 @@ pub(crate) fn fdi_log(
 /// A vehicle from logs: what was found, and the three files of it (vehicle, blades, intervals).
 #[expect(clippy::too_many_arguments, reason = "Python's keyword arguments")]
 #[pyfunction]
-#[pyo3(signature = (logs, mass_kg, arm_m, name, frame = None, trust_frame = false, capacity_ah = None, cells = None))]
+#[pyo3(signature = (logs, mass_kg, arm_m, name, frame = None, trust_frame = false, capacity_ah = None, cells = None, bench = Vec::new()))]
 pub(crate) fn identify(
     py: Python<'_>,
     logs: Vec<Log<'_>>,
@@ -190,6 +190,7 @@ pub(crate) fn identify(
     trust_frame: bool,
     capacity_ah: Option<f64>,
     cells: Option<u32>,
+    bench: Vec<PathBuf>,
 ) -> PyResult<(String, [String; 3])> {
     let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
     let request = rotortwin_twin::identify::Request {
@@ -201,7 +202,13 @@ pub(crate) fn identify(
         cells,
     };
     let found = py
-        .detach(|| rotortwin_twin::identify::identify(&logs, &request))
+        .detach(|| {
+            let bench = match bench.as_slice() {
+                [] => None,
+                tables => Some(rotortwin_twin::identify::Bench::read(tables)?),
+            };
+            rotortwin_twin::identify::identify_with(&logs, &request, bench.as_ref())
+        })
         .map_err(input)?;
     let texts = files(&found, name);
     Ok((json(&found)?, [texts.vehicle, texts.blades, texts.intervals]))

@@ -107,3 +107,44 @@ fn val_a_motor_lag_that_is_off_by_factors_is_named_with_its_value() {
         found.sentence
     );
 }
+
+#[test]
+fn val_a_motor_lag_that_is_off_by_less_than_a_factor_of_two_is_named_with_its_value() {
+    let Some(folder) = shared("data/real/arpl_crazyflie_sysid") else {
+        return;
+    };
+    let log = FlightLog::read(&folder.join("log15")).expect("accepted");
+    let start = log.time_s[0];
+    let log = log.slice(start + 15.8, start + 50.8);
+    let mut model = model("crazyflie-2");
+    model.vehicle.rotors.thrust_lag_s = 0.045;
+    let found = diagnose(&[log], &model, &Options::default()).expect("a diagnosis");
+    println!("{}\n{:?}\n{:#?}", found.sentence, found.notes, found.held_out);
+    let lag = found
+        .effects
+        .iter()
+        .find(|effect| effect.instance.effect == "motor-time-constant")
+        .unwrap_or_else(|| panic!("{}", found.sentence));
+    // Authors 70 ms, a compare of many lags 70 to 100 ms.
+    let wanted = 0.045 * (1.0 + lag.parameters[0].value);
+    assert!((0.065..0.085).contains(&wanted), "{}", found.sentence);
+    // It is believed, though nothing explains the yaw, and told in seconds.
+    assert!(
+        matches!(found.verdict, Verdict::PartlyMissing { .. } | Verdict::Missing { .. }),
+        "{}",
+        found.sentence
+    );
+    assert!(
+        found.sentence.contains("lag of the thrust 0.07") && found.sentence.contains("where the model has 0.04500 s"),
+        "{}",
+        found.sentence
+    );
+    assert!(
+        found
+            .held_out
+            .iter()
+            .any(|error| error.quantity == "torque" && error.after < 0.9 * error.before),
+        "{:?}",
+        found.held_out
+    );
+}

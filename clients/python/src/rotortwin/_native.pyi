@@ -92,4 +92,5 @@ def identify(
     trust_frame: bool = ...,
     capacity_ah: float | None = ...,
     cells: int | None = ...,
+    bench: list[str] = ...,
 ) -> tuple[str, list[str]]: ...

@@ -228,10 +228,13 @@ def vehicle_from_log(
     trust_frame: bool = False,
     capacity_ah: float | None = None,
     cells: int | None = None,
+    bench: str | PathLike[str] | Sequence[str | PathLike[str]] = (),
 ) -> IdentifiedVehicle:
     """A vehicle from a log, a scale (mass with battery) and a ruler (centre to the furthest rotor).
 
-    A `frame` that the motion contradicts is refused, unless you `trust_frame`.
+    A `frame` that the motion contradicts is refused, unless you `trust_frame`. `bench`: files of a thrust bench of one rotor, or a datasheet
+    table, as `rotortwin vehicle from-log --bench` takes them.
     """
-    found, files = _native.identify(_logs(logs), mass_kg, arm_m, name, frame, trust_frame, capacity_ah, cells)
+    tables = [fspath(table) for table in ([bench] if isinstance(bench, str | PathLike) else bench)]
+    found, files = _native.identify(_logs(logs), mass_kg, arm_m, name, frame, trust_frame, capacity_ah, cells, tables)
     return IdentifiedVehicle(Result(json.loads(found)), name, (files[0], files[1], files[2]))

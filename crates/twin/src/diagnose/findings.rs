@@ -3,13 +3,13 @@
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use super::named::{Named, RivalFit, UNTOLD_GAP};
-use super::result::{Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
+use super::result::{ConstantWanted, Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
 use super::strategies::covariance;
 use crate::estimation::candidates::{Candidate, Library};
 use crate::estimation::columns::Active;
 use crate::estimation::linearisation::Linear;
 use crate::estimation::normal::Posterior;
-use crate::estimation::parameters::{parameters, parameters_of};
+use crate::estimation::parameters::{QUANTILE_95, parameters, parameters_of};
 use crate::estimation::problem::{Problem, position_of};
 use crate::predict::channels::{F, KV};
 use crate::predict::{CHANNELS, NAMES};
@@ -20,37 +20,42 @@ const LEAST_SHARE: f64 = 0.9;
 /// Evidence gap below which a rival counts as compatible.
 const COMPATIBLE_GAP: f64 = 5.0;
 
-/// Whether the sizes of a finding can be: within the plausible range of the vehicle, give or take a tenth of it, and not all of them
+/// Whether the sizes of an effect can be: within the plausible range of the vehicle, give or take a tenth of it, and not all of them
 /// less than their own deviation. A fit may leave the range with another effect beside it or with the clutter at another width.
-fn can_be(entry: &Candidate, finding: &Finding) -> bool {
+pub(crate) fn can_be(entry: &Candidate, values: &[f64], deviations: &[f64]) -> bool {
     let sizes: Vec<usize> = (0..entry.parameters.len())
         .filter(|&i| entry.parameters[i].kind == ParameterKind::Size)
         .collect();
-    let values: Vec<f64> = finding.parameters.iter().map(|found| found.value).collect();
     // A guess may turn out to be anything, and a constant that somebody wrote down wrong.
-    (entry.guess.is_some() || entry.is_far_off(&values) || sizes.iter().all(|&i| entry.is_plausible(i, values[i])))
-        && (sizes.is_empty() || sizes.iter().any(|&i| values[i].abs() > finding.parameters[i].deviation))
+    (entry.guess.is_some() || entry.is_far_off(values) || sizes.iter().all(|&i| entry.is_plausible(i, values[i])))
+        && (sizes.is_empty() || sizes.iter().any(|&i| values[i].abs() > deviations[i]))
+}
+
+/// Values of an effect at work and their deviations by a posterior about the present point.
+pub(crate) fn values_of(problem: &Problem, active: &Active, posterior: &Posterior) -> (Vec<f64>, Vec<f64>) {
+    let entry = &problem.library.candidates[active.candidate];
+    let offset = problem.nuisances();
+    let mut values = active.values.clone();
+    let mut deviations = vec![0.0; values.len()];
+    for &j in &problem.library.columns_of(active.candidate) {
+        let column = &problem.library.columns[j];
+        let value = values[column.parameter] + posterior.mean[offset + j] * column.size;
+        values[column.parameter] = entry.clamped(column.parameter, value);
+        deviations[column.parameter] = posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt() * column.size;
+    }
+    (values, deviations)
 }
 
 /// Findings with the final values, and the names of those whose size cannot be.
 pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posterior) -> (Vec<Finding>, Vec<String>) {
     let mut impossible = Vec::new();
     let position = position_of(&problem.library, &problem.logs, &problem.active);
-    let offset = problem.nuisances();
     let found = named
         .into_iter()
         .filter_map(|one| {
             let active = problem.active.iter().find(|a| a.candidate == one.candidate)?;
             let entry = &problem.library.candidates[one.candidate];
-            let mut values = active.values.clone();
-            let mut deviations = vec![0.0; values.len()];
-            for &j in &problem.library.columns_of(one.candidate) {
-                let column = &problem.library.columns[j];
-                let value = values[column.parameter] + posterior.mean[offset + j] * column.size;
-                values[column.parameter] = entry.clamped(column.parameter, value);
-                deviations[column.parameter] =
-                    posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt() * column.size;
-            }
+            let (values, deviations) = values_of(problem, active, posterior);
             let too_small = below(entry, &values, one.minimum);
             let (mut compatible, mut lost) = (Vec::new(), Vec::new());
             for rival in &one.rivals {
@@ -79,9 +84,10 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 onset_s: active.onset_s,
                 reason: String::new(),
                 seen_from: one.minimum.is_finite().then_some(one.minimum),
+                constant: constant_of(entry, &values, &deviations, active.onset_s),
                 picture: None,
             };
-            if !can_be(entry, &finding) {
+            if !can_be(entry, &values, &deviations) {
                 impossible.push(finding.label);
                 return None;
             }
@@ -89,6 +95,19 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
         })
         .collect();
     (found, impossible)
+}
+
+/// The constant that an effect is the error of, if that is one that the vehicle document has a number for, and what it should be.
+fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: Option<f64>) -> Option<ConstantWanted> {
+    let (place, constant) = entry.constant.as_ref().filter(|_| onset_s.is_none())?;
+    // A share of a level without a unit is what the parameter says already.
+    (!constant.unit.is_empty()).then(|| ConstantWanted {
+        name: constant.name.clone(),
+        unit: constant.unit.clone(),
+        value: constant.value,
+        wanted: constant.value * (1.0 + values[*place]),
+        interval_95: QUANTILE_95 * constant.value.abs() * deviations[*place],
+    })
 }
 
 /// How a rival fared against what was named; a look-alike of something that came out `too_small` did not lose.
@@ -164,12 +183,13 @@ pub(crate) fn weather_finding(problem: &Problem, found: &covariance::Gusts) -> O
         onset_s: None,
         reason: String::new(),
         seen_from: None,
+        constant: None,
         picture: None,
     })
 }
 
 /// Channels by the energy that the effect has in them; those with at least 5 % of it.
-fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -> Vec<String> {
+pub(crate) fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -> Vec<String> {
     let offset = problem.nuisances();
     let mut energy = [0.0; CHANNELS];
     for (l, linear) in problem.linear.iter().enumerate() {

@@ -201,9 +201,26 @@ pub struct Finding {
     /// Size of the first parameter that would have been seen, in its unit; `None` where that means nothing.
     #[serde(skip)]
     pub(crate) seen_from: Option<f64>,
+    /// The constant that this is the error of, and what it should be; the sentence names it.
+    #[serde(skip)]
+    pub(crate) constant: Option<ConstantWanted>,
     /// The residual against what the effect does, without it and with it; absent where there is nothing to draw.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub picture: Option<Picture>,
+}
+
+/// A constant of the vehicle that an effect is the error of.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ConstantWanted {
+    /// In words.
+    pub(crate) name: String,
+    pub(crate) unit: String,
+    /// As the vehicle has it.
+    pub(crate) value: f64,
+    /// With the error that was found.
+    pub(crate) wanted: f64,
+    /// Half width of its 95 % interval.
+    pub(crate) interval_95: f64,
 }
 
 /// One row of the ranking about the given model.

@@ -196,7 +196,16 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             .iter()
             .map(|f| {
                 let onset = f.onset_s.map_or(String::new(), |t| format!(" from {t:.1} s on"));
-                format!("{}, {}{onset}", f.label.to_lowercase(), parameters(f))
+                let constant = f.constant.as_ref().map_or(String::new(), |one| {
+                    format!(
+                        " ({} {} ± {} where the model has {})",
+                        one.name,
+                        quantity(one.wanted, &one.unit),
+                        quantity(one.interval_95, &one.unit),
+                        quantity(one.value, &one.unit)
+                    )
+                });
+                format!("{}, {}{onset}{constant}", f.label.to_lowercase(), parameters(f))
             })
             .collect::<Vec<_>>()
             .join("; and ")
@@ -248,11 +257,11 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                     named(&found)
                 )
             };
-            let far_off = diagnosis
+            let in_ratios = diagnosis
                 .calibrate
                 .iter()
-                .any(|one| one.blocking && !one.source.is_guess());
-            let ratios = if far_off { RATIOS } else { "" };
+                .any(|one| one.blocking && !one.source.is_guess() && ratio_of(&one.key).is_some());
+            let ratios = if in_ratios { RATIOS } else { "" };
             format!(
                 "Calibrate first ({}): {}.{ratios}{part}",
                 HOW_TO_CALIBRATE,
@@ -325,16 +334,50 @@ impl Calibration {
         } else {
             format!("; what tells it: {}", self.better)
         };
+        let wants = format!("{} ± {}", number(self.wanted), number(self.wanted_interval_95));
+        // Which of a ratio is wrong no flight tells, as long as nobody has weighed or measured one of them.
+        let Some(ratio) =
+            ratio_of(&self.key).filter(|_| !self.source.is_guess() && self.value > 0.0 && self.wanted > 0.0)
+        else {
+            return format!("{} {what} ({known}), these flights want {wants}{better}", self.name);
+        };
+        let share = self.wanted / self.value;
+        let factor = if ratio.below { 1.0 / share } else { share };
+        let half_width = factor * self.wanted_interval_95 / self.wanted;
         format!(
-            "{} {what} ({known}), these flights want {} ± {}{better}",
-            self.name,
-            number(self.wanted),
-            number(self.wanted_interval_95)
+            "{} {what}: these flights want {:.3} ± {:.3} times that of the model, which is {} of {wants} instead of {known} if {}{better}",
+            ratio.name, factor, half_width, self.name, ratio.others
         )
     }
 }
 
-/// What a flight cannot tell of a vehicle that is far off.
+/// What a flight tells instead of one constant.
+struct Ratio {
+    name: &'static str,
+    /// The constant stands below the line.
+    below: bool,
+    /// What must be right for the constant alone to be wrong.
+    others: &'static str,
+}
+
+/// The ratio that a constant is told in: accelerometer and gyro see forces over the mass and torques over the inertia.
+fn ratio_of(key: &str) -> Option<Ratio> {
+    let (name, below, others) = match key {
+        "body.mass_kg" => ("thrust over mass", true, "the thrust curve is right"),
+        "rotors.thrust_level" => ("thrust over mass", false, "the mass is right"),
+        "body.inertia_body_kg_m2[0]" => ("thrust times arm over roll inertia", true, "thrust and arms are right"),
+        "body.inertia_body_kg_m2[1]" => ("thrust times arm over pitch inertia", true, "thrust and arms are right"),
+        "body.inertia_body_kg_m2[2]" => (
+            "rotor torque over yaw inertia",
+            true,
+            "thrust and torque ratio are right",
+        ),
+        _ => return None,
+    };
+    Some(Ratio { name, below, others })
+}
+
+/// What to do about ratios.
 const RATIOS: &str = " A flight tells mass, thrust, arms and inertia only as ratios: weigh the vehicle and measure its arms before its other constants are believed.";
 
 /// How a vehicle is calibrated, with what a user has to give.

@@ -13,7 +13,7 @@ use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use rotortwin_jobs::{Identification, StoredJob};
+use rotortwin_jobs::{Identification, Input, StoredJob};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use utoipa::ToSchema;
@@ -57,9 +57,35 @@ pub(crate) struct IdentificationSubmission {
     /// Cells of the battery in series.
     #[schema(minimum = 1, maximum = 24)]
     cells: Option<u32>,
+    /// Tables of a thrust bench of one rotor, or of a datasheet, as `--bench` of the command takes them; at most 1 MiB.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 16)]
+    bench: Vec<BenchTable>,
     /// Fit each half of each flight and score it on the other, too.
     #[serde(default)]
     held_out: bool,
+}
+
+/// A table of a thrust bench.
+#[derive(Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BenchTable {
+    /// Name of the file, as the result names it.
+    #[schema(min_length = 1, max_length = 100)]
+    name: String,
+    /// The file: a header, then a row for each reading.
+    text: String,
+}
+
+/// Most tables of a bench, and bytes of them together.
+const MOST_TABLES: usize = 16;
+const MOST_TABLE_BYTES: usize = 1 << 20;
+
+impl BenchTable {
+    /// Where the job finds it.
+    fn path(&self, place: usize) -> String {
+        format!("bench/{place}/{}", self.name)
+    }
 }
 
 impl IdentificationSubmission {
@@ -86,7 +112,34 @@ impl IdentificationSubmission {
                 "`frame` is '{frame}'; expected one such as quad-x"
             )));
         }
-        Ok(())
+        self.check_bench()
+    }
+
+    fn check_bench(&self) -> Result<(), Problem> {
+        if self.bench.len() > MOST_TABLES {
+            return Err(Problem::unprocessable(format!(
+                "`bench` has {} tables; expected at most {MOST_TABLES}",
+                self.bench.len()
+            )));
+        }
+        let bytes: usize = self.bench.iter().map(|table| table.text.len()).sum();
+        if bytes > MOST_TABLE_BYTES {
+            return Err(Problem::unprocessable(format!(
+                "`bench` has {bytes} bytes; expected at most {MOST_TABLE_BYTES}"
+            )));
+        }
+        let plain = |name: &str| {
+            (1..=100).contains(&name.len())
+                && !name.starts_with(['.', '-', ' '])
+                && name.chars().all(|c| c.is_ascii_alphanumeric() || "._- ()+".contains(c))
+        };
+        match self.bench.iter().find(|table| !plain(&table.name)) {
+            Some(table) => Err(Problem::unprocessable(format!(
+                "`bench` has a table of the name '{}'; expected a file name of at most 100 letters, digits and . _ - ( ) +",
+                table.name.escape_debug()
+            ))),
+            None => Ok(()),
+        }
     }
 }
 
@@ -120,7 +173,9 @@ pub(crate) async fn submit(
         return Ok(answer);
     }
     body.check()?;
-    let (logs, inputs) = body.flights.lay_out(&app, &caller).await?;
+    let (logs, mut inputs) = body.flights.lay_out(&app, &caller).await?;
+    let tables = || body.bench.iter().enumerate();
+    inputs.extend(tables().map(|(place, table)| Input::text(table.path(place), table.text.clone())));
     let job = Identification {
         logs,
         mass_kg: body.mass_kg,
@@ -130,7 +185,7 @@ pub(crate) async fn submit(
         capacity_ah: body.capacity_ah,
         cells: body.cells,
         held_out: body.held_out,
-        bench: Vec::new(),
+        bench: tables().map(|(place, table)| table.path(place).into()).collect(),
         out: Some(format!("{OUT}/{}.toml", body.name).into()),
     };
     let draft = Draft {

@@ -1,11 +1,13 @@
-//! Backward elimination: effects that later findings have made superfluous leave.
+//! Backward elimination: effects that later findings have made superfluous leave, and such of an impossible size that show where no other
+//! effect does.
 
 use super::Pass;
+use crate::diagnose::findings;
 use crate::diagnose::state::State;
 use crate::estimation::columns::Active;
 use crate::estimation::gauss_newton::Fitted;
 use crate::estimation::posterior::posterior_of;
-use crate::estimation::problem::Problem;
+use crate::estimation::problem::{Problem, position_of};
 use crate::estimation::scores::weakest;
 use crate::estimation::settle::{move_to, settled};
 use crate::predict::PredictError;
@@ -24,8 +26,47 @@ impl Pass for BackwardElimination {
             move_to(&mut state.problem, &fitted)?;
             settled(&mut state.problem)?;
         }
+        while let Some((candidate, channels)) = impossible(&state.problem)? {
+            let label = state.problem.library.candidates[candidate].label().to_lowercase();
+            let mut others = state.problem.active.clone();
+            others.retain(|one| one.candidate != candidate);
+            let fitted = state.problem.fit(&others)?;
+            state.named.retain(|one| one.candidate != candidate);
+            move_to(&mut state.problem, &fitted)?;
+            settled(&mut state.problem)?;
+            state.diagnosis.notes.push(format!(
+                "not believed: {label}, of a size that cannot be; what it was found in ({}) stays unexplained",
+                channels.join(", ")
+            ));
+        }
         Ok(())
     }
+}
+
+/// An effect of a size that cannot be, with the channels in which it shows, if it shows most where none of the others do: it says nothing
+/// against those. One that shares its channel with others stays, and is a doubt about all of them.
+fn impossible(problem: &Problem) -> Result<Option<(usize, Vec<String>)>, PredictError> {
+    if problem.active.len() < 2 {
+        return Ok(None);
+    }
+    let (posterior, _) = posterior_of(problem)?;
+    let position = position_of(&problem.library, &problem.logs, &problem.active);
+    let shown = |candidate: usize| findings::strongest(problem, candidate, &position);
+    Ok(problem.active.iter().find_map(|one| {
+        let entry = &problem.library.candidates[one.candidate];
+        let (values, deviations) = findings::values_of(problem, one, &posterior);
+        if problem.library.columns_of(one.candidate).is_empty() || findings::can_be(entry, &values, &deviations) {
+            return None;
+        }
+        let channels = shown(one.candidate);
+        let most = channels.first()?;
+        let apart = problem
+            .active
+            .iter()
+            .filter(|other| other.candidate != one.candidate)
+            .all(|other| !shown(other.candidate).contains(most));
+        apart.then_some((one.candidate, channels))
+    }))
 }
 
 /// The fit without an effect that a later finding has made superfluous, if there is one.

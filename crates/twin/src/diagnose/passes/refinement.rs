@@ -325,8 +325,14 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
     entry.parameters.iter().enumerate().find_map(|(i, p)| {
         let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
         let value = active.values[i];
-        let margin = 2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low);
         let (least, most) = entry.reach(i);
+        // How far a written constant may be off is wide enough; what is beyond is far off for nobody.
+        let constant = matches!(entry.constant, Some((place, _)) if place == i);
+        let margin = if constant {
+            0.0
+        } else {
+            2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low)
+        };
         let outside = value > most + margin || value < least - margin;
         (p.kind == ParameterKind::Size && outside).then_some(Quantity {
             symbol: p.symbol,
