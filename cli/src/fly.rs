@@ -532,7 +532,7 @@ fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Resul
         step: Duration::from_millis(args.step_timeout),
     };
     open_autopilot(autopilot, args.pilot, waits, scenario, seed)
-        .map(|opened| Peers::Autopilot(autopilot.clone(), opened))
+        .map(|opened| Peers::Autopilot(*autopilot, opened))
         .map_err(|refused| refused.told(&args.scenario))
 }
 

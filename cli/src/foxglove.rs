@@ -40,7 +40,7 @@ pub(crate) fn open(at: SocketAddr, scenario: &Scenario, run_id: u64) -> Result<B
 
 /// Reads an address, and says what it expected otherwise.
 pub(crate) fn parse_address(text: &str) -> Result<SocketAddr, String> {
-    text.parse().map_err(|_| {
+    text.parse().map_err(|_error| {
         format!(
             "'{text}': expected IP:PORT, such as {DEFAULT_ADDRESS}, or nothing; the scenario stands before --foxglove"
         )

@@ -14,9 +14,14 @@ fn job(scratch: &Scratch, job: &Value) -> Ended {
 fn said(ended: &Ended) -> (Vec<Value>, Value) {
     let is_event = |line: &&str| line.starts_with("{\"event\"") || line.contains("\"event\":");
     let events = ended.stdout.lines().take_while(is_event);
-    let events: Vec<Value> = events.map(|line| serde_json::from_str(line).unwrap()).collect();
+    let events: Vec<Value> = events
+        .map(|line| serde_json::from_str(line).expect("a line of JSON"))
+        .collect();
     let rest: Vec<&str> = ended.stdout.lines().skip(events.len()).collect();
-    (events, serde_json::from_str(&rest.join("\n")).unwrap())
+    (
+        events,
+        serde_json::from_str(&rest.join("\n")).expect("the result as JSON"),
+    )
 }
 
 /// A flight, the same run hash as that of the command; then the flight is verified, and the answer is that of the command.

@@ -187,7 +187,7 @@ mod tests {
             messages: vec![(Topic::Nav, vec![0xaa, 0xbb]), (Topic::Log, vec![0xcc])],
         };
         let time = vec![2, 8, 7, 6, 5, 4, 3, 2, 1];
-        assert_eq!(viewer.frames(&row), [time.clone()]);
+        assert_eq!(viewer.frames(&row), std::slice::from_ref(&time));
         let nav = Topic::Nav as usize;
         let wish = format!(r#"{{"op":"subscribe","subscriptions":[{{"id":258,"channelId":{nav}}}]}}"#);
         assert_eq!(viewer.hear(&wish), Ok(vec![Topic::Nav]));

@@ -80,7 +80,10 @@ pub fn probe(priority: u8) -> Result<(), PriorityError> {
 /// What is missing; then nothing was changed but perhaps the memory.
 pub fn take(priority: u8) -> Result<(), PriorityError> {
     check_memory(priority)?;
-    lock_memory().map_err(|_| no_memory(priority))?;
+    lock_memory().map_err(|error| {
+        tracing::warn!(%error, "mlockall");
+        no_memory(priority)
+    })?;
     set_fifo(priority).map_err(|error| refused(priority, &error))
 }
 

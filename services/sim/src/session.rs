@@ -169,7 +169,7 @@ fn header_of(scenario: &Scenario, conditions: &ConditionSchedule) -> SpoolHeader
         step_ns: STEP_NS,
         conditions: conditions.descriptions().clone(),
         sensor_faults: conditions.sensor_fault_names().to_vec(),
-        rotor_positions_body_m: placements.iter().map(|rotor| rotor.position_body.into()).collect(),
+        rotor_positions_body_m: placements.iter().map(|rotor| rotor.position_body).collect(),
         hover_thrust_n: weight_n / placements.len() as f64,
     }
 }
