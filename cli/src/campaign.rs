@@ -478,6 +478,7 @@ fn fly_one(args: &FlightArgs, campaign: &Campaign, index: u64) -> ExitCode {
         link_name: "in-process".to_owned(),
         pace: Pace::Fast,
         run_id: 1,
+        priority: None,
         live_hz: None,
     };
     let mut link = session::in_process_link();

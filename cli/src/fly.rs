@@ -17,6 +17,7 @@ use rotortwin_flight::pace::Pace;
 use rotortwin_links::endpoint::PeerOptions;
 use rotortwin_links::host_name;
 use rotortwin_process::launch::{self, Part};
+use rotortwin_process::priority::{self, DEFAULT_PRIORITY, parse_priority};
 use rotortwin_process::{AnyEndpoint, LinkAddress, Placement, Supervisor};
 use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
 use rotortwin_scenario::{ConfigError, Documents, Scenario};
@@ -90,6 +91,10 @@ pub struct Args {
     /// Run every process on this CPU [default: a free one while the pace is fast and all processes are started here]
     #[arg(long, value_name = "CPU", value_parser = cpu_number())]
     pub cpu: Option<usize>,
+    /// Real-time priority (SCHED_FIFO) and locked memory for all processes of the flight, 1 to 99; with --pace real-time [default: none;
+    /// without a number: 40]
+    #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
+    pub priority: Option<u8>,
     /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file
     #[arg(long, value_name = "MODEL")]
     pub model: Option<String>,
@@ -329,8 +334,15 @@ pub fn run(args: &Args) -> ExitCode {
         },
         pace: args.pace.into(),
         run_id: new_run_id(),
+        priority: args.priority,
         live_hz: args.live_hz(),
     };
+    if let Some(priority) = args.priority
+        && address.is_none()
+        && let Err(error) = priority::take(priority)
+    {
+        return destination::failed_at(folder.path(), error.to_string());
+    }
     let (mut board, mut placed) = (None, None);
     let result = match (address, foreign) {
         (_, Some(Opened::Board(address, line))) => {
@@ -446,6 +458,12 @@ fn settle(args: &Args) -> Result<Option<LinkAddress>, String> {
     if let Some(cpu) = args.cpu {
         // The processes that this one starts inherit it.
         rotortwin_process::pin_to_cpu(cpu)?;
+    }
+    if let Some(priority) = args.priority {
+        if args.pace != PaceArg::RealTime {
+            return Err(priority::NEEDS_PACE.to_owned());
+        }
+        priority::probe(priority).map_err(|error| error.to_string())?;
     }
     let option = if args.connect.is_some() {
         "--connect"
@@ -847,6 +865,9 @@ fn parts(
     common
         .option("--join-timeout", join_timeout.to_string())
         .option("--step-timeout", args.step_timeout.to_string());
+    if let Some(priority) = args.priority {
+        common.flag(format!("--priority={priority}"));
+    }
     let mut sim = common.clone();
     sim.option("--link", address.to_string())
         .option("--seed", config.seed.to_string());
@@ -892,6 +913,11 @@ impl ArgList {
         self.0.extend([name.into(), value.into()]);
         self
     }
+
+    fn flag(&mut self, flag: impl Into<OsString>) -> &mut Self {
+        self.0.push(flag.into());
+        self
+    }
 }
 
 /// The command that starts our own program in that place.
@@ -906,7 +932,13 @@ pub fn invitation(who: External, link: &str, run_id: u64, step_timeout: u64) -> 
 fn invite(args: &Args, config: &SessionConfig, address: &LinkAddress, external: &BTreeSet<External>) {
     let link = address.for_peers(&host_name()).to_string();
     let run_id = format!("{:016x}", config.run_id);
-    let command = |who: &External| invitation(*who, &link, config.run_id, args.step_timeout);
+    let command = |who: &External| {
+        let command = invitation(*who, &link, config.run_id, args.step_timeout);
+        match args.priority {
+            Some(priority) => format!("{command} --priority={priority}"),
+            None => command,
+        }
+    };
     if args.events {
         let peers: Vec<_> = external
             .iter()

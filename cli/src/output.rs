@@ -4,7 +4,7 @@ use crate::grid::{Grid, fold};
 use crate::terminal;
 pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
-use rotortwin_store::summary::{Evaluator, Interval, Status, Summary, verdict_text};
+use rotortwin_store::summary::{Evaluator, Interval, RealTime, Status, Summary, verdict_text};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -132,7 +132,7 @@ fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
     let score = interval.scores.of(evaluator);
     let none = || "–".to_owned();
     if score.not_ready == interval.windows {
-        let verdict = if evaluator == Evaluator::Network {
+        let verdict = if matches!(evaluator, Evaluator::Network | Evaluator::WeighedNetwork) {
             "none loaded".to_owned()
         } else {
             verdict_text(score.verdict_at_end)
@@ -209,9 +209,38 @@ fn facts(summary: &Summary) -> Vec<String> {
             summary.steps
         ));
     }
+    if let Some(real_time) = &summary.real_time {
+        speed.push_str(&late_text(real_time));
+    }
     facts.push(speed);
     facts.push(format!("Run hash     {}", summary.run_hash));
     facts
+}
+
+/// Who made a paced flight late, and why: a line each.
+fn late_text(real_time: &RealTime) -> String {
+    let mut text = match real_time.priority {
+        Some(priority) => format!("\nPriority     SCHED_FIFO {priority} and locked memory for all processes started here"),
+        None => String::new(),
+    };
+    for late in &real_time.late {
+        let why = match late.why.as_str() {
+            "scheduler" => "waited for a processor that others had",
+            "computing" => "computed for long",
+            _ => "neither computed nor waited for a processor, or its kernel cannot be asked",
+        };
+        let what = match (late.who.as_str(), late.steps) {
+            ("fdi", 1) => "1 report late".to_owned(),
+            ("fdi", reports) => format!("{reports} reports late"),
+            (_, 1) => "1 deadline".to_owned(),
+            (_, steps) => format!("{steps} deadlines"),
+        };
+        text.push_str(&format!(
+            "\nLate         {} {why}: {what}, by {:.1} ms at worst",
+            late.who, late.worst_ms
+        ));
+    }
+    text
 }
 
 /// 123456.7 → "123 457".

@@ -484,6 +484,7 @@ fn fly_reference(
         link_name: "in-process".to_owned(),
         pace: Pace::Fast,
         run_id: 1,
+        priority: None,
         live_hz: None,
     };
     let folder = RunFolder::create(folder).map_err(|error| error.to_string())?;

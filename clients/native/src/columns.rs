@@ -7,12 +7,13 @@ use rotortwin_flight::sample::Sample;
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::names::nearest;
 use rotortwin_sim::conditions::ConditionSchedule;
-use rotortwin_sim::recorder::fill_row;
+use rotortwin_sim::recorder::{WeighedConfig, WeighedNetwork, fill_row, weigh};
 use rotortwin_store::telemetry::{Column, Kind, TelemetryRow, telemetry_columns};
 
 /// Some columns of one flight, row by row.
 pub(crate) struct Recording {
     conditions: ConditionSchedule,
+    weighed: WeighedNetwork,
     rotor_count: usize,
     all: Vec<f64>,
     /// Places of the recorded columns among all.
@@ -30,6 +31,7 @@ impl Recording {
         let columns: Vec<Column> = places.iter().map(|&place| known[place].clone()).collect();
         Ok(Self {
             conditions: ConditionSchedule::new(scenario),
+            weighed: WeighedNetwork::new(rotor_count, WeighedConfig::STANDARD),
             rotor_count,
             all: vec![0.0; known.len()],
             values: vec![Vec::new(); places.len()],
@@ -45,6 +47,7 @@ impl Recording {
     pub(crate) fn push(&mut self, sample: &Sample) {
         let mut row = TelemetryRow::default();
         fill_row(&mut row, sample, self.conditions.at(sample.truth.step));
+        weigh(&mut row, &mut self.weighed, sample);
         row.fill(self.rotor_count, &mut self.all);
         for (column, &place) in self.values.iter_mut().zip(&self.places) {
             column.push(self.all[place]);

@@ -287,6 +287,8 @@ impl Flight {
         link: &mut impl PlantLink,
         observer: &mut impl FlightObserver,
     ) -> Result<(), StopReason> {
+        self.pacer
+            .follow(link.process(Role::Controller), link.process(Role::Fdi));
         while !simulation.done() {
             if let Some(reason) = observer.stop_requested() {
                 return Err(reason);
@@ -336,6 +338,8 @@ impl Flight {
             specific_force_m_s2: sensed.specific_force_m_s2,
         });
         while self.take_report(link, observer, false)? {}
+        // That of this step may still come.
+        self.pacer.reports_missing(self.pending.len().saturating_sub(1));
         Ok(())
     }
 

@@ -1,8 +1,10 @@
 //! How fast a run goes: as fast as its peers answer, or 400 steps per second of wall clock.
 //!
 //! The pace changes nothing in the simulated world. In real time each step is due at `start + k · period`; the report says how late
-//! the plant woke up (jitter) and how often the command of a step came after the next step was due (a missed deadline).
+//! the plant woke up (jitter), how often the command of a step came after the next step was due (a missed deadline), and who was late and why
+//! ([`crate::lateness`]).
 
+use crate::lateness::{Late, Lateness};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -17,7 +19,7 @@ pub enum Pace {
 }
 
 /// Jitter and missed deadlines of a real-time run.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RealTimeReport {
     /// Period of the loop, µs.
     pub period_us: f64,
@@ -37,6 +39,10 @@ pub struct RealTimeReport {
     pub answer_max_us: f64,
     /// Steps whose command came after the next step was due.
     pub deadline_misses: u64,
+    /// How much too late the worst command came, µs; 0 if none did.
+    pub overrun_max_us: f64,
+    /// Missed deadlines and late reports by who was late and why.
+    pub late: Vec<Late>,
 }
 
 /// Holds a run to its pace and measures.
@@ -49,6 +55,8 @@ pub struct Pacer {
     lateness_ns: Vec<u64>,
     answer_ns: Vec<u64>,
     deadline_misses: u64,
+    overrun_max_ns: u64,
+    lateness: Lateness,
 }
 
 impl Pacer {
@@ -67,6 +75,15 @@ impl Pacer {
             lateness_ns: Vec::new(),
             answer_ns: Vec::new(),
             deadline_misses: 0,
+            overrun_max_ns: 0,
+            lateness: Lateness::default(),
+        }
+    }
+
+    /// Follows these processes of the flight, and this thread: the report then says who was late.
+    pub fn follow(&mut self, controller: Option<u32>, fdi: Option<u32>) {
+        if self.pace == Pace::RealTime {
+            self.lateness = Lateness::follow(controller, fdi);
         }
     }
 
@@ -97,10 +114,25 @@ impl Pacer {
     pub fn end_step(&mut self) {
         if self.pace == Pace::RealTime {
             let now = Instant::now();
-            self.answer_ns.push(nanoseconds(now.duration_since(self.step_started)));
-            if now > self.due + self.period {
+            let answer = now.duration_since(self.step_started);
+            self.answer_ns.push(nanoseconds(answer));
+            let over = now.checked_duration_since(self.due + self.period).filter(|over| !over.is_zero());
+            if let Some(over) = over {
                 self.deadline_misses += 1;
+                self.overrun_max_ns = self.overrun_max_ns.max(nanoseconds(over));
             }
+            self.lateness
+                .step(self.step_started.saturating_duration_since(self.due), answer, over);
+        }
+    }
+
+    /// Notes how many reports of earlier steps are missing once the command of a step is there and what has come was taken: that of the
+    /// step before has had a whole period.
+    #[inline]
+    pub fn reports_missing(&mut self, count: usize) {
+        if self.pace == Pace::RealTime && count > 0 {
+            self.lateness
+                .report(self.period * u32::try_from(count).unwrap_or(u32::MAX));
         }
     }
 
@@ -121,6 +153,8 @@ impl Pacer {
             answer_p99_us: quantile_us(&self.answer_ns, 0.99),
             answer_max_us: quantile_us(&self.answer_ns, 1.0),
             deadline_misses: self.deadline_misses,
+            overrun_max_us: self.overrun_max_ns as f64 / 1e3,
+            late: self.lateness.report_all(),
         })
     }
 }

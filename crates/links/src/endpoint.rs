@@ -187,6 +187,8 @@ struct Other {
     present: bool,
     ready: bool,
     watch: Option<ProcessWatch>,
+    /// Its process, where it can be watched.
+    pid: Option<u32>,
     last_step: Option<u64>,
     last_heard: Instant,
 }
@@ -199,6 +201,7 @@ impl Other {
             present: false,
             ready: false,
             watch: None,
+            pid: None,
             last_step: None,
             last_heard: now(),
         }
@@ -207,6 +210,7 @@ impl Other {
     fn meet(&mut self, program: String, pid: u32, space: u64) {
         self.program = program;
         self.watch = ProcessWatch::open(pid, space);
+        self.pid = self.watch.is_some().then_some(pid);
         self.present = true;
         self.last_heard = now();
     }
@@ -656,6 +660,14 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
         // Its process and host are for messages about this one execution.
         let program = self.controller.program.split(", process ").next()?;
         self.controller.present.then(|| Identity::of_program(program))
+    }
+
+    fn process(&self, role: Role) -> Option<u32> {
+        match role {
+            Role::Controller => self.controller.pid,
+            Role::Fdi => self.fdi.pid,
+            Role::Plant | Role::Unspecified => None,
+        }
     }
 
     fn finish(&mut self, steps: u64, failure: Option<&str>) {

@@ -148,7 +148,7 @@ fn words(summary: &Summary) -> String {
 
 /// What a detector achieved in an interval.
 fn achievement(summary: &Summary, interval: &Interval, evaluator: Evaluator) -> String {
-    if summary.is_absent(evaluator) && evaluator == Evaluator::Network {
+    if summary.is_absent(evaluator) && matches!(evaluator, Evaluator::Network | Evaluator::WeighedNetwork) {
         return "no network loaded".to_owned();
     }
     let score = interval.scores.of(evaluator);

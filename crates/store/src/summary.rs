@@ -107,7 +107,7 @@ pub struct ControllerRecord {
 }
 
 /// How well a run kept to the wall clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RealTime {
     /// Length of a step, ms.
     pub period_ms: f64,
@@ -122,6 +122,29 @@ pub struct RealTime {
     pub jitter_us_max: f64,
     /// Steps whose answer came after the next step was due.
     pub deadline_misses: u64,
+    /// How much too late the worst answer came, ms; absent in files of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overrun_ms_max: Option<f64>,
+    /// Real-time priority and locked memory of all processes that were started, 1 to 99; absent without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub priority: Option<u8>,
+    /// Missed deadlines and late reports by who was late and why, the most frequent first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub late: Vec<LateSteps>,
+}
+
+/// Steps that were late for one reason, as the kernel tells it: what took most of the time since the command before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LateSteps {
+    /// `plant` (with all that flies in its process), `controller`, or `fdi`: its reports, which no deadline waits for, came later than a
+    /// period after their step.
+    pub who: String,
+    /// `scheduler`: woken, it waited for a processor that others had; `computing`; `unknown`: neither, or that kernel cannot be asked.
+    pub why: String,
+    /// How many.
+    pub steps: u64,
+    /// How much too late at worst, ms.
+    pub worst_ms: f64,
 }
 
 /// How well the flight followed what it was asked for.
@@ -183,18 +206,21 @@ pub enum Evaluator {
     Sequential,
     /// §5.2.
     Network,
+    /// The network's verdicts weighed over time.
+    WeighedNetwork,
 }
 
 impl Evaluator {
     /// All of them, in the order of every table.
-    pub const ALL: [Self; 3] = [Self::TTest, Self::Sequential, Self::Network];
+    pub const ALL: [Self; 4] = [Self::TTest, Self::Sequential, Self::Network, Self::WeighedNetwork];
 
     /// For people.
     pub const fn title(self) -> &'static str {
         match self {
-            Self::TTest => "T-test",
+            Self::TTest => "T-test (paper)",
             Self::Sequential => "Sequential detector",
-            Self::Network => "Neural network",
+            Self::Network => "Network (paper)",
+            Self::WeighedNetwork => "Weighed network",
         }
     }
 
@@ -204,6 +230,7 @@ impl Evaluator {
             Self::TTest => "verdict_t_test",
             Self::Sequential => "verdict_sequential",
             Self::Network => "verdict_network",
+            Self::WeighedNetwork => "verdict_weighed_network",
         }
     }
 }
@@ -325,8 +352,11 @@ pub struct Scores {
     pub t_test: Score,
     /// Of the sequential detector.
     pub sequential: Score,
-    /// Of the trained network.
+    /// Of the trained network, window by window as in the paper.
     pub network: Score,
+    /// Of its verdicts weighed over time; nothing but zeros in files of earlier versions.
+    #[serde(default)]
+    pub weighed_network: Score,
 }
 
 impl Scores {
@@ -336,6 +366,7 @@ impl Scores {
             Evaluator::TTest => &self.t_test,
             Evaluator::Sequential => &self.sequential,
             Evaluator::Network => &self.network,
+            Evaluator::WeighedNetwork => &self.weighed_network,
         }
     }
 
@@ -344,6 +375,7 @@ impl Scores {
             Evaluator::TTest => &mut self.t_test,
             Evaluator::Sequential => &mut self.sequential,
             Evaluator::Network => &mut self.network,
+            Evaluator::WeighedNetwork => &mut self.weighed_network,
         }
     }
 }

@@ -146,6 +146,10 @@ pub struct TelemetryRow {
     pub suspect_rotors: u32,
     /// Sets of rotors that an ambiguous verdict leaves open.
     pub hypothesis_count: u32,
+    /// Verdict code of the network's verdicts weighed over time (`rotortwin_flight::weighed`); not part of the run's hash.
+    pub weighed_network: i32,
+    /// Its probability, fraction.
+    pub weighed_network_probability: f32,
     /// True on the last step of an evaluation window: the verdicts are new, otherwise held.
     pub window_end: bool,
 }
@@ -652,6 +656,22 @@ impl TelemetryRow {
         sink.i32(
             one("window_end", "1", "1 on the last step of an evaluation window, else 0"),
             i32::from(self.window_end),
+        );
+        sink.i32(
+            one(
+                "verdict_weighed_network",
+                "1",
+                "Verdicts of the trained network weighed over time, codes as verdict_t_test",
+            ),
+            self.weighed_network,
+        );
+        sink.f32(
+            one(
+                "weighed_network_probability",
+                "1",
+                "Probability of that verdict; 0 while not ready",
+            ),
+            self.weighed_network_probability,
         );
     }
 

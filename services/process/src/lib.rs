@@ -6,6 +6,7 @@ pub mod launch;
 mod logging;
 mod peer;
 mod placement;
+pub mod priority;
 mod supervisor;
 pub mod zenoh_config;
 

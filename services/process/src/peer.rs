@@ -1,6 +1,7 @@
 //! What a controller or FDI process is told on its command line, and how it serves a run.
 
 use crate::address::DEFAULT_DOMAIN;
+use crate::priority::{self, DEFAULT_PRIORITY, parse_priority};
 use crate::{EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, complain};
 use clap::Args;
 use rotortwin_links::endpoint::{Endpoint, PeerOptions, serve_controller, serve_fdi};
@@ -29,6 +30,9 @@ pub struct PeerArgs {
     /// Run on this CPU
     #[arg(long, value_name = "CPU")]
     pub cpu: Option<usize>,
+    /// Real-time priority, 1 to 99, and all memory locked
+    #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
+    pub priority: Option<u8>,
     /// End with this parent process
     #[arg(long, hide = true)]
     pub supervisor_pid: Option<u32>,
@@ -79,7 +83,11 @@ impl PeerArgs {
         if let Some(pid) = self.supervisor_pid {
             Supervisor::end_with_parent(pid).map_err(|error| error.to_string())?;
         }
-        self.cpu.map_or(Ok(()), pin_to_cpu)
+        self.cpu.map_or(Ok(()), pin_to_cpu)?;
+        // Before the link has threads: they inherit it.
+        self.priority
+            .map_or(Ok(()), priority::take)
+            .map_err(|error| error.to_string())
     }
 
     fn timing(&self) -> LinkTiming {

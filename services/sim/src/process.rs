@@ -4,6 +4,7 @@ use crate::session::{self, SessionConfig};
 use clap::Parser;
 use rotortwin_flight::pace::Pace;
 use rotortwin_links::endpoint::{Endpoint, EndpointLink};
+use rotortwin_process::priority::{self, DEFAULT_PRIORITY, parse_priority};
 use rotortwin_process::{
     AnyEndpoint, EXIT_BAD_INPUT, EXIT_FAILED, LinkAddress, Supervisor, complain, parse_run_id, pin_to_cpu,
     start_logging,
@@ -56,6 +57,9 @@ pub struct Args {
     /// Run on this CPU
     #[arg(long, value_name = "CPU")]
     pub cpu: Option<usize>,
+    /// Real-time priority, 1 to 99, and all memory locked; with --pace real-time
+    #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
+    pub priority: Option<u8>,
     /// Effective configuration, in place of what the scenario file says: the text of a run's summary
     #[arg(long, value_name = "FILE")]
     pub documents: Option<PathBuf>,
@@ -114,6 +118,13 @@ pub fn run(args: Args) -> ExitCode {
 
 fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
     args.cpu.map_or(Ok(()), pin_to_cpu)?;
+    if let Some(priority) = args.priority {
+        if args.pace != Pace::RealTime {
+            return Err(priority::NEEDS_PACE.to_owned());
+        }
+        // Before the link and the recorder have threads: they inherit it.
+        priority::take(priority).map_err(|error| error.to_string())?;
+    }
     // The supervisor has tried it.
     if !args.supervised {
         args.link.probe().map_err(|sentence| format!("--link: {sentence}"))?;
@@ -140,6 +151,7 @@ fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Resul
         link_name: args.link.transport().to_owned(),
         pace: args.pace,
         run_id: args.run_id,
+        priority: args.priority,
         live_hz: args.live,
     };
     let timing = LinkTiming {

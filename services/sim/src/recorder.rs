@@ -5,6 +5,9 @@ use crate::live::LiveSampler;
 use rotortwin_flight::lockstep::{FlightObserver, StopReason};
 use rotortwin_flight::sample::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
+use rotortwin_flight::weighed::{CALIBRATION_NS, Weighed};
+pub use rotortwin_flight::weighed::{WeighedConfig, WeighedNetwork};
 use rotortwin_plant::body::ground::GroundEvent;
 use rotortwin_store::StoreError;
 use rotortwin_store::spool::SpoolWriter;
@@ -24,6 +27,7 @@ pub struct Recorder<'a> {
     step_count: u64,
     conditions: ConditionSchedule,
     row: TelemetryRow,
+    weighed: WeighedNetwork,
     emit: &'a mut dyn FnMut(RunEvent),
     stop: &'a mut dyn FnMut() -> Option<StopReason>,
     last_progress: Instant,
@@ -37,6 +41,7 @@ impl<'a> Recorder<'a> {
     /// A recorder into `spool`; `emit` takes the events, `stop` says whether the run is to end early.
     pub fn new(
         spool: SpoolWriter,
+        rotor_count: usize,
         step_count: u64,
         conditions: ConditionSchedule,
         emit: &'a mut dyn FnMut(RunEvent),
@@ -47,20 +52,20 @@ impl<'a> Recorder<'a> {
             step_count,
             conditions,
             row: TelemetryRow::default(),
+            weighed: WeighedNetwork::new(rotor_count, WeighedConfig::STANDARD),
             emit,
             stop,
             last_progress: Instant::now(),
             last_label: 0,
             last_sequential: None,
             live: None,
-            rotor_count: 0,
+            rotor_count,
         }
     }
 
     /// Also tells samples: `rate_hz` a second of simulated time.
-    pub fn with_live(mut self, rate_hz: f64, rotor_count: usize) -> Self {
-        self.live = Some(LiveSampler::new(rate_hz, rotor_count));
-        self.rotor_count = rotor_count;
+    pub fn with_live(mut self, rate_hz: f64) -> Self {
+        self.live = Some(LiveSampler::new(rate_hz, self.rotor_count));
         self
     }
 
@@ -123,6 +128,7 @@ impl FlightObserver for Recorder<'_> {
     fn sample(&mut self, sample: &Sample) -> Result<(), String> {
         let conditions = self.conditions.at(sample.sensors.stamp.step);
         fill_row(&mut self.row, sample, conditions);
+        weigh(&mut self.row, &mut self.weighed, sample);
         self.spool.push(&self.row).map_err(|error| error.to_string())?;
         if let Some(event) = self
             .live
@@ -156,6 +162,16 @@ impl FlightObserver for Recorder<'_> {
     fn words(&mut self, plant_time_s: f64, text: String) {
         (self.emit)(RunEvent::Change(Change::Words { plant_time_s, text }));
     }
+}
+
+/// Adds to a row of telemetry what the network's verdicts so far amount to; `weighed` has seen all samples before.
+pub fn weigh(row: &mut TelemetryRow, weighed: &mut WeighedNetwork, sample: &Sample) {
+    if sample.report.window_end != 0 {
+        weighed.window(sample.report.network, sample.sensors.stamp.sim_time_ns < CALIBRATION_NS);
+    }
+    let Weighed { verdict, probability } = weighed.said();
+    row.weighed_network = verdict.code();
+    row.weighed_network_probability = probability as f32;
 }
 
 /// One sample as a row of telemetry; the conditions are [`ConditionSchedule::at`] its step.
@@ -202,6 +218,8 @@ pub fn fill_row(row: &mut TelemetryRow, sample: &Sample, (rotor_condition, senso
         wrench_residual: report.wrench_residual,
         t_test: report.t_test,
         network: report.network,
+        weighed_network: NOT_READY,
+        weighed_network_probability: 0.0,
         sequential: report.sequential,
         sequential_probability: report.sequential_probability,
         thrust_loss: report.thrust_loss.values(),

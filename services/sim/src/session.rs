@@ -4,17 +4,18 @@ use crate::commands::{Recorded, Recording};
 use crate::conditions::ConditionSchedule;
 use crate::recorder::Recorder;
 use rotortwin_flight::autopilot::{self, HandOver};
+use rotortwin_flight::lateness::{Who, Why};
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightOutcome, NoObserver, StopReason};
 use rotortwin_flight::pace::{Pace, RealTimeReport};
 use rotortwin_flight::run_hash::model_hash;
 pub use rotortwin_flight::setup::run_setup;
 use rotortwin_plant::{STEP_NS, Simulation};
-use rotortwin_process::{StopRequest, Supervisor};
+use rotortwin_process::{StopRequest, Supervisor, priority};
 use rotortwin_scenario::Scenario;
 use rotortwin_store::StoreError;
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::spool::{SpoolHeader, SpoolReader, SpoolWriter};
-use rotortwin_store::summary::{ControllerRecord, Failure, RealTime, ScenarioRecord, Status, Summary};
+use rotortwin_store::summary::{ControllerRecord, Failure, LateSteps, RealTime, ScenarioRecord, Status, Summary};
 use rotortwin_wire::autopilot::{Autopilot, Identity};
 use rotortwin_wire::events::RunEvent;
 use rotortwin_wire::link::in_process::InProcessLink;
@@ -39,6 +40,8 @@ pub struct SessionConfig {
     pub pace: Pace,
     /// Identity of this execution, never 0.
     pub run_id: u64,
+    /// Real-time priority of the processes; for the record.
+    pub priority: Option<u8>,
     /// Samples that are told a second of simulated time; `None`: none.
     pub live_hz: Option<f64>,
 }
@@ -174,12 +177,21 @@ fn recorded(
     let spool = SpoolWriter::create(&folder.spool_path(), &header)?;
     emit(RunEvent::Waiting);
     let setup = run_setup(scenario, &simulation, config.run_id);
-    let mut recorder = Recorder::new(spool, scenario.duration_steps(), conditions, emit, stop);
+    let mut recorder = Recorder::new(
+        spool,
+        simulation.rotor_count(),
+        scenario.duration_steps(),
+        conditions,
+        emit,
+        stop,
+    );
     if let Some(rate_hz) = config.live_hz {
-        recorder = recorder.with_live(rate_hz, simulation.rotor_count());
+        recorder = recorder.with_live(rate_hz);
     }
     let (outcome, link, controller) = flown(&mut simulation, &setup, &mut recorder);
     recorder.finish()?;
+    // What is left to do has no deadline, and must not keep others from the processor.
+    priority::give_back();
     emit(RunEvent::Recording { steps: outcome.steps });
     let summary = Summary {
         link,
@@ -206,7 +218,7 @@ fn summary_of(scenario: &Scenario, config: &SessionConfig, outcome: &FlightOutco
         failure,
         run_hash: outcome.run_hash.clone(),
         wall_s: outcome.wall.as_secs_f64(),
-        real_time: outcome.real_time.as_ref().map(real_time),
+        real_time: outcome.real_time.as_ref().map(|report| real_time(report, config.priority)),
         ..blank_summary(scenario, config)
     }
 }
@@ -232,13 +244,35 @@ fn blank_summary(scenario: &Scenario, config: &SessionConfig) -> Summary {
     }
 }
 
-fn real_time(report: &RealTimeReport) -> RealTime {
+fn real_time(report: &RealTimeReport, priority: Option<u8>) -> RealTime {
     RealTime {
         period_ms: report.period_us / 1e3,
         jitter_us_p50: report.jitter_p50_us,
         jitter_us_p99: report.jitter_p99_us,
         jitter_us_max: report.jitter_max_us,
         deadline_misses: report.deadline_misses,
+        overrun_ms_max: Some(report.overrun_max_us / 1e3),
+        priority,
+        late: report
+            .late
+            .iter()
+            .map(|late| LateSteps {
+                who: match late.who {
+                    Who::Plant => "plant",
+                    Who::Controller => "controller",
+                    Who::Fdi => "fdi",
+                }
+                .to_owned(),
+                why: match late.why {
+                    Why::Scheduler => "scheduler",
+                    Why::Computing => "computing",
+                    Why::Unknown => "unknown",
+                }
+                .to_owned(),
+                steps: late.steps,
+                worst_ms: late.worst_ms,
+            })
+            .collect(),
     }
 }
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from math import ceil, exp, isnan, lgamma, log, nan, sqrt
@@ -137,6 +137,32 @@ class StepDetector(Detector):
         return np.asarray(said[WINDOW - 1 :: WINDOW])
 
 
+class EvidenceDetector(Detector):
+    """Says how much speaks for each rotor, and names one beyond a threshold. `curve` sweeps that."""
+
+    #: Evidence from which on a rotor is named.
+    threshold: float
+    #: The verdict is `AMBIGUOUS` while the second has more than this share of the first's evidence; None: never.
+    rivalry: float | None = None
+
+    @abstractmethod
+    def evidence(self, flight: Flight) -> NDArray[np.float64]:
+        """What speaks for a fault of each rotor in each window, shape (windows, rotors); of any scale."""
+
+    def judge(self, flight: Flight) -> NDArray[np.int64]:
+        return self.named(flight, self.evidence(flight), self.threshold)
+
+    def named(self, flight: Flight, evidence: NDArray[np.float64], threshold: float) -> NDArray[np.int64]:
+        """The verdicts at this threshold."""
+        order = np.sort(evidence, axis=1)
+        best = order[:, -1]
+        said = np.where(best >= threshold, evidence.argmax(axis=1) + 1, HEALTHY)
+        if self.rivalry is not None:
+            said[(best >= threshold) & (order[:, -2] > self.rivalry * best)] = AMBIGUOUS
+        said[flight.window_end_s <= CALIBRATED_S] = NOT_READY
+        return said.astype(np.int64)
+
+
 def steps(
     losses: Iterable[float] = (0.05, 0.1, 0.2),
     *,
@@ -221,11 +247,13 @@ class Row:
     healthy_h: float
     #: Computing time of a step, µs; 0 for ours, which fly along.
     cost_us: float
+    #: Flights with a fault, of which `found` are.
+    faults: int
 
     @property
     def found_interval(self) -> tuple[float, float]:
         """95 % interval (Wilson) of the share of faults that are named."""
-        return wilson(self.found or 0, self.flights)
+        return wilson(self.found or 0, self.faults)
 
     @property
     def false_alarms_per_hour(self) -> tuple[float, float, float]:
@@ -256,12 +284,7 @@ class Scores:
 
     def __str__(self) -> str:
         head = ("detector", "case", "n", "right", "found [95 %]", "first", "settled", "wrong", "false/h [95 %]")
-        table = [head] + [_cells(row) for row in self.rows]
-        widths = [max(len(line[column]) for line in table) for column in range(len(head))]
-        lines = []
-        for line in table:
-            cells = [cell.ljust(width) if at < 2 else cell.rjust(width) for at, (cell, width) in enumerate(zip(line, widths, strict=True))]
-            lines.append(" ".join(cells).rstrip())
+        lines = _aligned([head] + [_cells(row) for row in self.rows])
         lines.append("right: of windows; first, settled: median s after the fault; wrong: flights in")
         lines.append("which a healthy rotor was named; false/h: alarms per healthy hour")
         return "\n".join(lines)
@@ -272,6 +295,13 @@ class Scores:
         from html import escape
 
         return f"<pre>{escape(str(self))}</pre>"
+
+
+def _aligned(table: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(line[column]) for line in table) for column in range(len(table[0]))]
+    return [
+        " ".join(cell.ljust(width) if at < 2 else cell.rjust(width) for at, (cell, width) in enumerate(zip(line, widths, strict=True))).rstrip() for line in table
+    ]
 
 
 def _cells(row: Row) -> tuple[str, ...]:
@@ -301,6 +331,30 @@ def score(detectors: Sequence[Detector], cases: Sequence[Case], *, learn_from: S
     `learn_from`: flights that detectors which learn may see, with the truth. None of them may be among `cases`.
     """
     flown = _fly_all(cases)
+    _teach(detectors, cases, learn_from)
+    rows: list[Row] = []
+    for label in dict.fromkeys(case.label for case in cases):
+        some = [each for each in flown if each.labelled.case.label == label]
+        faults = sum(each.labelled.case.rotor is not None for each in some)
+        rows += _rows(detectors, label, some, faults)
+    return Scores(tuple(rows))
+
+
+def _rows(detectors: Sequence[Detector], label: str, flown: Sequence[_Flown], faults: int) -> list[Row]:
+    rows = []
+    for detector in detectors:
+        begun = time.perf_counter()
+        said = [_checked(detector, each.labelled.flight) for each in flown]
+        spent = time.perf_counter() - begun
+        steps_flown = sum(len(each.labelled.flight["time_s"]) for each in flown)
+        rows.append(_row(detector.name, label, flown, said, 1e6 * spent / steps_flown, faults))
+    for name in _OURS:
+        if any((each.ours[name] != NOT_READY).any() for each in flown):
+            rows.append(_row(name, label, flown, [each.ours[name] for each in flown], 0.0, faults))
+    return rows
+
+
+def _teach(detectors: Sequence[Detector], cases: Sequence[Case], learn_from: Sequence[Case]) -> None:
     seen = {(str(case.scenario), case.seed) for case in learn_from}
     twice = next((case for case in cases if (str(case.scenario), case.seed) in seen), None)
     if twice is not None:
@@ -309,19 +363,122 @@ def score(detectors: Sequence[Detector], cases: Sequence[Case], *, learn_from: S
         lessons = fly(learn_from)
         for detector in detectors:
             detector.learn(lessons)
+
+
+@dataclass(frozen=True)
+class World:
+    """A row of `compare`: flights to score, and others to learn from."""
+
+    cases: Sequence[Case]
+    learn_from: Sequence[Case] = ()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Methods by worlds. Prints as a table."""
+
+    #: World, and the score of all its flights together.
+    rows: tuple[tuple[str, Row], ...]
+
+    def frame(self) -> pandas.DataFrame:
+        """All figures as a data frame; needs pandas."""
+        frame = Scores(tuple(row for _, row in self.rows)).frame()
+        frame.insert(0, "world", [world for world, _ in self.rows])
+        return frame.drop(columns="label")
+
+    def __str__(self) -> str:
+        table: list[tuple[str, ...]] = [("world", "method", "right", "found [95 %]", "first", "settled", "wrong", "false/h [95 %]", "µs/step")]
+        for world, row in self.rows:
+            cells = _cells(row)
+            table.append((world, row.detector, *cells[3:], f"{row.cost_us:.1f}" if row.cost_us else "in flight"))
+        return "\n".join([
+            *_aligned(table),
+            "right: of windows; first, settled: median s after the fault; wrong: flights in",
+            "which a healthy rotor was named; false/h: alarms per healthy hour; µs/step: Python",
+        ])  # fmt: skip
+
+    __repr__ = __str__
+
+
+def compare(detectors: Sequence[Detector], worlds: Mapping[str, World]) -> Comparison:
+    """Scores these detectors and ours in each world, all its flights together: accuracy, delays, false alarms, cost."""
     rows = []
-    for label in dict.fromkeys(case.label for case in cases):
-        some = [each for each in flown if each.labelled.case.label == label]
-        for detector in detectors:
-            begun = time.perf_counter()
-            said = [_checked(detector, each.labelled.flight) for each in some]
-            spent = time.perf_counter() - begun
-            steps_flown = sum(len(each.labelled.flight["time_s"]) for each in some)
-            rows.append(_row(detector.name, label, some, said, 1e6 * spent / steps_flown))
-        for name in _OURS:
-            if any((each.ours[name] != NOT_READY).any() for each in some):
-                rows.append(_row(name, label, some, [each.ours[name] for each in some], 0.0))
-    return Scores(tuple(rows))
+    for name, world in worlds.items():
+        flown = _fly_all(world.cases)
+        _teach(detectors, world.cases, world.learn_from)
+        faults = sum(each.labelled.case.rotor is not None for each in flown)
+        for row in _rows(detectors, name, flown, faults):
+            rows.append((name, row))
+    return Comparison(tuple(rows))
+
+
+@dataclass(frozen=True)
+class Point:
+    """A detector at one threshold."""
+
+    threshold: float
+    row: Row
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The operating curve of a detector: what it finds, over its false alarms. Prints as a table."""
+
+    points: tuple[Point, ...]
+
+    def frame(self) -> pandas.DataFrame:
+        """All figures as a data frame; needs pandas."""
+        frame = Scores(tuple(point.row for point in self.points)).frame()
+        frame.insert(1, "threshold", [point.threshold for point in self.points])
+        return frame.drop(columns="label")
+
+    def at(self, false_alarms_per_h: float) -> Point | None:
+        """The point with the most right windows of those with at most so many false alarms an hour; None if there is none."""
+        quiet = [point for point in self.points if point.row.false_alarms_per_hour[0] <= false_alarms_per_h]
+        return max(quiet, key=lambda point: point.row.right, default=None)
+
+    def __str__(self) -> str:
+        table: list[tuple[str, ...]] = [("detector", "threshold", "right", "found [95 %]", "first", "settled", "wrong", "false/h [95 %]")]
+        table += [(point.row.detector, _short(point.threshold), *_cells(point.row)[3:]) for point in self.points]
+        return "\n".join(_aligned(table))
+
+    __repr__ = __str__
+
+
+def curve(
+    detectors: Sequence[EvidenceDetector], cases: Sequence[Case], *, learn_from: Sequence[Case] = (), thresholds: Sequence[float] | None = None, points: int = 12
+) -> list[Curve]:
+    """Sweeps the threshold of each detector over the same flights.
+
+    Without `thresholds`, `points` of them: quantiles of the largest evidence of all flights, healthy ones and others, so that the curve goes from alarms
+    everywhere to silence.
+    """
+    flown = _fly_all(cases)
+    _teach(detectors, cases, learn_from)
+    if not any(each.labelled.case.rotor is None for each in flown):
+        raise InputError("expected healthy flights among the cases: there are no false alarms without them")
+    faults = sum(each.labelled.case.rotor is not None for each in flown)
+    curves = []
+    for detector in detectors:
+        found = [detector.evidence(each.labelled.flight) for each in flown]
+        swept: Sequence[float] = thresholds if thresholds is not None else _spread(flown, found, points)
+        rows = []
+        for threshold in swept:
+            said = [detector.named(each.labelled.flight, evidence, threshold) for each, evidence in zip(flown, found, strict=True)]
+            rows.append(Point(float(threshold), _row(detector.name, "all", flown, said, 0.0, faults)))
+        curves.append(Curve(tuple(rows)))
+    return curves
+
+
+def _spread(flown: Sequence[_Flown], found: Sequence[NDArray[np.float64]], points: int) -> list[float]:
+    largest = [evidence[each.labelled.flight.window_end_s > CALIBRATED_S].max(axis=1) for each, evidence in zip(flown, found, strict=True)]
+    peaks = np.array([each.max() for each in largest])
+    windows = np.concatenate(largest)
+    # Half of them where windows begin to be quiet, half where whole flights do.
+    half = max(points // 2, 1)
+    low = np.quantile(windows, np.linspace(0.5, 1.0, half, endpoint=False))
+    high = np.quantile(peaks, np.linspace(0.0, 1.0, points - half))
+    return sorted({float(value) for value in np.concatenate([low, high])})
 
 
 def _checked(detector: Detector, flight: Flight) -> NDArray[np.int64]:
@@ -333,11 +490,10 @@ def _checked(detector: Detector, flight: Flight) -> NDArray[np.int64]:
     return said.astype(np.int64)
 
 
-def _row(name: str, label: str, flown: Sequence[_Flown], verdicts: Sequence[NDArray[Any]], cost_us: float) -> Row:
+def _row(name: str, label: str, flown: Sequence[_Flown], verdicts: Sequence[NDArray[Any]], cost_us: float, faults: int) -> Row:
     right, scored, alarms, healthy_windows, wrong = 0, 0, 0, 0, 0
     first: list[float] = []
     settled: list[float] = []
-    faults = 0
     for each, said in zip(flown, verdicts, strict=True):
         case, truth = each.labelled.case, each.labelled.truth
         said = said[: len(truth)]
@@ -352,7 +508,6 @@ def _row(name: str, label: str, flown: Sequence[_Flown], verdicts: Sequence[NDAr
         alarms += int(begins.sum())
         wrong += int(((said > 0) & (said != truth) & used).any())
         if case.rotor is not None:
-            faults += 1
             after = truth != 0
             good = (said == truth) & after
             if good.any():
@@ -374,6 +529,7 @@ def _row(name: str, label: str, flown: Sequence[_Flown], verdicts: Sequence[NDAr
         false_alarms=alarms,
         healthy_h=healthy_windows * WINDOW_S / 3600.0,
         cost_us=cost_us,
+        faults=faults,
     )
 
 

@@ -18,6 +18,7 @@ use rotortwin_flight::setup::run_setup;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiEngine;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
+use rotortwin_flight::weighed::{CALIBRATION_NS, WeighedConfig, WeighedNetwork};
 use rotortwin_plant::batch::LANES;
 use rotortwin_plant::nearest_step;
 use rotortwin_plant::vector_units::Dispatch;
@@ -154,6 +155,7 @@ pub struct FlightScorer {
     detectors: [DetectorScorer; DETECTORS.len()],
     /// Engine, its verdict, its score.
     curve: Vec<(Box<FdiEngine>, Verdict, DetectorScorer)>,
+    weighed: WeighedNetwork,
     /// Of the last window.
     verdict: i32,
     thrust_loss: LossEstimate,
@@ -197,6 +199,7 @@ impl FlightScorer {
             faulty_rotors: 0,
             detectors: std::array::from_fn(|_| DetectorScorer::new(window_steps)),
             curve,
+            weighed: WeighedNetwork::new(rotor_count, WeighedConfig::STANDARD),
             verdict: NOT_READY,
             thrust_loss: LossEstimate::default(),
             last_blade: [0; MAX_ROTORS],
@@ -233,6 +236,7 @@ impl FlightScorer {
         self.last_loss = sample.truth.rotor_thrust_loss;
         self.last_voltage_v = sample.truth.battery_voltage_v;
         let report = &sample.report;
+        self.weighed.window(report.network, sample.truth.sim_time_ns < CALIBRATION_NS);
         self.verdict = report.sequential;
         self.thrust_loss = report.thrust_loss;
         let sequential = Verdict {
@@ -241,6 +245,7 @@ impl FlightScorer {
         };
         let verdicts = [
             sequential,
+            Verdict::of_code(self.weighed.said().verdict.code()),
             Verdict::of_code(report.network),
             Verdict::of_code(report.t_test),
         ];

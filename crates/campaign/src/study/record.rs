@@ -31,8 +31,8 @@ impl FlightStatus {
     }
 }
 
-/// The three detectors, in the order of every table.
-pub const DETECTORS: [&str; 3] = ["sequential", "network", "t_test"];
+/// The detectors, in the order of every table.
+pub const DETECTORS: [&str; 4] = ["sequential", "weighed_network", "network", "t_test"];
 
 /// One flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

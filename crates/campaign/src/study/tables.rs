@@ -12,7 +12,7 @@ use crate::result_table::ResultTable;
 
 /// A detector as people call it.
 pub fn title(detector: usize) -> &'static str {
-    ["sequential", "network", "T-test"][detector]
+    ["sequential", "weighed network", "network (paper)", "T-test (paper)"][detector]
 }
 
 const NONE: &str = "–";

@@ -52,6 +52,11 @@ pub trait PlantLink {
         None
     }
 
+    /// Process id of a peer that runs under the kernel of the plant and can be seen there; of use once the link was opened.
+    fn process(&self, _role: Role) -> Option<u32> {
+        None
+    }
+
     /// Tells both peers that the run is over; `failure` is the reason if it failed. Never blocks for longer than 100 ms.
     fn finish(&mut self, steps: u64, failure: Option<&str>);
 }

@@ -65,6 +65,7 @@ fn only_here(args: &Args) -> Option<&'static str> {
         (!args.external.is_empty(), "--external"),
         (args.join_timeout.is_some(), "--join-timeout"),
         (args.cpu.is_some(), "--cpu"),
+        (args.priority.is_some(), "--priority"),
         (args.controller.is_some(), "--controller"),
     ];
     options.into_iter().find_map(|(given, name)| given.then_some(name))
