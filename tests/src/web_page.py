@@ -359,8 +359,8 @@ def steps(browser: Browser) -> None:
     watch.check()
 
 
-def stopped(word: str) -> int:
-    """Waits for the process of a job of ours that has this word in its command, and stops it: so it is not done before its Cancel is clicked.
+def stopped(kind: str) -> int:
+    """Waits for the process of a job of ours of this kind, and stops it: so it is not done before its Cancel is clicked.
 
     The descriptor of the process: its number may be another's once it has ended.
     """
@@ -373,14 +373,20 @@ def stopped(word: str) -> int:
                 continue
             try:
                 words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
-                if word in words[1:4] and (entry / "cwd").resolve().is_relative_to(FOLDER.resolve()):
+                folder = (entry / "cwd").resolve()
+                if words[1:3] != ["job", "job.json"] or not folder.is_relative_to(FOLDER.resolve()):
+                    continue
+                if json.loads((folder / "job.json").read_bytes())["job"]["job"] == kind:
                     signal.pidfd_send_signal(process, signal.SIGSTOP)
-                    return process
+                    found, process = process, None
+                    return found
             except (FileNotFoundError, ProcessLookupError):
                 pass
-            os.close(process)
+            finally:
+                if process is not None:
+                    os.close(process)
         time.sleep(0.005)
-    raise AssertionError(f"no process of a job with {word!r}")
+    raise AssertionError(f"no process of a job of kind {kind!r}")
 
 
 def goes_on(process: int) -> None:
@@ -428,9 +434,9 @@ def cancel(browser: Browser) -> None:
     page.get_by_text("The upload was canceled.").wait_for(timeout=2_000)
     network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": -1})
     page.get_by_role("button", name=re.compile("^Fly it")).first.click()
-    ends(1, "Importing the log", "example")
+    ends(1, "Importing the log", "log-example")
     drop(page, "untold.parquet")
-    ends(5, "Looking for what is missing", "diagnose")
+    ends(5, "Looking for what is missing", "diagnosis")
     page.locator("#step-5").get_by_role("button", name="Try again").click()
     page.locator("#step-5").get_by_role("button", name="Find the manoeuvre that tells").click()
     ends(5, "Flying eleven manoeuvres", "next-flight")
@@ -439,7 +445,7 @@ def cancel(browser: Browser) -> None:
     page.get_by_label("Mass with battery").fill("2.1")
     page.get_by_label("Arm, m", exact=True).fill("0.275")
     page.get_by_role("button", name="Identify the vehicle").click()
-    ends(3, "Identifying the vehicle", "from-log")
+    ends(3, "Identifying the vehicle", "identification")
     page.goto(f"{SERVER}/runs/{api('/runs', {'scenario': 'reference-flight', 'pace': 'real-time'})['id']}")
     page.locator("h1 + .tag", has_text="running").wait_for()
     with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:

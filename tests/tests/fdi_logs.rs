@@ -204,7 +204,7 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
     fault.insert("time_s".into(), ONSET_S.into());
     fault.insert("rotor".into(), 5.into());
     fault.insert("thrust_loss_percent".into(), (100.0 * LOSS).into());
-    let run = from_the_ground(&scratch, "quiet", Some(fault.into()));
+    let run = from_the_ground(&scratch, "flown", Some(fault.into()));
     let flight: Vec<_> = rows(&run).into_iter().filter(|row| row["time_s"] < 50.0).collect();
     let true_voltage = flight[8000]["battery_voltage_v"];
     let log = scratch.write("quiet.csv", csv(&needed(), flight));

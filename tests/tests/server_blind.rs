@@ -74,7 +74,7 @@ fn events(server: &Server, id: &str) -> String {
 fn benches_of(worker: Process) -> Vec<Process> {
     let benches = Process::children(worker.pid)
         .into_iter()
-        .filter(|(_, words)| words.iter().any(|word| word == "--cases"));
+        .filter(|(_, words)| words.iter().any(|word| word == "job"));
     benches
         .flat_map(|(bench, _)| {
             let children = Process::children(bench.pid).into_iter().map(|(child, _)| child);

@@ -400,7 +400,7 @@ fn scenario_what_the_server_keeps_is_for_its_user_alone() {
         let children = Process::children(server.process().pid);
         let flights = children
             .iter()
-            .filter(|(_, words)| words.get(1).is_some_and(|word| word == "fly"));
+            .filter(|(_, words)| words.get(1).is_some_and(|word| word == "job"));
         for (process, _) in flights {
             // One that has just ended has none.
             let environment = std::fs::read(format!("/proc/{}/environ", process.pid)).unwrap_or_default();

@@ -6,17 +6,31 @@ use rustix::fs::{FlockOperation, flock};
 use std::fs::{File, Permissions};
 use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// For this user alone.
 const OWN_FOLDER: u32 = 0o700;
 /// For this user alone.
 pub(crate) const OWN_FILE: u32 = 0o600;
+/// Longest wait for the lock of a server that has just been killed.
+const LOCK_PATIENCE: Duration = Duration::from_secs(1);
 
 /// The data folder, locked.
 #[derive(Debug)]
 pub(crate) struct DataFolder {
     path: PathBuf,
     _lock: File,
+}
+
+/// Locks the file. One who was killed may have left a child between `fork` and `exec`, which holds the lock for a moment longer.
+fn take(lock: &File) -> Result<(), rustix::io::Errno> {
+    let end = Instant::now() + LOCK_PATIENCE;
+    loop {
+        match flock(lock, FlockOperation::NonBlockingLockExclusive) {
+            Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() < end => std::thread::sleep(Duration::from_millis(20)),
+            taken => return taken,
+        }
+    }
 }
 
 impl DataFolder {
@@ -39,7 +53,7 @@ impl DataFolder {
             .mode(OWN_FILE)
             .open(path.join("lock"))
             .map_err(told)?;
-        flock(&lock, FlockOperation::NonBlockingLockExclusive).map_err(|error| {
+        take(&lock).map_err(|error| {
             if error == rustix::io::Errno::WOULDBLOCK {
                 format!("{}: another rotortwin server uses this data folder", path.display())
             } else {

@@ -172,10 +172,12 @@ fn decode(bytes: &[u8]) -> String {
     }
 }
 
-/// Unit in brackets at the end of a header, or after its last underscore.
+/// Unit in round or square brackets at the end of a header, or after its last underscore.
 fn header_unit(header: &str) -> Option<&str> {
-    if let Some((_, rest)) = header.rsplit_once('(') {
-        return rest.strip_suffix(')');
+    for (open, close) in [('(', ')'), ('[', ']')] {
+        if let Some((_, rest)) = header.rsplit_once(open) {
+            return rest.trim_end().strip_suffix(close).map(str::trim);
+        }
     }
     header.rsplit_once('_').map(|(_, unit)| unit)
 }
@@ -452,7 +454,7 @@ fn find(
         )));
     }
     let (words, assumed) = role.headers();
-    let bare = |cell: &str| cell.split('(').next().unwrap_or("").trim().to_lowercase();
+    let bare = |cell: &str| cell.split(['(', '[']).next().unwrap_or("").trim().to_lowercase();
     let found = words.iter().find_map(|word| {
         header.iter().position(|cell| {
             let cell = bare(cell);
@@ -480,6 +482,17 @@ mod tests {
         assert!((table.thrust[0] - 0.147_099_75).abs() < 1e-9);
         assert!((table.command[1] - 0.145).abs() < 1e-12);
         assert_eq!(table.voltage, [11.1, 11.0]);
+    }
+
+    /// `thrust [g]` was read as newtons.
+    #[test]
+    fn regress_units_in_square_brackets_are_read() {
+        let text = "throttle [%],thrust [g],voltage [mV],torque [Nm]\n20,100,11100,0.02\n30,200,11000,0.03\n";
+        let table = Table::parse("sheet.csv", text, &Mapping::default()).unwrap();
+        assert!((table.thrust[1] - 1.961_33).abs() < 1e-9);
+        assert!((table.voltage[0] - 11.1).abs() < 1e-9);
+        assert_eq!(table.torque, [0.02, 0.03]);
+        assert!((table.command[0] - 0.2).abs() < 1e-12);
     }
 
     #[test]
