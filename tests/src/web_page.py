@@ -373,8 +373,10 @@ def stopped(kind: str) -> int:
                 continue
             try:
                 words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
+                if words[1:3] != ["job", "job.json"]:
+                    continue
                 folder = (entry / "cwd").resolve()
-                if words[1:3] != ["job", "job.json"] or not folder.is_relative_to(FOLDER.resolve()):
+                if not folder.is_relative_to(FOLDER.resolve()):
                     continue
                 if json.loads((folder / "job.json").read_bytes())["job"]["job"] == kind:
                     signal.pidfd_send_signal(process, signal.SIGSTOP)

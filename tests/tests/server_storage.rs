@@ -155,7 +155,7 @@ fn scenario_a_bucket_that_is_gone_is_named() {
 #[test]
 fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     let scratch = Scratch::new();
-    let Some(disk) = Disk::new(scratch.path("disk"), "8m") else {
+    let Some(disk) = Disk::new(scratch.path("disk"), "16m") else {
         return;
     };
     let data = disk.path().join("data");
