@@ -245,10 +245,10 @@ fn scenario_a_frozen_process_gives_no_sign_of_life() {
 /// The processes of a job's flight: `fly`, and what it starts.
 fn processes_of(data: &str, name: &str) -> Vec<Process> {
     let flights = Process::with_word(data);
-    let fly = flights.iter().flat_map(|process| Process::children(process.pid));
-    let all = fly.flat_map(|(fly, words)| {
-        let mut below = Process::children(fly.pid);
-        below.push((fly, words));
+    let jobs = flights.iter().flat_map(|process| Process::children(process.pid));
+    let all = jobs.flat_map(|(job, words)| {
+        let mut below = Process::children(job.pid);
+        below.push((job, words));
         below
     });
     all.filter(|(_, words)| words.get(1).is_some_and(|word| word == name))
@@ -261,7 +261,7 @@ fn scenario_a_process_killed_before_it_has_joined_costs_one_try() {
     let scratch = Scratch::new();
     let data = scratch.path("data");
     let server = Server::start_at("127.0.0.1:0", &data, &["--workers", "1"]);
-    for name in ["controller", "fdi", "fly"] {
+    for name in ["controller", "fdi", "job"] {
         let id = server.submit(&json!({ "scenario": "short-hover" }));
         let data = data.display().to_string();
         wait_until(Duration::from_secs(20), || {
