@@ -242,7 +242,7 @@ fn scenario_a_frozen_process_gives_no_sign_of_life() {
     );
 }
 
-/// The processes of a job's flight: `fly`, and what it starts.
+/// The processes of a flight: that of its job, and what it starts.
 fn processes_of(data: &str, name: &str) -> Vec<Process> {
     let flights = Process::with_word(data);
     let jobs = flights.iter().flat_map(|process| Process::children(process.pid));
