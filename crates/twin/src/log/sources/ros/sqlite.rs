@@ -391,8 +391,9 @@ fn columns_of(sql: &str) -> (Vec<String>, Option<usize>) {
     parts.push(part);
     for part in parts {
         let name = part.split_whitespace().next().unwrap_or("");
+        let word = name.split('(').next().unwrap_or("");
         // Constraints of the whole table follow its columns.
-        if ["PRIMARY", "UNIQUE", "CHECK", "FOREIGN", "CONSTRAINT"].contains(&name.to_uppercase().as_str()) {
+        if ["PRIMARY", "UNIQUE", "CHECK", "FOREIGN", "CONSTRAINT"].contains(&word.to_uppercase().as_str()) {
             break;
         }
         if part.to_uppercase().contains("INTEGER PRIMARY KEY") {
