@@ -200,15 +200,19 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
     const ONSET_S: f64 = 38.0;
     const LOSS: f64 = 0.10;
     let scratch = Scratch::new();
-    let mut fault = toml::Table::new();
-    fault.insert("time_s".into(), ONSET_S.into());
-    fault.insert("rotor".into(), 5.into());
-    fault.insert("thrust_loss_percent".into(), (100.0 * LOSS).into());
-    let run = from_the_ground(&scratch, "flown", Some(fault.into()));
+    let fault = format!(
+        "fault=[{{time_s={ONSET_S:.1}, rotor=5, thrust_loss_percent={:.1}}}]",
+        100.0 * LOSS
+    );
+    let flown = Call::fly(&scratch, Link::InProcess, Path::new("hover"), "flown")
+        .with(["--set", "duration_s=55.0", "--set", &fault])
+        .run()
+        .expect_code(0);
+    let run = flown.out().to_path_buf();
     let flight: Vec<_> = rows(&run).into_iter().filter(|row| row["time_s"] < 50.0).collect();
     let true_voltage = flight[8000]["battery_voltage_v"];
     let log = scratch.write("quiet.csv", csv(&needed(), flight));
-    let report = judged(&scratch, &[path(&log)], "f550-skids");
+    let report = judged(&scratch, &[path(&log)], "f550");
     let lack = &report["lacks"][0];
     assert_eq!(lack["columns"], serde_json::json!(["battery_voltage_v"]), "{report}");
     assert_eq!(lack["prevents_verdicts"], false, "{report}");
@@ -234,7 +238,7 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
         "{loss}"
     );
     // A vehicle three times as heavy cannot have flown it: no verdict, and why.
-    let heavy = std::fs::read_to_string(repository().join("config/vehicles/f550-skids.toml"))
+    let heavy = std::fs::read_to_string(repository().join("config/vehicles/f550.toml"))
         .expect("it is shipped")
         .replace("mass_kg = 1.55 ", "mass_kg = 4.65 ")
         .replace(
