@@ -74,20 +74,6 @@ def test_regress_bad_logs_are_one_sentence(log: dict[str, Any]) -> None:
         rotortwin.vehicle_from_log(log, mass_kg=1.55, arm_m=0.275, bench="nowhere.csv")
 
 
-def test_val_a_bench_says_what_a_flight_cannot(log: dict[str, Any], tmp_path: Path) -> None:
-    stand = tmp_path / "stand.csv"
-    duties = [0.1 * step for step in range(2, 11)]
-    thrusts = [985.0 * (0.4 * duty + 0.6 * duty * duty) for duty in duties]
-    rows = [f"{100 * duty},{thrust},{0.017 * thrust * 9.80665e-3}" for duty, thrust in zip(duties, thrusts, strict=True)]
-    stand.write_text("\n".join(["throttle [%],thrust [g],torque [Nm]", *rows]))
-    accelerometer = rotortwin.Simulation("helix-2", seed=4, set={"duration_s": 40.0, "fault": [], "effect": [DRAG]}).run().telemetry()
-    whole = {**log, **{name: values for name, values in accelerometer.items() if name.startswith("accel_")}}
-    found = rotortwin.vehicle_from_log(whole, mass_kg=1.55, arm_m=0.275, frame="hexa-cw-x", bench=stand)
-    [ratio] = [value for value in found.result["values"] if value["key"] == "rotors.moment_ratio_m"]
-    assert ratio["source"] == "bench" and ratio["low"] < 0.017 < ratio["high"]
-    assert any("stand.csv" in note for note in found.result["notes"])
-
-
 @pytest.fixture(scope="module")
 def damaged() -> dict[str, Any]:
     """What would have been logged of a flight that loses 8 % of the thrust of rotor 4 at 12 s."""
