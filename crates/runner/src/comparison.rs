@@ -1,4 +1,4 @@
-//! Models held against flights.
+//! Models compared with flights.
 
 use crate::destination::{ResultFolder, write_text};
 use crate::failure::Failure;
@@ -7,9 +7,10 @@ use crate::logs::read_logs;
 use crate::text::significant;
 use rotortwin_jobs::Comparison as Job;
 use rotortwin_twin::compare::{self, ChannelVerdict, Comparison, LogComparison, ModelOnLog, NamedModel};
+use rotortwin_twin::improve::report::short;
 use rotortwin_twin::model::ModelStore;
 
-/// Models held against flights, with the same as text.
+/// Models compared with flights, with the same as text.
 #[derive(Debug)]
 pub struct Compared {
     /// The result.
@@ -108,7 +109,7 @@ fn channel_table(model: &ModelOnLog) -> Grid {
             .map_or_else(String::new, |d| format!("{} ({:.0} %)", d.title, 100.0 * d.explained));
         let number = |value: f64| {
             if value.is_finite() {
-                significant3(value)
+                short(value)
             } else {
                 "–".to_owned()
             }
@@ -125,19 +126,6 @@ fn channel_table(model: &ModelOnLog) -> Grid {
         ]);
     }
     table
-}
-
-/// Three significant digits.
-fn significant3(value: f64) -> String {
-    if !value.is_finite() {
-        // No sample of flight under this model.
-        return "–".to_owned();
-    }
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let decimals = (2 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    format!("{value:.decimals$}")
 }
 
 fn worst(model: &ModelOnLog) -> String {
@@ -169,9 +157,9 @@ pub fn error_table(log: &LogComparison) -> Grid {
         row.extend(log.models.iter().map(|model| {
             model
                 .error_of(error.quantity)
-                .map_or_else(|| "–".to_owned(), |error| significant3(error.error))
+                .map_or_else(|| "–".to_owned(), |error| short(error.error))
         }));
-        row.push(significant3(error.noise));
+        row.push(short(error.noise));
         table.add_row(row);
     }
     for (place, open) in first.open_loop.iter().enumerate() {
@@ -182,9 +170,9 @@ pub fn error_table(log: &LogComparison) -> Grid {
                 |open| {
                     format!(
                         "{} · {} · {}",
-                        significant3(open.position_m),
-                        significant3(open.velocity_m_s),
-                        significant3(open.attitude_rad.to_degrees())
+                        short(open.position_m),
+                        short(open.velocity_m_s),
+                        short(open.attitude_rad.to_degrees())
                     )
                 },
             )

@@ -19,7 +19,7 @@ use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::{Status, Summary, load_summary};
 use rotortwin_wire::autopilot::Autopilot;
 use rotortwin_wire::events::RunEvent;
-use rotortwin_wire::link::LinkTiming;
+use rotortwin_wire::link::{LinkTiming, PlantLink};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -381,12 +381,16 @@ impl Running<'_> {
 
     /// The whole flight in this process.
     fn here(&self) -> Result<Summary, String> {
+        self.over(&mut session::in_process_link())
+    }
+
+    /// The plant in this process, its peers behind a link.
+    fn over(&self, link: &mut impl PlantLink) -> Result<Summary, String> {
         let supervisor = watched()?;
-        let mut link = session::in_process_link();
         session::fly(
             self.scenario,
             &self.config,
-            &mut link,
+            link,
             self.folder,
             &mut |event| self.show(&event),
             &mut || session::stop_reason(&supervisor),
@@ -411,7 +415,6 @@ impl Running<'_> {
 
     /// The flight in this process, with a board in the place of controller and FDI engine.
     fn with_board(&self, board: Board) -> Result<Flown, String> {
-        let supervisor = watched()?;
         let Board { address, line, .. } = board;
         let mut options = SessionOptions {
             join: Duration::from_millis(self.join_timeout_ms.unwrap_or(OWN_JOIN_TIMEOUT_MS)),
@@ -423,15 +426,7 @@ impl Running<'_> {
         // A slow line carries the four numbers behind the residuals; the bits are the same.
         options.board.residuals = address.baud().is_none();
         let mut link = BoardLink::new(line, &address.to_string(), options);
-        let summary = session::fly(
-            self.scenario,
-            &self.config,
-            &mut link,
-            self.folder,
-            &mut |event| self.show(&event),
-            &mut || session::stop_reason(&supervisor),
-        )
-        .map_err(|error| error.to_string())?;
+        let summary = self.over(&mut link)?;
         Ok(Flown {
             summary,
             board: Some((link.report(), address)),

@@ -55,7 +55,7 @@ pub fn import(job: &Job, name: &str) -> Result<Imported, Failure> {
 /// Reads a log, or a part of it.
 ///
 /// # Errors
-/// One sentence: what is wrong with it, or with what it is to be held against.
+/// One sentence: what is wrong with it, or with what it is to be compared with.
 pub fn read(file: &Path, reading: &Reading<'_>) -> Result<FlightLog, String> {
     let vehicle = reading
         .vehicle

@@ -38,7 +38,7 @@ pub enum JobResult {
         /// The account of its import.
         account: PathBuf,
     },
-    /// Models held against flights.
+    /// Models compared with flights.
     Comparison(Box<Comparison>),
     /// What a model lacks.
     Diagnosis(Box<Diagnosis>),
