@@ -8,6 +8,7 @@
 
 use crate::{output, terminal};
 use clap::Parser;
+use rotortwin_campaign::table_file::quoted;
 use rotortwin_runner::grid::Grid;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde::Deserialize;
@@ -28,7 +29,7 @@ const START: &str = "import sys; sys.path = [p for p in sys.path if p]; space = 
 /// Exit code of the engine: `NO_DUCKDB` in its source.
 const NO_DUCKDB: i32 = 4;
 
-/// Said where there is no engine; the server tells this by its beginning.
+/// Said where there is no engine.
 const MISSING: &str = "SQL over results needs Python 3.10 or later with DuckDB 1.2 or later, which is not here; expected `pip install duckdb pyarrow` \
                        for the python3 on the search path, or --python PROGRAM (or ROTORTWIN_PYTHON) that names another one";
 
@@ -76,9 +77,6 @@ pub struct Args {
     /// The Python whose DuckDB is asked [default: python3 beside this program, or else on the search path]
     #[arg(long, value_name = "PROGRAM", env = "ROTORTWIN_PYTHON")]
     python: Option<PathBuf>,
-    /// Longest answer, bytes
-    #[arg(long, value_name = "BYTES", hide = true)]
-    most_bytes: Option<u64>,
 }
 
 fn named(text: &str) -> Result<(String, String), String> {
@@ -159,7 +157,6 @@ fn request(args: &Args, spill: &Path) -> String {
         "spill": spill,
         "spill_most": MOST_SPILLED,
         "rows": rows,
-        "bytes": args.most_bytes,
     })
     .to_string()
 }
@@ -361,7 +358,7 @@ impl<'a> Printer<'a> {
                         .collect();
                     print!("{{\"columns\":{},\"rows\":[", Value::Array(columns));
                 } else if self.args.csv {
-                    let names: Vec<String> = columns.iter().map(|column| csv(&column.name)).collect();
+                    let names: Vec<String> = columns.iter().map(|column| quoted(&column.name)).collect();
                     println!("{}", names.join(","));
                 }
                 self.columns = columns;
@@ -369,7 +366,7 @@ impl<'a> Printer<'a> {
             Line::Row(row) => {
                 self.rows += 1;
                 if self.args.csv {
-                    let cells: Vec<String> = row.iter().map(|value| csv(&plain(value))).collect();
+                    let cells: Vec<String> = row.iter().map(|value| quoted(&plain(value))).collect();
                     println!("{}", cells.join(","));
                 } else {
                     self.table.push(row.iter().map(plain).collect());
@@ -420,14 +417,6 @@ fn plain(value: &Value) -> String {
     }
 }
 
-fn csv(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -456,8 +445,8 @@ mod tests {
 
     #[test]
     fn val_cells_of_csv() {
-        assert_eq!(csv("plain"), "plain");
-        assert_eq!(csv("a,\"b\""), "\"a,\"\"b\"\"\"");
+        assert_eq!(quoted("plain"), "plain");
+        assert_eq!(quoted("a,\"b\""), "\"a,\"\"b\"\"\"");
         assert_eq!(plain(&json!(null)), "");
         assert_eq!(plain(&json!([1, "x"])), "[1,\"x\"]");
     }

@@ -49,8 +49,8 @@ impl Values {
 }
 
 /// A CSV field; quoted where it has to be.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n']) {
+pub fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {
         text.to_owned()

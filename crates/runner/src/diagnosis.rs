@@ -13,6 +13,7 @@ use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search};
 use rotortwin_twin::estimation::parameters::FittedParameter;
+use rotortwin_twin::improve::report::quantity;
 use rotortwin_twin::model::ModelStore;
 use std::path::Path;
 use std::time::Instant;
@@ -111,19 +112,8 @@ fn report(text: &str, diagnosis: &Diagnosis) -> String {
     page.render().expect("text and numbers are JSON")
 }
 
-/// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
 fn parameter(p: &FittedParameter) -> String {
-    let digits = if p.interval_95 > 0.0 {
-        (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
-    } else {
-        4
-    };
-    let unit = if p.unit.is_empty() {
-        String::new()
-    } else {
-        format!(" {}", p.unit)
-    };
-    format!("{} = {:.digits$} ± {:.digits$}{unit}", p.symbol, p.value, p.interval_95)
+    quantity(&p.symbol, p.value, p.interval_95, &p.unit)
 }
 
 fn parameters(list: &[FittedParameter]) -> String {

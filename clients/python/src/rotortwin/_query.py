@@ -188,8 +188,8 @@ class _Refusal(Exception):
 def main() -> int:
     """Answers the request on the standard input: `{"columns": [{"name", "type"}]}`, a line for each row, then `{"rows", "more"}`.
 
-    The request is one line of JSON: `sql`, `sources` ([label, place] each), `memory`, `threads`, `spill`, `spill_most`, and `rows` and
-    `bytes`, after which there is no more. Ends when the standard input does.
+    The request is one line of JSON: `sql`, `sources` ([label, place] each), `memory`, `threads`, `spill`, `spill_most`, and `rows`,
+    after which there is no more. Ends when the standard input does.
     """
     request = json.loads(sys.stdin.readline())
     if not _has_duckdb():
@@ -236,7 +236,7 @@ def _answer(request: Mapping[str, Any]) -> None:
             names = _told_apart([column[0] for column in cursor.description])
             kinds = [str(column[1]) for column in cursor.description]
             print(json.dumps({"columns": [{"name": name, "type": kind} for name, kind in zip(names, kinds, strict=True)]}))
-            _print_rows(cursor, request["rows"], request["bytes"])
+            _print_rows(cursor, request["rows"])
         except duckdb.Error as error:
             # The first line says what, those after it may repeat the statement.
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]
@@ -276,16 +276,14 @@ def _told_apart(names: Sequence[str]) -> list[str]:
     return apart
 
 
-def _print_rows(cursor: Any, most: int | None, most_bytes: int | None) -> None:
-    rows, size = 0, 0
+def _print_rows(cursor: Any, most: int | None) -> None:
+    rows = 0
     while batch := cursor.fetchmany(_BATCH):
         for row in batch:
-            line = json.dumps([_as_json(value) for value in row], ensure_ascii=False)
-            size += len(line.encode())
-            if (most is not None and rows == most) or (most_bytes is not None and size > most_bytes):
+            if most is not None and rows == most:
                 print(json.dumps({"rows": rows, "more": True}))
                 return
-            print(line)
+            print(json.dumps([_as_json(value) for value in row], ensure_ascii=False))
             rows += 1
     print(json.dumps({"rows": rows, "more": False}))
 

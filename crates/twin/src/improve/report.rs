@@ -26,19 +26,24 @@ pub fn write(folder: &Path, improvement: &Improvement) -> Result<(), String> {
     Ok(())
 }
 
-/// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
+/// As [`quantity`], of a parameter in a model.
 pub fn value_text(p: &Value) -> String {
-    let digits = if p.interval_95 > 0.0 {
-        (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
+    quantity(&p.symbol, p.value, p.interval_95, &p.unit)
+}
+
+/// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
+pub fn quantity(symbol: &str, value: f64, interval_95: f64, unit: &str) -> String {
+    let digits = if interval_95 > 0.0 {
+        (1 - interval_95.log10().floor() as i32).clamp(0, 8) as usize
     } else {
         4
     };
-    let unit = if p.unit.is_empty() {
+    let unit = if unit.is_empty() {
         String::new()
     } else {
-        format!(" {}", p.unit)
+        format!(" {unit}")
     };
-    format!("{} = {:.digits$} ± {:.digits$}{unit}", p.symbol, p.value, p.interval_95)
+    format!("{symbol} = {value:.digits$} ± {interval_95:.digits$}{unit}")
 }
 
 /// Three significant digits.

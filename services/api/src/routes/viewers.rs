@@ -48,12 +48,7 @@ pub(crate) async fn view(
         .map_err(|error| {
             Problem::unprocessable(format!("this version cannot show what another one accepted: {error}"))
         })?;
-    let upgrade = upgrade.map_err(|rejection| {
-        let mut problem = Problem::bad_request(format!("{}; expected a WebSocket", rejection.body_text()));
-        problem.status = rejection.status().as_u16();
-        problem
-    })?;
-    let upgrade = upgrade.protocols(SUBPROTOCOLS);
+    let upgrade = upgrade?.protocols(SUBPROTOCOLS);
     if upgrade.selected_protocol().is_none() {
         return Err(Problem::bad_request(format!(
             "no protocol of Foxglove's is offered in `Sec-WebSocket-Protocol`; expected {}",
