@@ -6,7 +6,7 @@ use rotortwin_bridge::autopilot::{OutputMap, Patience};
 use rotortwin_wire::autopilot::{Autopilot, Readings};
 use std::net::UdpSocket;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 use std::time::Duration;
 
 /// Answers each state with motors; counts what came, and keeps the last sticks.
@@ -42,16 +42,18 @@ fn patience() -> Patience {
     }
 }
 
-/// Four ports side by side that nobody has: motors, one that is not used, states, sticks.
+/// Four ports side by side that nobody has: motors, one that is not used, states, sticks. No two calls look at the same
+/// ones: the port of the motors is let go of here and opened again by the link.
 fn ports() -> (u16, UdpSocket, UdpSocket) {
-    for base in (20_000..60_000).step_by(10) {
-        let base = base + (std::process::id() % 997) as u16 % 10;
+    static NEXT: AtomicU16 = AtomicU16::new(20_000);
+    loop {
+        let base = NEXT.fetch_add(10, Ordering::Relaxed);
+        assert!(base < 32_000, "no four free ports");
         let at = |port: u16| UdpSocket::bind(("127.0.0.1", port));
         if let (Ok(_), Ok(states), Ok(sticks)) = (at(base), at(base + 2), at(base + 3)) {
             return (base + 2, states, sticks);
         }
     }
-    panic!("no four free ports");
 }
 
 /// Lets a link and a scripted peer talk.
