@@ -39,6 +39,7 @@ pub mod diagnose;
 mod effects;
 mod examples;
 mod export;
+pub mod fdi_log;
 mod fdi_models;
 pub mod fdi_service;
 mod fit;
@@ -102,7 +103,7 @@ pub enum Command {
     Log(log::Args),
     /// Run the detectors over a flight log: verdicts over time, severity, what the log lacks
     #[command(after_help = examples::FDI_LOG)]
-    FdiLog(fdi_service::LogArgs),
+    FdiLog(fdi_log::LogArgs),
     /// Run the detectors on measurements that come over zenoh, verdicts back
     FdiService(fdi_service::ServiceArgs),
     /// Check a scenario and the files it names; prints every setting in effect
@@ -236,7 +237,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Show(args) => show::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
-        Command::FdiLog(args) => fdi_service::judge_logs(&args),
+        Command::FdiLog(args) => fdi_log::judge_logs(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),

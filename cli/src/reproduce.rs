@@ -6,8 +6,9 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_campaign::paper::classifiers;
 use rotortwin_campaign::paper::cross_validation::Fold;
 use rotortwin_campaign::paper::protocol::Course;
+use rotortwin_campaign::paper::reproduction::parameters::{self, CHARGES, LiftCurve};
 use rotortwin_campaign::paper::reproduction::report::{Figure, PageFacts, render};
-use rotortwin_campaign::paper::reproduction::tables::tables;
+use rotortwin_campaign::paper::reproduction::tables::tables as tables_of_flights;
 use rotortwin_campaign::paper::reproduction::{self, Item, Method, Options, Reproduction};
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::result_table::ResultTable;
@@ -17,6 +18,7 @@ use rotortwin_runner::failure::Failure;
 use rotortwin_runner::training::{self, BASE_SCENARIO, save_classifier};
 use rotortwin_scenario::{Classifier, Scenario};
 use rotortwin_sim::session::{self, SessionConfig};
+use rotortwin_store::figures::{self, Line};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::Status;
 use std::collections::BTreeSet;
@@ -51,8 +53,8 @@ pub struct Args {
     /// Only this table; may be given several times [default: all tables and figures]
     #[arg(long, value_enum, value_name = "TABLE")]
     table: Vec<TableArg>,
-    /// Only this figure, 9 to 17; may be given several times
-    #[arg(long, value_name = "FIGURE", value_parser = clap::value_parser!(u8).range(9..=17))]
+    /// Only this figure, 7 to 17; may be given several times
+    #[arg(long, value_name = "FIGURE", value_parser = clap::value_parser!(u8).range(7..=17))]
     figure: Vec<u8>,
     /// Folder to write; must not exist or be empty [default: runs/reproduce, with a number if that exists]
     #[arg(long, value_name = "DIR")]
@@ -133,6 +135,21 @@ impl TrainArgs {
 /// A table of the paper, or the one beyond it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum TableArg {
+    /// Lift of the blades
+    #[value(name = "1")]
+    Table1,
+    /// Hexarotor and battery
+    #[value(name = "2")]
+    Table2,
+    /// Fault signatures
+    #[value(name = "3")]
+    Table3,
+    /// Sensor noise
+    #[value(name = "4")]
+    Table4,
+    /// Control and FDI
+    #[value(name = "5")]
+    Table5,
     /// Cross-validation of the network
     #[value(name = "6")]
     Table6,
@@ -152,15 +169,37 @@ enum TableArg {
     Improved,
 }
 
-impl From<TableArg> for Item {
-    fn from(table: TableArg) -> Self {
-        match table {
-            TableArg::Table6 => Self::Table6,
-            TableArg::Table7 => Self::Table7,
-            TableArg::Table8 => Self::Table8,
-            TableArg::Table9 => Self::Table9,
-            TableArg::Table10 => Self::Table10,
-            TableArg::Improved => Self::Improved,
+impl TableArg {
+    /// A table of flights; the others are of settings.
+    fn item(self) -> Option<Item> {
+        Some(match self {
+            Self::Table1 | Self::Table2 | Self::Table3 | Self::Table4 | Self::Table5 => return None,
+            Self::Table6 => Item::Table6,
+            Self::Table7 => Item::Table7,
+            Self::Table8 => Item::Table8,
+            Self::Table9 => Item::Table9,
+            Self::Table10 => Item::Table10,
+            Self::Improved => Item::Improved,
+        })
+    }
+
+    /// Number of a table of settings.
+    fn settings(self) -> Option<u8> {
+        match self {
+            Self::Table1 => Some(1),
+            Self::Table2 => Some(2),
+            Self::Table3 => Some(3),
+            Self::Table4 => Some(4),
+            Self::Table5 => Some(5),
+            _ => None,
+        }
+    }
+
+    /// As it is typed.
+    fn key(self) -> String {
+        match (self.settings(), self.item()) {
+            (Some(number), _) => number.to_string(),
+            (None, item) => item.map_or("", Item::key).to_owned(),
         }
     }
 }
@@ -249,7 +288,7 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
     let start = Instant::now();
     let everything = args.table.is_empty() && args.figure.is_empty();
     let figures: BTreeSet<u8> = if everything {
-        (9..=17).collect()
+        (7..=17).collect()
     } else {
         args.figure.iter().copied().collect()
     };
@@ -260,22 +299,34 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
     options.items = if everything {
         Item::ALL.into()
     } else {
-        args.table.iter().map(|table| Item::from(*table)).collect()
+        args.table.iter().filter_map(|table| table.item()).collect()
     };
-    if !figures.is_empty() {
+    let of_settings: BTreeSet<u8> = if everything {
+        (1..=5).collect()
+    } else {
+        args.table.iter().filter_map(|table| table.settings()).collect()
+    };
+    if figures.iter().any(|figure| *figure > LAST_BLADE_FIGURE) {
         options.methods.extend([Method::Paper, Method::UncompensatedPooled]);
     }
     if args.save_classifier.is_some() {
         options.methods.insert(Method::Paper);
+    }
+    if options.items.is_empty() && options.methods.is_empty() {
+        // Settings and blades need no flight.
+        options.seeds.clear();
     }
     let rotor_count = base.fdi_config().geometry.rotor_count();
     let bar = args.common.progress(options.jobs(rotor_count));
     let result = reproduction::run(base, &options, &|| bar.inc(1))?;
     bar.set_message("reference flight and files");
 
-    let tables = tables(&result);
+    let mut tables: Vec<ResultTable> = parameters::tables(base, of_settings);
+    tables.extend(parameters::charge_against_damage(base).filter(|_| figures.contains(&8)));
+    tables.extend(tables_of_flights(&result));
     let mut files = write_numbers(&result, folder)?;
-    let drawn = draw_figures(args, base, &result, &figures, folder)?;
+    let mut drawn = draw_blades(base, &figures, folder)?;
+    drawn.extend(draw_figures(args, base, &result, &figures, folder)?);
     files.extend(drawn.iter().map(|figure| figure.file.clone()));
     if let Some(path) = &args.save_classifier {
         let seed = args.common.first_seed;
@@ -288,7 +339,9 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
         program: format!("rotortwin {}", env!("CARGO_PKG_VERSION")),
         files: ["numbers", "confusions", "windows"]
             .map(|name| format!("{name}.parquet"))
-            .into(),
+            .into_iter()
+            .filter(|file| folder.join(file).exists())
+            .collect(),
     };
     let figures: Vec<Figure> = drawn.into_iter().map(|drawn| drawn.figure).collect();
     let report = folder.join("report.html");
@@ -307,7 +360,7 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
 fn command_line(args: &Args) -> String {
     let mut line = "rotortwin reproduce".to_owned();
     for table in &args.table {
-        line += &format!(" --table {}", Item::from(*table).key());
+        line += &format!(" --table {}", table.key());
     }
     for figure in &args.figure {
         line += &format!(" --figure {figure}");
@@ -326,6 +379,9 @@ fn write(path: &Path, text: &str) -> Result<(), String> {
 /// Every number as CSV and Parquet; every window as Parquet only.
 fn write_numbers(result: &Reproduction, folder: &Path) -> Result<Vec<PathBuf>, String> {
     let mut files = Vec::new();
+    if result.seeds.is_empty() {
+        return Ok(files);
+    }
     for (name, table) in [("numbers", result.numbers()), ("confusions", result.confusions())] {
         let csv = folder.join(format!("{name}.csv"));
         let parquet = folder.join(format!("{name}.parquet"));
@@ -420,6 +476,67 @@ const FIGURES: [(&[u8], usize, &str, &str, &str); 9] = [
     ),
 ];
 
+/// Figures of the blades, which no flight gives, are 7 and 8.
+const LAST_BLADE_FIGURE: u8 = 8;
+/// Colours of the blades, in the order of their names.
+const BLADE_COLOURS: [&str; 4] = ["#1f6fd1", "#18794e", "#c0262d", "#b87400"];
+
+/// Figures 7 and 8: lift over duty of the healthy blade, and of all.
+fn draw_blades(base: &Scenario, wanted: &BTreeSet<u8>, folder: &Path) -> Result<Vec<Drawn>, String> {
+    let curves = parameters::lift_curves(base);
+    let nominal = &base.vehicle().rotors.nominal_blade;
+    let figures = [
+        (
+            7,
+            "Lift over duty, healthy blade",
+            "The same duty lifts less on a discharged battery.",
+            curves
+                .iter()
+                .filter(|curve| curve.blade == *nominal)
+                .collect::<Vec<_>>(),
+        ),
+        (
+            8,
+            "Lift over duty, all blades",
+            "What the charge takes outweighs what a chipped blade takes: every dashed line (discharged) is below every solid one.",
+            curves.iter().collect(),
+        ),
+    ];
+    let mut drawn = Vec::new();
+    for (number, title, about, curves) in figures.into_iter().filter(|figure| wanted.contains(&figure.0)) {
+        let lines: Vec<Line> = curves.into_iter().map(|curve| line_of(base, curve)).collect();
+        let svg = figures::lines(title, "duty, %", "lift, N", &lines);
+        let file = folder.join(format!("figure-{number:02}-lift.svg"));
+        write(&file, &svg)?;
+        drawn.push(Drawn {
+            figure: Figure {
+                label: format!("Fig. {number}"),
+                title: title.to_owned(),
+                about: about.to_owned(),
+                svg,
+                report: None,
+            },
+            file,
+        });
+    }
+    Ok(drawn)
+}
+
+fn line_of(base: &Scenario, curve: &LiftCurve) -> Line {
+    let place = base.blades().names().position(|name| name == curve.blade).unwrap_or(0);
+    Line {
+        name: format!(
+            "blade {} at {:.0} % charge, {:.2} V",
+            curve.blade,
+            100.0 * curve.charge,
+            curve.voltage_v
+        ),
+        colour: BLADE_COLOURS[place % BLADE_COLOURS.len()],
+        dashed: curve.charge < CHARGES[0],
+        points: curve.points.clone(),
+    }
+}
+
 /// Flies the reference flight, as often as the wanted figures need, and collects its pictures.
 fn draw_figures(
     args: &Args,
@@ -448,7 +565,7 @@ fn draw_figures(
                     title: (*title).to_owned(),
                     about: (*about).to_owned(),
                     svg,
-                    report: format!("{name}/report.html"),
+                    report: Some(format!("{name}/report.html")),
                 },
                 file,
             })
@@ -600,6 +717,9 @@ fn print_text(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], 
     let flights: usize = result.seeds.iter().map(|seed| seed.flights).sum();
     let generation: f64 = result.seeds.iter().map(|seed| seed.generation.as_secs_f64()).sum();
     let seeds = result.seeds.len();
+    if flights == 0 {
+        return;
+    }
     println!(
         "{}",
         output::fitted(&format!(

@@ -277,3 +277,107 @@ fn scenario_a_flip_is_no_fault() {
         .expect_code(0);
     assert!(text.stdout.contains("cannot judge: upset"), "{}", text.stdout);
 }
+
+#[test]
+fn scenario_verdicts_are_scored_against_the_truth() {
+    const ONSET_S: f64 = 20.0;
+    const LOSS: f64 = 0.10;
+    let scratch = Scratch::new();
+    let flown = |name: &str, fault: &str| {
+        Call::fly(&scratch, Link::InProcess, Path::new("hover"), name)
+            .with(["--set", "duration_s=30.0", "--set", fault])
+            .run()
+            .expect_code(0)
+            .out()
+            .to_path_buf()
+    };
+    let damaged = flown(
+        "damaged",
+        &format!(
+            "fault=[{{time_s={ONSET_S:.1}, rotor=5, thrust_loss_percent={:.1}}}]",
+            100.0 * LOSS
+        ),
+    );
+    let healthy = flown("healthy", "fault=[]");
+    let truth = scratch.write(
+        "truth.csv",
+        format!("log,time_s,rotor,loss\ndamaged,{ONSET_S},5,{LOSS}\nhealthy,0,0,\n"),
+    );
+    let series = scratch.path("series.csv");
+    let logs = [path(&damaged), path(&healthy)];
+    // By a side file, and by the labels of the runs: the same score, but for the sizes, which labels do not have.
+    let by_file = judged(
+        &scratch,
+        &[logs[0], logs[1], "--truth", path(&truth), "--series", path(&series)],
+        "f550",
+    );
+    let by_column = judged(&scratch, &[logs[0], logs[1], "--truth", "fault_label"], "f550");
+    for (file, column) in [(&by_file[0], &by_column[0]), (&by_file[1], &by_column[1])] {
+        assert_eq!(file["score"]["detectors"], column["score"]["detectors"]);
+        assert_eq!(column["score"]["inside_of"], 0);
+    }
+    let score = &by_file[0]["score"];
+    assert_eq!(score["onset_s"], ONSET_S, "{score}");
+    let sequential = &score["detectors"][2];
+    let isolated_s = 0.0025 * number(&sequential["isolated_after_steps"]);
+    assert!((0.0..1.0).contains(&isolated_s), "{sequential}");
+    assert!(
+        sequential["settled_after_steps"].is_u64() && sequential["wrong_rotor"] == 0,
+        "{sequential}"
+    );
+    assert!(number(&score["inside_of"]) > 50.0, "{score}");
+    assert!(number(&score["inside"]) > 0.8 * number(&score["inside_of"]), "{score}");
+    let calm = &by_file[1]["score"]["detectors"][2];
+    assert_eq!(
+        (&calm["false_alarm_events"], &calm["isolated_after_steps"]),
+        (&0.into(), &Value::Null)
+    );
+    assert_eq!(calm["right"], calm["windows"]);
+
+    // The series has every window of both logs, and gives the same count.
+    let text = std::fs::read_to_string(&series).expect("it was written");
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().expect("a header");
+    let place = |name: &str| header.iter().position(|column| *column == name).expect("a column");
+    let (log, verdict, label, loss) = (place("log"), place("sequential"), place("truth"), place("true_loss_5"));
+    let rows: Vec<_> = lines.collect();
+    let right = rows
+        .iter()
+        .filter(|row| row[log] == logs[0] && row[verdict] == row[label])
+        .count();
+    assert_eq!(right as u64, sequential["right"].as_u64().expect("a count"));
+    assert_eq!(rows.last().expect("rows")[loss], "0");
+    assert!(rows.iter().any(|row| row[loss] == "0.1" && row[log] == logs[0]));
+
+    // In words, at 80 columns; and what is no truth.
+    let table = Call::new(
+        &scratch,
+        ["fdi-log", logs[0], "--truth", "fault_label", "--model", "f550"].map(OsString::from),
+    )
+    .run()
+    .expect_code(0);
+    assert!(
+        table.stdout.contains("Against the truth, sequential detector"),
+        "{}",
+        table.stdout
+    );
+    assert!(
+        table.stdout.lines().all(|line| line.chars().count() <= 80),
+        "{}",
+        table.stdout
+    );
+    let refused = Call::new(
+        &scratch,
+        ["fdi-log", logs[0], "--truth", "label", "--model", "f550"].map(OsString::from),
+    )
+    .run()
+    .expect_code(2);
+    assert!(
+        refused
+            .stderr
+            .iter()
+            .any(|line| line.contains("no column `label` with the truth")),
+        "{:?}",
+        refused.stderr
+    );
+}

@@ -228,6 +228,54 @@ fn range<'a>(series: impl Iterator<Item = &'a [f32]>, least: f64) -> [f64; 2] {
     [low - air, high + air]
 }
 
+/// A line of [`lines`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// Beside it.
+    pub name: String,
+    /// CSS colour.
+    pub colour: &'static str,
+    /// Dashed or solid.
+    pub dashed: bool,
+    /// x, y; y ascending in the picture.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Lines over one pair of axes, from 0 on both, with their names in a list: an SVG document.
+pub fn lines(title: &str, x_label: &str, y_label: &str, lines: &[Line]) -> String {
+    let largest = |value: fn(&(f64, f64)) -> f64| {
+        let all = lines.iter().flat_map(|line| &line.points);
+        all.map(value).filter(|value| value.is_finite()).fold(0.0, f64::max)
+    };
+    let (x, y) = ([0.0, largest(|point| point.0)], [0.0, 1.05 * largest(|point| point.1)]);
+    let panel = Panel {
+        left: LEFT,
+        top: TOP,
+        width: WIDTH - LEFT - RIGHT,
+        height: 420.0,
+        x,
+        y,
+    };
+    let mut svg = String::new();
+    panel.frame(&mut svg, &[], &ticks(y, 8.0), &ticks(x, 10.0), true);
+    panel.x_label(&mut svg, &escape(x_label));
+    panel.y_label(&mut svg, &escape(y_label));
+    for (row, line) in lines.iter().enumerate() {
+        let dashes = if line.dashed { " stroke-dasharray=\"6 4\"" } else { "" };
+        let style = format!("stroke=\"{}\" stroke-width=\"1.6\"{dashes}", line.colour);
+        panel.line(&mut svg, line.points.iter().copied(), &style);
+        let (left, top) = (panel.left + 14.0, panel.top + 18.0 + 18.0 * row as f64);
+        put!(
+            svg,
+            "<path d=\"M{left:.1} {:.1}h26\" fill=\"none\" {style}/><text x=\"{:.1}\" y=\"{top:.1}\" fill=\"{TEXT}\">{}</text>",
+            top - 4.0,
+            left + 34.0,
+            escape(&line.name)
+        );
+    }
+    page(panel.top + panel.height + BOTTOM, &svg, title)
+}
+
 fn page(height: f64, content: &str, title: &str) -> String {
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height:.0}\" width=\"{WIDTH}\" height=\"{height:.0}\" \

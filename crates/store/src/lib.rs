@@ -20,7 +20,7 @@ pub mod analysis;
 pub mod controllers;
 pub mod error;
 pub mod export;
-mod figures;
+pub mod figures;
 pub mod files;
 mod mcap;
 mod parquet;

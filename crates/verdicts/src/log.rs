@@ -141,9 +141,9 @@ pub struct LogReport {
     pub timeline: Vec<ChangeView>,
     /// Changes that the timeline leaves out.
     pub timeline_left_out: u64,
-    /// Every window of the sequential detector, times since the log's first row; only where asked for (`fdi-log --windows`).
+    /// Every window of all detectors, times since the log's first row; only where asked for (`fdi-log --windows`).
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub windows: Vec<ChangeView>,
+    pub windows: Vec<WindowView>,
     /// What each detector said, counted.
     pub counts: Vec<DetectorCount>,
     /// What the log lacks.
@@ -355,7 +355,7 @@ struct Judge {
     left_out: u64,
     /// Every window is listed.
     lists: bool,
-    windows: Vec<ChangeView>,
+    windows: Vec<WindowView>,
     last_code: Option<i32>,
     counts: [DetectorCount; 3],
     alarmed: [bool; 3],
@@ -599,17 +599,17 @@ impl Judge {
             }
         };
         self.account(begin, end, obstacle);
-        let turned = self.last_code != Some(code);
-        if turned || self.lists {
+        let since_first_row_s = origin as f64 / STEP_RATE_HZ;
+        if self.lists {
+            let mut view = WindowView::from(window);
+            view.time_s += since_first_row_s;
+            self.windows.push(view);
+        }
+        if self.last_code != Some(code) {
             let mut change = ChangeView::of(window);
-            change.time_s += origin as f64 / STEP_RATE_HZ;
-            if self.lists {
-                self.windows.push(change.clone());
-            }
-            if turned {
-                self.last_code = Some(code);
-                self.turn(change);
-            }
+            change.time_s += since_first_row_s;
+            self.last_code = Some(code);
+            self.turn(change);
         }
     }
 

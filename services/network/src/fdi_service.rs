@@ -1,6 +1,7 @@
 //! `rotortwin fdi-service`: the detectors on measurements that come over zenoh.
 
-use rotortwin_cli::fdi_service::{ServiceArgs, verdict_text};
+use rotortwin_cli::fdi_log::verdict_text;
+use rotortwin_cli::fdi_service::ServiceArgs;
 use rotortwin_cli::output::{bad_input, failed, line};
 use rotortwin_fdi_session::FdiSession;
 use rotortwin_links::zenoh::ZenohOptions;

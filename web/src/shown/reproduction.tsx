@@ -12,8 +12,8 @@ export interface Reproduction {
   hours: number;
   tables: ResultTable[];
   choices: [string, string][];
-  /** Pictures as SVG documents; `report` is the page of that flight, beside this file. */
-  figures: { label: string; title: string; about: string; svg: string; report: string }[];
+  /** Pictures as SVG documents; `report` is the page of that flight, beside this file; none of a figure of the blades. */
+  figures: { label: string; title: string; about: string; svg: string; report: string | null }[];
   facts: [string, string][];
   files: string[];
 }
@@ -30,11 +30,11 @@ export function ReproductionView(props: { result: Reproduction }) {
           <table class="small"><thead><tr><th scope="col">What</th><th scope="col">chosen</th></tr></thead><tbody><For each={it().choices}>{([what, choice]) => <tr><td>{what}</td><td>{choice}</td></tr>}</For></tbody></table>
         </div>
       </Panel>
-      <Show when={it().figures.length > 0}><p class="small muted">Figures: reference flight, §6.1. The networks of these flights were trained without the trajectory that is flown.</p></Show>
+      <Show when={it().figures.length > 0}><p class="small muted">Figures 9 to 17: reference flight, §6.1. The networks of these flights were trained without the trajectory that is flown.</p></Show>
       <For each={it().figures}>
         {(one) => (
           <Panel title={one.title} note={`paper, ${one.label}`}>
-            <p>{one.about} <a href={one.report}>Interactive report of this flight</a></p>
+            <p>{one.about} <Show when={one.report}>{(report) => <a href={report()}>Interactive report of this flight</a>}</Show></p>
             <img class="paper" alt={`${one.title}. ${one.about}`} src={`data:image/svg+xml;charset=utf-8,${encodeURIComponent(one.svg)}`} />
           </Panel>
         )}

@@ -9,6 +9,7 @@
 //! interval over seeds covers all of it. The deviation over the four folds is another thing: how much the trajectories differ.
 
 pub mod files;
+pub mod parameters;
 pub mod report;
 pub mod tables;
 
@@ -30,6 +31,9 @@ use rotortwin_scenario::settings::{NominalThrustModel, ThrustToDutyMap};
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::time::{Duration, Instant};
+
+/// Rotors for which the paper gives numbers.
+const PAPER_ROTORS: usize = 6;
 
 /// One table to reproduce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

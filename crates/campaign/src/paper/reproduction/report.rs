@@ -9,7 +9,7 @@ use serde::Serialize;
 /// Length of a step, s.
 const STEP_S: f64 = 0.0025;
 
-/// A still picture of the reference flight.
+/// A still picture.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
     /// `Fig. 9`, ….
@@ -20,8 +20,8 @@ pub struct Figure {
     pub about: String,
     /// The picture, an SVG document.
     pub svg: String,
-    /// Interactive report of the flight, relative to the page.
-    pub report: String,
+    /// Interactive report of the flight, relative to the page; `None` of a figure that no flight gave.
+    pub report: Option<String>,
 }
 
 /// What the page says besides the numbers.

@@ -3,14 +3,11 @@
 //! Shares are percentages. "here" is the mean over the seeds; "±" after it, as in the paper, the standard deviation over the four
 //! folds (mean over the seeds). The interval is the 95 % confidence interval of the mean over the seeds (Student's t).
 
-use super::{Item, Method, Reproduction, SeedResult, TTestVariant};
+use super::{Item, Method, PAPER_ROTORS, Reproduction, SeedResult, TTestVariant};
 use crate::paper::cross_validation::Fold;
 use crate::paper::protocol::Course;
 use crate::paper::scores::{Confusion, deviation, interval_95, mean};
 use crate::result_table::ResultTable;
-
-/// Rotors for which the paper gives numbers.
-const PAPER_ROTORS: usize = 6;
 
 /// Table 7 of the paper, percent: rows truth (healthy, rotors), columns verdict (the last one: unknown fault).
 pub(super) const PAPER_TABLE_7: [[f64; 8]; 7] = [

@@ -1,0 +1,212 @@
+//! `rotortwin fdi-log`: the detectors on flight logs, and how right they were where the truth is known.
+
+mod judged;
+mod score;
+mod series;
+mod truth;
+mod words;
+
+pub use words::verdict_text;
+
+use crate::fdi_service::DetectorArgs;
+use crate::output::{bad_input, failed, line};
+use judged::JudgedLog;
+use rotortwin_page::Report;
+use rotortwin_twin::log::{FlightLog, ReadOptions};
+use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge};
+use rotortwin_verdicts::view::Obstruction;
+use score::LogScore;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use truth::TruthSource;
+use words::{overview, text_of};
+
+/// Arguments of `rotortwin fdi-log`.
+#[derive(Debug, clap::Args)]
+pub struct LogArgs {
+    /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    #[command(flatten)]
+    detectors: DetectorArgs,
+    /// Print the whole report as JSON; of several logs a list
+    #[arg(long)]
+    json: bool,
+    /// With --json: every window of all detectors, too
+    #[arg(long, requires = "json")]
+    windows: bool,
+    /// Score the verdicts: a CSV file time_s,rotor,loss[,log], or the name of a column of the log (0 healthy, the damaged rotor, -1 several)
+    #[arg(long, value_name = "FILE|COLUMN")]
+    truth: Option<PathBuf>,
+    /// Write every window of all detectors into this Parquet file, or CSV by its ending
+    #[arg(long, value_name = "FILE")]
+    series: Option<PathBuf>,
+    /// Write a page that stands alone into this file
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Cells of the log's table, at most: what a server takes from strangers
+    #[arg(long, value_name = "N", hide = true)]
+    most_cells: Option<usize>,
+}
+
+/// Judges logs; exit code 2 if one is none or lacks what every detector needs.
+pub fn judge_logs(args: &LogArgs) -> ExitCode {
+    let logs = match judge_all(args) {
+        Ok(logs) => logs,
+        Err(sentence) => return bad_input(sentence),
+    };
+    if let Some(path) = &args.report
+        && let Err(error) = std::fs::write(path, page_of(&logs))
+    {
+        return failed(format!("{}: cannot be written: {error}", path.display()));
+    }
+    if let Some(path) = &args.series
+        && let Err(sentence) = series::write(path, &logs)
+    {
+        return failed(sentence);
+    }
+    if args.json {
+        match json_of(args, logs.as_slice()) {
+            Ok(text) => line(&text),
+            Err(error) => return failed(error),
+        }
+    } else {
+        print(&logs);
+    }
+    let refusals: Vec<String> = logs
+        .iter()
+        .filter_map(|log| refusal_of(&log.file, &log.report))
+        .collect();
+    if refusals.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        bad_input(refusals.join("\n"))
+    }
+}
+
+/// Every log before the detectors.
+fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
+    let (detectors, note) = args.detectors.detectors()?;
+    let rotor_count = detectors.vehicle().rotor_count();
+    let source = args
+        .truth
+        .as_deref()
+        .map(|text| TruthSource::read(text, rotor_count))
+        .transpose()?;
+    let options = ReadOptions {
+        most_cells: args.most_cells,
+        ..ReadOptions::default()
+    };
+    let every_window = args.windows || source.is_some() || args.series.is_some();
+    let judged = |path: &PathBuf| {
+        let log = FlightLog::read_part_with(path, &options)?;
+        let truth = source
+            .as_ref()
+            .map(|source| source.of(&log, whole(path), rotor_count))
+            .transpose()?;
+        let mut report =
+            judge(&log, &detectors, every_window).map_err(|refusal| format!("{}: {refusal}", path.display()))?;
+        report.notes.extend(note.clone());
+        Ok(JudgedLog {
+            file: path.display().to_string(),
+            score: truth.as_ref().map(|truth| LogScore::of(&report, truth)),
+            report,
+            truth,
+        })
+    };
+    args.logs.iter().map(judged).collect()
+}
+
+/// `LOG` of `LOG@35:65`.
+fn whole(path: &Path) -> &Path {
+    let part = path
+        .to_str()
+        .and_then(|text| text.rsplit_once('@'))
+        .filter(|_| !path.exists());
+    part.map_or(path, |(log, _)| Path::new(log))
+}
+
+/// One log without a score as its report alone, others as objects.
+fn json_of(args: &LogArgs, logs: &[JudgedLog]) -> serde_json::Result<String> {
+    let mut logs = logs.to_vec();
+    if !args.windows {
+        logs.iter_mut().for_each(|log| log.report.windows.clear());
+    }
+    match logs.as_slice() {
+        [log] if log.score.is_none() => serde_json::to_string_pretty(&log.report),
+        [log] => serde_json::to_string_pretty(log),
+        several => serde_json::to_string_pretty(several),
+    }
+}
+
+fn print(logs: &[JudgedLog]) {
+    if logs.len() > 1 {
+        line(&format!(
+            "{}\n",
+            overview(logs.iter().map(|log| (Path::new(&log.file), &log.report)))
+        ));
+    }
+    for log in logs {
+        if logs.len() > 1 {
+            line(&format!("{}\n", log.file));
+        }
+        if log.report.final_window.is_some() || !log.report.not_judged.is_empty() {
+            line(&text_of(&log.report));
+        }
+        if logs.len() > 1 {
+            line("");
+        }
+    }
+    if let Some(text) = score_text(logs) {
+        line(&format!("\n{text}"));
+    }
+}
+
+/// How right the detectors were; nothing where the truth is not known.
+fn score_text(logs: &[JudgedLog]) -> Option<String> {
+    let scores: Vec<LogScore> = logs.iter().filter_map(|log| log.score.clone()).collect();
+    let names: Vec<String> = logs.iter().map(|log| words::file_name(Path::new(&log.file))).collect();
+    (!scores.is_empty()).then(|| {
+        format!(
+            "Against the truth, sequential detector\n{}\n\nAgainst the truth, all detectors over all logs\n{}",
+            score::by_log(&names, &scores),
+            score::by_detector(&scores)
+        )
+    })
+}
+
+/// The logs on a page.
+fn page_of(logs: &[JudgedLog]) -> String {
+    let mut words: Vec<String> = logs
+        .iter()
+        .map(|log| format!("{}\n{}", log.file, text_of(&log.report)))
+        .collect();
+    words.extend(score_text(logs));
+    let names: Vec<&str> = logs.iter().map(|log| log.file.as_str()).collect();
+    let page = Report {
+        kind: "judged",
+        title: &format!("Detectors · {}", names.join(", ")),
+        summary: &words.join("\n\n"),
+        program: rotortwin_twin::model::TOOL,
+        data: &logs,
+    };
+    page.render().expect("text and numbers are JSON")
+}
+
+/// Why no detector can say anything of a log.
+fn refusal_of(file: &str, report: &LogReport) -> Option<String> {
+    if let Some(lack) = report.lacks.iter().find(|lack| lack.prevents_verdicts) {
+        return Some(format!(
+            "{file}: the log lacks {}, which rules out {}",
+            lack.columns.join(", "),
+            lack.rules_out
+        ));
+    }
+    let complete = |time: &NotJudgedView| time.obstacle.reason != Obstruction::Gap;
+    (report.final_window.is_none() && !report.not_judged.iter().any(complete)).then(|| {
+        format!(
+            "{file}: no step has a value in every channel that the detectors need; expected rows that hold velocity, attitude, body rates, \
+             duties and voltage together"
+        )
+    })
+}

@@ -1,0 +1,20 @@
+//! A log and what was found in it, as JSON and pages hold it.
+
+use super::score::LogScore;
+use super::truth::Truth;
+use rotortwin_verdicts::log::LogReport;
+
+/// One log, and what was found.
+#[derive(Clone, serde::Serialize)]
+pub(super) struct JudgedLog {
+    /// As it was named.
+    pub(super) file: String,
+    /// With all its windows, where they were needed.
+    pub(super) report: LogReport,
+    /// Where the truth is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) score: Option<LogScore>,
+    /// Where it is known.
+    #[serde(skip)]
+    pub(super) truth: Option<Truth>,
+}

@@ -1,0 +1,203 @@
+//! How right the detectors were on logs whose truth is known, by the definitions of campaigns ([`rotortwin_campaign::study::score`]).
+//!
+//! The truth of a window is what holds in its middle. Windows that cannot be judged are none. *Inside*: of the windows of the sequential
+//! detector that name the rotors rightly while the loss stands still and its size is known, those in which every loss lies inside its 95 %
+//! interval.
+
+use super::truth::Truth;
+use rotortwin_campaign::study::intervals::poisson_rate;
+use rotortwin_campaign::study::score::{DetectorScore, DetectorScorer, Verdict, WindowTruth};
+use rotortwin_fdi_session::validity::CANNOT_JUDGE;
+use rotortwin_plant::STEP_S;
+use rotortwin_runner::grid::Grid;
+use rotortwin_verdicts::log::LogReport;
+use rotortwin_verdicts::view::WindowView;
+use serde::Serialize;
+
+/// Detectors, in the order of a report.
+const DETECTORS: [&str; 3] = ["t_test", "network", "sequential"];
+
+/// Of one log.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct LogScore {
+    /// First damage, s of the log's time.
+    pub(super) onset_s: Option<f64>,
+    /// Each detector.
+    pub(super) detectors: Vec<Named>,
+    /// Windows whose losses all lie inside their intervals.
+    pub(super) inside: u64,
+    /// Of so many.
+    pub(super) inside_of: u64,
+}
+
+/// One detector.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Named {
+    /// `t_test`, `network` or `sequential`.
+    pub(super) detector: &'static str,
+    /// Counts and delays.
+    #[serde(flatten)]
+    pub(super) score: DetectorScore,
+}
+
+impl LogScore {
+    /// Of a report with all its windows.
+    pub(super) fn of(report: &LogReport, truth: &Truth) -> Self {
+        let window_s = f64::from(report.detectors.window_samples) * STEP_S;
+        let mut scorers = DETECTORS.map(|_| DetectorScorer::new(u64::from(report.detectors.window_samples)));
+        let (mut inside, mut inside_of) = (0, 0);
+        for window in &report.windows {
+            let end_s = report.log.start_s + window.time_s + STEP_S;
+            let begin_s = end_s - window_s;
+            let damage = truth.at(end_s - 0.5 * window_s);
+            let known = WindowTruth {
+                label: damage.label(),
+                faulty_rotors: damage.rotors,
+                touched: truth.touches(begin_s, end_s),
+                loss_share: Some(damage.worst()).filter(|share| share.is_finite()).unwrap_or(0.0),
+                after_onset_steps: truth
+                    .onset_s()
+                    .filter(|onset_s| *onset_s <= end_s)
+                    .map(|onset_s| ((end_s - onset_s) / STEP_S).round() as u64),
+            };
+            for (scorer, verdict) in scorers.iter_mut().zip(verdicts(window)) {
+                if verdict.code != CANNOT_JUDGE {
+                    scorer.window(&known, verdict);
+                }
+            }
+            let rightly = !window.sequential.thrust_loss.is_empty() && known.is_right(verdicts(window)[2]);
+            if rightly && truth.stands_still(begin_s, end_s) && damage.worst().is_finite() {
+                inside_of += 1;
+                inside += u64::from(window.sequential.thrust_loss.iter().all(|loss| {
+                    let share = damage.loss[loss.rotor as usize - 1];
+                    (f64::from(loss.share_low)..=f64::from(loss.share_high)).contains(&share)
+                }));
+            }
+        }
+        let named = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| Named {
+            detector,
+            score: scorer.finish(),
+        });
+        Self {
+            onset_s: truth.onset_s(),
+            detectors: named.collect(),
+            inside,
+            inside_of,
+        }
+    }
+}
+
+fn verdicts(window: &WindowView) -> [Verdict; 3] {
+    let suspects = window
+        .sequential
+        .suspect_rotors
+        .iter()
+        .fold(0, |mask: u32, rotor| mask | 1 << (rotor - 1));
+    [
+        Verdict::of_code(window.t_test.code),
+        Verdict::of_code(window.network.verdict.code),
+        Verdict {
+            code: window.sequential.verdict.code,
+            suspect_rotors: suspects,
+        },
+    ]
+}
+
+/// The sequential detector, one line a log.
+pub(super) fn by_log(names: &[String], scores: &[LogScore]) -> Grid {
+    let mut table = Grid::new([
+        "log",
+        "windows",
+        "correct",
+        "isolated",
+        "settled",
+        "false alarms",
+        "inside",
+    ])
+    .numbers_from(1);
+    for (name, log) in names.iter().zip(scores) {
+        let score = &log.detectors[2].score;
+        table.add_row([
+            name.clone(),
+            score.windows.to_string(),
+            share(score.right, score.windows),
+            delay(log, score.isolated_after_s()),
+            delay(log, score.settled_after_s()),
+            score.false_alarm_events.to_string(),
+            share(log.inside, log.inside_of),
+        ]);
+    }
+    table
+}
+
+/// Every detector over all logs.
+pub(super) fn by_detector(scores: &[LogScore]) -> Grid {
+    let mut table = Grid::new([
+        "detector",
+        "windows",
+        "correct",
+        "isolated",
+        "settled",
+        "false alarms/h",
+    ])
+    .numbers_from(1);
+    let damaged = scores.iter().filter(|score| score.onset_s.is_some()).count();
+    for (index, detector) in DETECTORS.iter().enumerate() {
+        let of = |number: fn(&DetectorScore) -> u64| {
+            scores
+                .iter()
+                .map(|log| number(&log.detectors[index].score))
+                .sum::<u64>()
+        };
+        let windows = of(|score| score.windows);
+        if windows == 0 {
+            continue;
+        }
+        let delays = |delay: fn(&DetectorScore) -> Option<f64>| {
+            let mut found: Vec<f64> = scores
+                .iter()
+                .filter_map(|log| delay(&log.detectors[index].score))
+                .collect();
+            found.sort_by(f64::total_cmp);
+            match found.get(found.len().saturating_sub(1) / 2) {
+                Some(median) => format!("{} of {damaged}, {median:.2} s", found.len()),
+                None => format!("0 of {damaged}"),
+            }
+        };
+        let events = of(|score| score.false_alarm_events);
+        let hours = scores
+            .iter()
+            .map(|log| log.detectors[index].score.healthy_s())
+            .sum::<f64>()
+            / 3600.0;
+        let rate = poisson_rate(events, hours).map_or_else(
+            || "–".to_owned(),
+            |[low, high]| format!("{:.3} [{low:.3}, {high:.3}]", events as f64 / hours),
+        );
+        table.add_row([
+            (*detector).to_owned(),
+            windows.to_string(),
+            share(of(|score| score.right), windows),
+            delays(DetectorScore::isolated_after_s),
+            delays(DetectorScore::settled_after_s),
+            rate,
+        ]);
+    }
+    table
+}
+
+fn share(part: u64, of: u64) -> String {
+    if of == 0 {
+        "–".to_owned()
+    } else {
+        format!("{:.1} %", 100.0 * part as f64 / of as f64)
+    }
+}
+
+fn delay(log: &LogScore, delay_s: Option<f64>) -> String {
+    match (log.onset_s, delay_s) {
+        (None, _) => "–".to_owned(),
+        (Some(_), None) => "never".to_owned(),
+        (Some(_), Some(delay_s)) => format!("{delay_s:.2} s"),
+    }
+}

@@ -1,0 +1,327 @@
+//! What was really damaged: a side file, or a column of the log itself.
+//!
+//! A side file is CSV with the columns `time_s,rotor,loss` and, for several logs, `log`: from `time_s` on (the log's time, as in `LOG@35:65`)
+//! the rotor has lost this share of its thrust; 0 is healed, a negative share a gain, empty "unknown how much". A healthy log has one row
+//! with rotor 0.
+//!
+//! A column holds 0 (healthy), the damaged rotor from 1, or −1 (several) in each row; `faulty_rotors`, a mask beside it with rotor 1 in
+//! bit 0, tells which. The telemetry of a run has both, as `fault_label`.
+
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::UNKNOWN;
+use rotortwin_twin::log::FlightLog;
+use std::path::{Path, PathBuf};
+
+/// Mask of the damaged rotors beside a column of labels.
+const MASK_COLUMN: &str = "faulty_rotors";
+
+/// Rotors at a time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Damage {
+    /// From this time of the log on, s.
+    pub(super) from_s: f64,
+    /// Damaged rotors: bit 0 is rotor 1. Of several without a name 0, see `several`.
+    pub(super) rotors: u32,
+    /// Several rotors are damaged, and the log does not say which.
+    pub(super) several: bool,
+    /// Share of its thrust that each has lost; NaN if unknown.
+    pub(super) loss: [f64; MAX_ROTORS],
+}
+
+impl Damage {
+    /// 0 healthy, the rotor from 1, −1 several.
+    pub(super) fn label(&self) -> i32 {
+        match self.rotors.count_ones() {
+            _ if self.several => UNKNOWN,
+            0 => 0,
+            1 => i32::try_from(self.rotors.trailing_zeros() + 1).expect("at most 16 rotors"),
+            _ => UNKNOWN,
+        }
+    }
+
+    /// Largest lost share; NaN if one is unknown.
+    pub(super) fn worst(&self) -> f64 {
+        (0..MAX_ROTORS)
+            .filter(|rotor| self.rotors >> rotor & 1 == 1)
+            .map(|rotor| self.loss[rotor])
+            .fold(
+                0.0,
+                |worst: f64, loss| if loss.is_nan() { loss } else { worst.max(loss) },
+            )
+    }
+}
+
+/// Damage over the time of one log, the earliest first; healthy before the first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Truth(Vec<Damage>);
+
+impl Truth {
+    /// What holds at a time of the log.
+    pub(super) fn at(&self, time_s: f64) -> Damage {
+        let after = self.0.partition_point(|damage| damage.from_s <= time_s);
+        after
+            .checked_sub(1)
+            .map_or_else(Damage::default, |last| self.0[last].clone())
+    }
+
+    /// Whether a rotor is damaged at any time from one to the other.
+    pub(super) fn touches(&self, from_s: f64, to_s: f64) -> bool {
+        let within = |damage: &&Damage| damage.from_s >= from_s && damage.from_s < to_s;
+        self.at(from_s).label() != 0 || self.0.iter().filter(within).any(|damage| damage.label() != 0)
+    }
+
+    /// The same from one time to the other.
+    pub(super) fn stands_still(&self, from_s: f64, to_s: f64) -> bool {
+        !self
+            .0
+            .iter()
+            .any(|damage| damage.from_s > from_s && damage.from_s < to_s)
+    }
+
+    /// First damage, s of the log's time.
+    pub(super) fn onset_s(&self) -> Option<f64> {
+        self.0
+            .iter()
+            .find(|damage| damage.label() != 0)
+            .map(|damage| damage.from_s)
+    }
+
+    fn of_column(log: &FlightLog, name: &str, labels: &[f64], rotor_count: usize) -> Result<Self, String> {
+        let masks = log.column(MASK_COLUMN);
+        let mut damages: Vec<Damage> = Vec::new();
+        for (row, (time_s, label)) in log.time_s.iter().zip(labels).enumerate() {
+            let whole = label.fract() == 0.0 && *label >= -1.0 && *label <= rotor_count as f64;
+            if !whole {
+                return Err(format!(
+                    "{}: `{name}` is {label} at {time_s} s, expected 0 (healthy), a rotor from 1 to {rotor_count}, or -1 (several)",
+                    log.name
+                ));
+            }
+            let mut damage = Damage {
+                from_s: *time_s,
+                several: *label < 0.0,
+                ..Damage::default()
+            };
+            if *label > 0.0 {
+                damage.rotors = 1 << (*label as u32 - 1);
+            } else if let Some(mask) = masks.map(|masks| masks[row]).filter(|mask| *mask > 0.0 && *label < 0.0) {
+                damage.rotors = mask as u32;
+                damage.several = false;
+            }
+            damage.loss = std::array::from_fn(|rotor| if damage.rotors >> rotor & 1 == 1 { f64::NAN } else { 0.0 });
+            let same = damages
+                .last()
+                .is_some_and(|last| (last.rotors, last.several) == (damage.rotors, damage.several));
+            if !same {
+                damages.push(damage);
+            }
+        }
+        Ok(Self(damages))
+    }
+}
+
+/// Where the truth comes from.
+pub(super) enum TruthSource {
+    /// Rows of a side file.
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Its rows.
+        rows: Vec<Row>,
+    },
+    /// A column of each log.
+    Column(String),
+}
+
+/// One row of a side file.
+#[derive(Clone, Debug, PartialEq, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Row {
+    /// File name of the log, with or without its ending; needed for several logs.
+    #[serde(default)]
+    log: String,
+    time_s: f64,
+    rotor: usize,
+    loss: Option<f64>,
+}
+
+impl TruthSource {
+    /// A file if there is one of this name, or else the name of a column.
+    ///
+    /// # Errors
+    /// A row is not what it should be: one sentence with the file and the row.
+    pub(super) fn read(text: &Path, rotor_count: usize) -> Result<Self, String> {
+        if !text.exists() {
+            return match text.to_str().filter(|name| !name.contains(['/', '.'])) {
+                Some(name) => Ok(Self::Column(name.to_owned())),
+                None => Err(format!(
+                    "{}: file not found; expected a CSV file with the columns time_s,rotor,loss, or the name of a column of the log",
+                    text.display()
+                )),
+            };
+        }
+        let refused = |error: &dyn std::fmt::Display| {
+            format!(
+                "{}: {error}; expected the columns time_s,rotor,loss and, for several logs, log",
+                text.display()
+            )
+        };
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .from_path(text)
+            .map_err(|error| refused(&error))?;
+        let mut rows = Vec::new();
+        for (index, row) in reader.deserialize::<Row>().enumerate() {
+            let row = row.map_err(|error| refused(&error))?;
+            let number = index + 1;
+            if row.rotor > rotor_count {
+                return Err(format!(
+                    "{}: row {number} names rotor {}, expected 1 to {rotor_count}, or 0 for a healthy log",
+                    text.display(),
+                    row.rotor
+                ));
+            }
+            if !row.time_s.is_finite() || row.loss.is_some_and(|loss| !(-1.0..=1.0).contains(&loss)) {
+                return Err(format!(
+                    "{}: row {number}: expected a time in seconds and a loss from -1 to 1 (0.1 is 10 % of the rotor's thrust) or none",
+                    text.display()
+                ));
+            }
+            rows.push(row);
+        }
+        Ok(Self::File {
+            path: text.to_path_buf(),
+            rows,
+        })
+    }
+
+    /// The truth of one log.
+    ///
+    /// * `name`: as the log was named, without its part
+    ///
+    /// # Errors
+    /// There is none: one sentence.
+    pub(super) fn of(&self, log: &FlightLog, name: &Path, rotor_count: usize) -> Result<Truth, String> {
+        match self {
+            Self::Column(column) => {
+                let labels = log.column(column).ok_or_else(|| {
+                    let own = &log.report.unknown_columns;
+                    let has = if own.is_empty() {
+                        "none".to_owned()
+                    } else {
+                        own.join(", ")
+                    };
+                    format!(
+                        "{}: no column `{column}` with the truth; other columns than those of a flight: {has}",
+                        name.display()
+                    )
+                })?;
+                Truth::of_column(log, column, labels, rotor_count)
+            }
+            Self::File { path, rows } => {
+                let of_this = |row: &&Row| row.log.is_empty() || names(&row.log, name);
+                let mut rows: Vec<&Row> = rows.iter().filter(of_this).collect();
+                if rows.is_empty() {
+                    return Err(format!(
+                        "{}: no row for the log {}; a healthy log has one with rotor 0",
+                        path.display(),
+                        name.display()
+                    ));
+                }
+                rows.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+                let mut damages = vec![Damage {
+                    from_s: f64::NEG_INFINITY,
+                    ..Damage::default()
+                }];
+                for row in rows.into_iter().filter(|row| row.rotor > 0) {
+                    let mut damage = damages.last().expect("the first is there").clone();
+                    let rotor = row.rotor - 1;
+                    damage.loss[rotor] = row.loss.unwrap_or(f64::NAN);
+                    damage.rotors &= !(1 << rotor);
+                    damage.rotors |= u32::from(row.loss != Some(0.0)) << rotor;
+                    if damage.from_s == row.time_s {
+                        damages.pop();
+                    }
+                    damage.from_s = row.time_s;
+                    damages.push(damage);
+                }
+                Ok(Truth(damages))
+            }
+        }
+    }
+}
+
+/// Whether a row's name is that of a log: the same path, file name, or file name without its ending.
+fn names(row: &str, log: &Path) -> bool {
+    let row = Path::new(row);
+    row == log
+        || log.file_name().is_some_and(|name| name == row.as_os_str())
+        || log.file_stem().is_some_and(|stem| stem == row.as_os_str())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn log() -> FlightLog {
+        let time_s = vec![0.0, 1.0, 2.0, 3.0];
+        let columns = [
+            ("fault".to_owned(), vec![0.0, 0.0, 3.0, -1.0]),
+            (MASK_COLUMN.to_owned(), vec![0.0, 0.0, 4.0, 5.0]),
+        ];
+        FlightLog::from_columns("flight", time_s, columns).expect("a log")
+    }
+
+    fn source(text: &str) -> Result<TruthSource, String> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("truth.csv");
+        std::fs::write(&file, text).expect("writable");
+        TruthSource::read(&file, 6)
+    }
+
+    #[test]
+    fn val_rows_of_a_side_file_hold_until_the_next() {
+        let source = source("log,time_s,rotor,loss\nflight.ulg,30,3,0.1\nflight,20,1,\nflight,40,3,0\nother,0,0,0\n")
+            .expect("truth");
+        let truth = source.of(&log(), Path::new("logs/flight.ulg"), 6).expect("its rows");
+        let labels = [10.0, 25.0, 35.0, 45.0].map(|time_s| truth.at(time_s).label());
+        assert_eq!(labels, [0, 1, UNKNOWN, 1]);
+        assert_eq!(truth.at(35.0).rotors, 0b101);
+        assert_eq!(truth.at(35.0).loss[2], 0.1);
+        assert!(truth.at(35.0).worst().is_nan());
+        assert_eq!(truth.onset_s(), Some(20.0));
+        assert!(truth.touches(19.9, 20.1) && !truth.touches(19.0, 19.9));
+        let healthy = source.of(&log(), Path::new("other.bin"), 6).expect("its row");
+        assert_eq!(healthy.onset_s(), None);
+        let none = source.of(&log(), Path::new("third.bin"), 6).expect_err("no row");
+        assert!(none.contains("no row for the log third.bin"), "{none}");
+    }
+
+    #[test]
+    fn val_a_column_of_the_log_and_the_mask_beside_it() {
+        let source = TruthSource::Column("fault".to_owned());
+        let truth = source.of(&log(), Path::new("flight"), 6).expect("its column");
+        let labels = [0.5, 2.5, 3.5].map(|time_s| truth.at(time_s).label());
+        assert_eq!(labels, [0, 3, UNKNOWN]);
+        assert_eq!(truth.at(3.5).rotors, 0b101);
+        let refusal = source.of(&log(), Path::new("flight"), 2).expect_err("rotor 3 of 2");
+        assert!(refusal.contains("`fault` is 3 at 2 s"), "{refusal}");
+        let refusal = TruthSource::Column("label".to_owned())
+            .of(&log(), Path::new("flight"), 6)
+            .expect_err("no column");
+        assert!(
+            refusal.contains("no column `label`") && refusal.contains("fault"),
+            "{refusal}"
+        );
+    }
+
+    #[test]
+    fn val_bad_rows_are_refused_with_their_number() {
+        let refusal = |text| source(text).err().expect("refused");
+        assert!(refusal("time_s,rotor,loss\n1,7,0.1\n").contains("row 1 names rotor 7, expected 1 to 6"));
+        assert!(refusal("time_s,rotor,loss\n1,2,30\n").contains("a loss from -1 to 1"));
+        assert!(refusal("time,rotor,loss\n1,2,0.3\n").contains("expected the columns time_s,rotor,loss"));
+        assert!(refusal("time_s,rotor,loss\n1,two,0.3\n").contains("expected the columns"));
+    }
+}

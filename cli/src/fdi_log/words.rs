@@ -1,0 +1,208 @@
+//! What `fdi-log` prints of a log: verdicts over time, what was not judged, counts.
+
+use rotortwin_runner::grid::Grid;
+use rotortwin_verdicts::log::LogReport;
+use rotortwin_verdicts::view::{ObstacleView, Obstruction, SequentialView, VerdictKind};
+use std::path::Path;
+
+/// Name of the file of a log, with the part that was asked for.
+pub(super) fn file_name(path: &Path) -> String {
+    path.file_name()
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+/// One line a log.
+pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>) -> Grid {
+    let mut table = Grid::new(["log", "judged", "alarms", "last verdict of each stretch"]).numbers([1, 2]);
+    for (path, report) in logs {
+        let verdicts: Vec<String> = report
+            .stretches
+            .iter()
+            .map(|stretch| verdict_text(&stretch.sequential))
+            .collect();
+        table.add_row([
+            file_name(path),
+            format!("{:.0} of {:.0} s", report.decided_s, report.log.duration_s),
+            report.counts[2].alarms.to_string(),
+            if verdicts.is_empty() {
+                "none".to_owned()
+            } else {
+                verdicts.join("; ")
+            },
+        ]);
+    }
+    table
+}
+
+/// One log.
+pub(super) fn text_of(report: &LogReport) -> String {
+    let detectors = &report.detectors;
+    let mut text = format!(
+        "Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
+         then counts as healthy\nSteps        {} taken, {} lost, {} rejected\nJudged       {:.1} of {:.1} s\n\n",
+        report.log.rows,
+        report.log.duration_s,
+        report.log.rate_hz,
+        detectors.vehicle,
+        detectors.rotor_count,
+        detectors.classifier.as_deref().unwrap_or("none"),
+        detectors.calibration_end_s,
+        report.steps,
+        report.lost_steps,
+        report.rejected_steps,
+        report.decided_s,
+        report.log.duration_s
+    );
+    if report.log.start_s > 0.01 {
+        text.truncate(text.trim_end().len());
+        text += &format!(
+            "\nTimes        from the first row, which is {:.2} s of the log\n\n",
+            report.log.start_s
+        );
+    }
+    if let Some(smallest) = report
+        .final_window
+        .as_ref()
+        .and_then(|window| smallest_text(&window.smallest_loss))
+    {
+        text.truncate(text.trim_end().len());
+        text += &format!("\n{smallest}\n\n");
+    }
+    let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
+    let mut row = |time: String, view: &SequentialView, obstacle: Option<&ObstacleView>| {
+        timeline.add_row([
+            time,
+            obstacle.map_or_else(
+                || verdict_text(view),
+                |obstacle| format!("cannot judge: {}", short(obstacle.reason)),
+            ),
+            obstacle.map_or_else(|| format!("{:.4}", view.probability), |_| "–".to_owned()),
+        ]);
+    };
+    for change in &report.timeline {
+        row(
+            format!("{:.3} s", change.time_s),
+            &change.sequential,
+            change.cannot_judge.as_ref(),
+        );
+    }
+    match report.stretches.as_slice() {
+        [] => {}
+        [last] => row("at the end".to_owned(), &last.sequential, None),
+        stretches => {
+            for stretch in stretches {
+                row(
+                    format!("{:.0}–{:.0} s", stretch.from_s, stretch.to_s),
+                    &stretch.sequential,
+                    None,
+                );
+            }
+        }
+    }
+    text += &format!("{timeline}\n\n");
+    if !report.not_judged.is_empty() {
+        let mut rest = Grid::new(["not judged", "s", "why"]).numbers([1]);
+        for time in &report.not_judged {
+            rest.add_row([
+                format!("{:.2}–{:.2} s", time.from_s, time.to_s),
+                format!("{:.2}", time.to_s - time.from_s),
+                time.obstacle.why.clone(),
+            ]);
+        }
+        if report.not_judged_left_out > 0 {
+            rest.add_row([
+                String::new(),
+                String::new(),
+                format!("and {} more times", report.not_judged_left_out),
+            ]);
+        }
+        text += &format!("{rest}\n\n");
+    }
+    let mut counts = Grid::new(["detector", "windows", "healthy", "alarmed", "alarms", "first alarm"]).numbers_from(1);
+    for count in &report.counts {
+        counts.add_row([
+            count.detector.clone(),
+            count.decided.to_string(),
+            count.healthy.to_string(),
+            count.alarmed.to_string(),
+            count.alarms.to_string(),
+            count
+                .first_alarm_s
+                .map_or("–".to_owned(), |time_s| format!("{time_s:.3} s")),
+        ]);
+    }
+    text += &format!("{counts}\n");
+    for lack in &report.lacks {
+        text += &format!("\nNot said     {}", lack.rules_out);
+    }
+    for suspicion in &report.suspicions {
+        text += &format!("\nSuspicious   {}", suspicion.finding);
+    }
+    for note in &report.notes {
+        text += &format!("\nNote         {note}");
+    }
+    text.trim_end().to_owned()
+}
+
+/// What would be seen at the end of the log.
+fn smallest_text(smallest: &[f32]) -> Option<String> {
+    let of = |sign: f32| (0..smallest.len()).max_by(|a, b| (sign * smallest[*a]).total_cmp(&(sign * smallest[*b])));
+    let (least, most) = (of(-1.0)?, of(1.0)?);
+    Some(format!(
+        "Would see    a loss from {:.1} % of its thrust on (rotor {}) to {:.1} % (rotor {}), within 10 s at the end",
+        100.0 * smallest[least],
+        least + 1,
+        100.0 * smallest[most],
+        most + 1
+    ))
+}
+
+/// The reason in a few words; all of them stand in the table of what was not judged.
+fn short(reason: Obstruction) -> &'static str {
+    match reason {
+        Obstruction::OnGround => "on the ground",
+        Obstruction::TakeOff => "taking off",
+        Obstruction::Landing => "landing",
+        Obstruction::Upset => "upset",
+        Obstruction::Crash => "crash",
+        Obstruction::Gap => "no values",
+        Obstruction::Calibration => "calibrating",
+        Obstruction::Unexplained => "the model does not explain the motion",
+        Obstruction::LoadChanged => "a load was dropped or taken up",
+        Obstruction::Unclear => "what was found has no clear explanation",
+        Obstruction::ImpossibleLoss => "a loss beyond 100 % would explain the motion",
+    }
+}
+
+/// A verdict in words, as a line of a terminal has it.
+pub fn verdict_text(view: &SequentialView) -> String {
+    let losses = || -> Vec<String> {
+        view.thrust_loss
+            .iter()
+            .map(|loss| {
+                format!(
+                    "rotor {} lost {:.1} % [{:.1}, {:.1}]",
+                    loss.rotor,
+                    100.0 * loss.share,
+                    100.0 * loss.share_low,
+                    100.0 * loss.share_high
+                )
+            })
+            .collect()
+    };
+    match view.verdict.verdict {
+        VerdictKind::NotReady => "calibrating".to_owned(),
+        VerdictKind::Healthy => "healthy".to_owned(),
+        VerdictKind::Unknown => "unknown fault".to_owned(),
+        VerdictKind::CannotJudge => "cannot judge".to_owned(),
+        VerdictKind::Ambiguous => {
+            let sets: Vec<String> = view
+                .hypotheses
+                .iter()
+                .map(|set| set.iter().map(u32::to_string).collect::<Vec<_>>().join("+"))
+                .collect();
+            format!("ambiguous: rotors {}", sets.join(" or "))
+        }
+        VerdictKind::Faulty | VerdictKind::FaultyPair => losses().join(", "),
+    }
+}
