@@ -172,7 +172,7 @@ pub(super) fn by_detector(scores: &[LogScore]) -> Grid {
             / 3600.0;
         let rate = poisson_rate(events, hours).map_or_else(
             || "–".to_owned(),
-            |[low, high]| format!("{:.3} [{low:.3}, {high:.3}]", events as f64 / hours),
+            |[low, high]| format!("{} [{}, {}]", short(events as f64 / hours), short(low), short(high)),
         );
         table.add_row([
             (*detector).to_owned(),
@@ -184,6 +184,16 @@ pub(super) fn by_detector(scores: &[LogScore]) -> Grid {
         ]);
     }
     table
+}
+
+/// Two digits or more.
+fn short(rate: f64) -> String {
+    match rate {
+        0.0 => "0".to_owned(),
+        rate if rate < 1.0 => format!("{rate:.3}"),
+        rate if rate < 10.0 => format!("{rate:.1}"),
+        rate => format!("{rate:.0}"),
+    }
 }
 
 fn share(part: u64, of: u64) -> String {
