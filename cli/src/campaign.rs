@@ -1,8 +1,8 @@
 //! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; one of them again; or shards that were flown
 //! elsewhere, put together.
 
-use crate::output;
 use crate::progress::{Lines, resumed_bar};
+use crate::{network, output};
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
@@ -10,7 +10,7 @@ use rotortwin_campaign::study::engine::SideBySide;
 use rotortwin_campaign::study::folder::{CampaignFolder, manifest, shards_of};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
-use rotortwin_campaign::study::runner::{RunEnd, missing as missing_shards};
+use rotortwin_campaign::study::runner::{Keep, RunEnd, missing as missing_shards};
 use rotortwin_campaign::study::totals::Totals;
 use rotortwin_campaign::study::{Campaign, results, tables};
 use rotortwin_flight::pace::Pace;
@@ -47,7 +47,7 @@ struct MergeArgs {
     /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
     #[arg(value_parser = crate::named::campaign())]
     campaign: PathBuf,
-    /// Folders with shards of it, in any order; a shard may be in several
+    /// Folders with shards of it, or s3://BUCKET/PREFIX, in any order; a shard may be in several
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
     /// Folder of the whole; one that holds a part of it already is resumed [default: runs/campaign-NAME]
@@ -64,7 +64,8 @@ pub struct FlightArgs {
     /// Campaign: a file, or a name that 'rotortwin list campaigns' shows
     #[arg(value_parser = crate::named::campaign())]
     pub campaign: PathBuf,
-    /// Folder of the campaign; one that holds a part of it is resumed [default: runs/campaign-NAME]
+    /// Folder of the campaign; one that holds a part of it is resumed; with --shards also s3://BUCKET/PREFIX, with the credentials in
+    /// AWS_… [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Threads [default: as many as this process may use]
@@ -104,6 +105,18 @@ pub struct FlightArgs {
 }
 
 impl Args {
+    /// True if a place of it is in an object store, which another program reaches.
+    pub fn is_in_a_store(&self) -> bool {
+        match (&self.command, &self.flights) {
+            (Some(Sub::Merge(args)), _) => {
+                let out = args.out.iter();
+                out.chain(&args.folders).any(|place| address(place).is_some())
+            }
+            (None, Some(args)) => args.out.as_deref().and_then(address).is_some(),
+            (None, None) => false,
+        }
+    }
+
     /// The campaign that is to be flown; `None`: something else is to be done.
     pub fn flights(&self) -> Option<&FlightArgs> {
         self.flights.as_ref()
@@ -111,7 +124,8 @@ impl Args {
 }
 
 impl FlightArgs {
-    fn job(&self, campaign: &Campaign) -> rotortwin_jobs::Campaign {
+    /// The job that it asks for.
+    pub fn job(&self, campaign: &Campaign) -> rotortwin_jobs::Campaign {
         rotortwin_jobs::Campaign {
             campaign: self.campaign.clone(),
             out: folder_of(self.out.as_deref(), campaign),
@@ -145,17 +159,39 @@ pub fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Res
     Ok(())
 }
 
+/// `s3://BUCKET/PREFIX`, if it is not the path of a folder.
+fn address(place: &Path) -> Option<&str> {
+    place.to_str().filter(|text| text.starts_with("s3://"))
+}
+
+/// What only a program that reaches object stores can do.
+pub trait Store {
+    /// Flies shards of a campaign into an object store.
+    ///
+    /// # Errors
+    /// What is there is not of this campaign, or the store does not answer.
+    fn fly(&self, args: &FlightArgs, address: &str, campaign: &Campaign) -> Result<ExitCode, Failure>;
+
+    /// Takes in the shards that are at an address.
+    ///
+    /// # Errors
+    /// What is there is not of this campaign, or the store does not answer.
+    fn take_in(&self, into: &CampaignFolder, address: &str, campaign: &Campaign) -> Result<(), Failure>;
+}
+
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
-pub fn run(args: &Args) -> ExitCode {
+///
+/// * `store`: what reaches object stores; none in a program that does not
+pub fn run(args: &Args, store: Option<&dyn Store>) -> ExitCode {
     rotortwin_process::start_logging();
     match (&args.command, &args.flights) {
-        (Some(Sub::Merge(args)), _) => merge(args),
-        (None, Some(args)) => fly(args),
+        (Some(Sub::Merge(args)), _) => merge(args, store),
+        (None, Some(args)) => fly(args, store),
         (None, None) => output::bad_input("campaign: expected a campaign, or 'merge'; see 'rotortwin campaign --help'"),
     }
 }
 
-fn fly(args: &FlightArgs) -> ExitCode {
+fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
         Err(error) => return output::bad_input(error),
@@ -173,6 +209,18 @@ fn fly(args: &FlightArgs) -> ExitCode {
             print!("{}", described(&campaign));
         }
         return ExitCode::SUCCESS;
+    }
+    if let Some(address) = args.out.as_deref().and_then(address) {
+        if args.shards.is_none() {
+            return output::bad_input(format!(
+                "--out {address}: an object store takes shards; expected --shards FIRST..END, and 'rotortwin campaign merge' for the whole"
+            ));
+        }
+        let flown = match store {
+            Some(store) => store.fly(args, address, &campaign),
+            None => return network::hand_over(),
+        };
+        return flown.unwrap_or_else(|failure| output::told(&failure));
     }
     if args.hunt {
         return hunt(args, &campaign);
@@ -219,7 +267,12 @@ fn described(campaign: &Campaign) -> String {
 }
 
 /// Takes the shards of other folders in, and makes the results of what is there.
-fn merge(args: &MergeArgs) -> ExitCode {
+fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
+    if let Some(address) = args.out.as_deref().and_then(address) {
+        return output::bad_input(format!(
+            "--out {address}: what is put together is a folder; expected --out DIR"
+        ));
+    }
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
         Err(error) => return output::bad_input(error),
@@ -230,8 +283,13 @@ fn merge(args: &MergeArgs) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     for other in &args.folders {
-        if let Err(sentence) = take_in(&folder, other, &campaign) {
-            return output::bad_input(sentence);
+        let taken = match (address(other), store) {
+            (None, _) => take_in(&folder, other, &campaign).map(drop).map_err(Failure::Input),
+            (Some(address), Some(store)) => store.take_in(&folder, address, &campaign),
+            (Some(_), None) => return network::hand_over(),
+        };
+        if let Err(failure) = taken {
+            return output::told(&failure);
         }
     }
     let missing = missing_shards(&folder, 0..folder.shard_count());
@@ -260,9 +318,6 @@ fn ranges(numbers: &[u64]) -> String {
 }
 
 fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
-    if args.events {
-        crate::fly::end_with_standard_input();
-    }
     match flown_and_printed(args, campaign) {
         Ok(code) => code,
         Err(failure) => output::told(&failure),
@@ -271,10 +326,55 @@ fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
 
 fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode, Failure> {
     let prepared = runner::prepare(&args.job(campaign), campaign)?;
+    let flown = flown(args, &prepared, &|_shard| Ok(()))?;
+    let folder = prepared.folder();
+    if args.shards.is_some() {
+        return Ok(said_of_shards(args, &flown, &folder.path().display().to_string()));
+    }
+    let go_on = command_line(&args.campaign, args.out.as_deref());
+    summed_up(campaign, folder, &flown, args.json, &go_on)?;
+    Ok(exit_code(&flown))
+}
+
+/// Flies shards, has each kept where it belongs, and says so.
+///
+/// # Errors
+/// A shard cannot be written or kept.
+pub fn fly_shards(
+    args: &FlightArgs,
+    prepared: &runner::Prepared<'_>,
+    address: &str,
+    keep: &Keep<'_>,
+) -> Result<ExitCode, Failure> {
+    let flown = flown(args, prepared, keep)?;
+    Ok(said_of_shards(args, &flown, address))
+}
+
+fn said_of_shards(args: &FlightArgs, flown: &Flown, place: &str) -> ExitCode {
+    if args.json {
+        output::line(&serde_json::to_string(&flown.of_shards()).expect("numbers are JSON"));
+    } else {
+        output::line(&format!("{} flights flown; shards in {place}", flown.flights));
+    }
+    exit_code(flown)
+}
+
+fn exit_code(flown: &Flown) -> ExitCode {
+    match flown.end {
+        RunEnd::Complete => ExitCode::SUCCESS,
+        RunEnd::Stopped => ExitCode::from(rotortwin_process::EXIT_FAILED),
+    }
+}
+
+/// Flies what is missing, with a bar or lines of progress.
+fn flown(args: &FlightArgs, prepared: &runner::Prepared<'_>, keep: &Keep<'_>) -> Result<Flown, Failure> {
+    if args.events {
+        crate::fly::end_with_standard_input();
+    }
     let stop = runner::stop_flag().map_err(Failure::Failed)?;
     let bar = progress_bar(args.json, prepared.wanted(), prepared.present());
     let lines = args.events.then(Lines::new);
-    let flown = prepared.fly(&stop, &|event| {
+    let tell = |event: &JobEvent| {
         if let Some(lines) = &lines {
             lines.tell(event);
         }
@@ -292,26 +392,10 @@ fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode,
                 format!("{failed} failed, {false_alarms} false alarms")
             });
         }
-    });
-    bar.finish_and_clear();
-    let flown = flown?;
-    let code = match flown.end {
-        RunEnd::Complete => ExitCode::SUCCESS,
-        RunEnd::Stopped => ExitCode::from(rotortwin_process::EXIT_FAILED),
     };
-    let folder = prepared.folder();
-    if args.shards.is_some() {
-        if args.json {
-            output::line(&serde_json::to_string(&flown.of_shards()).expect("numbers are JSON"));
-        } else {
-            let path = folder.path().display();
-            output::line(&format!("{} flights flown; shards in {path}", flown.flights));
-        }
-        return Ok(code);
-    }
-    let go_on = command_line(&args.campaign, args.out.as_deref());
-    summed_up(campaign, folder, &flown, args.json, &go_on)?;
-    Ok(code)
+    let flown = prepared.fly_and_keep(&stop, &tell, keep);
+    bar.finish_and_clear();
+    flown
 }
 
 /// A bar over flights; the first `present` are there already.

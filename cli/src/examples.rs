@@ -87,7 +87,8 @@ Examples:
   rotortwin campaign detector-ideal --flight 17
   rotortwin campaign wide-draw --hunt --budget 300
   rotortwin campaign wide-draw --shards 0..4 --out part-0
-  rotortwin campaign merge wide-draw part-0 part-1 --out whole";
+  rotortwin campaign merge wide-draw part-0 part-1 --out whole
+  rotortwin campaign wide-draw --shards 0..4 --out s3://bench/night-17";
 
 pub(crate) const QUERY: &str = "\
 Examples:

@@ -246,7 +246,10 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::NextFlight(args) => next_flight::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Model(args) => model::run(&args),
-        Command::Campaign(args) => campaign::run(&args),
+        Command::Campaign(args) if args.is_in_a_store() => {
+            network::perform(perform, &cli.server, &Command::Campaign(args))
+        }
+        Command::Campaign(args) => campaign::run(&args, None),
         Command::Query(args) => query::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Vehicle(args) => vehicle::run(&args),

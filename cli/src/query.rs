@@ -29,7 +29,7 @@ const START: &str = "import sys; sys.path = [p for p in sys.path if p]; space = 
 /// Exit code of the engine: `NO_DUCKDB` in its source.
 const NO_DUCKDB: i32 = 4;
 
-/// Said where there is no engine.
+/// Said where there is no engine; the server knows it by its beginning.
 const MISSING: &str = "SQL over results needs Python 3.10 or later with DuckDB 1.2 or later, which is not here; expected `pip install duckdb pyarrow` \
                        for the python3 on the search path, or --python PROGRAM (or ROTORTWIN_PYTHON) that names another one";
 
@@ -41,9 +41,6 @@ const OVERHEAD: u64 = 1_000_000_000;
 
 /// Lines that are read before they are printed.
 const LINES_AHEAD: usize = 1024;
-
-/// No query spills more than this to the temporary folder.
-const MOST_SPILLED: &str = "64GB";
 
 /// Arguments of `rotortwin query`.
 #[derive(Debug, Parser)]
@@ -77,6 +74,12 @@ pub struct Args {
     /// The Python whose DuckDB is asked [default: python3 beside this program, or else on the search path]
     #[arg(long, value_name = "PROGRAM", env = "ROTORTWIN_PYTHON")]
     python: Option<PathBuf>,
+    /// Longest answer, bytes
+    #[arg(long, value_name = "BYTES", hide = true)]
+    most_bytes: Option<u64>,
+    /// Most that is put into the temporary folder, MB
+    #[arg(long, value_name = "MB", hide = true, default_value_t = 64_000)]
+    most_spilled: u64,
 }
 
 fn named(text: &str) -> Result<(String, String), String> {
@@ -155,8 +158,9 @@ fn request(args: &Args, spill: &Path) -> String {
         "memory": format!("{}MB", args.memory),
         "threads": args.threads,
         "spill": spill,
-        "spill_most": MOST_SPILLED,
+        "spill_most": format!("{}MB", args.most_spilled),
         "rows": rows,
+        "bytes": args.most_bytes,
     })
     .to_string()
 }
@@ -244,6 +248,7 @@ impl Engine {
             Ok(Err(error)) => Err(Refusal::Failed(format!("the answer cannot be read: {error}"))),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
             Err(RecvTimeoutError::Timeout) => Err(Refusal::Failed(format!(
+                // The server knows it by its beginning.
                 "the query took longer than {} s and was stopped; expected a smaller one, or more with --time",
                 self.limit_s
             ))),
@@ -268,6 +273,7 @@ impl Engine {
         match code {
             2 => Refusal::BadInput(sentence.to_owned()),
             1 if !words.contains("Traceback") => Refusal::Failed(sentence.to_owned()),
+            // The server knows this one by its beginning, too.
             _ => Refusal::Failed(format!(
                 "the process of the query ended without an answer: {sentence} (it may take {} MB; --memory allows more)",
                 self.memory

@@ -35,6 +35,24 @@ impl Disk {
         }
     }
 
+    /// Leaves nothing of it, whatever is there now; `false`: somebody wrote meanwhile, and there is room.
+    ///
+    /// # Panics
+    /// The kernel does not say what is there.
+    pub fn fill(&self) -> bool {
+        let space = rustix::fs::statvfs(&self.0).expect("it is mounted");
+        self.resize(&((space.f_blocks - space.f_bfree) * space.f_frsize).to_string())
+    }
+
+    /// Makes it another size, such as `64m`, not smaller than what is there.
+    pub fn resize(&self, size: &str) -> bool {
+        Command::new("mount")
+            .args(["-o", &format!("remount,size={size}")])
+            .arg(&self.0)
+            .output()
+            .is_ok_and(|output| output.status.success())
+    }
+
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.0

@@ -23,8 +23,11 @@
 //!
 //! Linux only: processes are looked up in `/proc`, shared memory in `/dev/shm`.
 
+pub mod accepted;
+pub mod bucket;
 pub mod cable;
 pub mod certificates;
+pub mod clock;
 pub mod disk;
 pub mod foxglove;
 pub mod hosts;

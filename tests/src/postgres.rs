@@ -16,6 +16,7 @@ pub struct Postgres {
     folder: PathBuf,
     port: u16,
     listen: &'static str,
+    environment: Vec<(&'static str, String)>,
     child: Option<Child>,
 }
 
@@ -25,6 +26,14 @@ impl Postgres {
     /// # Panics
     /// It is there and does not start.
     pub fn start(folder: &Path) -> Option<Self> {
+        Self::start_in(&[], folder)
+    }
+
+    /// [`start`](Self::start) with more environment variables.
+    ///
+    /// # Panics
+    /// It is there and does not start.
+    pub fn start_in(environment: &[(&'static str, String)], folder: &Path) -> Option<Self> {
         let Some(programs) = programs() else {
             crate::skip::skip("Postgres is not installed");
             return None;
@@ -40,6 +49,7 @@ impl Postgres {
             folder,
             port,
             listen: "127.0.0.1",
+            environment: environment.to_vec(),
             child: None,
         };
         if rustix::process::geteuid().is_root() {
@@ -94,6 +104,7 @@ impl Postgres {
         let data = self.folder.join("data");
         let child = self
             .command("postgres")
+            .envs(self.environment.iter().map(|(name, value)| (name, value)))
             .arg("-D")
             .arg(&data)
             .args(["-p", &self.port.to_string(), "-h", self.listen, "-k", ""])
@@ -191,9 +202,22 @@ impl Postgres {
     /// # Panics
     /// It fails.
     pub fn ask(&self, statement: &str) -> String {
+        self.try_ask(statement).unwrap_or_else(|said| panic!("{said}"))
+    }
+
+    /// [`ask`](Self::ask) of one that may be down.
+    ///
+    /// # Errors
+    /// What was said instead.
+    ///
+    /// # Panics
+    /// There is no psql.
+    pub fn try_ask(&self, statement: &str) -> Result<String, String> {
         let output = self.psql().args(["-c", statement]).output().expect("psql starts");
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        String::from_utf8_lossy(&output.stdout).trim().to_owned()
+        if !output.status.success() {
+            return Err(String::from_utf8_lossy(&output.stderr).into_owned());
+        }
+        Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
     }
 
     /// Begins a transaction with a statement and says nothing more, as a host does that vanishes; its rows are held.

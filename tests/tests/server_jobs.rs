@@ -1,5 +1,6 @@
 //! Jobs over several processes and databases: campaigns in parts, runs whose parts fly elsewhere, an older database, random kills.
 
+use rotortwin_tests::accepted::{Accepted, nothing_lost_and_nothing_doubled, short_run, submit_for_sure};
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::Process;
 use rotortwin_tests::program::{Call, Link};
@@ -8,8 +9,6 @@ use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
 use rotortwin_tests::server::{Server, Worker};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::io::{Read as _, Write as _};
-use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -350,83 +349,6 @@ fn kills() -> u32 {
     std::env::var("ROTORTWIN_KILLS").map_or(12, |text| text.parse().expect("a number"))
 }
 
-/// Somebody who submits under a key and does not take no for an answer. The id.
-fn submit_for_sure(address: &str, key: &str, seed: u64) -> String {
-    let body = json!({ "scenario": "short-hover", "seed": seed }).to_string();
-    let request = format!(
-        "POST /api/v1/runs HTTP/1.0\r\ncontent-type: application/json\r\nidempotency-key: {key}\r\ncontent-length: {}\r\n\r\n{body}",
-        body.len()
-    );
-    let begun = Instant::now();
-    loop {
-        assert!(begun.elapsed() < Duration::from_secs(120), "nobody takes {key}");
-        let answer = TcpStream::connect(address).and_then(|mut stream| {
-            stream.set_read_timeout(Some(Duration::from_secs(20)))?;
-            stream.write_all(request.as_bytes())?;
-            let mut text = String::new();
-            stream.read_to_string(&mut text)?;
-            Ok(text)
-        });
-        if let Ok(answer) = answer
-            && (answer.starts_with("HTTP/1.0 202") || answer.starts_with("HTTP/1.0 200"))
-            && let Some((_, body)) = answer.split_once("\r\n\r\n")
-            && let Ok(run) = serde_json::from_str::<Value>(body)
-        {
-            return run["id"].as_str().expect("an id").to_owned();
-        }
-        std::thread::sleep(Duration::from_millis(50));
-    }
-}
-
-/// What must hold whatever was killed: as many runs as keys, every one ended once, equal seeds with equal bits.
-fn nothing_lost_and_nothing_doubled(server: &Server, accepted: &BTreeMap<String, (String, u64)>) {
-    let mut hashes: BTreeMap<u64, Value> = BTreeMap::new();
-    let mut failed = 0;
-    for (key, (id, seed)) in accepted {
-        let run = server.ended(id);
-        if run["status"] == "failed" {
-            // Three attempts whose own processes were killed: said, not lost.
-            assert!(
-                run["error"]
-                    .as_str()
-                    .is_some_and(|why| ["attempts", "died", "killed by signal"]
-                        .iter()
-                        .any(|words| why.contains(words))),
-                "{run}"
-            );
-            failed += 1;
-            continue;
-        }
-        assert_eq!(run["status"], "done", "{key}: {run}");
-        assert_eq!(
-            hashes.entry(*seed).or_insert_with(|| run["run_hash"].clone()),
-            &run["run_hash"],
-            "{key}"
-        );
-        let mut events = String::new();
-        server
-            .send("GET", &format!("/api/v1/runs/{id}/events"), &[], "")
-            .read_to_string(&mut events)
-            .expect("events");
-        assert_eq!(events.matches("event: ended").count(), 1, "{key}");
-    }
-    let mut runs = 0;
-    let mut cursor = String::new();
-    loop {
-        let page = server.get(&format!("/api/v1/runs?limit=1000{cursor}"));
-        runs += page["items"].as_array().map_or(0, Vec::len);
-        match page["next"].as_str() {
-            Some(next) => cursor = format!("&cursor={next}"),
-            None => break,
-        }
-    }
-    assert_eq!(runs, accepted.len());
-    eprintln!(
-        "{runs} runs accepted, {} done, {failed} failed, 0 lost, 0 doubled, 0 stuck",
-        runs - failed
-    );
-}
-
 #[test]
 fn scenario_random_kills_with_sqlite() {
     let scratch = Scratch::new();
@@ -435,11 +357,11 @@ fn scenario_random_kills_with_sqlite() {
     let mut server = Server::start_at("127.0.0.1:0", &data, &arguments);
     let address = server.address().to_owned();
     let mut random = Random::new(11);
-    let mut accepted = BTreeMap::new();
+    let mut accepted = Accepted::new();
     for round in 0..kills() {
         for number in 0..2 {
             let (key, seed) = (format!("{round}-{number}"), u64::from(round % 5));
-            accepted.insert(key.clone(), (submit_for_sure(&address, &key, seed), seed));
+            accepted.insert(key.clone(), (submit_for_sure(&address, &key, &short_run(seed)), seed));
         }
         std::thread::sleep(Duration::from_millis(random.below(400)));
         if random.below(3) == 0 {
@@ -477,11 +399,11 @@ fn scenario_random_kills_with_postgres_and_workers() {
         .map(|number| Worker::start(&folder(number), &words(&of_worker)))
         .collect();
     let mut random = Random::new(12);
-    let mut accepted = BTreeMap::new();
+    let mut accepted = Accepted::new();
     for round in 0..kills() {
         for number in 0..2 {
             let (key, seed) = (format!("{round}-{number}"), u64::from(round % 5));
-            accepted.insert(key.clone(), (submit_for_sure(&address, &key, seed), seed));
+            accepted.insert(key.clone(), (submit_for_sure(&address, &key, &short_run(seed)), seed));
         }
         std::thread::sleep(Duration::from_millis(random.below(400)));
         match random.below(4) {

@@ -1,6 +1,7 @@
 //! Hosts, networks and processes that are lost without a word: what they had is done by others, soon, and nobody else waits for it.
 
 use rotortwin_tests::cable::Cable;
+use rotortwin_tests::clock::Clock;
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::{Process, wait_until};
 use rotortwin_tests::program::Call;
@@ -8,6 +9,7 @@ use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::{Server, Worker};
 use rustix::process::Signal;
 use serde_json::{Value, json};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// From the loss of a host to the next attempt at what it had.
@@ -256,6 +258,101 @@ fn processes_of(data: &str, name: &str) -> Vec<Process> {
         .collect()
 }
 
+/// Attempts of a job of which there are files.
+fn attempts_with_files(data: &str, id: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(Path::new(data).join("jobs").join(id));
+    let names = entries.into_iter().flatten().flatten().map(|entry| entry.file_name());
+    let mut names: Vec<String> = names.map(|name| name.to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// Killed at each attempt, a job has failed: its last files stay, count, and go with it.
+#[test]
+fn scenario_what_failed_attempts_leave_is_removed_or_counted() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start_at("127.0.0.1:0", &data, &["--workers", "1"]);
+    let data = data.display().to_string();
+    let id = server.submit(&long_flight());
+    for attempt in 1..=3 {
+        wait_for(&server, &id, RECOVERY, "begun", |run| run["attempts"] == attempt);
+        let written = || {
+            std::fs::read_dir(Path::new(&data).join(format!("jobs/{id}/{attempt}/out")))
+                .is_ok_and(|mut out| out.next().is_some())
+        };
+        wait_until(RECOVERY, written).expect("it writes something");
+        assert_eq!(attempts_with_files(&data, &id), [attempt.to_string()]);
+        let found = processes_of(&data, "job");
+        assert!(!found.is_empty());
+        found.iter().for_each(|process| process.signal(Signal::KILL));
+    }
+    let run = server.ended(&id);
+    assert_eq!(run["status"], "failed", "{run}");
+    assert_eq!(attempts_with_files(&data, &id), ["3"]);
+    let account = server.get("/api/v1/limits");
+    assert!(
+        run["bytes"].as_i64() > Some(0) && account["bytes"] == run["bytes"],
+        "{run} {account}"
+    );
+    assert_eq!(server.ask("DELETE", &format!("/api/v1/runs/{id}"), &[], "").status, 204);
+    assert_eq!(attempts_with_files(&data, &id), [""; 0]);
+    assert_eq!(server.get("/api/v1/limits")["bytes"], 0);
+}
+
+/// The database's clock is set back by an hour: what was to be done by the old one is done at once, and not an hour later.
+#[test]
+fn scenario_a_clock_set_back_keeps_no_job_waiting() {
+    let scratch = Scratch::new();
+    let Some(clock) = Clock::new(&scratch.path("")) else {
+        return;
+    };
+    let Some(postgres) = Postgres::start_in(&clock.environment(), &scratch.path("")) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("server"),
+        &words(&url, &artifacts, &["--workers", "0"]),
+    );
+    clock.set_ahead(3600);
+    let ahead = postgres.ask("SELECT EXTRACT(EPOCH FROM clock_timestamp())");
+    let mut lost = Worker::start(&scratch.path("lost"), &words(&url, &artifacts, &["--workers", "1"]));
+    let of_lost = server.submit(&long_flight());
+    wait_for(&server, &of_lost, RECOVERY, "begun", |run| run["status"] == "running");
+    let stopped = Worker::start(&scratch.path("stopped"), &words(&url, &artifacts, &["--workers", "1"]));
+    let of_stopped = server.submit(&long_flight());
+    wait_for(&server, &of_stopped, RECOVERY, "begun", |run| {
+        run["status"] == "running"
+    });
+    stopped.process().signal(Signal::TERM);
+    wait_for(&server, &of_stopped, RECOVERY, "given back", |run| {
+        run["status"] == "queued"
+    });
+    lost.kill();
+    clock.set_ahead(0);
+    let now = postgres.ask("SELECT EXTRACT(EPOCH FROM clock_timestamp())");
+    let [ahead, now] = [ahead, now].map(|text| text.parse::<f64>().expect("seconds"));
+    assert!(ahead - now > 3000.0, "the clock was set back: {ahead} {now}");
+    let _other = Worker::start(&scratch.path("other"), &words(&url, &artifacts, &["--workers", "2"]));
+    for id in [&of_stopped, &of_lost] {
+        let took = wait_for(&server, id, RECOVERY, "begun again", |run| {
+            run["attempts"].as_i64() >= Some(2)
+        });
+        println!("begun again after {took:?}");
+    }
+    // And forward: whoever works goes on, or is begun again.
+    clock.set_ahead(7200);
+    for id in [&of_stopped, &of_lost] {
+        wait_for(&server, id, RECOVERY, "goes on", |run| run["status"] == "running");
+        assert_eq!(
+            server.ask("POST", &format!("/api/v1/runs/{id}/cancel"), &[], "").status,
+            202
+        );
+    }
+}
+
 #[test]
 fn scenario_a_process_killed_before_it_has_joined_costs_one_try() {
     let scratch = Scratch::new();
@@ -278,6 +375,11 @@ fn scenario_a_process_killed_before_it_has_joined_costs_one_try() {
         );
         let events = server.ask("GET", &format!("/api/v1/runs/{id}/events"), &[], "");
         let events = String::from_utf8_lossy(&events.body).into_owned();
+        assert_eq!(
+            attempts_with_files(&data, &id),
+            ["2"],
+            "{name}: files of the first attempt stay"
+        );
         assert!(
             events.contains("requeued") && !events.contains("silent for 0 ms"),
             "{name}: {events}"

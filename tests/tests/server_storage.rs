@@ -1,91 +1,22 @@
 //! Where the server's files are: a bucket that several hosts share, and a disk that is full.
 
+use rotortwin_tests::bucket::Bucket;
 use rotortwin_tests::disk::Disk;
-use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::Server;
 use serde_json::json;
-use std::io::{Read as _, Write as _};
-use std::net::{TcpListener, TcpStream};
+use std::io::Write as _;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::time::Duration;
 
-/// An S3-compatible store in a process of its own; killed when it is dropped.
-struct Bucket {
-    child: Child,
-    port: u16,
-}
-
-impl Bucket {
-    const NAME: &str = "rotortwin-files";
-
-    /// `None`: there is none to be had here.
-    fn start() -> Option<Self> {
-        let programs = environment("s3-environment", &["moto[server]==5.1.16"])?;
-        let port = TcpListener::bind("127.0.0.1:0")
-            .and_then(|listener| listener.local_addr())
-            .expect("a port")
-            .port();
-        let child = Command::new(programs.join("moto_server"))
-            .args(["-H", "127.0.0.1", "-p", &port.to_string()])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("it starts");
-        let bucket = Self { child, port };
-        let up = rotortwin_tests::process::wait_until(Duration::from_secs(60), || {
-            TcpStream::connect(("127.0.0.1", port)).is_ok()
-        });
-        assert!(up.is_some(), "the store answers");
-        bucket.ask("PUT", "");
-        Some(bucket)
-    }
-
-    fn ask(&self, method: &str, query: &str) -> String {
-        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("it listens");
-        write!(
-            stream,
-            "{method} /{}{query} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 0\r\nConnection: close\r\n\r\n",
-            Self::NAME
-        )
-        .expect("sent");
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).expect("an answer");
-        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
-        answer
-    }
-
-    /// Keys of all objects.
-    fn keys(&self) -> Vec<String> {
-        self.ask("GET", "?list-type=2")
-            .split("<Key>")
-            .skip(1)
-            .filter_map(|part| part.split_once("</Key>"))
-            .map(|(key, _)| key.to_owned())
-            .collect()
-    }
-
-    fn server(&self, data: &Path) -> Server {
-        let endpoint = format!("http://127.0.0.1:{}", self.port);
-        let environment = [
-            ("AWS_ACCESS_KEY_ID", "test"),
-            ("AWS_SECRET_ACCESS_KEY", "test"),
-            ("AWS_REGION", "us-east-1"),
-            ("AWS_ENDPOINT", endpoint.as_str()),
-            ("AWS_ALLOW_HTTP", "true"),
-        ];
-        let address = format!("s3://{}/bench", Self::NAME);
-        Server::start_in(&environment, "127.0.0.1:0", data, &["--artifacts", &address])
-    }
-}
-
-impl Drop for Bucket {
-    fn drop(&mut self) {
-        if let Err(error) = self.child.kill().and_then(|()| self.child.wait().map(|_| ())) {
-            eprintln!("the store cannot be killed: {error}");
-        }
-    }
+fn server_on(bucket: &Bucket, data: &Path) -> Server {
+    let environment = bucket.environment();
+    let environment = environment.each_ref().map(|(name, value)| (*name, value.as_str()));
+    Server::start_in(
+        &environment,
+        "127.0.0.1:0",
+        data,
+        &["--artifacts", &bucket.address("bench")],
+    )
 }
 
 #[test]
@@ -93,7 +24,7 @@ fn scenario_files_in_a_bucket_outlive_the_host() {
     let Some(bucket) = Bucket::start() else { return };
     let scratch = Scratch::new();
     let data = scratch.path("data");
-    let mut server = bucket.server(&data);
+    let mut server = server_on(&bucket, &data);
     let id = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
     let run = server.ended(&id);
     assert_eq!(run["status"], "done", "{run}");
@@ -113,7 +44,7 @@ fn scenario_files_in_a_bucket_outlive_the_host() {
     // The copies on this host are lost.
     assert_eq!(server.stop(), Some(0));
     std::fs::remove_dir_all(data.join("cache")).expect("it can be removed");
-    let server = bucket.server(&data);
+    let server = server_on(&bucket, &data);
     let after = server.ask("GET", &report, &[], "");
     assert_eq!((after.status, after.body), (200, before.body));
     let range = server.ask("GET", &report, &[("range", "bytes=0-14")], "");
@@ -137,7 +68,7 @@ fn scenario_files_in_a_bucket_outlive_the_host() {
 fn scenario_a_bucket_that_is_gone_is_named() {
     let Some(bucket) = Bucket::start() else { return };
     let scratch = Scratch::new();
-    let server = bucket.server(&scratch.path("data"));
+    let server = server_on(&bucket, &scratch.path("data"));
     drop(bucket);
     let ready = server.ask("GET", "/readyz", &[], "");
     assert_eq!(ready.status, 503);

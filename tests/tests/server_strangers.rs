@@ -1,7 +1,7 @@
 //! What strangers can do to a server that asks nobody for a token: web pages in the browser of its user, files, slow connections, other users.
 
 use rotortwin_tests::process::{Process, wait_until};
-use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::websocket::WebSocket;
 use rustix::process::Signal;
@@ -412,4 +412,39 @@ fn scenario_what_the_server_keeps_is_for_its_user_alone() {
     })
     .expect("a flight is seen");
     assert_eq!(server.ended(&id)["status"], "done");
+}
+
+/// Rows of docs/threat-model.md: each names a file of tests, and functions in it that are tests.
+#[test]
+fn val_the_threat_model_names_tests_that_are_there() {
+    let root = repository();
+    let page = std::fs::read_to_string(root.join("docs/threat-model.md")).expect("it is there");
+    let rows = page.lines().filter(|line| line.starts_with("| ")).skip(1);
+    let mut named = 0;
+    for row in rows {
+        let tests = row
+            .trim_end_matches(['|', ' '])
+            .rsplit(" | ")
+            .next()
+            .unwrap_or_default();
+        let mut source = String::new();
+        let before = named;
+        for word in tests.split('`').skip(1).step_by(2) {
+            if word.starts_with("scenario_") || word.starts_with("val_") {
+                let is_test = ["#[test]\nfn ", "#[tokio::test]\n    async fn "]
+                    .iter()
+                    .any(|start| source.contains(&format!("{start}{word}(")));
+                assert!(is_test, "{word} is no test: {row}");
+                named += 1;
+            } else {
+                let file = match word {
+                    "rotortwin-api" => root.join("services/api/src/artifacts.rs"),
+                    name => root.join(format!("tests/tests/{name}.rs")),
+                };
+                source = std::fs::read_to_string(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+            }
+        }
+        assert!(named > before, "no test: {row}");
+    }
+    assert!(named > 20, "{named} tests");
 }

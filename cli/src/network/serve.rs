@@ -84,6 +84,9 @@ pub struct Args {
     /// Where jobs and their files are.
     #[command(flatten)]
     pub work: WorkArgs,
+    /// Longest time of a query in SQL, s
+    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub query_time: u64,
     /// FDI sessions that are open at the same time
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub fdi_sessions: u16,

@@ -9,6 +9,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -50,6 +51,8 @@ class Server:
         arguments = ["serve", "--listen", f"127.0.0.1:{self.port}", "--workers", "2", "--data", str(self.folder)]
         self.process = subprocess.Popen(
             [program(), *arguments, "--library", str(ROOT / "config")],
+            # SQL is answered by the DuckDB of this environment.
+            env=os.environ | {"ROTORTWIN_PYTHON": sys.executable},
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,

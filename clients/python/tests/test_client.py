@@ -94,6 +94,25 @@ def test_scenario_channels_are_asked_for_by_name_and_interval(client: Client, do
         client.runs.samples(done.id, ["nothing"])
 
 
+def test_scenario_sql_is_answered_by_the_server(client: Client, server: Server, done: Run) -> None:
+    assert done.summary is not None
+    sql = "SELECT folder, count(*) AS rows, max(time_s) AS last_s FROM telemetry GROUP BY folder"
+    answer = client.query(sql, runs=[done.id])
+    assert answer.dicts() == [{"folder": done.id, "rows": done.summary["steps"], "last_s": 4.9975}]
+    assert [column.type for column in answer.columns] == ["VARCHAR", "BIGINT", "DOUBLE"] and not answer.more
+    assert client.query("SELECT time_s FROM telemetry", runs=[done.id], rows=2).more
+    with pytest.raises(Unprocessable, match="SQL"):
+        client.query("SELEC 1", runs=[done.id])
+    with pytest.raises(NotFound, match="nobody"):
+        client.query("SELECT 1", runs=["nobody"])
+
+    async def there() -> int:
+        async with AsyncClient(server.url) as other:
+            return len((await other.query("SELECT 1", runs=[done.id])).rows)
+
+    assert asyncio.run(there()) == 1
+
+
 def test_scenario_the_library_is_listed_and_scenarios_are_checked(client: Client) -> None:
     assert client.ready()
     assert "short-hover" in client.scenarios.list() and "f550" in client.vehicles.list()

@@ -82,19 +82,29 @@ pub fn prepare<'a>(job: &Job, campaign: &'a Campaign) -> Result<Prepared<'a>, Fa
     let folder = CampaignFolder::open(&job.out, campaign).map_err(Failure::Input)?;
     let place = folder.path().display().to_string();
     runner::check_same_program(campaign, &OneByOne, &folder, &place).map_err(Failure::Input)?;
+    Ok(prepare_in(job, campaign, folder, BTreeSet::new()))
+}
+
+/// As [`prepare`], where shards pass through a `folder` on their way to an object store, which has some of them already (`elsewhere`).
+pub fn prepare_in<'a>(
+    job: &Job,
+    campaign: &'a Campaign,
+    folder: CampaignFolder,
+    elsewhere: BTreeSet<u64>,
+) -> Prepared<'a> {
     let options = RunOptions {
         threads: job.threads.unwrap_or_else(available_threads),
         limit: job.limit,
         shards: job.shards.clone(),
-        elsewhere: BTreeSet::new(),
+        elsewhere,
     };
     let plan = runner::plan(&folder, &options);
-    Ok(Prepared {
+    Prepared {
         campaign,
         folder,
         options,
         plan,
-    })
+    }
 }
 
 impl Prepared<'_> {
@@ -118,6 +128,14 @@ impl Prepared<'_> {
     /// # Errors
     /// A shard cannot be written.
     pub fn fly(&self, stop: &AtomicBool, tell: Tell<'_>) -> Result<Flown, Failure> {
+        self.fly_and_keep(stop, tell, &|_shard| Ok(()))
+    }
+
+    /// As [`fly`](Self::fly); `keep` takes each shard to its place as soon as it is in the folder.
+    ///
+    /// # Errors
+    /// A shard cannot be written or kept.
+    pub fn fly_and_keep(&self, stop: &AtomicBool, tell: Tell<'_>, keep: &runner::Keep<'_>) -> Result<Flown, Failure> {
         let (flights, steps) = (AtomicU64::new(0), AtomicU64::new(0));
         let (failed, alarms) = (AtomicU64::new(0), AtomicU64::new(0));
         let start = Instant::now();
@@ -141,7 +159,7 @@ impl Prepared<'_> {
             &self.options,
             stop,
             &progress,
-            &|_shard| Ok(()),
+            keep,
         );
         let end = end.map_err(|sentence| Failure::writing(self.folder.path(), sentence))?;
         Ok(Flown {

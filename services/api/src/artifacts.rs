@@ -7,16 +7,9 @@
 //!
 //! Keys look like paths: `jobs/ID/ATTEMPT/out/report.html`. A job's files never change once it has ended, so a cached copy is never stale.
 
-use object_store::aws::AmazonS3Builder;
-use object_store::path::Path as Key;
-use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload};
+use crate::bucket::{Bucket, File};
 use std::io;
 use std::path::{Component, Path, PathBuf};
-use std::sync::Arc;
-use tokio::io::AsyncWriteExt as _;
-
-/// Larger files are uploaded in parts of this size.
-const PART: usize = 8 << 20;
 
 /// Files of jobs.
 #[derive(Debug, Clone)]
@@ -24,21 +17,6 @@ pub(crate) struct Artifacts {
     /// Where they are, or copies of them.
     root: PathBuf,
     bucket: Option<Bucket>,
-}
-
-#[derive(Debug, Clone)]
-struct Bucket {
-    store: Arc<dyn ObjectStore>,
-    prefix: String,
-}
-
-/// A file of a job.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct File {
-    /// Path below the job's folder.
-    pub(crate) path: String,
-    /// Bytes.
-    pub(crate) size: u64,
 }
 
 impl Artifacts {
@@ -50,7 +28,7 @@ impl Artifacts {
     pub(crate) fn open(root: &Path, address: Option<&str>) -> Result<Self, String> {
         let bucket = match address {
             None => None,
-            Some(address) => Some(Bucket::open(address)?),
+            Some(address) => Some(Bucket::open(address).map_err(|error| format!("--artifacts {error}"))?),
         };
         std::fs::create_dir_all(root)
             .map_err(|error| format!("{}: cannot be used for files: {error}", root.display()))?;
@@ -129,11 +107,7 @@ impl Artifacts {
     pub(crate) async fn delete(&self, key: &str) -> io::Result<()> {
         if let Some(bucket) = &self.bucket {
             for file in bucket.list(key).await? {
-                bucket
-                    .store
-                    .delete(&bucket.key(&format!("{key}/{}", file.path)))
-                    .await
-                    .map_err(io::Error::other)?;
+                bucket.delete(&format!("{key}/{}", file.path)).await?;
             }
         }
         match tokio::fs::remove_dir_all(self.place(key)).await {
@@ -149,91 +123,8 @@ impl Artifacts {
     pub(crate) async fn ping(&self) -> io::Result<()> {
         match &self.bucket {
             None => std::fs::metadata(&self.root).map(|_| ()),
-            Some(bucket) => match bucket.store.head(&bucket.key("ping")).await {
-                Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(()),
-                Err(error) => Err(io::Error::other(error)),
-            },
+            Some(bucket) => bucket.has("ping").await.map(drop),
         }
-    }
-}
-
-impl Bucket {
-    fn open(address: &str) -> Result<Self, String> {
-        let rest = address
-            .strip_prefix("s3://")
-            .filter(|rest| !rest.is_empty() && !rest.starts_with('/'))
-            .ok_or_else(|| format!("--artifacts {address}: expected s3://BUCKET or s3://BUCKET/PREFIX"))?;
-        let (name, prefix) = rest.split_once('/').unwrap_or((rest, ""));
-        let store = AmazonS3Builder::from_env()
-            .with_bucket_name(name)
-            .build()
-            .map_err(|error| format!("--artifacts {address}: {error}"))?;
-        Ok(Self {
-            store: Arc::new(store),
-            prefix: prefix.trim_matches('/').to_owned(),
-        })
-    }
-
-    fn key(&self, key: &str) -> Key {
-        Key::from(format!("{}/{key}", self.prefix))
-    }
-
-    async fn upload(&self, key: &str, path: &Path) -> io::Result<()> {
-        let size = tokio::fs::metadata(path).await?.len();
-        let key = self.key(key);
-        if size <= PART as u64 {
-            let bytes = tokio::fs::read(path).await?;
-            self.store
-                .put(&key, PutPayload::from(bytes))
-                .await
-                .map_err(io::Error::other)?;
-            return Ok(());
-        }
-        let mut file = tokio::fs::File::open(path).await?;
-        let mut writer = object_store::buffered::BufWriter::with_capacity(Arc::clone(&self.store), key, PART);
-        tokio::io::copy(&mut file, &mut writer).await?;
-        writer.shutdown().await
-    }
-
-    /// `false`: there is none.
-    async fn download(&self, key: &str, path: &Path) -> io::Result<bool> {
-        let answer = match self.store.get(&self.key(key)).await {
-            Ok(answer) => answer,
-            Err(object_store::Error::NotFound { .. }) => return Ok(false),
-            Err(error) => return Err(io::Error::other(error)),
-        };
-        let folder = path.parent().unwrap_or(path);
-        tokio::fs::create_dir_all(folder).await?;
-        // Beside it first: nobody sees half a file.
-        let beside = folder.join(format!(".{}", crate::jobs::queue::new_id()));
-        let mut file = tokio::fs::File::create(&beside).await?;
-        let mut stream = answer.into_stream();
-        while let Some(bytes) = futures_util::StreamExt::next(&mut stream).await {
-            file.write_all(&bytes.map_err(io::Error::other)?).await?;
-        }
-        file.flush().await?;
-        tokio::fs::rename(&beside, path).await?;
-        Ok(true)
-    }
-
-    async fn list(&self, key: &str) -> io::Result<Vec<File>> {
-        let prefix = self.key(key);
-        let mut stream = self.store.list(Some(&prefix));
-        let mut files = Vec::new();
-        while let Some(entry) = futures_util::StreamExt::next(&mut stream).await {
-            let entry = entry.map_err(io::Error::other)?;
-            let path = entry.location.as_ref();
-            let relative = path
-                .strip_prefix(prefix.as_ref())
-                .unwrap_or(path)
-                .trim_start_matches('/');
-            files.push(File {
-                path: relative.to_owned(),
-                size: entry.size,
-            });
-        }
-        files.sort_by(|a, b| a.path.cmp(&b.path));
-        Ok(files)
     }
 }
 
@@ -306,12 +197,5 @@ mod tests {
         }
         artifacts.delete("jobs/a").await.expect("deleted");
         assert!(!place.exists());
-    }
-
-    #[test]
-    fn val_addresses() {
-        for bad in ["s3://", "s3:///x", "http://x", "bucket"] {
-            assert!(Bucket::open(bad).is_err(), "{bad}");
-        }
     }
 }

@@ -13,6 +13,7 @@
 mod access;
 mod artifacts;
 mod browsers;
+mod bucket;
 mod clock;
 mod connections;
 mod data_folder;
@@ -55,11 +56,14 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
+pub use bucket::Bucket;
 pub use fdi::sessions::FdiLimits;
 pub use problem::Problem;
 pub use pulse::alive;
 pub use routes::openapi_document;
 
+/// Queries in SQL that are answered at the same time.
+const QUERIES_AT_ONCE: usize = 2;
 /// Jobs that were begun may take this long to be put back into the queue when the process ends.
 const END_GRACE: Duration = Duration::from_secs(5);
 /// The database may take this long to be closed.
@@ -134,6 +138,8 @@ pub struct ServeConfig {
     pub library: PathBuf,
     /// Jobs of one tenant that wait or run, at most.
     pub most_open: u32,
+    /// Longest time of a query in SQL, whole seconds.
+    pub query_time: Duration,
     /// Of the FDI service.
     pub fdi: FdiLimits,
     /// Where FDI sessions also take measurements over zenoh.
@@ -156,6 +162,8 @@ pub(crate) struct App {
     pub(crate) rate: Rate,
     pub(crate) fdi: FdiSessions,
     pub(crate) metrics: Metrics,
+    /// Turns of queries in SQL.
+    pub(crate) queries: tokio::sync::Semaphore,
 }
 
 impl App {
@@ -336,6 +344,7 @@ impl Server {
             shop: Arc::clone(&worker.shop),
             fdi,
             metrics: Metrics::new(),
+            queries: tokio::sync::Semaphore::new(QUERIES_AT_ONCE),
         });
         Ok(Self {
             app,

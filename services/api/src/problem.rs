@@ -179,6 +179,16 @@ impl Problem {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "Not now", detail)
     }
 
+    /// 501: this server lacks a program that it takes.
+    pub(crate) fn not_implemented(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::NOT_IMPLEMENTED,
+            "not-implemented",
+            "Not available on this server",
+            detail,
+        )
+    }
+
     /// 507: the disk of the data folder is full.
     pub fn disk_full(detail: impl Into<String>) -> Self {
         Self::new(

@@ -5,6 +5,7 @@
 #[macro_use]
 extern crate rotortwin_cli;
 
+mod campaign_store;
 mod fdi_service;
 mod foxglove;
 mod health;
@@ -35,6 +36,7 @@ fn perform(server: &ServerArgs, command: &Command) -> ExitCode {
         Command::Token(args) => token::run(args),
         Command::Router(args) => router::run(args),
         Command::Health(args) => health::run(args),
+        Command::Campaign(args) => rotortwin_cli::campaign::run(args, Some(&campaign_store::Buckets)),
         Command::FdiService(args) => fdi_service::run(args),
         _ => rotortwin_cli::output::failed(format!("{} does not know this command", network::PROGRAM)),
     }

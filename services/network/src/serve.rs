@@ -113,6 +113,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         cors_origins: args.cors_origin.clone(),
         library,
         most_open: args.tenant_jobs,
+        query_time: Duration::from_secs(args.query_time),
         work,
         fdi: FdiLimits {
             sessions: usize::from(args.fdi_sessions),

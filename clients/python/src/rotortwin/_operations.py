@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, Union
 from ._exchange import Operation, Settings
 from ._stream import in_path
 from .errors import JobFailed, RotortwinError, UnexpectedAnswer
-from .models import Artifact, Autopilot, Channel, Event, Job, Json, Run, Ticket, Validation, Verification, read
+from .models import Artifact, Autopilot, Channel, Event, Job, Json, QueryAnswer, Run, Ticket, Validation, Verification, read
 
 if TYPE_CHECKING:
     import pandas
@@ -94,6 +94,16 @@ class JobOperations(Generic[J]):
             why = f": {job.error}" if job.error else ""
             raise JobFailed(f"{self.noun} {job.id} ended as {job.status}{why}", job.status)
         return job
+
+
+def query_files(
+    settings: Settings, sql: str, runs: Sequence[str], campaigns: Sequence[str], blind_benches: Sequence[str], rows: int
+) -> Operation[QueryAnswer]:
+    """SQL over files of jobs, answered by the server."""
+    body = {"sql": sql, "runs": list(runs), "campaigns": list(campaigns), "blind_benches": list(blind_benches), "rows": rows}
+    # 30 s in the server unless its operator allows more, and as long until it is its turn.
+    answer = yield from settings.call("POST", "/api/v1/queries", json=body, timeout_s=max(90.0, settings.timeout_s))
+    return read(QueryAnswer, answer.json())
 
 
 class RunOperations(JobOperations[Run]):

@@ -21,6 +21,7 @@ import json
 import math
 import os
 import re
+import shutil
 import sys
 import tempfile
 import threading
@@ -188,13 +189,13 @@ class _Refusal(Exception):
 def main() -> int:
     """Answers the request on the standard input: `{"columns": [{"name", "type"}]}`, a line for each row, then `{"rows", "more"}`.
 
-    The request is one line of JSON: `sql`, `sources` ([label, place] each), `memory`, `threads`, `spill`, `spill_most`, and `rows`,
-    after which there is no more. Ends when the standard input does.
+    The request is one line of JSON: `sql`, `sources` ([label, place] each), `memory`, `threads`, `spill`, `spill_most`, and `rows` and
+    `bytes`, after which there is no more. Ends when the standard input does.
     """
     request = json.loads(sys.stdin.readline())
     if not _has_duckdb():
         return NO_DUCKDB
-    threading.Thread(target=_end_with_stdin, daemon=True).start()
+    threading.Thread(target=_end_with_stdin, args=(request["spill"],), daemon=True).start()
     try:
         _answer(request)
     except (_Refusal, FileNotFoundError) as error:
@@ -216,8 +217,10 @@ def _has_duckdb() -> bool:
     return tuple(int(part) for part in duckdb.__version__.split(".")[:2]) >= _OLDEST
 
 
-def _end_with_stdin() -> None:
+def _end_with_stdin(spill: str) -> None:
     sys.stdin.read()
+    # Whoever made the folder may have been killed.
+    shutil.rmtree(spill, ignore_errors=True)
     os._exit(1)
 
 
@@ -236,7 +239,7 @@ def _answer(request: Mapping[str, Any]) -> None:
             names = _told_apart([column[0] for column in cursor.description])
             kinds = [str(column[1]) for column in cursor.description]
             print(json.dumps({"columns": [{"name": name, "type": kind} for name, kind in zip(names, kinds, strict=True)]}))
-            _print_rows(cursor, request["rows"])
+            _print_rows(cursor, request["rows"], request["bytes"])
         except duckdb.Error as error:
             # The first line says what, those after it may repeat the statement.
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]
@@ -276,14 +279,16 @@ def _told_apart(names: Sequence[str]) -> list[str]:
     return apart
 
 
-def _print_rows(cursor: Any, most: int | None) -> None:
-    rows = 0
+def _print_rows(cursor: Any, most: int | None, most_bytes: int | None) -> None:
+    rows, size = 0, 0
     while batch := cursor.fetchmany(_BATCH):
         for row in batch:
-            if most is not None and rows == most:
+            line = json.dumps([_as_json(value) for value in row], ensure_ascii=False)
+            size += len(line.encode())
+            if (most is not None and rows == most) or (most_bytes is not None and size > most_bytes):
                 print(json.dumps({"rows": rows, "more": True}))
                 return
-            print(json.dumps([_as_json(value) for value in row], ensure_ascii=False))
+            print(line)
             rows += 1
     print(json.dumps({"rows": rows, "more": False}))
 

@@ -21,12 +21,13 @@ from ._operations import (
     bench_body,
     campaign_body,
     job_operations,
+    query_files,
     scenario_body,
 )
 from ._transport import AsyncTransport
 from .aio_fdi import AsyncFdi
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .models import Autopilot, Channel, Controller, Job, Json, Link, Pace, Place, Run, Ticket, Validation, Verification
+from .models import Autopilot, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
@@ -334,6 +335,19 @@ class AsyncClient:
     def jobs(self, kind: str) -> AsyncJobs:
         """Jobs of any kind that the server has, by the name in its addresses."""
         return AsyncJobs(self._transport, job_operations(self._transport.settings, kind))
+
+    async def query(
+        self,
+        sql: str,
+        *,
+        runs: Sequence[str] = (),
+        campaigns: Sequence[str] = (),
+        blind_benches: Sequence[str] = (),
+        rows: int = 1000,
+    ) -> QueryAnswer:
+        """See `rotortwin.Client.query`."""
+        operation = query_files(self._transport.settings, sql, runs, campaigns, blind_benches, rows)
+        return await drive_async(self._transport.http, operation)
 
     async def ready(self) -> bool:
         """The server takes work; raises otherwise."""

@@ -43,9 +43,34 @@ def _field(cls: type, name: str, value: Any) -> Any:
         return [read(FdiWindow, window) for window in value]
     if cls is Validation and name == "complaints":
         return [read(Complaint, complaint) for complaint in value]
+    if cls is QueryAnswer and name == "columns":
+        return [read(QueryColumn, column) for column in value]
     if cls is FdiState and name == "last" and value is not None:
         return read(FdiWindow, value)
     return value
+
+
+@dataclass(frozen=True)
+class QueryColumn:
+    """A column of the answer to SQL."""
+
+    name: str
+    #: As DuckDB calls it: `DOUBLE`, `BIGINT`, `VARCHAR`, …
+    type: str
+
+
+@dataclass(frozen=True)
+class QueryAnswer:
+    """The answer to SQL: `rows[i][j]` belongs to `columns[j]`; None is no value, or no number."""
+
+    columns: list[QueryColumn]
+    rows: list[list[Any]]
+    #: There are more rows than these.
+    more: bool
+
+    def dicts(self) -> list[Json]:
+        """A dict for each row; `pandas.DataFrame` takes them."""
+        return [{column.name: value for column, value in zip(self.columns, row, strict=True)} for row in self.rows]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,11 @@ use crate::jobs::database::Database;
 use sqlx::Row as _;
 use std::time::Duration;
 
-/// Later than all times, ms since 1970.
-const FOREVER_MS: &str = "9000000000000000";
+/// No lease and no pause of ours ends later than 20 s from now. What does was written before the database's clock was set back, and
+/// nobody waits until it has caught up: a claim is taken for abandoned (its worker, if it lives, writes another one each 250 ms), a pause for
+/// over.
+const DUE: &str = "(j.not_before_ms <= @NOW OR j.not_before_ms > @NOW + 20000)";
+const ABANDONED: &str = "AND (claim_until_ms < @NOW OR claim_until_ms > @NOW + 20000)";
 
 /// Whether a submission made a job.
 #[derive(Debug)]
@@ -126,11 +129,13 @@ impl Database {
             "UPDATE job SET status = 'running', claim = $1, claim_until_ms = @NOW + $2, started_ms = @NOW, attempts = attempts + 1, \
              worker = $3 WHERE status = 'queued' AND id = (SELECT j.id FROM job j LEFT JOIN \
                (SELECT tenant, COUNT(*) AS running FROM job WHERE status = 'running' GROUP BY tenant) r ON r.tenant = j.tenant \
-               WHERE j.status = 'queued' AND j.waits_for = 0 AND j.not_before_ms <= @NOW AND COALESCE(r.running, 0) < $4 \
+               WHERE j.status = 'queued' AND j.waits_for = 0 AND @DUE AND COALESCE(r.running, 0) < $4 \
                AND (j.autopilot IS NULL OR (\
                  EXISTS (SELECT 1 FROM autopilot a WHERE a.name = j.autopilot AND a.worker = $5 AND a.until_ms > @NOW) \
                  AND NOT EXISTS (SELECT 1 FROM job b WHERE b.status = 'running' AND b.autopilot = j.autopilot))) \
-               ORDER BY COALESCE(r.running, 0), j.priority DESC, j.id LIMIT 1 @SKIP) RETURNING *",
+               ORDER BY COALESCE(r.running, 0), j.priority DESC, j.id LIMIT 1 @SKIP) RETURNING *"
+                .replace("@DUE", DUE)
+                .as_str(),
         ))
         .bind(&token)
         .bind(lease.as_millis() as i64)
@@ -390,8 +395,8 @@ impl Database {
     /// The database; of a single job only if none could be queued.
     pub(crate) async fn requeue_abandoned(&self, everything: bool, attempts: i64) -> Result<Vec<String>, sqlx::Error> {
         let rows = sqlx::query(self.sql(&format!(
-            "SELECT id FROM job WHERE status = 'running' AND claim_until_ms < {} ORDER BY id",
-            if everything { FOREVER_MS } else { "@NOW" }
+            "SELECT id FROM job WHERE status = 'running' {} ORDER BY id",
+            if everything { "" } else { ABANDONED }
         )))
         .fetch_all(&self.pool)
         .await?;
@@ -423,15 +428,14 @@ impl Database {
              finished_ms = CASE WHEN cancel_requested = 1 OR attempts >= $3 THEN @NOW ELSE NULL END, \
              claim = NULL, claim_until_ms = NULL, ticket = NULL \
              WHERE id = (SELECT j.id FROM job j WHERE j.id = $4 AND j.status = 'running' \
-               AND j.claim_until_ms < (CASE WHEN $5 = 1 THEN @FOREVER ELSE @NOW END) @SKIP) RETURNING *"
-                .replace("@FOREVER", FOREVER_MS)
+               @ABANDONED @SKIP) RETURNING *"
+                .replace("@ABANDONED", if everything { "" } else { ABANDONED })
                 .as_str(),
         ))
         .bind(attempts)
         .bind(attempts)
         .bind(attempts)
         .bind(id)
-        .bind(i64::from(everything))
         .fetch_optional(&mut *transaction)
         .await?;
         let Some(row) = row else {

@@ -25,6 +25,7 @@ mod logs;
 mod model_views;
 mod models;
 mod next_flights;
+mod queries;
 mod residuals;
 mod results;
 mod runs;
@@ -75,6 +76,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "runs", description = "Flights: submit, list, watch, stop, compare"),
         (name = "autopilots", description = "Autopilots that operators have listed: runs name them"),
         (name = "telemetry", description = "What was recorded: channels, intervals, decimated so that a picture is true"),
+        (name = "queries", description = "SQL over the files of runs, campaigns and blind benches"),
         (name = "campaigns", description = "Many flights with statistics"),
         (name = "blind_benches", description = "Does the diagnosis find what is missing? Logs with hidden effects, diagnosed and scored"),
         (name = "classifiers", description = "Networks, trained on the server"),
@@ -125,6 +127,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(autopilots::list))
         .routes(routes!(controllers::compare))
         .routes(routes!(table::table))
+        .routes(routes!(queries::query))
         .routes(routes!(events::events))
         .routes(routes!(artifacts::list))
         .routes(routes!(artifacts::get))

@@ -4,7 +4,7 @@ use super::child::{self, Limits};
 use crate::problem::Problem;
 use std::ffi::OsStr;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Output, Stdio};
 use std::time::Duration;
 use tokio::process::Command;
 
@@ -31,42 +31,77 @@ pub(crate) async fn answer<W: AsRef<OsStr>>(
     words: impl IntoIterator<Item = W>,
     patience: Patience,
 ) -> Result<String, Problem> {
-    let mut command = Command::new(program);
-    command
-        .args(words)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .kill_on_drop(true);
-    child::without_secrets(&mut command);
-    let started = command.spawn().map_err(|error| Problem::internal(&error))?;
-    let limits = Limits {
-        memory: patience.memory,
-        cpu_s: 2 * patience.wall.as_secs(),
-    };
-    limits.hold(&started).map_err(|error| Problem::internal(&error))?;
-    let ended = tokio::time::timeout(patience.wall, started.wait_with_output()).await;
-    let Ok(output) = ended else {
-        return Err(Problem::unprocessable(format!(
-            "it took longer than {} s and was stopped; expected a shorter part of it",
-            patience.wall.as_secs()
-        )));
-    };
-    let output = output.map_err(|error| Problem::internal(&error))?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    if matches!(output.status.code(), Some(0 | BAD_INPUT)) {
-        let text = String::from_utf8_lossy(&output.stdout).into_owned();
-        if serde_json::from_str::<serde::de::IgnoredAny>(&text).is_ok() {
-            return Ok(text);
+    Said::by(program, words, patience, None).await?.answer(patience)
+}
+
+/// What a command has said.
+pub(crate) struct Said(Output);
+
+impl Said {
+    /// Runs `program WORDS…`, in a folder if one is named.
+    ///
+    /// # Errors
+    /// 422 if it takes too long; 500 if it cannot be run.
+    pub(crate) async fn by<W: AsRef<OsStr>>(
+        program: &Path,
+        words: impl IntoIterator<Item = W>,
+        patience: Patience,
+        folder: Option<&Path>,
+    ) -> Result<Self, Problem> {
+        let mut command = Command::new(program);
+        if let Some(folder) = folder {
+            command.current_dir(folder);
         }
+        command
+            .args(words)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .kill_on_drop(true);
+        child::without_secrets(&mut command);
+        let started = command.spawn().map_err(|error| Problem::internal(&error))?;
+        let limits = Limits {
+            memory: patience.memory,
+            cpu_s: 2 * patience.wall.as_secs(),
+        };
+        limits.hold(&started).map_err(|error| Problem::internal(&error))?;
+        let ended = tokio::time::timeout(patience.wall, started.wait_with_output()).await;
+        let Ok(output) = ended else {
+            return Err(Problem::unprocessable(format!(
+                "it took longer than {} s and was stopped; expected a shorter part of it",
+                patience.wall.as_secs()
+            )));
+        };
+        output.map(Self).map_err(|error| Problem::internal(&error))
     }
-    let sentence = child::last_line(&said);
-    if output.status.code() == Some(BAD_INPUT) {
-        let sentence = sentence.strip_prefix("rotortwin: ").unwrap_or(&sentence);
-        return Err(Problem::unprocessable(sentence));
+
+    /// Its last word of complaint.
+    pub(crate) fn complaint(&self) -> String {
+        let sentence = child::last_line(&String::from_utf8_lossy(&self.0.stderr));
+        sentence.strip_prefix("rotortwin: ").unwrap_or(&sentence).to_owned()
     }
-    Err(match child::limit_of(output.status, &said, patience.memory) {
-        Some(why) => Problem::unprocessable(why),
-        None => Problem::internal(&format!("{} ({})", sentence, output.status)),
-    })
+
+    /// See [`answer`].
+    ///
+    /// # Errors
+    /// 422, 500.
+    pub(crate) fn answer(self, patience: Patience) -> Result<String, Problem> {
+        let sentence = self.complaint();
+        let Output { status, stdout, stderr } = self.0;
+        if matches!(status.code(), Some(0 | BAD_INPUT)) {
+            let text = String::from_utf8_lossy(&stdout).into_owned();
+            if serde_json::from_str::<serde::de::IgnoredAny>(&text).is_ok() {
+                return Ok(text);
+            }
+        }
+        if status.code() == Some(BAD_INPUT) {
+            return Err(Problem::unprocessable(sentence));
+        }
+        Err(
+            match child::limit_of(status, &String::from_utf8_lossy(&stderr), patience.memory) {
+                Some(why) => Problem::unprocessable(why),
+                None => Problem::internal(&format!("{sentence} ({status})")),
+            },
+        )
+    }
 }

@@ -219,7 +219,11 @@ pub(crate) async fn requeue(database: &Database, everything: bool) -> Result<(),
 
 /// Key of an attempt's folder in the artifact store.
 pub(crate) fn attempt_key(job: &Job) -> String {
-    format!("jobs/{}/{}", job.id, job.attempts)
+    attempt_key_of(&job.id, job.attempts)
+}
+
+fn attempt_key_of(id: &str, attempt: i64) -> String {
+    format!("jobs/{id}/{attempt}")
 }
 
 /// Key of the files that an attempt leaves.
@@ -228,6 +232,7 @@ fn files_key(job: &Job) -> String {
 }
 
 async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
+    forget_attempts_before(shop, job).await;
     // There can only be such a folder if a worker was killed between claiming and beginning; nobody else writes there.
     let folder = shop.artifacts.place(&attempt_key(job));
     if let Err(error) = fresh_folder(&folder) {
@@ -240,6 +245,17 @@ async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
         }) => flight::fly(shop, job, token, &spec, &folder).await,
         Ok(stored) => task::perform(shop, job, token, stored, &folder).await,
         Err(error) => Ended::Outcome(failed(job, error.to_string())),
+    }
+}
+
+/// What earlier attempts have left is worth nothing: the same seed gives the same bits. (One of them may still write, on a host that was cut
+/// off; it finds its folder gone, and that its claim is.)
+async fn forget_attempts_before(shop: &Workshop, job: &Job) {
+    for attempt in 1..job.attempts {
+        let key = attempt_key_of(&job.id, attempt);
+        if let Err(error) = shop.artifacts.delete(&key).await {
+            tracing::warn!(key, %error, "files of an attempt that failed cannot be deleted");
+        }
     }
 }
 
@@ -261,16 +277,20 @@ fn fresh_folder(folder: &std::path::Path) -> std::io::Result<()> {
 
 async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
     let begun = tokio::time::Instant::now();
+    let ended = match ended {
+        Ended::Failed(why) if job.failures + 1 >= ATTEMPTS => {
+            let mut outcome = failed(job, format!("{why} ({} attempts)", job.failures + 1));
+            outcome.bytes = kept_of_failed(shop, job).await;
+            Ended::Outcome(outcome)
+        }
+        ended => ended,
+    };
     loop {
         let written = match &ended {
             Ended::Lost => Ok(false),
-            Ended::Failed(why) if job.failures + 1 < ATTEMPTS => {
+            Ended::Failed(why) => {
                 let pause = Duration::from_millis(500) * 4_u32.pow(u32::try_from(job.failures).unwrap_or(0));
                 shop.database.release(&job.id, token, why, Some(pause)).await
-            }
-            Ended::Failed(why) => {
-                let outcome = failed(job, format!("{why} ({} attempts)", job.failures + 1));
-                shop.database.finish(&job.id, token, &outcome).await
             }
             Ended::WorkerEnds => {
                 shop.database
@@ -303,6 +323,21 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
                 tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be begun again");
                 return;
             }
+        }
+    }
+}
+
+/// Keeps what the last attempt of a job has left, for those who look for the reason: bytes, which count for its account.
+async fn kept_of_failed(shop: &Workshop, job: &Job) -> i64 {
+    match shop.artifacts.publish(&files_key(job)).await {
+        Ok(bytes) => i64::try_from(bytes).unwrap_or(i64::MAX),
+        Err(error) => {
+            tracing::warn!(job = job.id, %error, "files of a job that failed cannot be kept; they are removed");
+            let key = attempt_key(job);
+            if let Err(error) = shop.artifacts.delete(&key).await {
+                tracing::warn!(key, %error, "and cannot be removed");
+            }
+            0
         }
     }
 }

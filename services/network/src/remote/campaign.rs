@@ -15,6 +15,11 @@ use std::process::ExitCode;
 /// Runs the command.
 pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
+    if args.is_in_a_store() {
+        return output::bad_input(
+            "s3://… is reached from this machine; expected it without --server, whose files are where it keeps them",
+        );
+    }
     let Some(args) = args.flights() else {
         return output::bad_input("merge puts folders of this machine together; expected it without --server");
     };

@@ -1,0 +1,215 @@
+//! SQL over the files of jobs, while the caller waits: answered by a process of `rotortwin query`, which reaches those files and no others.
+
+use super::jobs::Shared;
+use crate::App;
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::json_object::JsonObject;
+use crate::problem::Problem;
+use crate::worker::answer::{Patience, Said};
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse as _, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::ffi::OsString;
+use std::time::Duration;
+use utoipa::ToSchema;
+
+/// Jobs that one query may be about.
+const MOST_JOBS: usize = 1000;
+/// Bytes of their Parquet files, which a server with a bucket fetches first.
+const MOST_BYTES: u64 = 16 << 30;
+/// Rows of an answer, at most, and where nothing is said.
+const MOST_ROWS: u32 = 100_000;
+const USUAL_ROWS: u32 = 1000;
+/// Longest statement, bytes.
+const LONGEST_SQL: usize = 100_000;
+/// Longest answer, bytes.
+const LONGEST_ANSWER: u64 = 32 << 20;
+/// Longest wait for those that came before.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// Most that a query puts onto the disk, MB.
+const MOST_SPILLED_MB: u64 = 4000;
+/// What a query may take beside what Python takes, MB, if jobs may take four times as much.
+const MEMORY_MB: u64 = 512;
+/// How the sentence begins that says that this host has no engine (`MISSING` of the command).
+const NO_ENGINE: &str = "SQL over results needs";
+/// How the sentences begin that say that it took too long, or more memory than it may.
+const TOO_LONG: &str = "the query took longer than";
+const TOO_LARGE: &str = "the process of the query ended without an answer";
+
+/// A query, and whose files it is about.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SqlQuery {
+    /// One SELECT in DuckDB's SQL. Files of one name are a table of that name, such as `telemetry` of runs and `campaign` of campaigns, in
+    /// which the column `folder` begins with the id of the job.
+    #[schema(max_length = 100_000)]
+    sql: String,
+    /// Ids of runs.
+    #[serde(default)]
+    runs: Vec<String>,
+    /// Ids of campaigns.
+    #[serde(default)]
+    campaigns: Vec<String>,
+    /// Ids of blind benches.
+    #[serde(default)]
+    blind_benches: Vec<String>,
+    /// Rows of the answer, at most.
+    #[schema(minimum = 1, maximum = 100_000, default = 1000)]
+    rows: Option<u32>,
+}
+
+/// A column of an answer.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(crate) struct QueryColumn {
+    name: String,
+    /// DuckDB's name of it: `DOUBLE`, `BIGINT`, `VARCHAR`, …
+    #[serde(rename = "type")]
+    kind: String,
+}
+
+/// The answer to a query, as `rotortwin query --json` writes it: `rows[i][j]` belongs to `columns[j]`.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(crate) struct QueryAnswer {
+    columns: Vec<QueryColumn>,
+    /// Numbers, truth values, texts, lists, objects; null is no value, or no number. What JSON has no word for is a text.
+    #[schema(value_type = Vec<Vec<serde_json::Value>>)]
+    rows: Vec<Vec<Value>>,
+    /// There are more rows than these.
+    more: bool,
+}
+
+/// Answers SQL about the Parquet files of jobs that are done: 30 s (`--query-time`) and 32 MiB at most.
+#[utoipa::path(post, path = "/api/v1/queries", tag = "queries", operation_id = "query", request_body = SqlQuery, responses(
+    (status = 200, description = "the answer", body = QueryAnswer),
+    (status = 400, description = "a body that is none", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such job", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "a job is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "too much", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "SQL that cannot be answered, or not within the limits", body = Problem, content_type = "application/problem+json"),
+    (status = 501, description = "this server has no engine for SQL", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many queries at once", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn query(
+    app: Shared,
+    caller: Caller,
+    body: Result<JsonObject<SqlQuery>, Problem>,
+) -> Result<Response, Problem> {
+    let JsonObject(query) = body?;
+    let rows = query.rows.unwrap_or(USUAL_ROWS);
+    if !(1..=MOST_ROWS).contains(&rows) {
+        return Err(Problem::unprocessable(format!(
+            "`rows` is {rows}; expected 1 to {MOST_ROWS}"
+        )));
+    }
+    if query.sql.len() > LONGEST_SQL || query.sql.contains('\0') {
+        return Err(Problem::unprocessable(format!(
+            "`sql` has {} bytes; expected at most {LONGEST_SQL}, and none of them zero",
+            query.sql.len()
+        )));
+    }
+    let folders = folders(&app, &caller, &query).await?;
+    let turn = tokio::time::timeout(PATIENCE, app.queries.acquire()).await;
+    let Ok(Ok(_turn)) = turn else {
+        return Err(Problem::unavailable(
+            "other queries are being answered; expected a later try",
+        ));
+    };
+    let longest = app.config.query_time;
+    // What begins with a dash is SQL, too.
+    let mut words: Vec<OsString> = vec!["query".into(), "--json".into(), "--jobs".into(), "2".into()];
+    let memory = MEMORY_MB.min(app.config.work.job_memory / 4_000_000).max(16);
+    for (name, value) in [
+        ("--rows", u64::from(rows)),
+        ("--most-bytes", LONGEST_ANSWER),
+        ("--time", longest.as_secs()),
+        ("--memory", memory),
+        ("--most-spilled", MOST_SPILLED_MB),
+    ] {
+        words.extend([name.into(), value.to_string().into()]);
+    }
+    for (id, folder) in folders {
+        words.extend(["--named".into(), format!("{id}={folder}").into()]);
+    }
+    words.extend(["--".into(), query.sql.into()]);
+    let patience = Patience {
+        memory: app.config.work.job_memory,
+        // The command itself says it first.
+        wall: longest + Duration::from_secs(10),
+    };
+    // Below the root, where paths are keys: what the engine says of files tells nothing of this host.
+    let root = app.artifacts.place("");
+    let said = Said::by(&app.config.work.program, words, patience, Some(&root)).await?;
+    let complaint = said.complaint();
+    if complaint.starts_with(NO_ENGINE) {
+        return Err(Problem::not_implemented(format!("on this server: {complaint}")));
+    }
+    if complaint.starts_with(TOO_LONG) {
+        return Err(Problem::unprocessable(format!(
+            "the query took longer than {} s and was stopped; expected a smaller one (`--query-time`)",
+            longest.as_secs()
+        )));
+    }
+    if complaint.starts_with(TOO_LARGE) {
+        return Err(Problem::unprocessable(format!(
+            "the query ended without an answer; expected one that takes less than {memory} MB of memory"
+        )));
+    }
+    // As it is: 32 MiB of JSON as values would be several times as much memory of this process.
+    let answer = said.answer(patience)?;
+    Ok(([(CONTENT_TYPE, "application/json")], answer).into_response())
+}
+
+/// Id and key of each job, whose Parquet files are local files after this.
+async fn folders(app: &App, caller: &Caller, query: &SqlQuery) -> Result<Vec<(String, String)>, Problem> {
+    let kinds = [
+        (JobKind::Run, &query.runs),
+        (JobKind::Campaign, &query.campaigns),
+        (JobKind::BlindBench, &query.blind_benches),
+    ];
+    let count: usize = kinds.iter().map(|(_, ids)| ids.len()).sum();
+    if count == 0 || count > MOST_JOBS {
+        return Err(Problem::unprocessable(format!(
+            "{count} jobs in `runs`, `campaigns` and `blind_benches`; expected 1 to {MOST_JOBS}"
+        )));
+    }
+    let mut folders = Vec::new();
+    let mut size = 0;
+    for (kind, ids) in kinds {
+        for id in ids {
+            let job = super::tasks::done(app, caller, kind, id).await?;
+            let key = job.folder.unwrap_or_default();
+            let files = app
+                .artifacts
+                .list(&key)
+                .await
+                .map_err(|error| Problem::internal(&error))?;
+            let tables: Vec<_> = files
+                .into_iter()
+                .filter(|file| file.path.ends_with(".parquet"))
+                .collect();
+            if tables.is_empty() {
+                return Err(Problem::unprocessable(format!(
+                    "the {} {id} has no Parquet files; expected one that has",
+                    kind.as_str()
+                )));
+            }
+            size += tables.iter().map(|file| file.size).sum::<u64>();
+            if size > MOST_BYTES {
+                return Err(Problem::too_large(format!(
+                    "the files of these jobs have more than {} GiB; expected fewer jobs",
+                    MOST_BYTES >> 30
+                )));
+            }
+            for file in tables {
+                let there = app.artifacts.file(&key, &file.path).await;
+                if there.map_err(|error| Problem::internal(&error))?.is_none() {
+                    return Err(Problem::not_found(format!("{} of {id} is gone", file.path)));
+                }
+            }
+            folders.push((id.clone(), key));
+        }
+    }
+    Ok(folders)
+}
