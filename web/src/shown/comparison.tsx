@@ -82,7 +82,9 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
   const rows = () => props.model.channels.filter((one) => one.verdict !== "not-testable");
   const channel = () => {
     const wanted = props.looks.channel();
-    return rows().some((one) => one.channel === wanted) ? (wanted as string) : worstChannel(props.model);
+    if (rows().some((one) => one.channel === wanted)) return wanted as string;
+    // Once all agree, the channel that failed before: what was added shows there.
+    return worstChannel(props.model.agrees ? (props.log.models[0] ?? props.model) : props.model);
   };
   const found = () => rows().find((one) => one.channel === channel());
   const [cell, setCell] = createSignal<number>();
@@ -131,7 +133,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
           </div>
           <Heat
             title={`chi²/N of each channel by ${title()?.title ?? "condition"}`}
-            axis={title()?.unit || "value"}
+            axis={title()?.unit || title()?.title || "value"}
             rows={rows().map((one, row) => ({ name: channelStrip(one.channel), cells: bins(row).map((bin) => bin.chi2), where: (place) => `${title()?.title} ${short(bins(row)[place]?.at)} ${title()?.unit}` }))}
             tick={(place) => {
               const longest = rows().map((_, row) => bins(row)).reduce((a, b) => (b.length > a.length ? b : a), []);
