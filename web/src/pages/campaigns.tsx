@@ -42,7 +42,7 @@ function NewCampaign(props: { onSubmitted: () => void }) {
     }
   };
   return (
-    <Panel title="New campaign" note="hundreds of flights of one scenario with its settings varied: how often, how fast and how rightly the detectors name a fault">
+    <Panel title="New campaign" note="hundreds of flights of one scenario with its settings varied: how often and how fast the detectors name a fault, and how often they are wrong">
       <form class="stack" onSubmit={(event) => void submit(event)}>
         <div class="fields">
           <label class="field">Campaign of the library
