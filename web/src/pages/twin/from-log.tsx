@@ -1,5 +1,5 @@
 /** In step 3: a vehicle of one's own from the flight, mass and arm; each value with its interval and source; kept under a name. */
-import { For, Show, createEffect, createSignal } from "solid-js";
+import { For, Show, createEffect, createMemo, createSignal } from "solid-js";
 import { createAttempt } from "../../api/attempt";
 import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
@@ -30,6 +30,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
   const [halves, setHalves] = createTyped("vehicle.halves");
   const [typedName, setName] = createTyped("vehicle.name");
   const [bench, setBench] = createTyped("vehicle.bench");
+  const tables = createMemo(() => tablesOf(bench()));
   const { busy, problem, setProblem, attempt } = createAttempt();
 
   const way = () => LENGTHS.find((one) => one.key === measure()) ?? LENGTHS[0];
@@ -40,7 +41,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
     mass: numberOf(mass(), "Mass", "kg"), length: numberOf(length(), way().label.split(",")[0] ?? "", way().unit),
     cells: optional(cells(), "Cells", "in series"), capacity: optional(capacity(), "Capacity", "A h"),
   });
-  const wrong = () => Object.values(numbers()).map((one) => one.problem).concat(nameProblem(name()), tooMuch(tablesOf(bench()))).filter((one) => one !== undefined);
+  const wrong = () => Object.values(numbers()).map((one) => one.problem).concat(nameProblem(name()), tooMuch(tables())).filter((one) => one !== undefined);
   const submit = async (event: SubmitEvent) => {
     event.preventDefault();
     const { mass: kg, length: reach, cells: series, capacity: charge } = numbers();
@@ -53,7 +54,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
         ...(frame().trim() ? { frame: frame().trim() } : {}),
         ...(series.value !== undefined ? { cells: series.value } : {}),
         ...(charge.value !== undefined ? { capacity_ah: charge.value } : {}),
-        ...(tablesOf(bench()).length > 0 ? { bench: tablesOf(bench()) } : {}),
+        ...(tables().length > 0 ? { bench: tables() } : {}),
       }, { headers: { "idempotency-key": freshKey() } });
       props.twin.identify(made.id);
     });
@@ -94,7 +95,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
             <label class="check small"><input type="checkbox" checked={halves() === "yes"} onChange={(event) => setHalves(event.currentTarget.checked ? "yes" : "")} /> score each half of the flight with what the other half gave</label>
           </div>
         </details>
-        <BenchTables tables={tablesOf(bench())} change={(tables) => setBench(tables.length > 0 ? JSON.stringify(tables) : "")} />
+        <BenchTables tables={tables()} change={(next) => setBench(next.length > 0 ? JSON.stringify(next) : "")} />
         <Problem sentence={problem()} />
         <div class="row"><button type="submit" class="main" disabled={busy() || job.running()}>{busy() ? "Asking …" : job.result() ? "Identify again" : "Identify the vehicle"}</button></div>
       </form>
@@ -153,7 +154,7 @@ function BenchTables(props: { tables: readonly BenchTable[]; change: (tables: Be
             <li class="row">
               <strong>{table.name}</strong>
               <span class="muted">{count(shapeOf(table.text).rows, "row")}: {shapeOf(table.text).columns.slice(0, 8).join(", ")}</span>
-              <button type="button" class="plain" onClick={() => props.change(props.tables.filter((one) => one !== table))}>Remove<span class="sr"> {table.name}</span></button>
+              <button type="button" class="plain" onClick={() => props.change(props.tables.filter((one) => one.name !== table.name))}>Remove<span class="sr"> {table.name}</span></button>
             </li>
           )}
         </For>
