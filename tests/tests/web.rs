@@ -68,12 +68,16 @@ fn passes(scenario: &str, wanted: &[&str]) {
     logs(&scratch, wanted);
     // A small disk where the scenario fills it.
     let disk = if scenario == "full" {
-        let Some(disk) = Disk::new(scratch.path("disk"), "48m") else { return };
+        let Some(disk) = Disk::new(scratch.path("disk"), "48m") else {
+            return;
+        };
         Some(disk)
     } else {
         None
     };
-    let data = disk.as_ref().map_or_else(|| scratch.path(""), |disk| disk.path().to_owned());
+    let data = disk
+        .as_ref()
+        .map_or_else(|| scratch.path(""), |disk| disk.path().to_owned());
     let server = Server::start(&data.join("data"));
     let output = Command::new(programs.join("python"))
         .arg(repository().join("tests/src/web_page.py"))

@@ -472,9 +472,7 @@ fn find(
         };
         let unit = match unit {
             Some(unit) => Some(unit.clone()),
-            None => header
-                .get(index)
-                .map_or(Ok(None), |cell| unit_of(name, role, cell))?,
+            None => header.get(index).map_or(Ok(None), |cell| unit_of(name, role, cell))?,
         };
         return Ok(Some((index, unit)));
     }
@@ -564,14 +562,23 @@ mod tests {
     #[test]
     fn regress_a_unit_that_is_not_known_is_refused() {
         for (header, part) in [
-            ("throttle,thrust (oz)", "`oz` is no unit of thrust; expected one of N, mN, g"),
-            ("throttle,thrust (g),torque [ft-lb]", "`ft-lb` is no unit of torque; expected one of Nm"),
+            (
+                "throttle,thrust (oz)",
+                "`oz` is no unit of thrust; expected one of N, mN, g",
+            ),
+            (
+                "throttle,thrust (g),torque [ft-lb]",
+                "`ft-lb` is no unit of torque; expected one of Nm",
+            ),
         ] {
             let text = format!("{header}\n20,1,1\n30,2,2\n");
             let sentence = Table::parse("sheet.csv", &text, &Mapping::default())
                 .unwrap_err()
                 .to_string();
-            assert!(sentence.starts_with("sheet.csv: ") && sentence.contains(part), "{sentence}");
+            assert!(
+                sentence.starts_with("sheet.csv: ") && sentence.contains(part),
+                "{sentence}"
+            );
         }
         // With a unit of one's own the header may say what it likes.
         let mut mapping = Mapping::default();
