@@ -30,10 +30,14 @@ PATIENCE_MS = 120_000
 FIRST_LOAD_KB = 150
 # Table of 10,000 runs, s: twice what is wanted, as other things run beside the test; the time is printed.
 MANY_S = 3.0
+# What is promised of a live flight, asserted where the processors are this page's own: median time behind, s, and 3-D pictures a second.
+BEHIND_S = 0.2
+LIVE_PICTURES = 30.0
+QUIET = 1.0
 # A browser beside other tests: in a quiet moment all are far below (docs/web.md). Where many programs wait for each processor the times are
 # printed and say nothing of the page.
-BEHIND_S = 1.0
-LIVE_PICTURES = 5.0
+CROWDED_BEHIND_S = 1.0
+CROWDED_PICTURES = 5.0
 CLICK_S = 5.0
 TASK_MS = 200.0
 INTERACTIVE_S = 3.0
@@ -66,9 +70,14 @@ def is_described(url: str) -> bool:
     return False
 
 
+def waiting() -> float:
+    """Programs that wait for each processor or have it, mean of the last minute."""
+    return os.getloadavg()[0] / os.cpu_count()
+
+
 def is_crowded() -> bool:
     """Whether more programs wait than a time can be measured beside."""
-    load = os.getloadavg()[0] / os.cpu_count()
+    load = waiting()
     if load > CROWDED:
         print(f"{load:.1f} programs wait for each processor: the times are printed only")
     return load > CROWDED
@@ -200,6 +209,17 @@ def healthy(browser: Browser) -> None:
     watch.check()
 
 
+# A stand with the propeller of the flight at one voltage, V: Eq. 19 with blade a of config/blades/t9545.toml.
+STAND_V = 15.5
+
+
+def stand_n(duty: float) -> float:
+    """Thrust at a duty in percent, N."""
+    coefficients = (-1.4310e-2, 4.6339e-3, 1.0350e-4, -1.7318e-7)
+    powers = (math.sqrt(duty), duty, duty**2, duty**3)
+    return round((STAND_V - 5.2859) * sum(a * b for a, b in zip(coefficients, powers)), 4)
+
+
 def vehicle(browser: Browser) -> None:
     """A vehicle from the log, mass and size: refused where it is typed, identified, drawn, kept; the loop goes on with it."""
     page, watch = open_page(browser)
@@ -218,13 +238,27 @@ def vehicle(browser: Browser) -> None:
     button.click()
     step.get_by_text("is no name for a document").wait_for()
     step.get_by_label("Name").fill("")
+    # A thrust bench: what is no table is refused at once, an unknown unit by the server, one that is missing is told.
+    bench = step.get_by_role("group", name="Thrust bench")
+    files = bench.locator("input[type=file]")
+    files.set_input_files(FOLDER / "picture.csv")
+    bench.get_by_text("picture.csv is no text").wait_for()
+    table = [f"{duty},{stand_n(duty)},{STAND_V}" for duty in range(20, 101, 10)]
+    for name, unit in [("ounces.csv", " [oz]"), ("stand.csv", "")]:
+        (FOLDER / name).write_text("\n".join([f"throttle [%],Thrust{unit},voltage [V]", *table]))
+        files.set_input_files(FOLDER / name)
+        bench.get_by_text("9 rows").last.wait_for()
     page.reload()
     page.get_by_role("button", name="A new one from this log").click()
     assert step.get_by_label("Mass with battery").input_value() == "2.1", "what was typed outlives a reload"
     step.get_by_label("Name").fill("mine")
     button.click()
+    step.locator(".say.bad", has_text="ounces.csv: `oz` is no unit of thrust; expected one of N").wait_for()
+    bench.get_by_role("button", name="Remove ounces.csv").click()
+    button.click()
     card = step.get_by_role("group", name="The identified vehicle")
     card.wait_for()
+    card.get_by_text("stand.csv: no unit in the header: thrust (column `Thrust`) is taken as N").wait_for()
     found = api(f"/identifications/{query(page, 'ident')}")["result"]["identified"]
     rows = card.get_by_role("region", name="Identified values").locator("tbody tr")
     assert rows.count() == len(found["values"]) > 10
@@ -731,8 +765,9 @@ def behind(browser: Browser) -> None:
     api(f"/runs/{run}/cancel", {})
     page.locator("h1 + .tag", has_text="canceled").wait_for()
     watch.check()
-    assert is_crowded() or share(lags, 0.5) <= BEHIND_S, lags
-    assert is_crowded() or max(rates) >= LIVE_PICTURES, rates
+    quiet = waiting() <= QUIET
+    assert is_crowded() or share(lags, 0.5) <= (BEHIND_S if quiet else CROWDED_BEHIND_S), lags
+    assert is_crowded() or max(rates) >= (LIVE_PICTURES if quiet else CROWDED_PICTURES), rates
 
 
 def tabs(browser: Browser) -> None:
@@ -776,8 +811,10 @@ def serve(data: Path, address: str = "127.0.0.1:0") -> tuple[subprocess.Popen, s
     return process, re.search(r"http://\S+", line)[0]
 
 
-# Every message of the page that reads the stream of events to the others.
-LISTEN = "window.told = []; new BroadcastChannel('rotortwin.news').onmessage = (m) => { if (m.data.news) window.told.push([m.data.cursor, m.data.news.job, m.data.news.event]); };"
+# Every message of the page that reads the stream of events to the others; one without news says only where the stream stands.
+LISTEN = "window.told = []; new BroadcastChannel('rotortwin.news').onmessage = (m) => { if (m.data.cursor) window.told.push([m.data.cursor, m.data.news?.job ?? null, m.data.news?.event ?? null]); };"
+LAST_S = "Number(document.querySelector('.replay input[type=range]').max)"
+FIRST_S = "Number(document.querySelector('.replay input[type=range]').min)"
 
 
 def killed(browser: Browser) -> None:
@@ -786,7 +823,8 @@ def killed(browser: Browser) -> None:
     data = FOLDER / "killed"
     process, SERVER = serve(data)
     try:
-        run = real_time(12.0)
+        # It ends when it is canceled: however slow the machine is, it flies when the server is killed.
+        run = real_time(LONG_S)
         context = browser.new_context(viewport={"width": 1280, "height": 900})
         pages = [context.new_page() for _ in range(3)]
         watches = [Watch(page) for page in pages]
@@ -797,11 +835,11 @@ def killed(browser: Browser) -> None:
         pages[2].add_init_script(LISTEN)
         pages[2].goto(f"{SERVER}/fdi")
         pages[2].get_by_role("heading", name="FDI monitor").wait_for()
-        opened = events_after(None)
         for page in pages[:2]:
             page.goto(f"{SERVER}/runs/{run}")
             page.locator(".replay .player .num").wait_for()
-        until(pages[0], "Number(document.querySelector('.replay input[type=range]').max) > 4")
+        until(pages[0], f"{LAST_S} > 4")
+        until(pages[2], "window.told.length > 0")
         process.kill()
         process.wait()
         began = time.monotonic()
@@ -814,20 +852,28 @@ def killed(browser: Browser) -> None:
         for page in pages[:2]:
             page.get_by_text("does not answer").wait_for(state="detached")
         back = time.monotonic() - began
+        end = time.monotonic() + PATIENCE_MS / 1000
+        while api(f"/runs/{run}")["attempts"] < 2:
+            assert time.monotonic() < end, "the flight is not begun again"
+            time.sleep(0.1)
         # The second attempt, from its start on: as the server keeps it, so that a page that comes late sees it, too.
-        until(pages[0], f"document.querySelector('h1 + .tag').innerText === 'done' || Number(document.querySelector('.replay input[type=range]').min) === 0")
         for page in pages[:2]:
-            page.locator("h1 + .tag", has_text="done").wait_for()
-            page.get_by_role("heading", name="Summary").wait_for()
+            until(page, f"{FIRST_S} === 0 && {LAST_S} > 0.5")
+            assert page.locator("h1 + .tag").inner_text() == "running"
+        api(f"/runs/{run}/cancel", {})
+        for page in pages[:2]:
+            page.locator("h1 + .tag", has_text="canceled").wait_for()
         print(f"killed: said after {said:.1f} s, went on {back:.1f} s after it was back")
-        pages[2].wait_for_timeout(1000)
+        until(pages[2], "window.told.some((one) => one[2] === 'ended')")
         told = [tuple(one) for one in pages[2].evaluate("window.told")]
-        there = events_after(opened)
-        places = [one[0] for one in told]
+        places = [one[0] for one in told if one[2]]
         assert len(set(places)) == len(places), "an event came twice"
+        # From where the stream was first said to stand.
+        there = events_after(told[0][0])
         missed = [one for one in there if one not in told]
         assert there and not missed, f"missed {missed} of {len(there)}"
         assert [one[2] for one in told if one[1] == run].count("ended") == 1
+        print(f"killed: {len(there)} events, none missed, none twice")
         for watch in watches:
             watch.check()
     finally:
@@ -835,13 +881,11 @@ def killed(browser: Browser) -> None:
         process.wait()
 
 
-def events_after(place: str | None) -> list | str:
-    """All events of the server after a place, as (place, job, kind); without one, the place of now."""
-    query = f"after={place}&wait=false" if place else "wait=false"
-    with urllib.request.urlopen(f"{SERVER}/api/v1/events?{query}", timeout=30) as answer:
+def events_after(place: str) -> list[tuple[str, str, str]]:
+    """All events of the server after a place, as (place, job, kind)."""
+    with urllib.request.urlopen(f"{SERVER}/api/v1/events?after={place}&wait=false", timeout=30) as answer:
         blocks = [dict(line.split(": ", 1) for line in block.splitlines() if ": " in line) for block in answer.read().decode().split("\n\n")]
-    found = [(one["id"], json.loads(one["data"]).get("job"), one["event"]) for one in blocks if "id" in one]
-    return found if place else found[-1][0]
+    return [(one["id"], json.loads(one["data"])["job"], one["event"]) for one in blocks if "id" in one and one["event"] != "open"]
 
 
 def full(browser: Browser) -> None:

@@ -41,6 +41,7 @@ export function percent(share: number | null | undefined, decimals = 1): string 
 /** `3 min 5 s`. */
 export function duration(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";
+  if (seconds > 0 && seconds < 0.1) return `${short(1000 * seconds, 2)} ms`;
   if (seconds < 10) return `${seconds.toFixed(1)} s`;
   if (seconds < 100) return `${seconds.toFixed(0)} s`;
   const minutes = Math.floor(seconds / 60);

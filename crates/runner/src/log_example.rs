@@ -2,8 +2,9 @@
 
 use crate::failure::Failure;
 use rotortwin_blind::command::GenerateArgs;
+use rotortwin_blind::error::BlindError;
 use rotortwin_blind::example::{self, Example};
-use rotortwin_blind::flight::fly;
+use rotortwin_blind::flight::{FlightPlan, Nuisances, Row, fly};
 use rotortwin_blind::log_file;
 use rotortwin_blind::truth::Truth;
 use rotortwin_jobs::LogExample as Job;
@@ -15,21 +16,18 @@ pub const NAME: &str = "log";
 /// What is hidden, beside the log.
 const TRUTH: &str = "truth.json";
 
+/// Flights of a preset that are drawn before it is given up: what is hidden may tip a vehicle over, and nobody asked for that one.
+const DRAWS: u64 = 8;
+
 /// Flies, hides and imports.
 ///
 /// # Errors
-/// What is to be hidden or the vehicle cannot be used, or the files not be written.
+/// What is to be hidden or the vehicle cannot be used, the flight is lost, or the files not be written.
 pub fn make(job: &Job) -> Result<FlightLog, Failure> {
     let disk = |error: &dyn std::fmt::Display| Failure::writing(&job.out, error);
     let scratch = tempfile::tempdir().map_err(|error| disk(&format!("a folder cannot be made: {error}")))?;
     let flown = scratch.path().join("flown.parquet");
-    let mut plan = generator(job, &flown).plan()?;
-    let rotors = plan.vehicle.rotors.len();
-    plan.effects = match (&job.effect, job.preset) {
-        (Some(text), _) => example::effect(text, rotors, job.seed)?,
-        (None, preset) => preset.unwrap_or(Example::HiddenEffect).effects(rotors, job.seed),
-    };
-    let (rows, nuisances) = fly(&plan)?;
+    let (plan, rows, nuisances) = fly_one(job, &flown)?;
     log_file::write(&flown, &rows)?;
     let log = FlightLog::read(&flown).map_err(Failure::failed)?;
     log.store(&job.out, NAME).map_err(|error| disk(&error))?;
@@ -37,8 +35,30 @@ pub fn make(job: &Job) -> Result<FlightLog, Failure> {
     Ok(log)
 }
 
+/// The flight that was asked for; of a preset whose flight is lost the one of the next seed, as its truth says.
+fn fly_one(job: &Job, out: &Path) -> Result<(FlightPlan, Vec<Row>, Nuisances), Failure> {
+    let mut draw = 0;
+    loop {
+        let seed = job.seed.wrapping_add(draw);
+        let mut plan = generator(job, seed, out).plan()?;
+        let rotors = plan.vehicle.rotors.len();
+        plan.effects = match (&job.effect, job.preset) {
+            (Some(text), _) => example::effect(text, rotors, seed)?,
+            (None, preset) => preset.unwrap_or(Example::HiddenEffect).effects(rotors, seed),
+        };
+        draw += 1;
+        match fly(&plan) {
+            Err(BlindError::FlightLost { .. }) if job.effect.is_none() && draw < DRAWS => {}
+            flown => {
+                let (rows, nuisances) = flown?;
+                return Ok((plan, rows, nuisances));
+            }
+        }
+    }
+}
+
 /// The generator's own arguments, all but what is hidden.
-fn generator(job: &Job, out: &Path) -> GenerateArgs {
+fn generator(job: &Job, seed: u64, out: &Path) -> GenerateArgs {
     GenerateArgs {
         vehicle: Some(job.vehicle.clone()),
         effects: Vec::new(),
@@ -46,11 +66,48 @@ fn generator(job: &Job, out: &Path) -> GenerateArgs {
         flight: "excitation".to_owned(),
         duration_s: job.duration_s,
         idle_s: None,
-        seed: job.seed,
+        seed,
         noise_scale: 1.0,
         disturbance: 1.0,
         state_of_charge: None,
         out: out.to_owned(),
         truth: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// "Fly it" answered "the flight was lost at 52.28 s: the vehicle tipped over".
+    #[test]
+    fn regress_a_lost_flight_of_a_preset_is_drawn_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let mut job = Job {
+            vehicle: root.join("config/vehicles/f550.toml"),
+            preset: Some(Example::HiddenEffect),
+            effect: None,
+            seed: 15_504,
+            duration_s: 60.0,
+            out: folder.path().to_owned(),
+        };
+        let (plan, rows, _) = fly_one(&job, Path::new("unused")).unwrap();
+        assert!(plan.seed > job.seed && plan.seed < job.seed + DRAWS, "{}", plan.seed);
+        assert_eq!(
+            plan.effects,
+            Example::HiddenEffect.effects(6, plan.seed),
+            "the truth is that of the flight"
+        );
+        assert!(rows.len() > 20_000, "{}", rows.len());
+        // What was asked for by its name is told as it ended.
+        let hidden = &Example::HiddenEffect.effects(6, job.seed)[0];
+        let values = hidden
+            .parameters
+            .iter()
+            .map(|(name, value)| format!("{name}={value:?}"));
+        job.effect = Some(format!("{}:{}", hidden.id, values.collect::<Vec<_>>().join(",")));
+        let told = format!("{:?}", fly_one(&job, Path::new("unused")).map(|_| ()).unwrap_err());
+        assert!(told.contains("the flight was lost"), "{told}");
     }
 }

@@ -5,6 +5,8 @@ use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
+use std::error::Error;
+use std::io::ErrorKind;
 use utoipa::ToSchema;
 
 /// Why a request was refused (RFC 9457).
@@ -200,15 +202,21 @@ impl Problem {
     }
 
     /// 507 with these words where a file cannot be written because the disk is full, else 500.
-    pub(crate) fn unwritten(error: &std::io::Error, full: &str) -> Self {
-        match error.kind() {
-            std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => Self::disk_full(full),
-            _ => Self::internal(error),
+    pub(crate) fn unwritten(error: &(dyn Error + 'static), full: &str) -> Self {
+        if is_full(error) {
+            return Self::disk_full(full);
         }
+        Self::internal(error)
+    }
+
+    /// A file of a job or library cannot be read or written: 507 where the disk is full, as what is in a bucket is copied before it is read;
+    /// else 500.
+    pub(crate) fn of_files(error: &(dyn Error + 'static)) -> Self {
+        Self::unwritten(error, "no file can be written: the disk of the data folder is full")
     }
 
     /// 500; the cause goes to the log, not to the stranger.
-    pub fn internal(cause: &dyn std::fmt::Display) -> Self {
+    pub fn internal<C: std::fmt::Display + ?Sized>(cause: &C) -> Self {
         tracing::error!(%cause, "a request failed");
         Self::new(
             StatusCode::INTERNAL_SERVER_ERROR,
@@ -217,6 +225,23 @@ impl Problem {
             "the server could not do this; its log says why",
         )
     }
+}
+
+/// Whether a full disk, or a full quota of it, is what this error or one that it comes from says.
+fn is_full(error: &(dyn Error + 'static)) -> bool {
+    let mut next = Some(error);
+    while let Some(error) = next {
+        let io = error.downcast_ref::<std::io::Error>();
+        if io.is_some_and(|io| matches!(io.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)) {
+            return true;
+        }
+        // An input-output error counts the source of what it wraps as its own, and so hides what it wraps.
+        next = match io.and_then(std::io::Error::get_ref) {
+            Some(wrapped) => Some(wrapped),
+            None => error.source(),
+        };
+    }
+    false
 }
 
 /// Pause before another try where the server or its database is away for a moment, s.
@@ -266,7 +291,8 @@ impl From<StringRejection> for Problem {
 
 impl From<WebSocketUpgradeRejection> for Problem {
     fn from(rejection: WebSocketUpgradeRejection) -> Self {
-        Self::of_rejection(rejection.status(), rejection.body_text())
+        let detail = format!("{}; expected a WebSocket", rejection.body_text());
+        Self::of_rejection(rejection.status(), detail)
     }
 }
 

@@ -74,7 +74,8 @@ export async function follow(url: string, onEvent: (event: ServerEvent) => boole
       if (!reader) return;
       const parser = new EventParser();
       // A proxy may hold a stream open whose server is gone: after an absence, and after a silence, it is taken up anew.
-      const renew = () => void reader.cancel();
+      // One that is broken already refuses to be canceled, and is taken up anew below.
+      const renew = () => void reader.cancel().catch(() => undefined);
       const listening = onBack(renew);
       ignore = () => void listening();
       let silence = setTimeout(renew, SILENCE_MS);
@@ -95,6 +96,7 @@ export async function follow(url: string, onEvent: (event: ServerEvent) => boole
       // The server ends a stream when there is nothing more to come, or when it ends itself.
       await new Promise((resolve) => setTimeout(resolve, 500));
     } catch (error) {
+      ignore();
       if (signal.aborted) return;
       if (error instanceof Refused) throw error.problem;
       console.info(`The event stream broke: ${sentenceOf(error)}`);

@@ -51,7 +51,8 @@ export function createJob<R>(collection: string, id: Accessor<string | undefined
     running: () => id() !== undefined && problem() === undefined && !hasEnded(job()?.status),
     error: () => {
       if (problem() !== undefined) return problem();
-      if (job()?.status === "failed") return job()?.error ?? "It failed, and the server does not say why.";
+      // What the program says of itself on a terminal is nothing to a page.
+      if (job()?.status === "failed") return job()?.error?.replace(/^rotortwin: /, "") ?? "It failed, and the server does not say why.";
       return job()?.status === "canceled" ? "It was canceled." : undefined;
     },
     cancel: async () => {

@@ -225,15 +225,15 @@ const CHANNEL_WORDS: Record<string, string> = {
 };
 
 const CHANNEL_STRIPS: Record<string, string> = {
-  fx: "force forward", fy: "force sideways", fz: "force vertical",
-  mx: "torque roll", my: "torque pitch", mz: "torque yaw",
+  fx: "forward force (fx)", fy: "sideways force (fy)", fz: "vertical force (fz)",
+  mx: "roll moment (mx)", my: "pitch moment (my)", mz: "yaw moment (mz)",
   kv_north: "velocity north", kv_east: "velocity east", kv_down: "velocity down",
-  ka_roll: "attitude roll", ka_pitch: "attitude pitch", ka_yaw: "attitude yaw",
+  ka_roll: "attitude rate roll", ka_pitch: "attitude rate pitch", ka_yaw: "attitude rate yaw",
   kp_north: "position north", kp_east: "position east", kp_down: "position down",
-  v: "voltage",
+  v: "battery voltage",
 };
 
-/** In two words, for the rows of a heat strip. */
+/** The words of [`channelTitle`] as short as the rows of a heat strip need them. */
 export const channelStrip = (channel: string) => CHANNEL_STRIPS[channel] ?? channel;
 
 /** `forward specific force (fx)`. */

@@ -7,7 +7,21 @@ import { navigate } from "../router";
 import { type BlindResult, BlindView } from "../shown/blind";
 import { JobList, JobPage } from "./jobs";
 
-const PRESETS = ["singles", "pairs", "clutter", "helix", "null", "null-hover", "null-still", "small", "outside", "onset", "mixed"] as const;
+/** Kinds of cases, and what is hidden in them (docs/blind-bench.md). */
+const PRESETS = [
+  ["singles", "one effect of the catalogue at about its ordinary size"],
+  ["pairs", "two effects that no group of confusable ones holds together"],
+  ["clutter", "one effect, and every other parameter off by about 2 %"],
+  ["helix", "one effect, on the paper's helix, where much cannot be tested"],
+  ["null", "nothing, in motion: any name is a false one"],
+  ["null-hover", "nothing, in hover"],
+  ["null-still", "nothing, in a hover that is hardly disturbed"],
+  ["small", "one effect at 0.3 of its size"],
+  ["outside", "something that the catalogue lacks"],
+  ["onset", "a blade that loses 5 % in mid-flight"],
+  ["mixed", "singles, nothing, pairs and outside in turn"],
+] as const;
+
 export default function Blind(props: { id: string | undefined }) {
   return (
     <Show when={props.id} fallback={<JobList collection="blind-benches" path="/blind" title="Blind benches" form={(reload) => <NewBench onSubmitted={reload} />} />} keyed>
@@ -42,14 +56,17 @@ function NewBench(props: { onSubmitted: () => void }) {
         <fieldset class="row">
           <legend class="small muted">Presets</legend>
           <For each={PRESETS}>
-            {(one) => (
-              <label class="check">
+            {([one, what]) => (
+              <label class="check" title={what}>
                 <input type="checkbox" checked={presets().includes(one)} onChange={(event) => setPresets((before) => (event.currentTarget.checked ? [...before, one] : before.filter((other) => other !== one)))} />
-                {one}
+                {one}<span class="sr">: {what}</span>
               </label>
             )}
           </For>
         </fieldset>
+        <ul class="small muted">
+          <For each={PRESETS.filter(([one]) => presets().includes(one))}>{([one, what]) => <li>{one}: {what}</li>}</For>
+        </ul>
         <div class="fields">
           <label class="field">Cases of each preset<input type="number" min="1" max="10000" value={n()} onInput={(event) => setN(event.currentTarget.value)} /></label>
           <label class="field">Seed<input type="number" min="0" value={seed()} onInput={(event) => setSeed(event.currentTarget.value)} /></label>

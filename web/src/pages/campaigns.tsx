@@ -1,6 +1,7 @@
 /** Campaigns: many flights with statistics of the detectors. */
-import { Show, createSignal } from "solid-js";
+import { For, Show, createSignal } from "solid-js";
 import { type Schemas, ask } from "../api/client";
+import { createLoad } from "../api/load";
 import { ApiError, sentenceOf } from "../api/problem";
 import { Panel, Problem } from "../parts/bits";
 import { navigate } from "../router";
@@ -19,7 +20,13 @@ export default function Campaigns(props: { id: string | undefined }) {
   );
 }
 
+interface Known {
+  name: string;
+  description: string;
+}
+
 function NewCampaign(props: { onSubmitted: () => void }) {
+  const known = createLoad(() => true, async (_, signal) => (await ask<{ items: Known[] }>("GET", "/api/v1/library/campaigns", undefined, { signal })).items);
   const [name, setName] = createSignal("");
   const [text, setText] = createSignal("");
   const [refusal, setRefusal] = createSignal<ApiError>();
@@ -35,14 +42,19 @@ function NewCampaign(props: { onSubmitted: () => void }) {
     }
   };
   return (
-    <Panel title="New campaign">
+    <Panel title="New campaign" note="hundreds of flights of one scenario with its settings varied: how often and how fast the detectors name a fault, and how often they are wrong">
       <form class="stack" onSubmit={(event) => void submit(event)}>
         <div class="fields">
-          <label class="field">Name of the library
-            <input type="text" value={name()} placeholder="quad-lag" onInput={(event) => setName(event.currentTarget.value)} />
+          <label class="field">Campaign of the library
+            <select value={name()} onChange={(event) => setName(event.currentTarget.value)}>
+              <option value="">choose</option>
+              <For each={known.data() ?? []}>{(one) => <option value={one.name} selected={one.name === name()}>{one.name}</option>}</For>
+            </select>
           </label>
           <button type="submit" class="main" disabled={!name().trim() && !text().trim()}>Fly</button>
         </div>
+        <Problem sentence={known.error() && `The campaigns of the library cannot be listed: ${known.error()}`} retry={known.reload} />
+        <Show when={known.data()?.find((one) => one.name === name())?.description}>{(words) => <p class="small">{words()}</p>}</Show>
         <details>
           <summary>or a document of one's own (TOML)</summary>
           <textarea rows="10" spellcheck={false} aria-label="campaign document" value={text()} onInput={(event) => setText(event.currentTarget.value)} />

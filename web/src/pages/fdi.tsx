@@ -19,7 +19,10 @@ const LOOK_MS = 1000;
 export default function Fdi() {
   return (
     <>
-      <h1>FDI monitor</h1>
+      <div class="row">
+        <h1>FDI monitor</h1>
+        <span class="muted">Fault detection and isolation: is a rotor losing thrust, which one, and how much?</span>
+      </div>
       <Judge />
       <Sessions />
     </>
@@ -54,7 +57,7 @@ function Judge() {
     });
   };
   return (
-    <Panel title="Judge a log" note="verdicts over time, the last word, what the log lacks">
+    <Panel title="Judge a log" note="verdicts over time, how it ended, what the log lacks">
       <div class="stack">
         <Problem sentence={names.error() ?? logs.error()} />
         <div class="fields">
@@ -92,7 +95,7 @@ function Sessions() {
   const timer = setInterval(() => !sessions.loading() && !sessions.error() && sessions.reload(), LOOK_MS);
   onCleanup(() => clearInterval(timer));
   return (
-    <Panel title="Sessions" note="your programs feed them; looked at every second">
+    <Panel title="Sessions" note="verdicts on samples that your programs send while the vehicle flies">
       <Problem sentence={sessions.error() && `Sessions cannot be listed: ${sessions.error()}`} retry={sessions.reload} />
       <For each={sessions.data()?.items ?? []} fallback={<Show when={sessions.data()}><p class="muted">No session is open. A program opens one with POST /api/v1/fdi/sessions.</p></Show>}>
         {(one) => (

@@ -31,6 +31,8 @@ export interface Band {
   high: Values;
   colour: string;
   opacity?: number;
+  /** It may reach beyond the picture, whose range is that of the others. */
+  beyond?: boolean;
 }
 
 interface Props {
@@ -66,7 +68,7 @@ export function Chart(props: Props) {
     JSON.stringify([
       dark(),
       props.lines.map((line) => [line.label, line.colour, line.dash, line.width, line.step, line.points, line.joined, line.faint]),
-      props.bands?.map((band) => [band.label, band.colour, band.opacity]),
+      props.bands?.map((band) => [band.label, band.colour, band.opacity, band.beyond]),
       props.height,
       props.unit,
       props.view?.shades?.(),
@@ -79,15 +81,24 @@ export function Chart(props: Props) {
 
   onMount(() => {
     let plot: uPlot | undefined;
+    let drawn: uPlot.AlignedData;
     const build = () => {
       plot?.destroy();
-      plot = new uPlot(options(props, xLabel(), xUnit(), Math.max(120, holder.clientWidth)), data(), holder);
+      drawn = data();
+      plot = new uPlot(options(props, xLabel(), xUnit(), Math.max(120, holder.clientWidth)), drawn, holder);
       place(plot, props.view);
     };
     createEffect(on(structure, () => untrack(build)));
+    // What nobody can see is drawn when it comes near: while a flight goes on ten plots change several times a second, and two are on the screen.
+    const [near, setNear] = createSignal(true);
+    const watcher = new IntersectionObserver(([entry]) => setNear(entry?.isIntersecting ?? true), { rootMargin: "50% 0px" });
+    watcher.observe(holder);
+    const onPaper = () => setNear(true);
+    window.addEventListener("beforeprint", onPaper);
     createEffect(
-      on(data, (next) => {
-        if (!plot) return;
+      on([data, near], ([next, seen]) => {
+        if (!plot || !seen || next === drawn) return;
+        drawn = next;
         plot.setData(next, true);
         place(plot, props.view);
       }, { defer: true }),
@@ -98,7 +109,7 @@ export function Chart(props: Props) {
     });
     createEffect(() => {
       const at = props.view?.cursor();
-      if (plot) move(plot, at);
+      if (plot && near()) move(plot, at);
     });
     const observer = new ResizeObserver(() => {
       if (plot && holder.clientWidth > 0 && holder.clientWidth !== plot.width) {
@@ -108,6 +119,8 @@ export function Chart(props: Props) {
     observer.observe(holder);
     onCleanup(() => {
       observer.disconnect();
+      watcher.disconnect();
+      window.removeEventListener("beforeprint", onPaper);
       plot?.destroy();
     });
   });
@@ -219,7 +232,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
   const axis = { stroke: text, font, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1, size: 4 } };
   const view = props.view;
   const bands = props.bands ?? [];
-  const hidden = (): uPlot.Series => ({ stroke: "transparent", width: 0, points: { show: false } });
+  const hidden = (auto: boolean): uPlot.Series => ({ stroke: "transparent", width: 0, points: { show: false }, auto });
   const levels = props.levels ?? [];
   return {
     width,
@@ -227,8 +240,8 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
     legend: { show: false },
     scales: { x: { time: false, ...(props.xLog ? { distr: 3 as const } : {}) } },
     axes: [
-      // Time needs no name.
-      { ...axis, ...(props.xLabel ? { label: [xLabel, xUnit].filter(Boolean).join(", "), labelSize: 17, labelGap: 0, labelFont: font } : {}), size: 34, space: 70, values: (_, splits) => splits.map((split) => (split === null ? "" : tickText(split))) },
+      // Time needs no name, only its unit.
+      { ...axis, ...(props.xLabel ? { label: [xLabel, xUnit].filter(Boolean).join(", "), labelSize: 17, labelGap: 0, labelFont: font } : {}), size: 34, space: 70, values: (_, splits) => splits.map((split, place) => (split === null ? "" : `${tickText(split)}${!props.xLabel && xUnit && place === splits.length - 1 ? ` ${xUnit}` : ""}`)) },
       { ...axis, size: 62, space: 34, values: (_, splits) => splits.map(tickText) },
     ],
     cursor: {
@@ -244,7 +257,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
     },
     series: [
       { label: `${xLabel}, ${xUnit}` },
-      ...bands.flatMap(() => [hidden(), hidden()]),
+      ...bands.flatMap((band) => [hidden(!band.beyond), hidden(!band.beyond)]),
       ...props.lines.map((line): uPlot.Series => {
         const series: uPlot.Series = {
           label: line.label,

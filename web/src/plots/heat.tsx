@@ -1,6 +1,7 @@
 /** A table of colours: channel over time or over a flight condition. Each cell is a button with its value in words. */
 import { For, Show } from "solid-js";
 import { short } from "../format";
+import { dark } from "../theme";
 import { HEAT_STEPS, heatColour } from "./heat-colour";
 
 export interface HeatRow {
@@ -44,7 +45,7 @@ export function Heat(props: Props) {
                         aria-pressed={props.chosen?.row === at() && props.chosen.cell === cell}
                         aria-label={`${row.name}, ${row.where(cell)}: chi²/N ${short(row.cells[cell])}`}
                         title={`${row.name}, ${row.where(cell)}: chi²/N ${short(row.cells[cell])}`}
-                        style={{ "background-color": heatColour(row.cells[cell] ?? 1) }}
+                        style={{ "background-color": heatColour(row.cells[cell] ?? 1, dark()) }}
                         onClick={() => props.onPick(at(), cell)}
                         onKeyDown={walk}
                       />
@@ -61,9 +62,9 @@ export function Heat(props: Props) {
       <div class="scale">
         chi²/N
         <For each={HEAT_STEPS}>
-          {(step) => <><i style={{ "background-color": heatColour(step) }} /> {step}</>}
+          {(step) => <><i style={{ "background-color": heatColour(step, dark()) }} /> {step}</>}
         </For>
-        <span>1 is noise alone</span>
+        <span>(1: noise alone)</span>
       </div>
     </figure>
   );

@@ -57,7 +57,7 @@ export function Lanes(props: Props) {
                             "background-color": stretch().code > 0 ? `var(--${seriesColour(rotorOf(stretch().code) - 1)})` : undefined,
                           }}
                         >
-                          {right() - left() > 6 ? said() : ""}
+                          <span>{said()}</span>
                         </i>
                       </Show>
                     );

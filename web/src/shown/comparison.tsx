@@ -71,9 +71,11 @@ function sentence(log: LogComparison): string {
   if (model.agrees) return `${model.model} agrees with this flight: ${tested.length} channels are at their noise (chi²/N ${short(model.chi2)}).`;
   const failing = tested.filter((one) => one.verdict === "fails").sort((a, b) => (b.low_frequency ?? 0) - (a.low_frequency ?? 0));
   const parts = failing.slice(0, 4).map((one) => {
-    const ratio = short((one.smoothed_rms ?? NaN) / (one.smoothed_noise ?? NaN));
+    const ratio = (one.smoothed_rms ?? NaN) / (one.smoothed_noise ?? NaN);
+    // An error as small as the noise fails because it lasts, and noise does not.
+    const lasts = ratio < 1.1 && (one.low_frequency ?? 0) > 1 ? `, but it lasts (means over 0.25 s: chi²/N ${short(one.low_frequency)})` : "";
     const depends = one.conditions[0];
-    return `${channelTitle(one.channel)}: error ${ratio} × noise${depends && depends.explained > 0.3 ? `, ${(100 * depends.explained).toFixed(0)} % of it explained by ${depends.title}` : ""}`;
+    return `${channelTitle(one.channel)}: error ${short(ratio)} × noise${lasts}${depends && depends.explained > 0.3 ? `, ${(100 * depends.explained).toFixed(0)} % of it explained by ${depends.title}` : ""}`;
   });
   return `${model.model} fails in ${parts.join("; ")}${failing.length > 4 ? `; and ${failing.length - 4} more` : ""}.`;
 }
@@ -82,7 +84,9 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
   const rows = () => props.model.channels.filter((one) => one.verdict !== "not-testable");
   const channel = () => {
     const wanted = props.looks.channel();
-    return rows().some((one) => one.channel === wanted) ? (wanted as string) : worstChannel(props.model);
+    if (rows().some((one) => one.channel === wanted)) return wanted as string;
+    // Once all agree, the channel that failed before: what was added shows there.
+    return worstChannel(props.model.agrees ? (props.log.models[0] ?? props.model) : props.model);
   };
   const found = () => rows().find((one) => one.channel === channel());
   const [cell, setCell] = createSignal<number>();
@@ -131,7 +135,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
           </div>
           <Heat
             title={`chi²/N of each channel by ${title()?.title ?? "condition"}`}
-            axis={title()?.unit || "value"}
+            axis={title()?.unit || title()?.title || "value"}
             rows={rows().map((one, row) => ({ name: channelStrip(one.channel), cells: bins(row).map((bin) => bin.chi2), where: (place) => `${title()?.title} ${short(bins(row)[place]?.at)} ${title()?.unit}` }))}
             tick={(place) => {
               const longest = rows().map((_, row) => bins(row)).reduce((a, b) => (b.length > a.length ? b : a), []);

@@ -15,6 +15,12 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
 };
 
+/** The sentence without what the headline says already. */
+function restOf(found: Diagnosis): string {
+  const rest = found.verdict.kind === "agrees" ? found.sentence.replace(/^The model agrees with (this|the) flights?: /, "") : found.sentence;
+  return rest.charAt(0).toUpperCase() + rest.slice(1);
+}
+
 /** Adds a finding (its number from 1), all of them, or the proposal to the model. */
 export type AddToModel = (what: { pick?: number; proposal?: true }) => void;
 
@@ -25,7 +31,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; child
     <>
       <Show when={props.found.trim}>{(trim) => <TrimView trim={trim()} />}</Show>
       <div class={`say sentence ${headline().kind}`} role="status">
-        <strong>{headline().words}</strong> {props.found.sentence}
+        <strong>{headline().words}</strong> {restOf(props.found)}
       </div>
       <div class="stack">
         <For each={props.found.effects}>

@@ -23,7 +23,7 @@ export function RunSummary(props: { summary: Summary }) {
             ["simulated", duration(it().simulated_s)],
             ["steps", it().steps.toLocaleString("en")],
             ["took", duration(it().wall_s)],
-            ["steps per second", short(it().steps_per_s)],
+            ["steps per second", it().steps_per_s > 1000 ? Math.round(it().steps_per_s).toLocaleString("en") : short(it().steps_per_s)],
             ["position error, rms", `${short(it().tracking?.position_rms_m)} m`],
             ["largest", `${short(it().tracking?.position_max_m)} m`],
             ["charge", `${percent(it().battery?.state_of_charge_start, 0)} → ${percent(it().battery?.state_of_charge_end, 0)}`],

@@ -37,13 +37,13 @@ export function ChannelSeries(props: { looks: Looks; channel: string; model: str
               x={found().time_s}
               view={props.view}
               bands={[
-                { label: "lowest to highest sample", low: model()?.residual.low ?? [], high: model()?.residual.high ?? [], colour: "s8", opacity: 0.18 },
+                { label: "lowest to highest sample, cut off", low: model()?.residual.low ?? [], high: model()?.residual.high ?? [], colour: "s8", opacity: 0.18, beyond: true },
                 { label: "± 2σ of noise", low: level().map((one) => -one), high: level(), colour: "s3", opacity: 0.35 },
               ]}
-              lines={[{ label: "mean of the bucket", values: model()?.residual.mean ?? [], colour: "s2" }]}
+              lines={[{ label: "mean of a bucket", values: model()?.residual.mean ?? [], colour: "s2" }]}
               height={170}
             />
-            <p class="small muted">Buckets of {found().bucket_s.toPrecision(2)} s.<span class="screen"> Drag to zoom, double-click or Escape for all.</span></p>
+            <p class="small muted">A bucket is {found().bucket_s.toPrecision(2)} s of samples: its mean is drawn, and the noise of that mean.<span class="screen"> Drag to zoom, double-click or Escape for all.</span></p>
           </>
         )}
       </Show>

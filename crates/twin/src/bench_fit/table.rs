@@ -1,8 +1,9 @@
 //! Tables of test stands: any delimiter, header or none, columns found by role, units from the header or the mapping.
 //!
 //! Roles: time, command, thrust, voltage, current. A mapping names a column by its header or by its number (from 1) and may give a
-//! unit: `thrust=Thrust (gf)`, `thrust=2:kg`; a unit with a minus (`-kg`) turns the sign of a load cell. Text logs of ArduPilot are read one message at a time (`message`), with the columns of
-//! the message's FMT line. Everything becomes SI: s, duty 0…1, N, V, A.
+//! unit: `thrust=Thrust (gf)`, `thrust=2:kg`; a unit with a minus (`-kg`) turns the sign of a load cell. A column without a unit is taken as SI,
+//! and a note says so; a unit in brackets that is none of its role is refused. Text logs of ArduPilot are read one message at a time
+//! (`message`), with the columns of the message's FMT line. Everything becomes SI: s, duty 0…1, N, V, A, N·m, W.
 
 use super::{FitError, refuse};
 use std::path::Path;
@@ -71,6 +72,19 @@ impl Role {
             Self::Current => (&["current", "battery_current", "curr", "i"], "A"),
             Self::Torque => (&["torque", "moment"], "Nm"),
             Self::Power => (&["electrical power", "power", "electrical_power"], "W"),
+        }
+    }
+
+    /// Units that are read.
+    fn units(self) -> &'static str {
+        match self {
+            Self::Time => "s, ms, us",
+            Self::Command => "none: its values say what it is",
+            Self::Thrust => "N, mN, g, gf, kg, kgf, lbf",
+            Self::Voltage => "V, mV, cV",
+            Self::Current => "A, mA, cA",
+            Self::Torque => "Nm, mNm, Nmm, kgfcm, gfcm, lbfin",
+            Self::Power => "W, kW",
         }
     }
 
@@ -172,14 +186,17 @@ fn decode(bytes: &[u8]) -> String {
     }
 }
 
-/// Unit in round or square brackets at the end of a header, or after its last underscore.
+/// Unit in round or square brackets at the end of a header.
+fn bracketed_unit(header: &str) -> Option<&str> {
+    [('(', ')'), ('[', ']')].into_iter().find_map(|(open, close)| {
+        let inside = header.trim_end().strip_suffix(close)?;
+        inside.rsplit_once(open).map(|(_, unit)| unit.trim())
+    })
+}
+
+/// Unit in brackets at the end of a header, or after its last underscore.
 fn header_unit(header: &str) -> Option<&str> {
-    for (open, close) in [('(', ')'), ('[', ']')] {
-        if let Some((_, rest)) = header.rsplit_once(open) {
-            return rest.trim_end().strip_suffix(close).map(str::trim);
-        }
-    }
-    header.rsplit_once('_').map(|(_, unit)| unit)
+    bracketed_unit(header).or_else(|| header.rsplit_once('_').map(|(_, unit)| unit))
 }
 
 impl Table {
@@ -197,24 +214,30 @@ impl Table {
             ..Self::default()
         };
         let mut columns: Vec<(Role, usize, f64)> = Vec::new();
+        let mut assumed = Vec::new();
         for role in Role::ALL {
-            if let Some((index, unit)) = find(name, role, &header, mapping)? {
-                let factor = if role == Role::Command {
-                    f64::NAN // the unit of a command is settled from its values below
-                } else {
-                    match unit.as_deref().map_or(Some(1.0), |unit| role.factor(unit)) {
-                        Some(factor) => factor,
-                        None => {
-                            let unit = unit.unwrap_or_default();
-                            return refuse(format!(
-                                "{name}: `{unit}` is no unit of {}; expected one of s, ms, us, N, mN, gf, kgf, lbf, V, mV, cV, A, mA, cA",
-                                role.name()
-                            ));
-                        }
-                    }
-                };
-                columns.push((role, index, factor));
-            }
+            let Some((index, unit)) = find(name, role, &header, mapping)? else {
+                continue;
+            };
+            let factor = match unit {
+                // The unit of a command is settled from its values below.
+                _ if role == Role::Command => f64::NAN,
+                Some(unit) => role.factor(&unit).ok_or_else(|| no_unit(name, role, &unit))?,
+                None => {
+                    let column = header.get(index).map_or_else(
+                        || format!("column {}", index + 1),
+                        |head| format!("column `{}`", head.chars().take(40).collect::<String>()),
+                    );
+                    assumed.push(format!("{} ({column}) is taken as {}", role.name(), role.headers().1));
+                    1.0
+                }
+            };
+            columns.push((role, index, factor));
+        }
+        if !assumed.is_empty() {
+            table
+                .notes
+                .push(format!("no unit in the header: {}", assumed.join(", ")));
         }
         let number = |row: &[String], index: usize| {
             let cell = row.get(index).map_or("", |cell| cell.trim());
@@ -447,13 +470,13 @@ fn find(
                 role.name()
             ));
         };
-        let from_header = header.get(index).and_then(|cell| header_unit(cell)).map(str::to_owned);
-        return Ok(Some((
-            index,
-            unit.clone().or(from_header.filter(|unit| role.factor(unit).is_some())),
-        )));
+        let unit = match unit {
+            Some(unit) => Some(unit.clone()),
+            None => header.get(index).map_or(Ok(None), |cell| unit_of(name, role, cell))?,
+        };
+        return Ok(Some((index, unit)));
     }
-    let (words, assumed) = role.headers();
+    let (words, _) = role.headers();
     let bare = |cell: &str| cell.split(['(', '[']).next().unwrap_or("").trim().to_lowercase();
     let found = words.iter().find_map(|word| {
         header.iter().position(|cell| {
@@ -462,13 +485,32 @@ fn find(
                 || (word.len() > 1 && (cell.starts_with(&format!("{word}_")) || cell.starts_with(&format!("{word} "))))
         })
     });
-    Ok(found.map(|index| {
-        let unit = header_unit(&header[index]).filter(|unit| role.factor(unit).is_some());
-        (
-            index,
-            Some(unit.unwrap_or(assumed).to_owned()).filter(|unit| !unit.is_empty()),
-        )
-    }))
+    found
+        .map(|index| Ok((index, unit_of(name, role, &header[index])?)))
+        .transpose()
+}
+
+/// The unit that a header names, if it names one. Nothing else stands in brackets: what is no unit of the role is refused, as the numbers
+/// would be taken for newtons.
+fn unit_of(name: &str, role: Role, header: &str) -> Result<Option<String>, FitError> {
+    if role == Role::Command {
+        return Ok(None);
+    }
+    if let Some(unit) = bracketed_unit(header).filter(|unit| role.factor(unit).is_none()) {
+        return Err(no_unit(name, role, unit));
+    }
+    Ok(header_unit(header)
+        .filter(|unit| role.factor(unit).is_some())
+        .map(str::to_owned))
+}
+
+fn no_unit(name: &str, role: Role, unit: &str) -> FitError {
+    FitError(format!(
+        "{name}: `{}` is no unit of {}; expected one of {}",
+        unit.chars().take(40).collect::<String>(),
+        role.name(),
+        role.units()
+    ))
 }
 
 #[cfg(test)]
@@ -493,6 +535,57 @@ mod tests {
         assert!((table.voltage[0] - 11.1).abs() < 1e-9);
         assert_eq!(table.torque, [0.02, 0.03]);
         assert!((table.command[0] - 0.2).abs() < 1e-12);
+    }
+
+    /// Grams under a header without a unit were taken as newtons without a word.
+    #[test]
+    fn regress_a_unit_that_was_assumed_is_told() {
+        let text = "throttle,Thrust,voltage [V],current_a\n20,100,11.1,1\n30,200,11.0,2\n";
+        let table = Table::parse("sheet.csv", text, &Mapping::default()).unwrap();
+        assert_eq!(table.thrust, [100.0, 200.0]);
+        assert_eq!(
+            table.notes[0], "no unit in the header: thrust (column `Thrust`) is taken as N",
+            "{:?}",
+            table.notes
+        );
+        let mut mapping = Mapping::default();
+        mapping.add("thrust=2").unwrap();
+        mapping.add("time=1").unwrap();
+        let table = Table::parse("cell.csv", "0,0.8\n0.02,0.7\n", &mapping).unwrap();
+        assert_eq!(
+            table.notes,
+            ["no unit in the header: time (column 1) is taken as s, thrust (column 2) is taken as N"]
+        );
+    }
+
+    /// `thrust (oz)` was taken as newtons.
+    #[test]
+    fn regress_a_unit_that_is_not_known_is_refused() {
+        for (header, part) in [
+            (
+                "throttle,thrust (oz)",
+                "`oz` is no unit of thrust; expected one of N, mN, g",
+            ),
+            (
+                "throttle,thrust (g),torque [ft-lb]",
+                "`ft-lb` is no unit of torque; expected one of Nm",
+            ),
+        ] {
+            let text = format!("{header}\n20,1,1\n30,2,2\n");
+            let sentence = Table::parse("sheet.csv", &text, &Mapping::default())
+                .unwrap_err()
+                .to_string();
+            assert!(
+                sentence.starts_with("sheet.csv: ") && sentence.contains(part),
+                "{sentence}"
+            );
+        }
+        // With a unit of one's own the header may say what it likes.
+        let mut mapping = Mapping::default();
+        mapping.add("thrust=thrust (left):g").unwrap();
+        let text = "throttle,thrust (left)\n20,100\n30,200\n";
+        let table = Table::parse("sheet.csv", text, &mapping).unwrap();
+        assert!((table.thrust[0] - 0.980_665).abs() < 1e-9);
     }
 
     #[test]

@@ -303,7 +303,7 @@ pub(crate) fn consult(
     if (ratio - 1.0).abs() > WORTH_A_WORD {
         let same = SAME_ROTOR.contains(&ratio);
         notes.push(format!(
-            "bench {}: {:.2} N at the mean duty in the air, where the flight with the entered mass has {needed:.2} N, {ratio:.2} times: another propeller, voltage or range of \
+            "bench {}: {:.2} N at the mean duty in the air, where the flight with the entered mass has {needed:.2} N, {ratio:.2} times: another propeller, voltage, unit or range of \
              pulses{}",
             bench.name,
             about.thrust_n * at_the_flights,

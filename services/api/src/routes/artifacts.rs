@@ -105,7 +105,7 @@ pub(super) async fn one(app: &App, job: &Job, name: &str, request: Request) -> R
         .artifacts
         .file(folder, name)
         .await
-        .map_err(|error| Problem::internal(&error))?;
+        .map_err(|error| Problem::of_files(&error))?;
     let file = file.ok_or_else(missing)?;
     // A job's files never change once it has ended: its attempt and their size say which they are.
     let size = file.metadata().map_err(|error| Problem::internal(&error))?.len();

@@ -132,7 +132,7 @@ pub(super) async fn accept(
             let (library, folder) = std::fs::read_to_string(&file)
                 .map(|text| vec![(format!("classifiers/{name}"), text)])
                 .and_then(|files| library.with_files(&app.config.work.data, &files))
-                .map_err(|error| Problem::internal(&error))?;
+                .map_err(|error| Problem::of_files(&error))?;
             (library, with_network(&text, &name)?, Some(folder))
         }
     };

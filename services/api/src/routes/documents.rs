@@ -249,7 +249,8 @@ macro_rules! documents {
             #[utoipa::path(delete, path = $one, summary = concat!("Takes a ", $word, " of one's own out of the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
                 (status = 204, description = "deleted"),
                 (status = 400, description = "no name", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none of one's own", body = Problem, content_type = "application/problem+json")
+                (status = 404, description = "there is none of one's own", body = Problem, content_type = "application/problem+json"),
+                (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn delete(
                 app: Shared,

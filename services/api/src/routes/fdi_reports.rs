@@ -172,7 +172,7 @@ async fn stored(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem
     // The table last: with a bucket, what it is read together with is a local file by then.
     for name in [beside, table] {
         let file = app.artifacts.file(&key, &name).await;
-        found = file.map_err(|error| Problem::internal(&error))?;
+        found = file.map_err(|error| Problem::of_files(&error))?;
     }
     let file = found.ok_or_else(|| Problem::not_found(format!("the file of {id} is gone")))?;
     Ok(match file.parent() {

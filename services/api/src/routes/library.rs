@@ -209,3 +209,40 @@ pub(crate) async fn catalogue(app: Shared, caller: Caller) -> Result<Json<Effect
         items: items.collect::<Result<_, Problem>>()?,
     }))
 }
+
+/// A campaign of the library.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct LibraryCampaign {
+    /// What `POST /api/v1/campaigns` takes as `campaign`.
+    name: String,
+    /// What it tries; empty where its document does not say it.
+    description: String,
+}
+
+/// The campaigns of the library.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct LibraryCampaigns {
+    /// In the order of their names.
+    items: Vec<LibraryCampaign>,
+}
+
+/// Campaigns of the library that can be submitted by name.
+#[utoipa::path(get, path = "/api/v1/library/campaigns", tag = "library", operation_id = "list_library_campaigns", responses(
+    (status = 200, description = "names and what they try", body = LibraryCampaigns)
+))]
+pub(crate) async fn campaigns(app: Shared, caller: Caller) -> Result<Json<LibraryCampaigns>, Problem> {
+    let library = app.library(&caller).await?;
+    let described = |name: String| {
+        let text = library.text("campaigns", &name)?;
+        let document: toml::Table = toml::from_str(&text).unwrap_or_default();
+        let description = document.get("description").and_then(toml::Value::as_str);
+        Ok(LibraryCampaign {
+            description: description.unwrap_or_default().to_owned(),
+            name,
+        })
+    };
+    let items = library.names("campaigns").into_iter().map(described);
+    Ok(Json(LibraryCampaigns {
+        items: items.collect::<Result<_, Problem>>()?,
+    }))
+}

@@ -214,11 +214,7 @@ pub(crate) async fn live(
     let run = super::runs::find(&app, &caller, id).await?;
     let mut selection = Selection::new(rotors(&run)?);
     selection.change(&wish).map_err(Problem::unprocessable)?;
-    let upgrade = upgrade.map_err(|rejection| {
-        let mut problem = Problem::bad_request(format!("{}; expected a WebSocket", rejection.body_text()));
-        problem.status = rejection.status().as_u16();
-        problem
-    })?;
+    let upgrade = upgrade?;
     if wish.from_s.is_some_and(f64::is_nan) {
         return Err(Problem::unprocessable("`from_s` is no number; expected seconds"));
     }

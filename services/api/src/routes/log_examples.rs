@@ -172,7 +172,7 @@ pub(crate) async fn truth(
     let job = done(&app, &caller, JobKind::Log, &id).await?;
     let folder = job.folder.unwrap_or_default();
     let file = app.artifacts.file(&folder, TRUTH).await;
-    let file = file.map_err(|error| Problem::internal(&error))?.ok_or_else(|| {
+    let file = file.map_err(|error| Problem::of_files(&error))?.ok_or_else(|| {
         Problem::not_found(format!(
             "the log {id} is no example: what is hidden in it is for the diagnosis to say"
         ))

@@ -70,6 +70,6 @@ async fn file_of(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Proble
         .artifacts
         .file(job.folder.as_deref().unwrap_or_default(), &format!("{STEM}.parquet"))
         .await
-        .map_err(|error| Problem::internal(&error))?;
+        .map_err(|error| Problem::of_files(&error))?;
     file.ok_or_else(|| Problem::not_found(format!("the file of log {id} is gone")))
 }

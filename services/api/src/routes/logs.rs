@@ -200,7 +200,7 @@ pub(crate) async fn again(
     let file = file_name(facts["file"].as_str().unwrap_or_default())?;
     // A copy of its own: the first log may be deleted.
     let source = app.artifacts.file(upload, &file).await;
-    let source = source.map_err(|error| Problem::internal(&error))?.ok_or_else(gone)?;
+    let source = source.map_err(|error| Problem::of_files(&error))?.ok_or_else(gone)?;
     let key = format!("uploads/{}", new_id());
     let io = |error: std::io::Error| Problem::unwritten(&error, "the file cannot be kept: the disk is full");
     let target = app.artifacts.place(&key);

@@ -190,6 +190,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(models::diff))
         .routes(routes!(models::version))
         .routes(routes!(library::catalogue))
+        .routes(routes!(library::campaigns))
         .routes(routes!(all_events::events))
         .routes(routes!(session::get, session::sign_in, session::sign_out))
         .routes(routes!(server::limits))

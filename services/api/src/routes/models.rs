@@ -264,7 +264,8 @@ pub(crate) async fn add(
     (status = 409, description = "it stands at the first version", body = Problem, content_type = "application/problem+json"),
     (status = 412, description = "the branch stands elsewhere", body = Problem, content_type = "application/problem+json"),
     (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the body makes no sense", body = Problem, content_type = "application/problem+json")
+    (status = 422, description = "the body makes no sense", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn undo(
     app: Shared,

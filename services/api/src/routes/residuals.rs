@@ -281,7 +281,7 @@ impl Source {
             .artifacts
             .file(job.folder.as_deref().unwrap_or_default(), &file)
             .await;
-        let path = path.map_err(|error| Problem::internal(&error))?;
+        let path = path.map_err(|error| Problem::of_files(&error))?;
         Ok(Self {
             path: path
                 .ok_or_else(|| Problem::not_found(format!("the residuals of comparison {id} are gone: {file}")))?,

@@ -171,7 +171,8 @@ pub(crate) async fn get(
     (status = 204, description = "deleted"),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json")
+    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn delete(
     app: Shared,
@@ -187,7 +188,8 @@ pub(crate) async fn delete(
     (status = 202, description = "it ends", body = Run),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has ended already", body = Problem, content_type = "application/problem+json")
+    (status = 409, description = "it has ended already", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn cancel(
     app: Shared,

@@ -118,12 +118,12 @@ pub(super) async fn submit_in_parts(
 /// A library as it is now, for a job.
 ///
 /// # Errors
-/// 500.
+/// 500, 507.
 pub(super) async fn laid_out(app: &App, library: &Library) -> Result<Input, Problem> {
     let key = library
         .snapshot(&app.artifacts)
         .await
-        .map_err(|error| Problem::internal(&error))?;
+        .map_err(|error| Problem::of_files(&error))?;
     Ok(Input::folder(LIBRARY, key))
 }
 
@@ -313,7 +313,7 @@ impl ModelChoice {
                     .artifacts
                     .file(job.folder.as_deref().unwrap_or_default(), FINAL_MODEL)
                     .await
-                    .map_err(|error| Problem::internal(&error))?
+                    .map_err(|error| Problem::of_files(&error))?
                     .ok_or_else(|| Problem::not_found(format!("the model of improvement {id} is gone")))?;
                 ModelVersion::load(file).map_err(|error| Problem::internal(&error))
             }
@@ -361,7 +361,7 @@ pub(super) async fn trained(app: &App, caller: &Caller, id: &str) -> Result<Path
     app.artifacts
         .file(job.folder.as_deref().unwrap_or_default(), CLASSIFIER)
         .await
-        .map_err(|error| Problem::internal(&error))?
+        .map_err(|error| Problem::of_files(&error))?
         .ok_or_else(|| Problem::not_found(format!("the file of classifier {id} is gone")))
 }
 

@@ -280,7 +280,7 @@ pub(super) async fn file_of(app: &App, run: &Job, name: &str) -> Result<PathBuf,
         .artifacts
         .file(folder, name)
         .await
-        .map_err(|error| Problem::internal(&error))?;
+        .map_err(|error| Problem::of_files(&error))?;
     file.ok_or_else(missing)
 }
 
@@ -296,7 +296,7 @@ pub(super) async fn blocking<T: Send + 'static>(
     });
     done.await.map_err(|error| Problem::internal(&error))?.map_err(|error| {
         if error.is_of_the_file() {
-            Problem::internal(&error)
+            Problem::of_files(&error)
         } else {
             Problem::unprocessable(error.to_string())
         }

@@ -98,7 +98,7 @@ pub(crate) async fn verify(
             .artifacts
             .file(folder, file)
             .await
-            .map_err(|error| Problem::internal(&error))?;
+            .map_err(|error| Problem::of_files(&error))?;
         if there.is_none() {
             return Err(Problem::not_found(format!("the files of run {} are gone", run.id)));
         }

@@ -42,6 +42,7 @@ export function Add(props: { twin: Twin }) {
     <Step
       number={6}
       title="Add it, and watch the error fall"
+      later="one click makes the next version of the model, and the comparison runs again"
       state={!props.twin.ready() ? "waiting" : props.twin.problem() ? "problem" : logs().length > 0 ? "done" : "working"}
       note={line().length > 1 ? `${line().length - 1} added` : "nothing added yet: use “Add to the model” above"}
       actions={
@@ -69,7 +70,7 @@ export function Add(props: { twin: Twin }) {
                 return (
                   <tr>
                     <td><button type="button" class="plain" onClick={() => props.twin.chooseVersion(version.version)}>{version.label}</button></td>
-                    <td>{version.changed.join(", ") || (version.version === 0 ? "the vehicle as it is documented" : "")}</td>
+                    <td>{added().map((one) => one.label).join(", ") || version.changed.join(", ") || (version.version === 0 ? "the vehicle as it is documented" : "")}</td>
                     <td class="num">{added().flatMap((one) => one.parameters.map((value) => `${value.name} = ${plusMinus(value.value, 1.96 * (value.deviation ?? 0), "")}`)).join("; ")}</td>
                     <td class="r">{added().map((one) => short(one.ln_bayes_factor)).join(", ")}</td>
                     <td class="num">{moment(version.made_ms)}</td>

@@ -78,6 +78,7 @@ export function Drop(props: { twin: Twin }) {
     <Step
       number={1}
       title="A flight"
+      later="a flight log"
       state={!chosen() ? "working" : props.twin.log.error() ? "problem" : props.twin.flightsReady() ? "done" : "working"}
       note={chosen() ? flightName(props.twin) : "a log of your own, an example, or a run of this server"}
       actions={<Show when={chosen()}><button type="button" onClick={() => props.twin.choose({})}>Other flight</button></Show>}

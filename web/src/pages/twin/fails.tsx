@@ -42,7 +42,7 @@ export function Fails(props: { twin: Twin }) {
     flight: (view) => <Flight twin={props.twin} view={view} />,
   };
   return (
-    <Step number={4} title="Where it fails" state={state()} note={result() ? "each channel one step ahead, against its noise" : undefined}>
+    <Step number={4} title="Where it fails" later="each measured channel against the model, over time and over the flight condition" state={state()} note={result() ? "each channel one step ahead, against its noise" : undefined}>
       <JobProgress job={props.twin.comparison} what="Comparing the model with the flight" retry={props.twin.again} />
       <Show when={result()}>{(found) => <ComparisonView result={found()} looks={looks} />}</Show>
     </Step>

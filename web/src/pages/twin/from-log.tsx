@@ -1,9 +1,10 @@
 /** In step 3: a vehicle of one's own from the flight, mass and arm; each value with its interval and source; kept under a name. */
-import { For, Show, createEffect } from "solid-js";
+import { For, Show, createEffect, createMemo, createSignal } from "solid-js";
 import { createAttempt } from "../../api/attempt";
 import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
-import { short } from "../../format";
+import { count, short } from "../../format";
+import { type BenchTable, benchNotes, benchTable, shapeOf, tablesOf, tooMuch, withoutPlace } from "../../model/bench";
 import { type Identification, FRAMES, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
 import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
@@ -28,6 +29,8 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
   const [capacity, setCapacity] = createTyped("vehicle.capacity");
   const [halves, setHalves] = createTyped("vehicle.halves");
   const [typedName, setName] = createTyped("vehicle.name");
+  const [bench, setBench] = createTyped("vehicle.bench");
+  const tables = createMemo(() => tablesOf(bench()));
   const { busy, problem, setProblem, attempt } = createAttempt();
 
   const way = () => LENGTHS.find((one) => one.key === measure()) ?? LENGTHS[0];
@@ -38,7 +41,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
     mass: numberOf(mass(), "Mass", "kg"), length: numberOf(length(), way().label.split(",")[0] ?? "", way().unit),
     cells: optional(cells(), "Cells", "in series"), capacity: optional(capacity(), "Capacity", "A h"),
   });
-  const wrong = () => Object.values(numbers()).map((one) => one.problem).concat(nameProblem(name())).filter((one) => one !== undefined);
+  const wrong = () => Object.values(numbers()).map((one) => one.problem).concat(nameProblem(name()), tooMuch(tables())).filter((one) => one !== undefined);
   const submit = async (event: SubmitEvent) => {
     event.preventDefault();
     const { mass: kg, length: reach, cells: series, capacity: charge } = numbers();
@@ -51,6 +54,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
         ...(frame().trim() ? { frame: frame().trim() } : {}),
         ...(series.value !== undefined ? { cells: series.value } : {}),
         ...(charge.value !== undefined ? { capacity_ah: charge.value } : {}),
+        ...(tables().length > 0 ? { bench: tables() } : {}),
       }, { headers: { "idempotency-key": freshKey() } });
       props.twin.identify(made.id);
     });
@@ -91,10 +95,11 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
             <label class="check small"><input type="checkbox" checked={halves() === "yes"} onChange={(event) => setHalves(event.currentTarget.checked ? "yes" : "")} /> score each half of the flight with what the other half gave</label>
           </div>
         </details>
+        <BenchTables tables={tables()} change={(next) => setBench(next.length > 0 ? JSON.stringify(next) : "")} />
         <Problem sentence={problem()} />
         <div class="row"><button type="submit" class="main" disabled={busy() || job.running()}>{busy() ? "Asking …" : job.result() ? "Identify again" : "Identify the vehicle"}</button></div>
       </form>
-      <JobProgress job={job} what="Identifying the vehicle" />
+      <JobProgress job={{ ...job, error: () => job.error() && withoutPlace(job.error() ?? "") }} what="Identifying the vehicle" />
       <Show when={job.error()}>
         <p class="small">
           Nothing was changed, and what you typed stands above. What to fly: 5 s standing still, 20 s of roll and pitch doublets, 10 s of yaw steps, 10 s of
@@ -104,6 +109,56 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
       <Show when={job.result()}>
         {(found) => <Found found={found()} job={job.job()} id={props.twin.identification() ?? ""} twin={props.twin} taken={props.taken} onKept={props.onKept} />}
       </Show>
+    </div>
+  );
+}
+
+/** Tables of a thrust bench, dropped or chosen: what was read of each, and how to be rid of it. */
+function BenchTables(props: { tables: readonly BenchTable[]; change: (tables: BenchTable[]) => void }) {
+  const [over, setOver] = createSignal(false);
+  const [problem, setProblem] = createSignal<string>();
+  const take = async (files: readonly File[]) => {
+    setProblem(undefined);
+    const tables = [...props.tables];
+    for (const file of files) {
+      const table = benchTable(file.name, new Uint8Array(await file.arrayBuffer()));
+      if ("problem" in table) {
+        setProblem(table.problem);
+        continue;
+      }
+      // The same file again replaces what it was.
+      const at = tables.findIndex((one) => one.name === table.name);
+      if (at < 0) tables.push(table);
+      else tables[at] = table;
+    }
+    props.change(tables);
+  };
+  return (
+    <div
+      class="drop small" classList={{ over: over() }} role="group" aria-label="Thrust bench"
+      onDragOver={(event) => { event.preventDefault(); setOver(true); }} onDragLeave={() => setOver(false)}
+      onDrop={(event) => { event.preventDefault(); event.stopPropagation(); setOver(false); void take([...(event.dataTransfer?.files ?? [])]); }}
+    >
+      <p>
+        <strong>Was the rotor on a thrust bench?</strong> Drop its table here, or that of a datasheet: throttle and thrust of one rotor, and where you have them voltage, current or
+        power, torque; several voltages as several files. Units stand in the header, as in <code>thrust [g]</code>; what has none is taken as N, V, A, N·m, W, and the result says so.
+      </p>
+      <label class="button">
+        Choose tables (.csv)
+        <input class="sr" type="file" multiple accept=".csv,.tsv,.txt" onChange={(event) => { void take([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />
+      </label>
+      <Problem sentence={problem()} />
+      <ul class="plain">
+        <For each={props.tables}>
+          {(table) => (
+            <li class="row">
+              <strong>{table.name}</strong>
+              <span class="muted">{count(shapeOf(table.text).rows, "row")}: {shapeOf(table.text).columns.slice(0, 8).join(", ")}</span>
+              <button type="button" class="plain" onClick={() => props.change(props.tables.filter((one) => one.name !== table.name))}>Remove<span class="sr"> {table.name}</span></button>
+            </li>
+          )}
+        </For>
+      </ul>
     </div>
   );
 }
@@ -149,10 +204,16 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
           {(list) => <VehiclePicture geometry={{ name: name(), rotors: list() }} />}
         </Show>
       </div>
+      <Show when={benchNotes(it().notes).bench.length > 0}>
+        <div class="say">
+          <strong>{it().values.some((one) => one.source === "bench") ? "Of the bench" : "Nothing of the bench was used"}</strong>
+          <ul class="small"><For each={benchNotes(it().notes).bench}>{(one) => <li>{one}</li>}</For></ul>
+        </div>
+      </Show>
       <ValueTable values={it().values} label="Identified values" />
       <Advice values={it().values} />
       <HeldOut scores={props.found.held_out} />
-      <Show when={it().notes.length > 0}><ul class="small"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul></Show>
+      <Show when={benchNotes(it().notes).rest.length > 0}><ul class="small"><For each={benchNotes(it().notes).rest}>{(one) => <li>{one}</li>}</For></ul></Show>
       <details>
         <summary>The documents: vehicle and blades (TOML)</summary>
         <pre tabindex="0" aria-label="vehicle document">{props.found.vehicle}</pre>

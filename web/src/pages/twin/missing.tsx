@@ -19,7 +19,7 @@ export function Missing(props: { twin: Twin }) {
     return props.twin.diagnosis.running() || props.twin.comparison.running() ? ("working" as const) : ("waiting" as const);
   };
   return (
-    <Step number={5} title="What is missing" state={state()} note={result() ? `${result()?.model.name} diagnosed` : undefined}>
+    <Step number={5} title="What is missing" later="the physics that explains the error, with its size, its interval and what else it could be" state={state()} note={result() ? `${result()?.model.name} diagnosed` : undefined}>
       <JobProgress job={props.twin.diagnosis} what="Looking for what is missing" retry={props.twin.again} />
       <Show when={result()}>
         {(found) => (

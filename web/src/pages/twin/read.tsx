@@ -25,6 +25,7 @@ export function Read(props: { twin: Twin }) {
     <Step
       number={2}
       title="What I read"
+      later="columns, rate, gaps; what is missing in the log and what that rules out"
       state={isRun() ? "done" : mendable() ? "problem" : result() === undefined ? "waiting" : blocking().length > 0 ? "problem" : "done"}
       note={isRun() ? "a run of this server: every channel, without gaps" : result()?.headline.replace(/^\w+: /, "")}
     >
@@ -45,7 +46,7 @@ export function Read(props: { twin: Twin }) {
                 ["rate", `${short(found().sample_rate_hz)} Hz`],
                 ["length", duration(found().rows / found().sample_rate_hz)],
                 ["gaps", found().gaps.length === 0 ? "none" : `${found().gaps.length}, longest ${short(Math.max(...found().gaps.map((gap) => gap.end_s - gap.start_s)))} s`],
-                ["missing groups", String(found().missing.length)],
+                ["groups of columns missing", String(found().missing.length)],
               ]}
             />
             <Show when={found().missing.length > 0}>

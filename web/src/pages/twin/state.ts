@@ -35,7 +35,7 @@ export function createTwin() {
 
   const imported = createJob<ImportResult>("logs", () => logs()[0]);
   // The server keeps an upload as `log.csv`; its owner knows it by another name.
-  const log = { ...imported, error: () => imported.error()?.replace(/^rotortwin: log(\.\w+)?: /, `${imported.job()?.name}: `) };
+  const log = { ...imported, error: () => imported.error()?.replace(/^log(\.\w+)?: /, `${imported.job()?.name}: `) };
   const comparison = createJob<Comparison>("comparisons", cmp);
   const diagnosis = createJob<Diagnosis>("diagnoses", diag);
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));

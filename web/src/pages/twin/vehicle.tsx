@@ -32,6 +32,7 @@ export function Vehicle(props: { twin: Twin }) {
     <Step
       number={3}
       title="Which vehicle"
+      later="one of the library, or a new one from your log, its mass and its size"
       state={!props.twin.flightsReady() ? "waiting" : props.twin.history.error() ? "problem" : "done"}
       note={props.twin.model() ? `model ${props.twin.model()}, ${props.twin.line().at(-1)?.label ?? "…"}` : undefined}
     >
