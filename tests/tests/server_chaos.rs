@@ -77,6 +77,7 @@ enum Open {
 }
 
 /// A job whose host is lost.
+#[derive(Debug)]
 struct Loss {
     id: String,
     attempts: i64,
@@ -422,6 +423,7 @@ fn scenario_everything_at_once() {
             }
             // Hosts that are still lost stay so until others have what they had.
             wait_until(RECOVERY * 2, || {
+                bench.mend(false);
                 bench.look_after_losses();
                 std::thread::sleep(LOOK);
                 bench.losses.is_empty()
@@ -433,8 +435,13 @@ fn scenario_everything_at_once() {
         match disturbed {
             Ok(recovered) => assert!(
                 recovered.is_some(),
-                "{} jobs of lost hosts are stuck",
-                bench.losses.len()
+                "stuck: {:?}; {:?}; {:?} after {:?}",
+                bench.losses,
+                bench.postgres.try_ask(
+                    "SELECT id, status, attempts, claim_until_ms, not_before_ms, worker FROM job WHERE status <> 'done'"
+                ),
+                bench.recoveries.iter().max(),
+                bench.done,
             ),
             Err(panic) => std::panic::resume_unwind(panic),
         }
