@@ -127,6 +127,26 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
         &body,
     );
     assert_eq!(upload.status, 507, "{}", upload.json());
+    // Whatever needs a copy of the library or a row of its own says so, too: each was a 500.
+    fill(1 << 20);
+    let comparison = json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [first["id"]] } });
+    for (address, body) in [
+        ("logs/generate", json!({ "preset": "healthy" })),
+        ("campaigns", json!({ "campaign": "detector-ideal" })),
+        ("blind-benches", json!({ "presets": ["singles"], "n": 1 })),
+        ("comparisons", comparison),
+    ] {
+        let answer = server.ask("POST", &format!("/api/v1/{address}"), &[], &body.to_string());
+        let told = answer.json();
+        assert!(
+            answer.status == 507
+                && told["detail"]
+                    .to_string()
+                    .contains("the disk of the data folder is full"),
+            "{address}: {} {told}",
+            answer.status
+        );
+    }
     // What is there can be read.
     let id = first["id"].as_str().expect("an id");
     let report = server.ask("GET", &format!("/api/v1/runs/{id}/artifacts/report.html"), &[], "");

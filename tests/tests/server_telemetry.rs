@@ -266,7 +266,14 @@ fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
         let refusal = WebSocket::open(&server, &path).map(|_| ()).expect_err("it is refused");
         assert_eq!(refusal.0, status, "{path}: {}", refusal.1);
     }
-    assert_eq!(server.ask("GET", &address, &[], "").status, 400);
+    let plain = server.ask("GET", &address, &[], "");
+    let told = plain.json();
+    assert_eq!(
+        (plain.status, &told["type"]),
+        (400, &json!("/problems/bad-request")),
+        "{told}"
+    );
+    assert!(told["detail"].to_string().contains("expected a WebSocket"), "{told}");
 }
 
 #[test]
