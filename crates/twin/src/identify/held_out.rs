@@ -11,7 +11,7 @@ use super::filters::Band;
 use super::fit::{self, Fitted, Series};
 use super::frames::Place;
 use super::grid::Grid;
-use super::yaw::{self, Yaw, derivative};
+use super::yaw::{self, derivative};
 use super::{IdentifyError, Request, prepare, slow};
 use crate::log::FlightLog;
 
@@ -197,18 +197,15 @@ fn calibrate(
         };
         fitted = fit::fit(&with, arm_m);
     }
-    let Yaw { gain, reaction_s, .. } = yaw::fit(grids, places, &fitted).unwrap_or(Yaw {
-        gain: default_yaw(class, arm_m),
-        deviation: 0.0,
-        reaction_s: 0.0,
-        reaction_deviation_s: 0.0,
+    let (yaw_gain, reaction_s) = yaw::fit(grids, places, &fitted).map_or((default_yaw(class, arm_m), 0.0), |yaw| {
+        (yaw.gain, yaw.reaction.value_s())
     });
     let model = Model {
         curve: fitted.curve,
         lag_s: fitted.lag_s,
         delay_s: fitted.delay_s,
         gain: fitted.gain,
-        yaw_gain: gain,
+        yaw_gain,
         reaction_s,
     };
     (model, fitted)
