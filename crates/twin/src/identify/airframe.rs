@@ -13,7 +13,7 @@ use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
 use super::slow::Drag;
 use super::wiring::{self, Contradiction, Wiring};
-use super::yaw::{Reaction, Yaw};
+use super::yaw::{EXPLAINED, Reaction, Yaw};
 use super::{Numbers, Request, slow};
 use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, SourceKind};
@@ -454,7 +454,19 @@ impl Findings<'_> {
             }
             possible
         });
+        let believed = told.is_some_and(|yaw| yaw.explained >= EXPLAINED);
+        let yaw_source = if believed { Source::Log } else { Source::LogAndClass };
         if let Some(yaw) = told {
+            if !believed {
+                notes.push(format!(
+                    "yaw: what the rotors do explains {:.0} % of the yaw acceleration ({} to {} Hz), and {:.0} % are needed: torque over thrust and the torque of \
+                     rotor acceleration are known no better than by the class",
+                    100.0 * yaw.explained.max(0.0),
+                    yaw.band.low_hz,
+                    yaw.band.high_hz,
+                    100.0 * EXPLAINED
+                ));
+            }
             // ln c − ln Jz is measured; both have priors.
             let measured = (yaw.gain / mass).ln();
             let noise = yaw.deviation.powi(2);
@@ -485,7 +497,7 @@ impl Findings<'_> {
                     "1/(kg·m)",
                     yaw.gain / mass,
                     yaw.deviation,
-                    Source::Log,
+                    yaw_source,
                 )
                 .how("the only thing that yaw tells; c and Jz never separate"),
             );
@@ -508,7 +520,11 @@ impl Findings<'_> {
             .better("a bifilar pendulum"),
         );
         let ratio = log_ratio.exp();
-        let reaction_s = self.reaction(told.map(|yaw| yaw.reaction), (ratio, inertia_deviation), values);
+        let reaction_s = self.reaction(
+            told.map(|yaw| (yaw.reaction, yaw_source)),
+            (ratio, inertia_deviation),
+            values,
+        );
         values.push(
             Estimate::log_normal(
                 "rotors.moment_ratio_m",
@@ -529,13 +545,13 @@ impl Findings<'_> {
         (ratio, yaw_inertia, reaction_s)
     }
 
-    /// λ of the document, s; and the inertia of a rotor that it stands for at hover, with the deviation of ln Jz.
+    /// λ of the document, s; listed with the inertia of a rotor that it stands for at hover. Asks for c, m, and the deviation of ln Jz.
     ///
     /// J_r = 2 c λ f_h/Ω_h. The flight tells c λ/Jz, so that J_r is as good as Jz, whatever c is; Ω_h is that of a rotor of this thrust at the
     /// tip speed of the F550's ([`hover_rotor_speed_rad_s`]), because no log here has it.
     fn reaction(
         &self,
-        reaction: Option<Reaction>,
+        reaction: Option<(Reaction, Source)>,
         (moment_ratio, inertia_deviation): (f64, f64),
         values: &mut Vec<Estimate>,
     ) -> f64 {
@@ -545,14 +561,14 @@ impl Findings<'_> {
         let hover_n = self.request.mass_kg * GRAVITY / self.rotors as f64;
         let hover_speed = hover_rotor_speed_rad_s(hover_n);
         let inertia = |reaction_s: f64| 2.0 * moment_ratio * reaction_s * hover_n / hover_speed;
-        let reaction = reaction.unwrap_or(Reaction::Unknown);
+        let (reaction, source) = reaction.unwrap_or((Reaction::Unknown, Source::Class));
         let (reaction_s, inertia_of_a_rotor) = match reaction {
             Reaction::Seen {
                 value_s,
                 deviation_s,
                 product_deviation,
             } => {
-                let seen = Estimate::normal("rotors.reaction_s", NAME, "s", value_s, deviation_s, Source::Log);
+                let seen = Estimate::normal("rotors.reaction_s", NAME, "s", value_s, deviation_s, source);
                 (
                     Estimate {
                         low: seen.low.max(0.0),
@@ -565,7 +581,7 @@ impl Findings<'_> {
                         "kg·m²",
                         inertia(value_s),
                         product_deviation.hypot(inertia_deviation),
-                        Source::Log,
+                        source,
                     ),
                 )
             }
@@ -758,6 +774,7 @@ impl Findings<'_> {
             })
             .better("a flight over most of the charge, with voltage"),
         );
+        self.falls(values);
         let lag_deviation = covariance[(LAG, LAG)].sqrt();
         values.push(
             Estimate::log_normal(
@@ -809,6 +826,27 @@ impl Findings<'_> {
         // The effect of the delay is another one: without it the lag is τ.
         both.low = both.low.min(fitted.lag_s / (Z95 * lag_deviation).exp());
         values.push(both);
+    }
+
+    /// Fall of the thrust with the time, log by log.
+    fn falls(&self, values: &mut Vec<Estimate>) {
+        for grid in self.grids {
+            let Some(fall) = slow::fall(grid, &self.fitted.curve) else {
+                continue;
+            };
+            values.push(
+                Estimate::normal(
+                    "flight.thrust_fall_per_s",
+                    &format!("fall of the thrust with time in {}", grid.name),
+                    "1/s",
+                    fall.per_s,
+                    fall.deviation,
+                    Source::Log,
+                )
+                .how("most likely the supply, whose voltage is not in the log; half of the flight predicts the other; no value of the vehicle")
+                .better("voltage in the log"),
+            );
+        }
     }
 
     /// What the document takes for granted.

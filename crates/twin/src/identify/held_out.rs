@@ -49,6 +49,8 @@ struct Model {
     gain: [f64; 2],
     yaw_gain: f64,
     reaction_s: f64,
+    /// Fall of the thrust with the time.
+    fall: Option<slow::Fall>,
 }
 
 /// Residual power and power of a channel.
@@ -207,6 +209,7 @@ fn calibrate(
         gain: fitted.gain,
         yaw_gain,
         reaction_s,
+        fall: grids.iter().find_map(|grid| slow::fall(grid, &fitted.curve)),
     };
     (model, fitted)
 }
@@ -232,13 +235,19 @@ fn default_model(grids: &[Grid], _places: &[Place], class: &Class, arm_m: f64) -
         gain: fit::class_gain(class, arm_m),
         yaw_gain: default_yaw(class, arm_m),
         reaction_s: 0.0,
+        fall: None,
     }
 }
 
 fn score(grid: &Grid, places: &[Place], model: &Model, channels: &[(&'static str, Band); 5], sums: &mut [Sum; 5]) {
     let step = grid.step_s;
     for part in &grid.airborne {
-        let series = Series::new(grid, part, Some(places), &model.curve, model.lag_s, model.delay_s);
+        let mut series = Series::new(grid, part, Some(places), &model.curve, model.lag_s, model.delay_s);
+        if let Some(fall) = &model.fall {
+            for (lift, row) in series.lift.iter_mut().zip(part.clone()) {
+                *lift *= fall.factor(grid, row);
+            }
+        }
         if let Some(lift) = grid.lift() {
             for channel in 0..2 {
                 let band = channels[channel].1;
