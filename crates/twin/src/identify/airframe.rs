@@ -455,7 +455,10 @@ impl Findings<'_> {
             possible
         });
         let believed = told.is_some_and(|yaw| yaw.explained >= EXPLAINED);
-        let yaw_source = if believed { Source::Log } else { Source::LogAndClass };
+        let yaw_source = match told {
+            Some(yaw) if believed && yaw.deviation < 0.5 * class::MOMENT_LOG_DEVIATION => Source::Log,
+            _ => Source::LogAndClass,
+        };
         if let Some(yaw) = told {
             if !believed {
                 notes.push(format!(
@@ -568,6 +571,11 @@ impl Findings<'_> {
                 deviation_s,
                 product_deviation,
             } => {
+                let source = if deviation_s < 0.5 * class::REACTION_MOST_S {
+                    source
+                } else {
+                    Source::LogAndClass
+                };
                 let seen = Estimate::normal("rotors.reaction_s", NAME, "s", value_s, deviation_s, source);
                 (
                     Estimate {
