@@ -224,7 +224,9 @@ fn val_values_lie_in_their_intervals_at_the_stated_rate() {
             100.0 * median(&errors[i])
         );
     }
-    println!("reaction of the rotors: {bounded} of {count} bounded by the log, the others unknown, none invented");
+    println!(
+        "reaction of the rotors: none invented in {count}, bounded by the log in {bounded}, unknown in the others"
+    );
     println!(
         "thrust curve: median of the worst error {:.1} %",
         100.0 * median(&curve_errors)
@@ -264,7 +266,6 @@ fn val_the_reaction_of_rotors_that_have_an_inertia_is_found_and_one_of_a_hover_i
         // A flight in which it does not show says so, and is not wrong.
         seen += usize::from(value.value > 0.0);
         inside += usize::from((value.low..=value.high).contains(&truth));
-        println!("seed {seed}, {}: truth {truth:.3}, {value:?}", FRAMES[frame].name);
         if value.value > 0.0 {
             ratios.push(value.value / truth);
             let written = files(&found, "drawn").documents().unwrap();
