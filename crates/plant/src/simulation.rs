@@ -123,7 +123,8 @@ fn effects(
     extra_linear_drag: f64,
     seed: u64,
 ) -> Result<Option<Box<EffectFlight>>, Refusal> {
-    if config.effects.is_empty() {
+    // Rotors that have an inertia act through the same hooks.
+    if config.effects.is_empty() && config.vehicle.rotors.reaction_s == 0.0 {
         return Ok(None);
     }
     let mut constants = Constants::nominal(&config.vehicle);

@@ -12,7 +12,9 @@ use std::path::Path;
 
 use foreign_log::foreign_log;
 use nalgebra::Vector3;
+use rotortwin_blind::catalogue::kind;
 use rotortwin_blind::flight::FlightPlan;
+use rotortwin_blind::hidden::Hidden;
 use rotortwin_blind::random::Stream;
 use rotortwin_blind::script::Script;
 use rotortwin_blind::vehicle::{Rotor, Vehicle};
@@ -63,6 +65,28 @@ fn drawn(seed: u64, frame: usize) -> (Vehicle, f64) {
 /// The log of a flight; `order` says which rotor drives output i.
 fn flown(vehicle: &Vehicle, flight: &str, seconds: f64, seed: u64, order: &[usize]) -> FlightLog {
     tried(vehicle, flight, seconds, seed, order).unwrap()
+}
+
+/// c_L of the foreign simulator's rotors, N·s².
+const THRUST_COEFFICIENT: f64 = 8.2e-6;
+
+/// The same with rotors whose acceleration turns the vehicle: N = J_r Σ s_i Ω_i', J_r so that λ = J_r Ω_h/(2 c f_h).
+fn with_reaction(
+    vehicle: &Vehicle,
+    flight: &str,
+    (seconds, seed): (f64, u64),
+    reaction_s: f64,
+) -> Result<FlightLog, rotortwin_blind::error::BlindError> {
+    let hover_n = vehicle.mass * 9.81 / vehicle.rotors.len() as f64;
+    let speed = (hover_n / THRUST_COEFFICIENT).sqrt();
+    let inertia = 2.0 * vehicle.rotors[0].moment_ratio * reaction_s * hover_n / speed;
+    let script = Script::built_in(flight, seed).unwrap();
+    let mut plan = FlightPlan::new(vehicle.clone(), script, seconds, seed);
+    let mut reaction = Hidden::typical(kind("rotor-reaction").unwrap(), None);
+    reaction.parameters = [("inertia_kg_m2".to_owned(), inertia)].into();
+    plan.effects.push(reaction);
+    let order: Vec<usize> = (0..vehicle.rotors.len()).collect();
+    foreign_log(&format!("{flight} {seed}"), &plan, &order)
 }
 
 /// The same, where the pilot may lose a vehicle that is too lazy for the flight.
@@ -126,6 +150,7 @@ fn val_values_lie_in_their_intervals_at_the_stated_rate() {
     let mut inside = vec![0_usize; keys.len()];
     let mut errors: Vec<Vec<f64>> = vec![Vec::new(); keys.len()];
     let mut curve_errors = Vec::new();
+    let mut bounded = 0;
     let count = draws(24);
     let mut flights = 0;
     for seed in setting("VEHICLE_FIRST_SEED", 0).. {
@@ -161,6 +186,13 @@ fn val_values_lie_in_their_intervals_at_the_stated_rate() {
             (thrust(1.001 * hover) / thrust(0.999 * hover)).ln() / (1.001_f64 / 0.999).ln(),
             vehicle.thrust_lag,
         ];
+        // None of these rotors has an inertia: none is invented.
+        let reaction = found.value("rotors.reaction_s").unwrap();
+        assert!(
+            reaction.value == 0.0 && reaction.low == 0.0,
+            "seed {seed}: {reaction:?}"
+        );
+        bounded += usize::from(reaction.source == Source::Log);
         for (i, key) in keys.iter().enumerate() {
             let value = found.value(key).unwrap();
             inside[i] += usize::from((value.low..=value.high).contains(&truth[i]));
@@ -193,6 +225,9 @@ fn val_values_lie_in_their_intervals_at_the_stated_rate() {
         );
     }
     println!(
+        "reaction of the rotors: none invented in {count}, bounded by the log in {bounded}, unknown in the others"
+    );
+    println!(
         "thrust curve: median of the worst error {:.1} %",
         100.0 * median(&curve_errors)
     );
@@ -204,6 +239,60 @@ fn val_values_lie_in_their_intervals_at_the_stated_rate() {
     assert!(median(&curve_errors) < 0.03, "{curve_errors:?}");
     assert!(median(&errors[0]) < 0.10 && median(&errors[1]) < 0.10);
     assert!(median(&errors[5]) < 0.10);
+}
+
+#[test]
+fn val_the_reaction_of_rotors_that_have_an_inertia_is_found_and_one_of_a_hover_is_unknown() {
+    let frames = all_frames();
+    let count = draws(12);
+    let (mut flights, mut seen, mut inside, mut ratios) = (0, 0, 0, Vec::new());
+    for seed in setting("VEHICLE_FIRST_SEED", 7000).. {
+        if flights == count {
+            break;
+        }
+        let frame = frames[seed as usize % frames.len()];
+        let (vehicle, arm) = drawn(seed, frame);
+        let truth = Stream::new(seed, "reaction").between(0.05, 0.15);
+        let Ok(log) = with_reaction(&vehicle, "excitation", (45.0, seed), truth) else {
+            continue;
+        };
+        flights += 1;
+        let told = Request {
+            frame: Some(FRAMES[frame].name.to_owned()),
+            ..request(&vehicle, arm)
+        };
+        let found = identify(&[log], &told).unwrap();
+        let value = found.value("rotors.reaction_s").unwrap();
+        // A flight in which it does not show says so, and is not wrong.
+        seen += usize::from(value.value > 0.0);
+        inside += usize::from((value.low..=value.high).contains(&truth));
+        if value.value > 0.0 {
+            ratios.push(value.value / truth);
+            let written = files(&found, "drawn").documents().unwrap();
+            assert!((written.vehicle.rotors.reaction_s / value.value - 1.0).abs() < 1e-3);
+        }
+    }
+    ratios.sort_by(f64::total_cmp);
+    println!("reaction: {seen} of {count} seen, {inside} of {count} inside, value over truth {ratios:.3?}");
+    let least = (0.95 * count as f64 - 2.8 * (0.95 * 0.05 * count as f64).sqrt()).floor() as usize;
+    assert!(inside >= least, "{inside} of {count}");
+    assert!(2 * seen >= count as usize, "{seen} of {count}");
+
+    for reaction_s in [0.0, 0.1] {
+        let (vehicle, arm) = drawn(7000, 0);
+        let log = with_reaction(&vehicle, "hover", (40.0, 7000), reaction_s).unwrap();
+        let told = Request {
+            frame: Some(FRAMES[0].name.to_owned()),
+            ..request(&vehicle, arm)
+        };
+        let found = identify(&[log], &told).unwrap();
+        let value = found.value("rotors.reaction_s").unwrap();
+        assert!(
+            value.value == 0.0 && value.source == Source::Class && value.how.contains("unknown"),
+            "{value:?}"
+        );
+        assert!((value.low..=value.high).contains(&reaction_s), "{value:?}");
+    }
 }
 
 #[test]

@@ -31,6 +31,8 @@ pub struct Constants {
     pub hover_thrust_n: f64,
     /// Ω_h, rad/s.
     pub hover_rotor_speed_rad_s: f64,
+    /// λ: yaw torque of a rotor over its drag torque, per rate of the logarithm of its thrust, s.
+    pub rotor_reaction_s: f64,
     /// R, m.
     pub rotor_radius_m: f64,
     /// v_h = √(f_h/2ρπR²): induced velocity in hover, m/s.
@@ -128,6 +130,12 @@ pub struct Constants {
     pub position_latency_s: f64,
 }
 
+/// Ω_h, rad/s, of a rotor that carries `hover_thrust_n`: tip speed and disc loading of the F550's.
+pub fn hover_rotor_speed_rad_s(hover_thrust_n: f64) -> f64 {
+    let scale = (hover_thrust_n / F550_HOVER_THRUST_N).sqrt();
+    (F550_HOVER_THRUST_N / F550_THRUST_COEFFICIENT).sqrt() / scale
+}
+
 impl Constants {
     /// The vehicle as its document has it.
     pub fn nominal(vehicle: &VehicleModel) -> Self {
@@ -140,7 +148,8 @@ impl Constants {
         let mut constants = Self {
             rotor_count: count,
             hover_thrust_n: hover_thrust,
-            hover_rotor_speed_rad_s: (F550_HOVER_THRUST_N / F550_THRUST_COEFFICIENT).sqrt() / scale,
+            hover_rotor_speed_rad_s: hover_rotor_speed_rad_s(hover_thrust),
+            rotor_reaction_s: vehicle.rotors.reaction_s,
             rotor_radius_m: radius,
             hover_induced_velocity_m_s: (hover_thrust / (2.0 * AIR_DENSITY * std::f64::consts::PI * radius * radius))
                 .sqrt(),

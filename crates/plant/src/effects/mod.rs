@@ -64,7 +64,7 @@ mod wiring;
 mod wrench;
 
 pub use catalogue::catalogue;
-pub use constants::{Allocation, Constants};
+pub use constants::{Allocation, Constants, hover_rotor_speed_rad_s};
 pub use declaration::{
     Build, ChannelGroup, Correction, CorrectionScale, EffectClass, EffectDeclaration, ParameterDeclaration,
     ParameterKind, Place, Setup,

@@ -47,11 +47,12 @@ pub(super) static REACTION: EffectDeclaration = EffectDeclaration {
         "inertia_kg_m2",
         "J_r",
         "kg·m²",
-        "inertia of one rotor about its axis",
+        "inertia of one rotor about its axis, beyond that of `rotors.reaction_s` of the vehicle",
         (0.0, 0.0001),
         5e-05,
         6e-05,
-    )],
+    )
+    .correcting("rotors.inertia_kg_m2", CorrectionScale::Difference)],
     per_rotor: false,
     may_set_in: false,
     needs: &[],
@@ -65,6 +66,12 @@ pub(super) static REACTION: EffectDeclaration = EffectDeclaration {
         })
     }),
 };
+
+/// `rotors.reaction_s` of the vehicle at work: N = λ Σ s_i c_i f_i', which real flights follow better than J_r Σ s_i Ω_i' with Ω ∝ √f
+/// (decision 0080).
+pub(super) fn of_the_document() -> Box<dyn ActiveEffect> {
+    Box::new(OfTheDocument)
+}
 
 #[derive(Debug, Clone)]
 struct Gyroscopic {
@@ -111,5 +118,30 @@ impl ActiveEffect for Reaction {
             sum += rate * spin;
         }
         wrench.torque_body[2] += self.momentum * sum;
+    }
+}
+
+#[derive(Debug, Clone)]
+struct OfTheDocument;
+
+impl ActiveEffect for OfTheDocument {
+    fn hooks(&self) -> Hooks {
+        Hooks::WRENCH
+    }
+
+    fn boxed_clone(&self) -> Box<dyn ActiveEffect> {
+        Box::new(self.clone())
+    }
+
+    fn wrench(&mut self, at: &Moment<'_>, wrench: &mut Wrench) {
+        let c = at.constants;
+        let ratios = at.rotor_speed_ratio.iter().zip(at.rotor_speed_rate);
+        let drags = c.rotor_spin.iter().zip(&c.moment_ratio_m);
+        let mut sum = 0.0;
+        for ((ratio, rate), (spin, drag)) in ratios.zip(drags) {
+            // f' = 2 f_h (Ω/Ω_h) (Ω/Ω_h)'.
+            sum += spin * drag * 2.0 * c.hover_thrust_n * ratio * rate;
+        }
+        wrench.torque_body[2] += c.rotor_reaction_s * sum;
     }
 }

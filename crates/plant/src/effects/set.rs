@@ -4,6 +4,7 @@ use super::constants::Constants;
 use super::hooks::{ActiveEffect, Hooks, Moment};
 use super::instance::{Catalogue, EffectInstance};
 use super::readings::Readings;
+use super::rotor_inertia;
 use super::wrench::Wrench;
 use crate::error::Refusal;
 use crate::nearest_step;
@@ -67,7 +68,17 @@ impl EffectSet {
         Self::from_members(members.collect(), nominal)
     }
 
-    fn from_members(members: Vec<Member>, nominal: &Constants) -> Result<Self, Refusal> {
+    fn from_members(mut members: Vec<Member>, nominal: &Constants) -> Result<Self, Refusal> {
+        if nominal.rotor_reaction_s != 0.0 {
+            // Of the vehicle's own rotors, by its document.
+            let effect = rotor_inertia::of_the_document();
+            members.push(Member {
+                hooks: effect.hooks(),
+                effect,
+                onset_s: f64::NEG_INFINITY,
+                active: false,
+            });
+        }
         let mut set = Self {
             nominal: *nominal,
             constants: *nominal,

@@ -39,7 +39,8 @@ impl Simulation {
             return Err(Refusal::new("initial.start", reason));
         }
         if self.effects.is_some() {
-            let reason = "a flight with an autopilot of its own clock takes no effects yet: they know whole steps of 2.5 ms only";
+            let reason = "a flight with an autopilot of its own clock takes no effects yet, nor a vehicle with `rotors.reaction_s`: they know whole \
+                          steps of 2.5 ms only";
             return Err(Refusal::new("effect", reason));
         }
         self.parts.prelude = true;

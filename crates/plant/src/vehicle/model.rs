@@ -62,8 +62,17 @@ pub struct Rotors {
     pub thrust_lag_s: f64,
     /// Thrust that a linear map from thrust to duty assumes at full duty, N.
     pub full_thrust_n: f64,
+    /// λ, s: a rotor that speeds up turns the vehicle, N = Σ s_i c_i (f_i + λ f_i'). At the hover thrust f_h it is that of a rotor with an
+    /// inertia of 2 c λ f_h/Ω_h. 0 where it is not known.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub reaction_s: f64,
     /// Where the rotors are.
     pub layout: Layout,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands out references")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Rotor layout.
@@ -290,6 +299,7 @@ impl VehicleModel {
         // Below 5 ms a step of 2.5 ms would not resolve the lag.
         in_range("thrust_lag_s", rotors.thrust_lag_s, 0.005, 1.0, "s")?;
         in_range("full_thrust_n", rotors.full_thrust_n, 0.01, 2000.0, "N")?;
+        in_range("reaction_s", rotors.reaction_s, 0.0, 1.0, "s")?;
         rotors.layout.check().map_err(|r| r.under("layout"))?;
         if !blades.blade.contains_key(&rotors.nominal_blade) {
             let names = blades.names().collect::<Vec<_>>().join(", ");

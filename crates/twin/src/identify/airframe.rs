@@ -1,5 +1,6 @@
 //! Which outputs are rotors and where they are; and the list of values.
 
+use rotortwin_plant::effects::hover_rotor_speed_rad_s;
 use rotortwin_plant::vehicle::model::SpinDirection;
 use serde::Serialize;
 
@@ -12,7 +13,7 @@ use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
 use super::slow::Drag;
 use super::wiring::{self, Contradiction, Wiring};
-use super::yaw::Yaw;
+use super::yaw::{EXPLAINED, Reaction, Yaw};
 use super::{Numbers, Request, slow};
 use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, SourceKind};
@@ -314,7 +315,7 @@ impl Findings<'_> {
                 .how("every inertia scales with it"),
         ];
         let inertia = self.inertia(&mut values, notes);
-        let (moment_ratio, yaw_inertia) = self.yaw(inertia, &mut values, notes);
+        let (moment_ratio, yaw_inertia, reaction_s) = self.yaw(inertia, &mut values, notes);
         let drag = self.drag(&mut values, notes);
         self.thrust(&mut values, notes);
         let battery = self.battery(&mut values);
@@ -344,6 +345,7 @@ impl Findings<'_> {
             lag_s: (fitted.lag_s + fitted.delay_s).clamp(0.005, 1.0),
             inertia: [inertia[0].0, inertia[1].0, yaw_inertia],
             moment_ratio,
+            reaction_s,
             drag: drag * self.request.mass_kg,
             voltage: battery.1,
             voltage_slope: self.voltage_slope.0,
@@ -417,8 +419,8 @@ impl Findings<'_> {
         })
     }
 
-    /// c and Jz.
-    fn yaw(&self, inertia: [(f64, f64); 2], values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> (f64, f64) {
+    /// c, Jz and λ.
+    fn yaw(&self, inertia: [(f64, f64); 2], values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> (f64, f64, f64) {
         let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
         let share = class::YAW_INERTIA_SHARE;
         let sum = inertia[0].0 + inertia[1].0;
@@ -452,7 +454,22 @@ impl Findings<'_> {
             }
             possible
         });
+        let believed = told.is_some_and(|yaw| yaw.explained >= EXPLAINED);
+        let yaw_source = match told {
+            Some(yaw) if believed && yaw.deviation < 0.5 * class::MOMENT_LOG_DEVIATION => Source::Log,
+            _ => Source::LogAndClass,
+        };
         if let Some(yaw) = told {
+            if !believed {
+                notes.push(format!(
+                    "yaw: what the rotors do explains {:.0} % of the yaw acceleration ({} to {} Hz), and {:.0} % are needed: torque over thrust and the torque of \
+                     rotor acceleration are known no better than by the class",
+                    100.0 * yaw.explained.max(0.0),
+                    yaw.band.low_hz,
+                    yaw.band.high_hz,
+                    100.0 * EXPLAINED
+                ));
+            }
             // ln c − ln Jz is measured; both have priors.
             let measured = (yaw.gain / mass).ln();
             let noise = yaw.deviation.powi(2);
@@ -483,23 +500,10 @@ impl Findings<'_> {
                     "1/(kg·m)",
                     yaw.gain / mass,
                     yaw.deviation,
-                    Source::Log,
+                    yaw_source,
                 )
                 .how("the only thing that yaw tells; c and Jz never separate"),
             );
-            if yaw.reaction_s > 0.0 {
-                values.push(
-                    Estimate::normal(
-                        "yaw.reaction_s",
-                        "torque of rotor acceleration over drag torque, λ",
-                        "s",
-                        yaw.reaction_s,
-                        yaw.reaction_deviation_s,
-                        Source::Log,
-                    )
-                    .how("Jz ṙ = c (X + λ Ẋ); not in the vehicle document"),
-                );
-            }
         }
         // Physics: no moment of inertia exceeds the sum of the others.
         let yaw_inertia = log_inertia
@@ -519,6 +523,11 @@ impl Findings<'_> {
             .better("a bifilar pendulum"),
         );
         let ratio = log_ratio.exp();
+        let reaction_s = self.reaction(
+            told.map(|yaw| (yaw.reaction, yaw_source)),
+            (ratio, inertia_deviation),
+            values,
+        );
         values.push(
             Estimate::log_normal(
                 "rotors.moment_ratio_m",
@@ -536,7 +545,81 @@ impl Findings<'_> {
             })
             .better("10 s of yaw steps; a thrust stand with torque"),
         );
-        (ratio, yaw_inertia)
+        (ratio, yaw_inertia, reaction_s)
+    }
+
+    /// λ of the document, s; listed with the inertia of a rotor that it stands for at hover. Asks for c, m, and the deviation of ln Jz.
+    ///
+    /// J_r = 2 c λ f_h/Ω_h. The flight tells c λ/Jz, so that J_r is as good as Jz, whatever c is; Ω_h is that of a rotor of this thrust at the
+    /// tip speed of the F550's ([`hover_rotor_speed_rad_s`]), because no log here has it.
+    fn reaction(
+        &self,
+        reaction: Option<(Reaction, Source)>,
+        (moment_ratio, inertia_deviation): (f64, f64),
+        values: &mut Vec<Estimate>,
+    ) -> f64 {
+        const NAME: &str = "yaw torque of rotor acceleration, λ";
+        const INERTIA: &str = "inertia of a rotor, J_r";
+        const YAW_STEPS: &str = "10 s of yaw steps";
+        let hover_n = self.request.mass_kg * GRAVITY / self.rotors as f64;
+        let hover_speed = hover_rotor_speed_rad_s(hover_n);
+        let inertia = |reaction_s: f64| 2.0 * moment_ratio * reaction_s * hover_n / hover_speed;
+        let (reaction, source) = reaction.unwrap_or((Reaction::Unknown, Source::Class));
+        let (reaction_s, inertia_of_a_rotor) = match reaction {
+            Reaction::Seen {
+                value_s,
+                deviation_s,
+                product_deviation,
+            } => {
+                let source = if deviation_s < 0.5 * class::REACTION_MOST_S {
+                    source
+                } else {
+                    Source::LogAndClass
+                };
+                let seen = Estimate::normal("rotors.reaction_s", NAME, "s", value_s, deviation_s, source);
+                (
+                    Estimate {
+                        low: seen.low.max(0.0),
+                        ..seen
+                    }
+                    .how("Jz ṙ = c (X + λ Ẋ); it lowers the error of every other part of the flight that it was not fitted to"),
+                    Estimate::log_normal(
+                        "rotors.inertia_kg_m2",
+                        INERTIA,
+                        "kg·m²",
+                        inertia(value_s),
+                        product_deviation.hypot(inertia_deviation),
+                        source,
+                    ),
+                )
+            }
+            Reaction::Below(_) | Reaction::Unknown => {
+                let (most_s, source, how) = match reaction {
+                    Reaction::Below(most_s) => (most_s, Source::Log, "none shows, and more than this would have"),
+                    _ => (
+                        class::REACTION_MOST_S,
+                        Source::Class,
+                        "unknown: this flight does not tell; vehicles have up to 0.2 s",
+                    ),
+                };
+                let none = |key, name, unit, most| {
+                    let none = Estimate::normal(key, name, unit, 0.0, 0.0, source);
+                    Estimate { high: most, ..none }
+                };
+                (
+                    none("rotors.reaction_s", NAME, "s", most_s).how(how),
+                    none("rotors.inertia_kg_m2", INERTIA, "kg·m²", inertia(most_s)),
+                )
+            }
+        };
+        let value_s = reaction_s.value;
+        values.push(reaction_s.better(YAW_STEPS));
+        values.push(
+            inertia_of_a_rotor
+                .how("2 c λ f_h/Ω_h: what λ stands for, with Ω_h by size; the document has λ")
+                .better(YAW_STEPS),
+        );
+        value_s
     }
 
     fn drag(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> f64 {
@@ -699,6 +782,7 @@ impl Findings<'_> {
             })
             .better("a flight over most of the charge, with voltage"),
         );
+        self.falls(values);
         let lag_deviation = covariance[(LAG, LAG)].sqrt();
         values.push(
             Estimate::log_normal(
@@ -750,6 +834,27 @@ impl Findings<'_> {
         // The effect of the delay is another one: without it the lag is τ.
         both.low = both.low.min(fitted.lag_s / (Z95 * lag_deviation).exp());
         values.push(both);
+    }
+
+    /// Fall of the thrust with the time, log by log.
+    fn falls(&self, values: &mut Vec<Estimate>) {
+        for grid in self.grids {
+            let Some(fall) = slow::fall(grid, &self.fitted.curve) else {
+                continue;
+            };
+            values.push(
+                Estimate::normal(
+                    "flight.thrust_fall_per_s",
+                    &format!("fall of the thrust with time in {}", grid.name),
+                    "1/s",
+                    fall.per_s,
+                    fall.deviation,
+                    Source::Log,
+                )
+                .how("most likely the supply, whose voltage is not in the log; half of the flight predicts the other; no value of the vehicle")
+                .better("voltage in the log"),
+            );
+        }
     }
 
     /// What the document takes for granted.

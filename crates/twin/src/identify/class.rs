@@ -45,6 +45,8 @@ pub(crate) const DELAY_DEVIATION_S: f64 = 0.006;
 /// d ln T/d ln V, and its deviation: bench tests give 1.4 to 1.9, flights with compensation less.
 pub(crate) const VOLTAGE_SLOPE: f64 = 1.5;
 pub(crate) const VOLTAGE_SLOPE_DEVIATION: f64 = 0.4;
+/// λ of N = c (X + λ Ẋ), s: at most this. Flights of real vehicles have 0.10 to 0.19.
+pub(crate) const REACTION_MOST_S: f64 = 0.2;
 /// Jz/(Jx + Jy): 1 for a flat body, less with height.
 pub(crate) const YAW_INERTIA_SHARE: f64 = 0.93;
 pub(crate) const YAW_INERTIA_LOG_DEVIATION: f64 = 0.05;

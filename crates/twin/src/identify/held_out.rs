@@ -11,7 +11,7 @@ use super::filters::Band;
 use super::fit::{self, Fitted, Series};
 use super::frames::Place;
 use super::grid::Grid;
-use super::yaw::{self, Yaw, derivative};
+use super::yaw::{self, derivative};
 use super::{IdentifyError, Request, prepare, slow};
 use crate::log::FlightLog;
 
@@ -49,6 +49,8 @@ struct Model {
     gain: [f64; 2],
     yaw_gain: f64,
     reaction_s: f64,
+    /// Fall of the thrust with the time.
+    fall: Option<slow::Fall>,
 }
 
 /// Residual power and power of a channel.
@@ -197,19 +199,17 @@ fn calibrate(
         };
         fitted = fit::fit(&with, arm_m);
     }
-    let Yaw { gain, reaction_s, .. } = yaw::fit(grids, places, &fitted).unwrap_or(Yaw {
-        gain: default_yaw(class, arm_m),
-        deviation: 0.0,
-        reaction_s: 0.0,
-        reaction_deviation_s: 0.0,
+    let (yaw_gain, reaction_s) = yaw::fit(grids, places, &fitted).map_or((default_yaw(class, arm_m), 0.0), |yaw| {
+        (yaw.gain, yaw.reaction.value_s())
     });
     let model = Model {
         curve: fitted.curve,
         lag_s: fitted.lag_s,
         delay_s: fitted.delay_s,
         gain: fitted.gain,
-        yaw_gain: gain,
+        yaw_gain,
         reaction_s,
+        fall: grids.iter().find_map(|grid| slow::fall(grid, &fitted.curve)),
     };
     (model, fitted)
 }
@@ -235,13 +235,19 @@ fn default_model(grids: &[Grid], _places: &[Place], class: &Class, arm_m: f64) -
         gain: fit::class_gain(class, arm_m),
         yaw_gain: default_yaw(class, arm_m),
         reaction_s: 0.0,
+        fall: None,
     }
 }
 
 fn score(grid: &Grid, places: &[Place], model: &Model, channels: &[(&'static str, Band); 5], sums: &mut [Sum; 5]) {
     let step = grid.step_s;
     for part in &grid.airborne {
-        let series = Series::new(grid, part, Some(places), &model.curve, model.lag_s, model.delay_s);
+        let mut series = Series::new(grid, part, Some(places), &model.curve, model.lag_s, model.delay_s);
+        if let Some(fall) = &model.fall {
+            for (lift, row) in series.lift.iter_mut().zip(part.clone()) {
+                *lift *= fall.factor(grid, row);
+            }
+        }
         if let Some(lift) = grid.lift() {
             for channel in 0..2 {
                 let band = channels[channel].1;

@@ -100,6 +100,7 @@ pub(crate) struct Numbers {
     pub(crate) lag_s: f64,
     pub(crate) inertia: [f64; 3],
     pub(crate) moment_ratio: f64,
+    pub(crate) reaction_s: f64,
     pub(crate) drag: f64,
     pub(crate) voltage: f64,
     pub(crate) voltage_slope: f64,

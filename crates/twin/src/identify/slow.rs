@@ -126,25 +126,96 @@ fn joined(values: &[(f64, f64)]) -> Option<(f64, f64)> {
     Some((mean, (1.0 / weight).sqrt().max(apart)))
 }
 
+/// ln of measured over modelled lift at the mean voltage, by blocks: row in the middle of the block, and that.
+fn levels(grid: &Grid, curve: &Curve, block_s: f64) -> Vec<(std::ops::Range<usize>, f64)> {
+    let Some(lift) = grid.lift() else { return Vec::new() };
+    let flat = Curve {
+        voltage_slope: 0.0,
+        ..*curve
+    };
+    let blocks = grid.pieces(block_s).into_iter().map(|block| {
+        let mean = |value: &dyn Fn(usize) -> f64| mean_deviation(block.clone().map(value)).0;
+        let model = mean(&|k| flat.hover * grid.duty.iter().map(|d| flat.shape(d[k])).sum::<f64>());
+        let level = (mean(&|k| lift[k]) / model).ln();
+        (block, level)
+    });
+    blocks.filter(|(_, level)| level.is_finite()).collect()
+}
+
+/// Fall of the thrust with the time where no voltage was logged: most likely a supply that empties.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Fall {
+    /// −d ln T/dt, 1/s.
+    pub(crate) per_s: f64,
+    pub(crate) deviation: f64,
+    /// Seconds of the grid at which the thrust is that of the curve: one log only.
+    pub(crate) from_s: f64,
+}
+
+impl Fall {
+    /// Factor on the thrust of the curve at a row.
+    pub(crate) fn factor(&self, grid: &Grid, row: usize) -> f64 {
+        (-self.per_s * (row as f64 * grid.step_s - self.from_s)).exp()
+    }
+}
+
+/// Level and slope of points by least squares, about their mean time.
+fn line(points: &[(f64, f64)]) -> (f64, f64, f64) {
+    let (mean_t, _) = mean_deviation(points.iter().map(|p| p.0));
+    let (mean_y, _) = mean_deviation(points.iter().map(|p| p.1));
+    let tt: f64 = points.iter().map(|p| (p.0 - mean_t).powi(2)).sum();
+    let slope = points.iter().map(|p| (p.0 - mean_t) * (p.1 - mean_y)).sum::<f64>() / tt;
+    (mean_t, mean_y, slope)
+}
+
+/// The fall of the thrust of one log without a voltage; `None` where none shows: it must be three deviations from 0, and what half of the flight
+/// says must predict the other half better than a constant level does, both ways.
+pub(crate) fn fall(grid: &Grid, curve: &Curve) -> Option<Fall> {
+    const BLOCK_S: f64 = 1.0;
+    const FEWEST: usize = 8;
+    const CERTAIN: f64 = 3.0;
+    if grid.voltage.is_some() {
+        return None;
+    }
+    let blocks = levels(grid, curve, BLOCK_S);
+    let points: Vec<(f64, f64)> = blocks
+        .iter()
+        .map(|(block, level)| (0.5 * (block.start + block.end) as f64 * grid.step_s, *level))
+        .collect();
+    if points.len() < FEWEST {
+        return None;
+    }
+    let (mean_t, mean_y, slope) = line(&points);
+    let errors: Vec<f64> = points.iter().map(|(t, y)| y - mean_y - slope * (t - mean_t)).collect();
+    let rho = super::observer::neighbour_correlation(&errors).clamp(0.0, 0.9);
+    let variance = errors.iter().map(|e| e * e).sum::<f64>() / (points.len() as f64 - 2.0);
+    let tt: f64 = points.iter().map(|p| (p.0 - mean_t).powi(2)).sum();
+    let deviation = (variance / tt * (1.0 + rho) / (1.0 - rho)).sqrt();
+    let (first, second) = points.split_at(points.len() / 2);
+    let proves = |learn: &[(f64, f64)], proof: &[(f64, f64)]| {
+        let (t, y, k) = line(learn);
+        let square = |of: &dyn Fn(f64) -> f64| proof.iter().map(|(at, level)| (level - of(*at)).powi(2)).sum::<f64>();
+        square(&|at| y + k * (at - t)) < square(&|_| y)
+    };
+    let shows = -slope > CERTAIN * deviation && proves(first, second) && proves(second, first);
+    shows.then_some(Fall {
+        per_s: -slope,
+        deviation,
+        from_s: mean_t,
+    })
+}
+
 /// s = d ln T/d ln V, with deviation, the class default in it; `true` where the log decides.
 pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, bool) {
     const BLOCK_S: f64 = 2.0;
     let default = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, false);
     let mut points: Vec<(f64, f64)> = Vec::new();
     for grid in grids {
-        let (Some(lift), Some(voltage)) = (grid.lift(), &grid.voltage) else {
-            continue;
-        };
-        for block in grid.pieces(BLOCK_S) {
-            let flat = Curve {
-                voltage_slope: 0.0,
-                ..*curve
-            };
-            let mean = |value: &dyn Fn(usize) -> f64| mean_deviation(block.clone().map(value)).0;
-            let model = mean(&|k| flat.hover * grid.duty.iter().map(|d| flat.shape(d[k])).sum::<f64>());
-            let point = (mean(&|k| voltage[k]).ln(), (mean(&|k| lift[k]) / model).ln());
-            if point.0.is_finite() && point.1.is_finite() {
-                points.push(point);
+        let Some(voltage) = &grid.voltage else { continue };
+        for (block, level) in levels(grid, curve, BLOCK_S) {
+            let volts = mean_deviation(block.map(|k| voltage[k])).0.ln();
+            if volts.is_finite() {
+                points.push((volts, level));
             }
         }
     }

@@ -138,6 +138,11 @@ fn vehicle(found: &Identified, name: &str) -> String {
         short(numbers.lag_s),
         note("rotors.thrust_lag_s")
     ));
+    line(format!(
+        "reaction_s = {}{}",
+        short(numbers.reaction_s.clamp(0.0, 1.0)),
+        note("rotors.reaction_s")
+    ));
     let blade = blade(found);
     line(format!(
         "full_thrust_n = {} # the blade at full duty and {:.2} V: beyond the flown duties it extrapolates",
