@@ -7,6 +7,7 @@ use rotortwin_tests::server::Server;
 use serde_json::json;
 use std::io::Write as _;
 use std::path::Path;
+use std::time::Duration;
 
 fn server_on(bucket: &Bucket, data: &Path) -> Server {
     let environment = bucket.environment();
@@ -168,4 +169,28 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     let server = Server::start(&data);
     let runs = server.get("/api/v1/runs?limit=100")["items"].as_array().map(Vec::len);
     assert_eq!(runs, Some(accepted.len() + 2), "the database is whole");
+}
+
+/// A worker whose disk is full begins nothing: a job does not use up its attempts there, and is done when there is room.
+#[test]
+fn scenario_a_worker_waits_for_room() {
+    let scratch = Scratch::new();
+    let Some(disk) = Disk::new(scratch.path("disk"), "64m") else {
+        return;
+    };
+    let artifacts = disk.path().join("artifacts").display().to_string();
+    let words = ["--workers", "1", "--artifacts", artifacts.as_str()];
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &words);
+    assert!(disk.fill(), "nobody writes");
+    let id = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
+    std::thread::sleep(Duration::from_secs(4));
+    let waits = server.get(&format!("/api/v1/runs/{id}"));
+    assert_eq!(
+        (&waits["status"], &waits["attempts"]),
+        (&json!("queued"), &json!(0)),
+        "{waits}"
+    );
+    assert!(disk.resize("64m"), "there is room again");
+    let run = server.ended(&id);
+    assert_eq!((&run["status"], &run["attempts"]), (&json!("done"), &json!(1)), "{run}");
 }

@@ -11,6 +11,9 @@ use crate::bucket::{Bucket, File};
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
+/// Less is no room for any job, bytes.
+const LEAST_ROOM: u64 = 1 << 20;
+
 /// Files of jobs.
 #[derive(Debug, Clone)]
 pub(crate) struct Artifacts {
@@ -41,6 +44,13 @@ impl Artifacts {
     /// Where a worker writes files that are to get this key.
     pub(crate) fn place(&self, key: &str) -> PathBuf {
         self.root.join(key)
+    }
+
+    /// Whether there is room for what a worker writes. Where that cannot be said, there is.
+    pub(crate) fn has_room(&self) -> bool {
+        rustix::fs::statvfs(&self.root).map_or(true, |space| {
+            space.f_bavail.saturating_mul(space.f_frsize) >= LEAST_ROOM
+        })
     }
 
     /// Makes everything below a key durable and visible to all hosts; bytes.

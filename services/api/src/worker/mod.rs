@@ -112,7 +112,14 @@ pub(crate) async fn work(shop: Arc<Workshop>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
         shop.pulse.beat();
-        match shop.database.claim(&shop.name, LEASE, shop.share).await {
+        // On a full disk a job would only use its attempts up.
+        let claimed = if shop.artifacts.has_room() {
+            shop.database.claim(&shop.name, LEASE, shop.share).await
+        } else {
+            tracing::warn!("the disk with the files of jobs is full: none is begun");
+            Ok(None)
+        };
+        match claimed {
             Ok(Some((job, token))) => {
                 tracing::info!(
                     job = job.id,
