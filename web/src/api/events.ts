@@ -70,8 +70,10 @@ export async function follow(url: string, onEvent: (event: ServerEvent) => boole
         if (problem.status < 500) throw new Refused(problem);
         throw problem;
       }
-      const reader = response.body?.pipeThrough(new TextDecoderStream()).getReader();
+      // Not through a `TextDecoderStream`: one whose source breaks leaves a rejection in Chromium that nobody can handle.
+      const reader = response.body?.getReader();
       if (!reader) return;
+      const decoder = new TextDecoder();
       const parser = new EventParser();
       // A proxy may hold a stream open whose server is gone: after an absence, and after a silence, it is taken up anew.
       // One that is broken already refuses to be canceled, and is taken up anew below.
@@ -83,7 +85,7 @@ export async function follow(url: string, onEvent: (event: ServerEvent) => boole
         const { value, done } = await reader.read().finally(() => clearTimeout(silence));
         if (done) break;
         silence = setTimeout(renew, SILENCE_MS);
-        for (const event of parser.push(value)) {
+        for (const event of parser.push(decoder.decode(value, { stream: true }))) {
           if (event.id) last = event.id;
           if (onEvent(event)) {
             ignore();

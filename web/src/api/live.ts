@@ -31,12 +31,16 @@ export type LiveMessage = LiveHistory | LiveStart | LiveSample | LiveEnd | { typ
 /** A sample that is so much earlier than the one before belongs to another attempt, s. */
 export const FLOWN_AGAIN_S = 1;
 
+/** So many connections in a row that a server refuses. */
+const REFUSALS = 3;
+
 /** Watches a run from the sample after `last` (0: from the first one) until it ends; returns what stops it. */
 export function watchLive(run: string, channels: string, rateHz: number, last: number, onMessage: (message: LiveMessage) => void): () => void {
   let stopped = false;
   let socket: WebSocket | undefined;
   // A server without a history refuses `from_s` before the connection stands.
   let history = true;
+  let refusals = 0;
   const connect = () => {
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     const query = new URLSearchParams({ channels, rate_hz: String(rateHz) });
@@ -67,7 +71,9 @@ export function watchLive(run: string, channels: string, rateHz: number, last: n
       if (stopped || ended) return;
       void answers().then((there) => {
         if (stopped) return;
-        if (there && !opened && history) {
+        // A server that has just come back refused while it was away and answers now: only one that goes on refusing knows no history.
+        refusals = there && !opened ? refusals + 1 : 0;
+        if (refusals >= REFUSALS && history) {
           history = false;
           onMessage({ type: "error", detail: "This server keeps no history of live samples: what flew before this page was opened is missing until the run has ended." });
           connect();
