@@ -30,8 +30,9 @@ pub(crate) struct Yaw {
 /// R² from which the gain is believed, that of the drag. Of three flights of one Crazyflie only that with yaw steps has it; in roll and pitch
 /// excitation c/Jz came out 1.7 times too large with an interval that does not reach the others.
 pub(crate) const EXPLAINED: f64 = 0.6;
-/// Relative deviation of λ that no length of flight removes: rotors follow f' or (√f)', which at hover are the same, and in between.
-const LAW: f64 = 0.05;
+/// Relative deviation of λ that no length of flight removes: rotors follow f' or (√f)', which at hover are the same, and in between. Sized on
+/// 200 vehicles drawn at random whose rotors follow the other law (seeds from 9000).
+const LAW: f64 = 0.06;
 
 /// λ, s.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -76,6 +76,24 @@ fn val_forces_and_torques() {
 }
 
 #[test]
+fn val_rotors_of_the_document_turn_the_vehicle_as_they_speed_up() {
+    // λ of the document acts without any effect: N = λ Σ s c f', f' = 2 f_h (Ω/Ω_h)(Ω/Ω_h)'.
+    let yaw = |reaction_s: f64| {
+        let constants = Constants {
+            rotor_reaction_s: reaction_s,
+            ..f550()
+        };
+        let rotors = Rotors::distinct(&constants);
+        let mut set = EffectSet::new(&Catalogue::default(), &[], &constants, 0).unwrap();
+        let mut wrench = Wrench::default();
+        set.wrench(&instant(&constants, &rotors), &mut wrench);
+        wrench.torque_body[2]
+    };
+    near("reaction of the document", yaw(0.1), 0.006193268013319559);
+    assert_eq!(yaw(0.0), 0.0);
+}
+
+#[test]
 fn val_friction_damping_and_drag_centre() {
     let rotors = Rotors::distinct(&f550());
     let closed = |c: &Constants| {
