@@ -41,7 +41,9 @@ impl Disk {
     /// The kernel does not say what is there.
     pub fn fill(&self) -> bool {
         let space = rustix::fs::statvfs(&self.0).expect("it is mounted");
-        self.resize(&((space.f_blocks - space.f_bfree) * space.f_frsize).to_string())
+        // A size of 0 would be no limit at all.
+        let used = (space.f_blocks - space.f_bfree).max(1);
+        self.resize(&(used * space.f_frsize).to_string())
     }
 
     /// Makes it another size, such as `64m`, not smaller than what is there.

@@ -313,9 +313,21 @@ fn scenario_verdicts_are_scored_against_the_truth() {
     );
     let by_column = judged(&scratch, &[logs[0], logs[1], "--truth", "fault_label"], "f550");
     for (file, column) in [(&by_file[0], &by_column[0]), (&by_file[1], &by_column[1])] {
-        assert_eq!(file["score"]["detectors"], column["score"]["detectors"]);
-        assert_eq!(column["score"]["inside_of"], 0);
+        for (one, other) in (0..3).map(|i| (&file["score"]["detectors"][i], &column["score"]["detectors"][i])) {
+            for count in [
+                "windows",
+                "right",
+                "confusion",
+                "isolated_after_steps",
+                "settled_after_steps",
+            ] {
+                assert_eq!(one[count], other[count], "{count}");
+            }
+        }
     }
+    let labels_alone = &by_column[0]["score"];
+    assert_eq!(labels_alone["inside_of"], 0);
+    assert_eq!(labels_alone["detectors"][2]["by_severity"], serde_json::json!([]));
     let score = &by_file[0]["score"];
     assert_eq!(score["onset_s"], ONSET_S, "{score}");
     let sequential = &score["detectors"][2];

@@ -46,10 +46,12 @@ impl LogScore {
         let window_s = f64::from(report.detectors.window_samples) * STEP_S;
         let mut scorers = DETECTORS.map(|_| DetectorScorer::new(u64::from(report.detectors.window_samples)));
         let (mut inside, mut inside_of) = (0, 0);
+        let mut sizes_are_known = true;
         for window in &report.windows {
             let end_s = report.log.start_s + window.time_s + STEP_S;
             let begin_s = end_s - window_s;
             let damage = truth.at(end_s - 0.5 * window_s);
+            sizes_are_known &= damage.worst().is_finite();
             let known = WindowTruth {
                 label: damage.label(),
                 faulty_rotors: damage.rotors,
@@ -74,9 +76,12 @@ impl LogScore {
                 }));
             }
         }
-        let named = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| Named {
-            detector,
-            score: scorer.finish(),
+        let named = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| {
+            let mut score = scorer.finish();
+            if !sizes_are_known {
+                score.by_severity.clear();
+            }
+            Named { detector, score }
         });
         Self {
             onset_s: truth.onset_s(),

@@ -46,10 +46,10 @@ impl Artifacts {
         self.root.join(key)
     }
 
-    /// Whether there is room for what a worker writes. Where that cannot be said, there is.
+    /// Whether there is room for what a worker writes. Where that cannot be said (a disk in memory without a limit has no blocks), there is.
     pub(crate) fn has_room(&self) -> bool {
         rustix::fs::statvfs(&self.root).map_or(true, |space| {
-            space.f_bavail.saturating_mul(space.f_frsize) >= LEAST_ROOM
+            space.f_blocks == 0 || space.f_bavail.saturating_mul(space.f_frsize) >= LEAST_ROOM
         })
     }
 
