@@ -181,13 +181,14 @@ fn regress_help_and_tables_fit_the_terminal() {
         .into_iter()
         .map(|words| words.into_iter().chain(["--help".to_owned()]).collect())
         .collect();
-    let shown: [&[&str]; 9] = [
+    let shown: [&[&str]; 10] = [
         &["effects"],
         &["effects", "show", "rotor-drag"],
         &["blind", "effects"],
         &["fly", "short.toml", "--link", "in-process", "--out", "run"],
         &["show", "run"],
         &["log", "show", "run"],
+        &["fdi-log", "run", "--model", &vehicle, "--truth", "fault_label"],
         &["model", "import", &vehicle],
         &["model", "list"],
         &["compare", "run", "--model", &vehicle],

@@ -41,13 +41,15 @@ impl Damage {
 
     /// Largest lost share; NaN if one is unknown.
     pub(super) fn worst(&self) -> f64 {
-        (0..MAX_ROTORS)
-            .filter(|rotor| self.rotors >> rotor & 1 == 1)
-            .map(|rotor| self.loss[rotor])
-            .fold(
-                0.0,
-                |worst: f64, loss| if loss.is_nan() { loss } else { worst.max(loss) },
-            )
+        let damaged = (0..MAX_ROTORS).filter(|rotor| self.rotors >> rotor & 1 == 1);
+        let losses = damaged.map(|rotor| self.loss[rotor]);
+        losses.fold(0.0, |worst: f64, loss| {
+            if worst.is_nan() || loss.is_nan() {
+                f64::NAN
+            } else {
+                worst.max(loss)
+            }
+        })
     }
 }
 
