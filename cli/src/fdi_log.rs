@@ -51,22 +51,26 @@ pub struct LogArgs {
 
 /// Judges logs; exit code 2 if one is none or lacks what every detector needs.
 pub fn judge_logs(args: &LogArgs) -> ExitCode {
-    let logs = match judge_all(args) {
+    let mut logs = match judge_all(args) {
         Ok(logs) => logs,
         Err(sentence) => return bad_input(sentence),
     };
-    if let Some(path) = &args.report
-        && let Err(error) = std::fs::write(path, page_of(&logs))
-    {
-        return failed(format!("{}: cannot be written: {error}", path.display()));
-    }
     if let Some(path) = &args.series
         && let Err(sentence) = series::write(path, &logs)
     {
         return failed(sentence);
     }
+    if !args.windows {
+        // Only the score and the series needed them.
+        logs.iter_mut().for_each(|log| log.report.windows = Vec::new());
+    }
+    if let Some(path) = &args.report
+        && let Err(error) = std::fs::write(path, page_of(&logs))
+    {
+        return failed(format!("{}: cannot be written: {error}", path.display()));
+    }
     if args.json {
-        match json_of(args, logs.as_slice()) {
+        match json_of(&logs) {
             Ok(text) => line(&text),
             Err(error) => return failed(error),
         }
@@ -127,12 +131,8 @@ fn whole(path: &Path) -> &Path {
 }
 
 /// One log without a score as its report alone, others as objects.
-fn json_of(args: &LogArgs, logs: &[JudgedLog]) -> serde_json::Result<String> {
-    let mut logs = logs.to_vec();
-    if !args.windows {
-        logs.iter_mut().for_each(|log| log.report.windows.clear());
-    }
-    match logs.as_slice() {
+fn json_of(logs: &[JudgedLog]) -> serde_json::Result<String> {
+    match logs {
         [log] if log.score.is_none() => serde_json::to_string_pretty(&log.report),
         [log] => serde_json::to_string_pretty(log),
         several => serde_json::to_string_pretty(several),
@@ -164,7 +164,7 @@ fn print(logs: &[JudgedLog]) {
 
 /// How right the detectors were; nothing where the truth is not known.
 fn score_text(logs: &[JudgedLog]) -> Option<String> {
-    let scores: Vec<LogScore> = logs.iter().filter_map(|log| log.score.clone()).collect();
+    let scores: Vec<&LogScore> = logs.iter().filter_map(|log| log.score.as_ref()).collect();
     let names: Vec<String> = logs.iter().map(|log| words::file_name(Path::new(&log.file))).collect();
     (!scores.is_empty()).then(|| {
         format!(

@@ -2,7 +2,7 @@
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
-use rotortwin_tests::program::{Call, Link};
+use rotortwin_tests::program::{Call, Ended, Link};
 use rotortwin_tests::scratch::{Scratch, repository};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -41,6 +41,15 @@ fn judged(scratch: &Scratch, words: &[&str], model: &str) -> Value {
         .run()
         .expect_code(0);
     serde_json::from_str(&ended.stdout).expect("JSON")
+}
+
+/// A line of the error output has these words.
+fn says(ended: &Ended, words: &str) {
+    assert!(
+        ended.stderr.iter().any(|line| line.contains(words)),
+        "{:?}",
+        ended.stderr
+    );
 }
 
 fn number(value: &Value) -> f64 {
@@ -250,14 +259,7 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
         .with(["--model", path(&heavy)])
         .run()
         .expect_code(2);
-    assert!(
-        refused
-            .stderr
-            .iter()
-            .any(|line| line.contains("a full battery would carry ")),
-        "{:?}",
-        refused.stderr
-    );
+    says(&refused, "a full battery would carry ");
 }
 
 #[test]
@@ -379,12 +381,5 @@ fn scenario_verdicts_are_scored_against_the_truth() {
     )
     .run()
     .expect_code(2);
-    assert!(
-        refused
-            .stderr
-            .iter()
-            .any(|line| line.contains("no column `label` with the truth")),
-        "{:?}",
-        refused.stderr
-    );
+    says(&refused, "no column `label` with the truth");
 }

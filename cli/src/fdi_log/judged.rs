@@ -5,7 +5,7 @@ use super::truth::Truth;
 use rotortwin_verdicts::log::LogReport;
 
 /// One log, and what was found.
-#[derive(Clone, serde::Serialize)]
+#[derive(serde::Serialize)]
 pub(super) struct JudgedLog {
     /// As it was named.
     pub(super) file: String,

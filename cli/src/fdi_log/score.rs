@@ -18,7 +18,7 @@ use serde::Serialize;
 const DETECTORS: [&str; 3] = ["t_test", "network", "sequential"];
 
 /// Of one log.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Debug, Serialize)]
 pub(super) struct LogScore {
     /// First damage, s of the log's time.
     pub(super) onset_s: Option<f64>,
@@ -31,7 +31,7 @@ pub(super) struct LogScore {
 }
 
 /// One detector.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Debug, Serialize)]
 pub(super) struct Named {
     /// `t_test`, `network` or `sequential`.
     pub(super) detector: &'static str,
@@ -109,7 +109,7 @@ fn verdicts(window: &WindowView) -> [Verdict; 3] {
 }
 
 /// The sequential detector, one line a log.
-pub(super) fn by_log(names: &[String], scores: &[LogScore]) -> Grid {
+pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
     let mut table = Grid::new([
         "log",
         "windows",
@@ -136,7 +136,7 @@ pub(super) fn by_log(names: &[String], scores: &[LogScore]) -> Grid {
 }
 
 /// Every detector over all logs.
-pub(super) fn by_detector(scores: &[LogScore]) -> Grid {
+pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     let mut table = Grid::new([
         "detector",
         "windows",

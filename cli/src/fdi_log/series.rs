@@ -86,16 +86,12 @@ fn table(logs: &[JudgedLog]) -> TableFile {
             }),
         );
     for rotor in 1..=rotors {
-        let loss = |window: &WindowView| {
-            window
-                .sequential
-                .thrust_loss
-                .iter()
-                .find(|loss| loss.rotor as usize == rotor)
-                .cloned()
-        };
         let of = |field: fn(&LossView) -> f32| {
-            number(&|_, window| loss(window).map_or(f64::NAN, |loss| f64::from(field(&loss))))
+            number(&|_, window| {
+                let losses = &window.sequential.thrust_loss;
+                let loss = losses.iter().find(|loss| loss.rotor as usize == rotor);
+                loss.map_or(f64::NAN, |loss| f64::from(field(loss)))
+            })
         };
         table
             .column(&format!("loss_{rotor}"), of(|loss| loss.share))
