@@ -11,6 +11,7 @@ use rotortwin_campaign::study::folder::{CampaignFolder, manifest, shards_of};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
 use rotortwin_campaign::study::runner::{Keep, RunEnd, missing as missing_shards};
+use rotortwin_campaign::study::summary::CampaignSummary;
 use rotortwin_campaign::study::totals::Totals;
 use rotortwin_campaign::study::{Campaign, results, tables};
 use rotortwin_flight::pace::Pace;
@@ -414,7 +415,7 @@ fn summed_up(
 ) -> Result<(), Failure> {
     let totals = runner::sum_up(campaign, folder)?;
     if json {
-        println!("{:#}", results::summary(campaign, &totals));
+        println!("{}", CampaignSummary::new(campaign, &totals).json());
     } else {
         print_text(campaign, folder, &totals, flown, go_on);
     }

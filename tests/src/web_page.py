@@ -5,6 +5,7 @@ console, an exception, or a request to another host.
 """
 
 import base64
+import itertools
 import json
 import math
 import os
@@ -969,18 +970,22 @@ def pages(browser: Browser) -> None:
     if interactive > INTERACTIVE_S and not is_crowded():
         found.append(f"the first page can be used after {interactive:.2f} s")
     watch.check()
-    for width, scheme in [(1600, "light"), (390, "dark")]:
+    run = api("/runs", {"scenario": "short-hover", "link": "in-process"})["id"]
+    assert wait_for(f"/runs/{run}")["status"] == "done"
+    for width, scheme in itertools.product((1600, 390), ("light", "dark")):
         page, watch = open_page(browser, width, scheme)
-        for path in PAGES:
+        for path in [*PAGES, f"/runs/{run}"]:
             page.goto(f"{SERVER}{path}", wait_until="load")
             page.locator("h1").wait_for()
             page.wait_for_timeout(700)
+            if path.startswith("/runs/"):
+                page.locator("figure canvas").nth(4).wait_for()
             out = page.evaluate("document.documentElement.scrollWidth - innerWidth")
             if out > 0:
-                found.append(f"{path} at {width}: {out} px stick out")
+                found.append(f"{path} at {width}, {scheme}: {out} px stick out")
             for violation in Axe().run(page).response["violations"]:
                 if violation["impact"] in ("serious", "critical"):
-                    found.append(f"{path} at {width}: {violation['id']}: {[node['target'] for node in violation['nodes'][:3]]}")
+                    found.append(f"{path} at {width}, {scheme}: {violation['id']}: {[node['target'] for node in violation['nodes'][:3]]}")
             if path == "/twin":
                 sizes = page.evaluate("performance.getEntriesByType('resource').filter(r => r.name.includes('/assets/')).map(r => r.encodedBodySize)")
                 print(f"first load: {sum(sizes) / 1000:.1f} kB, can be used after {interactive:.2f} s")

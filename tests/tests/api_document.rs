@@ -55,6 +55,7 @@ fn something_of_everything(scratch: &Scratch, server: &Server) -> String {
     }
     let twin = json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [runs[0]] } });
     let campaign = json!({ "text": CAMPAIGN });
+    let unlike = json!({ "model": { "vehicle": "f550" }, "between": ["mass", "air-density"] });
     let jobs = [
         ("comparisons", &twin),
         ("diagnoses", &twin),
@@ -62,12 +63,28 @@ fn something_of_everything(scratch: &Scratch, server: &Server) -> String {
         ("campaigns", &campaign),
         ("blind-benches", &json!({ "n": 1, "duration_s": 10 })),
         ("classifiers", &json!({ "seeds": 1 })),
+        ("next-flights", &unlike),
     ];
     for (collection, body) in jobs {
         let id = server.submit_to(collection, body);
         let job = server.ended_in(collection, &id);
         assert_eq!(job["status"], "done", "{collection}: {job}");
     }
+    let again = server.ask("POST", &format!("/api/v1/runs/{}/verify", runs[0]), &[], "");
+    assert_eq!(again.status, 200, "{}", again.json());
+    let example = server.ask(
+        "POST",
+        "/api/v1/logs/generate",
+        &[],
+        r#"{"preset":"healthy","seed":4,"duration_s":60}"#,
+    );
+    let example = example.json()["id"].as_str().expect("an id").to_owned();
+    assert_eq!(server.ended_in("logs", &example)["status"], "done");
+    let own =
+        json!({ "name": "mine", "flights": { "logs": [example] }, "mass_kg": 1.55, "arm_m": 0.275, "held_out": true });
+    let own = server.submit_to("identifications", &own);
+    let job = server.ended_in("identifications", &own);
+    assert_eq!(job["status"], "done", "{job}");
     let folder = Call::fly(scratch, Link::InProcess, &shipped_scenario("short-hover"), "log")
         .run()
         .expect_code(0);

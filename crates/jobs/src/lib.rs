@@ -32,7 +32,7 @@ pub use log::{LogExample, LogImport};
 pub use stored::StoredJob;
 pub use training::Training;
 pub use twin::{Comparison, Diagnosis, Identification, Improvement, NextFlight};
-pub use verification::Verification;
+pub use verification::{Verification, Verified};
 
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;

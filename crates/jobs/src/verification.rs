@@ -2,10 +2,22 @@
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use utoipa::ToSchema;
 
 /// A run that was done is flown again, in one process, and its run hash compared.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Verification {
     /// Its folder: the summary, and what an autopilot sent if one flew.
     pub run: PathBuf,
+}
+
+/// What a second execution gave.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Verified {
+    /// Run hash of the first execution.
+    pub recorded: String,
+    /// Run hash of the second.
+    pub replayed: String,
+    /// Whether they are the same.
+    pub same: bool,
 }

@@ -8,8 +8,8 @@ use crate::text::significant;
 use rotortwin_jobs::Identification as Job;
 use rotortwin_page::{Report, rounded};
 use rotortwin_twin::identify::{
-    Bench, Estimate, Files, HeldOut, Identified, Part, Request, Source, files, held_out_with, identify_with,
-    known_rotor_places,
+    Bench, Estimate, Files, HeldOut, Identification, Identified, Part, Request, Source, files, held_out_with,
+    identify_with, known_rotor_places,
 };
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::log::flight_parts::FlightParts;
@@ -146,10 +146,14 @@ impl Found {
             .iter()
             .flat_map(|(_, paths)| paths.iter().map(|path| path.display().to_string()))
             .collect();
-        serde_json::json!({
-            "identified": self.vehicle, "held_out": self.scores, "written": written,
-            "vehicle": self.texts.vehicle, "blades": self.texts.blades,
-        })
+        let found = Identification {
+            identified: &self.vehicle,
+            held_out: &self.scores,
+            written,
+            vehicle: &self.texts.vehicle,
+            blades: &self.texts.blades,
+        };
+        serde_json::to_value(found).expect("text and numbers are JSON")
     }
 
     /// For people.

@@ -5,8 +5,9 @@ use crate::{
     Tell, blind, campaign, comparison, diagnosis, identification, improvement, log_example, log_import, named,
     next_flight, training, verification,
 };
+use rotortwin_campaign::study::Campaign;
 use rotortwin_campaign::study::runner::RunEnd;
-use rotortwin_campaign::study::{Campaign, results};
+use rotortwin_campaign::study::summary::CampaignSummary;
 use rotortwin_jobs::{Job, JobEvent, Progress};
 use rotortwin_scenario::Classifier;
 use rotortwin_twin::compare::Comparison;
@@ -14,7 +15,6 @@ use rotortwin_twin::diagnose::Diagnosis;
 use rotortwin_twin::improve::Improvement;
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::next_flight::Proposal;
-use serde_json::Value;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -25,7 +25,7 @@ pub enum JobResult {
     /// Statistics of a campaign; `complete`: over all its flights.
     Campaign {
         /// As its summary says.
-        summary: Value,
+        summary: Box<CampaignSummary>,
         /// Nothing was stopped.
         complete: bool,
     },
@@ -72,7 +72,7 @@ impl JobResult {
         let written = |text: serde_json::Result<String>| text.map_err(Failure::failed);
         match self {
             Self::Shards(shards) => written(serde_json::to_string(shards)),
-            Self::Campaign { summary, .. } => Ok(format!("{summary:#}")),
+            Self::Campaign { summary, .. } => Ok(summary.json()),
             Self::BlindBench(blind::Benched::Part(done)) => written(serde_json::to_string(done)),
             Self::BlindBench(blind::Benched::Whole(sheet)) => {
                 let value = serde_json::to_value(sheet).map_err(Failure::failed)?;
@@ -111,7 +111,7 @@ pub fn perform(job: Job, tell: Tell<'_>) -> Result<JobResult, Failure> {
             } else {
                 let totals = campaign::sum_up(&flights, prepared.folder())?;
                 JobResult::Campaign {
-                    summary: results::summary(&flights, &totals),
+                    summary: Box::new(CampaignSummary::new(&flights, &totals)),
                     complete: flown.end == RunEnd::Complete,
                 }
             }

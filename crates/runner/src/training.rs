@@ -7,6 +7,7 @@ use rotortwin_campaign::paper::reproduction::{self, Method, Options, Reproductio
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_jobs::Training as Job;
 use rotortwin_jobs::training::Method as Asked;
+use rotortwin_scenario::classifier::TrainedClassifier;
 use rotortwin_scenario::{Classifier, Scenario};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -122,5 +123,10 @@ pub fn save_classifier(
 
 /// The result: where the classifier is, and what it was trained on.
 pub fn json(classifier: &Classifier, out: &Path) -> Value {
-    serde_json::json!({ "file": out, "name": classifier.name, "provenance": classifier.provenance })
+    let trained = TrainedClassifier {
+        file: out,
+        name: &classifier.name,
+        provenance: &classifier.provenance,
+    };
+    serde_json::to_value(trained).expect("text and numbers are JSON")
 }

@@ -8,7 +8,6 @@ use rotortwin_plant::Simulation;
 use rotortwin_scenario::{ConfigError, Documents, Scenario};
 use rotortwin_sim::session;
 use rotortwin_store::summary::{Status, Summary, load_summary};
-use serde::Serialize;
 use std::path::Path;
 
 /// Two executions of one run.
@@ -20,17 +19,6 @@ pub struct Verified {
     pub hash: String,
 }
 
-/// The result of a verification.
-#[derive(Debug, Serialize)]
-pub struct Verdict<'a> {
-    /// Run hash of the first execution.
-    recorded: &'a str,
-    /// Run hash of the second.
-    replayed: &'a str,
-    /// Whether they are the same.
-    same: bool,
-}
-
 impl Verified {
     /// Whether both have the same run hash.
     pub fn same(&self) -> bool {
@@ -38,10 +26,10 @@ impl Verified {
     }
 
     /// As it is printed.
-    pub fn verdict(&self) -> Verdict<'_> {
-        Verdict {
-            recorded: &self.summary.run_hash,
-            replayed: &self.hash,
+    pub fn verdict(&self) -> rotortwin_jobs::Verified {
+        rotortwin_jobs::Verified {
+            recorded: self.summary.run_hash.clone(),
+            replayed: self.hash.clone(),
             same: self.same(),
         }
     }

@@ -89,7 +89,7 @@ pub struct Weights {
 }
 
 /// Where a classifier comes from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// Program and version.
@@ -116,8 +116,20 @@ pub struct Provenance {
     pub cross_validation: CrossValidationRecord,
 }
 
+/// What a training gives.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TrainedClassifier<'a> {
+    /// The classifier's file.
+    #[schema(value_type = String)]
+    pub file: &'a Path,
+    /// Its name.
+    pub name: &'a str,
+    /// What it was trained on, and how well it did.
+    pub provenance: &'a Provenance,
+}
+
 /// Leave-one-trajectory-out cross-validation; shares of right windows.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CrossValidationRecord {
     /// Seeds, one data set each.
@@ -133,7 +145,7 @@ pub struct CrossValidationRecord {
 }
 
 /// One fold.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FoldRecord {
     /// Trajectory that was not trained on.

@@ -4,9 +4,11 @@ use super::cases::Preset;
 use super::score::{Outcome, Row, label};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use utoipa::ToSchema;
 
 /// A share with its 95 % interval (Wilson's).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = BlindShare)]
 pub struct Share {
     /// How many.
     pub count: usize,
@@ -62,7 +64,8 @@ impl Share {
 }
 
 /// Figures of one set of rows.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = BlindGroup)]
 pub struct Group {
     /// Preset and flight.
     pub name: String,
@@ -105,7 +108,8 @@ pub struct Group {
 }
 
 /// The score sheet.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = BlindSheet)]
 pub struct Sheet {
     /// One per preset and flight, then one per preset.
     pub groups: Vec<Group>,

@@ -135,7 +135,7 @@ pub struct CaseDocument {
 }
 
 /// `[criteria]`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Criteria {
     /// A fault counts as isolated in time if its rotor is named within this after the onset, s.

@@ -22,6 +22,7 @@ pub mod report;
 pub mod results;
 pub mod runner;
 pub mod score;
+pub mod summary;
 pub mod tables;
 pub mod totals;
 

@@ -2,14 +2,13 @@
 
 use super::folder::program;
 use super::plan::Campaign;
-use super::results;
 use super::score::severity_name;
+use super::summary::CampaignSummary;
 use super::tables::{listed_flights, tables, title};
 use super::totals::{DetectorTotals, Totals};
 use crate::result_table::ResultTable;
 use rotortwin_page::Report;
 use serde::Serialize;
-use serde_json::Value;
 
 /// Curves of the operating chart, at most: more cannot be told apart.
 const MOST_CURVES: usize = 8;
@@ -22,7 +21,7 @@ struct Inside<'a> {
     seed: u64,
     planned: u64,
     /// As `summary.json` and the server have it.
-    result: Value,
+    result: CampaignSummary,
     tables: Vec<ResultTable>,
     delays: Vec<Delays>,
     operating: Vec<Operating>,
@@ -68,7 +67,7 @@ pub fn render(campaign: &Campaign, totals: &Totals) -> String {
         description: &document.description,
         seed: document.seed,
         planned: campaign.flights(),
-        result: results::summary(campaign, totals),
+        result: CampaignSummary::new(campaign, totals),
         tables: all,
         delays: delays(totals),
         operating: operating(totals),

@@ -1,14 +1,11 @@
 //! What is made of the shards: totals, one table of all flights, the summary.
 
-use super::document::Criteria;
-use super::folder::{CampaignFolder, program, write_whole};
-use super::intervals::{poisson_rate, wilson};
+use super::folder::{CampaignFolder, write_whole};
 use super::plan::Campaign;
-use super::record::{DETECTORS, FlightRecord, columns};
-use super::score::severity_name;
-use super::totals::{Delays, DetectorTotals, Totals};
+use super::record::{FlightRecord, columns};
+use super::summary::CampaignSummary;
+use super::totals::Totals;
 use crate::table_file::TableFileWriter;
-use serde_json::{Value, json};
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -67,141 +64,10 @@ pub fn collect(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, S
     Ok(totals)
 }
 
-/// Writes `summary.json`: the totals, without any wall-clock time, so that the same flights give the same bytes.
+/// Writes `summary.json`.
 pub fn write_summary(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals) -> Result<PathBuf, String> {
     let path = folder.path().join(SUMMARY_FILE);
-    let text = format!("{:#}\n", summary(campaign, totals));
+    let text = format!("{}\n", CampaignSummary::new(campaign, totals).json());
     write_whole(&path, text.as_bytes())?;
     Ok(path)
-}
-
-/// The totals as JSON.
-pub fn summary(campaign: &Campaign, totals: &Totals) -> Value {
-    let criteria = &campaign.document().criteria;
-    let detectors: serde_json::Map<String, Value> = DETECTORS
-        .iter()
-        .zip(&totals.detectors)
-        .map(|(name, detector)| ((*name).to_owned(), detector_json(detector, criteria)))
-        .collect();
-    let axes: Vec<Value> = totals
-        .axes
-        .iter()
-        .filter(|axis| !axis.overflown)
-        .map(|axis| {
-            let groups: Vec<Value> = axis
-                .groups
-                .iter()
-                .map(|group| {
-                    let detectors: serde_json::Map<String, Value> = DETECTORS
-                        .iter()
-                        .zip(&group.detectors)
-                        .map(|(name, detector)| ((*name).to_owned(), brief_json(detector, criteria)))
-                        .collect();
-                    json!({ "value": group.name, "flights": group.flights, "failed": group.failed, "detectors": detectors })
-                })
-                .collect();
-            json!({ "axis": axis.axis, "groups": groups })
-        })
-        .collect();
-    let curve: Vec<Value> = totals
-        .curve
-        .iter()
-        .map(|(level, detector)| {
-            let mut point = detector_json(detector, criteria);
-            point["evidence_nats"] = json!(level);
-            point
-        })
-        .collect();
-    json!({
-        "campaign": campaign.document().name,
-        "program": program(),
-        "seed": campaign.document().seed,
-        "planned_flights": campaign.flights(),
-        "complete": totals.flights == campaign.flights(),
-        "flights": totals.flights,
-        "done": totals.done,
-        "failed": totals.failed,
-        "refused": totals.refused,
-        "steps": totals.steps,
-        "flown_h": totals.flown_h(),
-        "hash": totals.hash(),
-        "criteria": criteria,
-        "detectors": detectors,
-        "operating_curve": curve,
-        "axes": axes,
-        "thrust_loss_error": totals.loss_error.summary().map(|(count, mean, rms)| json!({
-            "flights": count, "mean_n": mean, "rms_n": rms, "interval_holds_truth": totals.loss_error.covered(),
-        })),
-    })
-}
-
-fn delays_json(delays: &Delays) -> Value {
-    json!({
-        "flights": delays.total(),
-        "median_s": delays.quantile_s(0.5),
-        "p95_s": delays.quantile_s(0.95),
-        "worst_s": delays.quantile_s(1.0),
-    })
-}
-
-/// What is told of every group.
-fn brief_json(detector: &DetectorTotals, criteria: &Criteria) -> Value {
-    json!({
-        "windows": detector.windows.total(),
-        "right": detector.windows.share(),
-        "right_95": detector.windows.interval(),
-        "false_alarm_events": detector.false_alarm_events,
-        "healthy_h": detector.healthy_h(),
-        "fault_flights": detector.fault_flights,
-        "isolated": delays_json(&detector.isolated),
-        "isolated_in_time": detector.isolated.within(criteria.isolate_within_s),
-    })
-}
-
-fn detector_json(detector: &DetectorTotals, criteria: &Criteria) -> Value {
-    let mut json = brief_json(detector, criteria);
-    let in_time = detector.isolated.within(criteria.isolate_within_s);
-    let confusion: Vec<[i64; 3]> = detector
-        .confusion
-        .iter()
-        .map(|((truth, verdict), count)| [i64::from(*truth), i64::from(*verdict), *count as i64])
-        .collect();
-    let severity: Vec<Value> = detector
-        .by_severity
-        .iter()
-        .map(|(bin, sums)| json!({ "loss": severity_name(*bin), "windows": sums.total(), "right": sums.share(), "right_95": sums.interval() }))
-        .collect();
-    let onsets: Vec<Value> = detector
-        .delay_by_severity
-        .iter()
-        .map(|(bin, (flights, delays))| {
-            json!({
-                "loss": severity_name(*bin),
-                "flights": flights,
-                "in_time": delays.within(criteria.isolate_within_s),
-                "isolated": delays_json(delays),
-            })
-        })
-        .collect();
-    let more = json!({
-        "healthy_right": detector.healthy.share(),
-        "faulty_right": detector.faulty.share(),
-        "missed": detector.missed,
-        "wrong_rotor": detector.wrong_rotor,
-        "wrong_rotor_flights": detector.wrong_rotor_flights,
-        "unclear": detector.unclear,
-        "false_alarms_per_h": detector.false_alarms_per_h(),
-        "false_alarms_per_h_95": poisson_rate(detector.false_alarm_events, detector.healthy_h()),
-        "false_alarm_flights": detector.false_alarm_flights,
-        "detected": delays_json(&detector.detected),
-        "settled": delays_json(&detector.settled),
-        "isolated_in_time_95": wilson(in_time as f64, detector.fault_flights as f64),
-        "confusion_truth_verdict_windows": confusion,
-        "windows_by_severity": severity,
-        "onsets_by_severity": onsets,
-    });
-    if let (Some(json), Value::Object(more)) = (json.as_object_mut(), more) {
-        json.extend(more);
-    }
-    json
 }

@@ -23,7 +23,7 @@ use crate::model::constants::Source;
 const STRAIGHT_RUN: &str = "a straight run at 4 m/s or more, there and back, with velocity in the log";
 
 /// Where the rotors are.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct Airframe {
     /// In words.
     pub name: String,

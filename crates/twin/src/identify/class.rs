@@ -6,7 +6,8 @@
 use serde::Serialize;
 
 /// A size of vehicle.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
+#[schema(as = VehicleClass)]
 pub struct Class {
     /// In words.
     pub name: &'static str,

@@ -4,7 +4,8 @@ use crate::model::constants::Source;
 use serde::Serialize;
 
 /// A value with its 95 % interval.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = IdentifiedValue)]
 pub struct Estimate {
     /// Key of the vehicle document (`body.mass_kg`), or a name of its own for what the document has no key for.
     pub key: String,

@@ -53,7 +53,8 @@ impl Biquad {
 }
 
 /// A band, Hz; `low` 0: no high-pass.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = FrequencyBand)]
 pub struct Band {
     /// Hz.
     pub low_hz: f64,

@@ -16,7 +16,8 @@ use super::{IdentifyError, Request, prepare, slow};
 use crate::log::FlightLog;
 
 /// One channel.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = HeldOutScore)]
 pub struct Score {
     /// In words.
     pub channel: &'static str,
@@ -29,7 +30,8 @@ pub struct Score {
 }
 
 /// Scores of one log.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = HeldOutScores)]
 pub struct HeldOut {
     /// Log.
     pub log: String,

@@ -111,7 +111,8 @@ pub(crate) struct Numbers {
 }
 
 /// A part of a log.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = IdentifiedPart)]
 pub struct Part {
     /// Log that it is of.
     pub log: String,
@@ -122,7 +123,7 @@ pub struct Part {
 }
 
 /// A vehicle as far as the logs tell it.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct Identified {
     /// Names of the logs.
     pub logs: Vec<String>,
@@ -144,6 +145,21 @@ pub struct Identified {
     pub(crate) numbers: Numbers,
     #[serde(skip)]
     pub(crate) request: Request,
+}
+
+/// What an identification gives: each value with its 95 % interval and where it comes from, and the documents of the vehicle.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct Identification<'a> {
+    /// Its values.
+    pub identified: &'a Identified,
+    /// How well each half of a flight predicts the other.
+    pub held_out: &'a [HeldOut],
+    /// Files, where the job wrote some.
+    pub written: Vec<String>,
+    /// Vehicle document (TOML).
+    pub vehicle: &'a str,
+    /// Blade document (TOML) that it names.
+    pub blades: &'a str,
 }
 
 impl Identified {

@@ -27,7 +27,8 @@ const WORSE_SHARE: f64 = 0.1;
 const IN_SPACE: f64 = 0.9;
 
 /// The order that explains the motion best.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+#[schema(as = IdentifiedWiring)]
 pub struct Wiring {
     /// `X` or `plus`.
     pub layout: &'static str,

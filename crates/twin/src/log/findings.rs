@@ -4,7 +4,8 @@ use serde::Serialize;
 use std::fmt;
 
 /// Something suspicious about a log.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = LogFinding)]
 pub struct Finding {
     /// What it is.
     pub kind: FindingKind,
@@ -26,8 +27,9 @@ impl fmt::Display for Finding {
 }
 
 /// Kinds of suspicion.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
+#[schema(as = LogFindingKind)]
 pub enum FindingKind {
     /// z of the accelerometer points up (and y is not flipped with it).
     UpsideDownAxes,

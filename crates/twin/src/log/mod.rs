@@ -47,6 +47,7 @@ pub use error::LogError;
 pub use findings::{Finding, FindingKind};
 pub use report::{ColumnNoise, Delay, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn};
 pub use source_rates::SensorRate;
+pub use stored::ImportAccount;
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -79,8 +80,9 @@ pub struct ReadOptions {
 }
 
 /// What a log was read from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
+#[schema(as = LogSourceKind)]
 pub enum SourceKind {
     /// Canonical CSV.
     Csv,
@@ -129,11 +131,12 @@ impl SourceKind {
 }
 
 /// Where a log comes from.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct LogSource {
     /// Kind of file; of a stored import, that of the file which was imported.
     pub kind: SourceKind,
     /// The file; empty for a log made in this process.
+    #[schema(value_type = String)]
     pub path: PathBuf,
     /// XXH3-128 of the file's bytes, 32 hexadecimal digits; empty for a log made in this process.
     pub content_hash: String,

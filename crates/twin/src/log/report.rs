@@ -4,7 +4,7 @@ use super::findings::Finding;
 use serde::{Deserialize, Serialize};
 
 /// Account of one import.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, utoipa::ToSchema)]
 pub struct ImportReport {
     /// Rows accepted.
     pub rows: usize,
@@ -42,7 +42,8 @@ pub struct ImportReport {
 pub const GAP_FACTOR: f64 = 3.5;
 
 /// An interval without rows.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = LogGap)]
 pub struct Gap {
     /// Last row before it, s.
     pub start_s: f64,
@@ -51,8 +52,9 @@ pub struct Gap {
 }
 
 /// One stream of a log with several time bases.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = LogStream)]
 pub struct Stream {
     /// Topic or message name.
     pub name: String,
@@ -65,7 +67,7 @@ pub struct Stream {
 }
 
 /// A column of the file that is not in the log.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct UnusedColumn {
     /// Name in the file.
     pub column: String,
@@ -74,7 +76,7 @@ pub struct UnusedColumn {
 }
 
 /// Empty cells of one column.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct MissingCells {
     /// The column.
     pub column: String,
@@ -83,7 +85,8 @@ pub struct MissingCells {
 }
 
 /// A group of columns that the log lacks, and what cannot be tested without it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = MissingColumns)]
 pub struct Missing {
     /// The columns.
     pub columns: Vec<String>,
@@ -92,7 +95,8 @@ pub struct Missing {
 }
 
 /// Estimated delay of one signal behind another that physics couples to it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = LogDelay)]
 pub struct Delay {
     /// Column(s) that come late if the delay is positive.
     pub signal: String,
@@ -109,7 +113,7 @@ pub struct Delay {
 }
 
 /// Noise and resolution of one column.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct ColumnNoise {
     /// The column.
     pub column: String,

@@ -21,7 +21,7 @@ const LINE_ERROR: f64 = 0.0913;
 const HELD_ERROR: f64 = 0.5774;
 
 /// Rate and noise of one column.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct SensorRate {
     /// Column.
     pub column: String,

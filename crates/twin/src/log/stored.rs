@@ -1,11 +1,13 @@
 //! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the account of the import `NAME.import.json`.
 
-use super::report::Stream;
-use super::{FlightLog, LogError, Origin, Segment, SourceKind, error, sources};
+use super::flight_parts::FlightParts;
+use super::report::{ImportReport, Stream};
+use super::{FlightLog, LogError, LogSource, Origin, Segment, SourceKind, error, sources};
 use rotortwin_flight_core::MAX_ROTORS;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use utoipa::ToSchema;
 
 /// Longest text that is read of a file's metadata; thousands of parameters are some hundred kilobytes.
 const MOST_KEPT_BYTES: usize = 1 << 22;
@@ -71,6 +73,21 @@ impl Kept {
     }
 }
 
+/// `NAME.import.json`: what was read of a file, and what was made of it.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ImportAccount {
+    /// For people: channels, rates, gaps, what is missing and what that rules out.
+    account: String,
+    /// On the ground, in the air, …; and what happened.
+    flight_parts: FlightParts,
+    /// One line.
+    headline: String,
+    /// The same as `account`, as data.
+    report: ImportReport,
+    /// The file.
+    source: LogSource,
+}
+
 /// The side file as written.
 #[derive(Serialize)]
 struct SideFileOut<'a> {
@@ -120,11 +137,15 @@ impl FlightLog {
         let side_text =
             toml::to_string(&out).map_err(|bad| LogError::format(&side, format!("cannot be written: {bad}")))?;
         let parts = self.flight_parts(None);
-        let report = serde_json::json!({
-            "source": self.source, "report": self.report, "headline": self.headline(), "account": self.account_with(&parts),
-            "flight_parts": parts,
-        });
-        let report_text = serde_json::to_string_pretty(&report)
+        let told = ImportAccount {
+            account: self.account_with(&parts),
+            flight_parts: parts,
+            headline: self.headline(),
+            report: self.report.clone(),
+            source: self.source.clone(),
+        };
+        let report_text = serde_json::to_value(&told)
+            .and_then(|value| serde_json::to_string_pretty(&value))
             .map_err(|bad| LogError::format(&account, format!("cannot be written: {bad}")))?;
         whole(&side, |path| {
             std::fs::write(path, side_text).map_err(error::io(path, "cannot write"))

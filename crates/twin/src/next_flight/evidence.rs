@@ -22,7 +22,8 @@ use crate::model::ModelVersion;
 use crate::predict::{CHANNELS, PredictError, Predictor};
 
 /// What data with an effect in them are expected to say.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+#[schema(as = ManoeuvreEvidence)]
 pub struct Evidence {
     /// ln Bayes factor against the other effect of the pair.
     pub against_other: f64,

@@ -96,7 +96,8 @@ impl Rival {
 }
 
 /// A manoeuvre with what it is expected to show.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+#[schema(as = ProposedManoeuvre)]
 pub struct Proposal {
     /// Name of the manoeuvre.
     pub manoeuvre: String,

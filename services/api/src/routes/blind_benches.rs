@@ -25,7 +25,7 @@ use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 super::collection!(
     blind_benches,
     crate::jobs::JobKind::BlindBench,
-    AnyResult,
+    BlindBenchResult,
     "blind bench",
     "/api/v1/blind-benches",
     "/api/v1/blind-benches/{id}",

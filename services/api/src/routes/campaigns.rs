@@ -21,7 +21,7 @@ use utoipa::ToSchema;
 super::collection!(
     campaigns,
     crate::jobs::JobKind::Campaign,
-    AnyResult,
+    CampaignResult,
     "campaign",
     "/api/v1/campaigns",
     "/api/v1/campaigns/{id}",

@@ -20,7 +20,7 @@ use utoipa::ToSchema;
 super::collection!(
     classifiers,
     crate::jobs::JobKind::Classifier,
-    AnyResult,
+    ClassifierResult,
     "classifier",
     "/api/v1/classifiers",
     "/api/v1/classifiers/{id}",

@@ -21,7 +21,7 @@ use utoipa::ToSchema;
 super::collection!(
     identifications,
     crate::jobs::JobKind::Identification,
-    AnyResult,
+    IdentificationResult,
     "identification",
     "/api/v1/identifications",
     "/api/v1/identifications/{id}",

@@ -22,7 +22,7 @@ use xxhash_rust::xxh3::Xxh3;
 super::collection!(
     logs,
     crate::jobs::JobKind::Log,
-    AnyResult,
+    LogResult,
     "log",
     "/api/v1/logs",
     "/api/v1/logs/{id}",

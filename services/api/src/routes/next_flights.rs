@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 super::collection!(
     next_flights,
     crate::jobs::JobKind::NextFlight,
-    AnyResult,
+    NextFlightResult,
     "proposal of a next flight",
     "/api/v1/next-flights",
     "/api/v1/next-flights/{id}",

@@ -6,12 +6,18 @@ use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
+pub(crate) use rotortwin_blind::bench::sheet::Sheet as BlindBenchResult;
+pub(crate) use rotortwin_campaign::study::summary::CampaignSummary as CampaignResult;
+pub(crate) use rotortwin_jobs::Verified as VerificationResult;
 pub(crate) use rotortwin_twin::compare::Comparison as ComparisonResult;
 pub(crate) use rotortwin_twin::diagnose::Diagnosis as DiagnosisResult;
 pub(crate) use rotortwin_twin::improve::Improvement as ImprovementResult;
+pub(crate) use rotortwin_twin::log::ImportAccount as LogResult;
 
-/// A result that the document does not describe: what the command prints with `--json`.
-pub(crate) type AnyResult = Value;
+pub(crate) type IdentificationResult = rotortwin_twin::identify::Identification<'static>;
+/// The best manoeuvre first.
+pub(crate) type NextFlightResult = Vec<rotortwin_twin::next_flight::Proposal>;
+pub(crate) type ClassifierResult = rotortwin_scenario::classifier::TrainedClassifier<'static>;
 
 /// A job with what came out of it.
 #[derive(Serialize, ToSchema)]

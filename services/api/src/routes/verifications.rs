@@ -12,10 +12,10 @@ use axum::Json;
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
-use rotortwin_jobs::{Input, StoredJob, Verification as VerificationJob};
+use rotortwin_jobs::{Input, StoredJob, Verification as VerificationJob, Verified};
 use rotortwin_sim::commands::COMMANDS_FILE;
 use rotortwin_store::files::SUMMARY_FILE;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::json;
 use std::time::Duration;
 use utoipa::ToSchema;
@@ -23,7 +23,7 @@ use utoipa::ToSchema;
 super::collection!(
     verifications,
     crate::jobs::JobKind::Verification,
-    AnyResult,
+    VerificationResult,
     "run flown again",
     "/api/v1/verifications",
     "/api/v1/verifications/{id}",
@@ -53,14 +53,6 @@ pub(crate) struct Verification {
     wall_ms: i64,
     /// Id of the job that did it: `/api/v1/verifications/{id}`.
     job: String,
-}
-
-/// What the command prints.
-#[derive(Deserialize)]
-struct Replayed {
-    same: bool,
-    recorded: String,
-    replayed: String,
 }
 
 /// Flies a run that was done again, in one process, and compares the run hash: a job in the queue; the answer comes when it has ended.
@@ -129,7 +121,7 @@ pub(crate) async fn verify(
     let replayed = job
         .result
         .as_deref()
-        .and_then(|text| serde_json::from_str::<Replayed>(text).ok());
+        .and_then(|text| serde_json::from_str::<Verified>(text).ok());
     let Some(replayed) = replayed.filter(|_| job.status == Status::Done) else {
         let why = job.error.unwrap_or_else(|| format!("it was {}", job.status.as_str()));
         return Err(Problem::unprocessable(why.strip_prefix("rotortwin: ").unwrap_or(&why)));

@@ -25,8 +25,9 @@ use signals::Signals;
 const MOST_EVENTS: usize = 200;
 
 /// What a part of a flight is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schema(as = FlightPartKind)]
 pub enum PartKind {
     /// Motors off or idle, the vehicle at rest or carried.
     Ground,
@@ -60,7 +61,7 @@ impl PartKind {
 }
 
 /// A part of a flight.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct FlightPart {
     /// What it is.
     pub kind: PartKind,
@@ -73,8 +74,9 @@ pub struct FlightPart {
 }
 
 /// What happened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schema(as = FlightEventKind)]
 pub enum EventKind {
     /// A motor output at its upper limit.
     Saturated,
@@ -89,7 +91,7 @@ pub enum EventKind {
 }
 
 /// Something that happened.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct FlightEvent {
     /// What.
     pub kind: EventKind,
@@ -104,7 +106,7 @@ pub struct FlightEvent {
 }
 
 /// Parts of a flight and what happened in it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct FlightParts {
     /// In the order of time, without overlap.
     pub parts: Vec<FlightPart>,
