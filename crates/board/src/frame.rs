@@ -25,28 +25,10 @@ pub const fn overhead(payload: usize) -> usize {
     HEADER + CRC + frame / 254 + 2
 }
 
-/// CRC-32 of IEEE 802.3 for all values of a byte.
-const CRC_TABLE: [u32; 256] = {
-    let mut table = [0; 256];
-    let mut i = 0;
-    while i < 256 {
-        let mut crc = i as u32;
-        let mut bit = 0;
-        while bit < 8 {
-            crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
-            bit += 1;
-        }
-        table[i] = crc;
-        i += 1;
-    }
-    table
-};
-
 /// CRC-32 of IEEE 802.3.
 pub fn crc32(bytes: &[u8]) -> u32 {
-    !bytes
-        .iter()
-        .fold(!0, |crc, byte| CRC_TABLE[usize::from(crc as u8 ^ byte)] ^ crc >> 8)
+    const CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+    CRC32.checksum(bytes)
 }
 
 /// What a frame says of itself.
@@ -86,25 +68,12 @@ pub fn encode_header(header: Header, payload: &[u8], out: &mut [u8; MAX_ENCODED]
     let crc = crc32(&frame[..end]).to_le_bytes();
     frame[end..end + CRC].copy_from_slice(&crc);
 
-    let mut mark = 0;
-    let mut at = 1;
-    let mut distance = 1u8;
-    for byte in &frame[..end + CRC] {
-        if *byte != 0 {
-            out[at] = *byte;
-            at += 1;
-            distance += 1;
-        }
-        if *byte == 0 || distance == 0xFF {
-            out[mark] = distance;
-            mark = at;
-            at += 1;
-            distance = 1;
-        }
+    // It fits: `MAX_ENCODED` has room for the longest frame.
+    let length = cobs::try_encode(&frame[..end + CRC], out).unwrap_or(0);
+    if let Some(zero) = out.get_mut(length) {
+        *zero = 0;
     }
-    out[mark] = distance;
-    out[at] = 0;
-    at + 1
+    length + 1
 }
 
 /// What a receiver has seen.
@@ -183,7 +152,10 @@ impl<const N: usize> ShortDecoder<N> {
             // Two zeros in a row say nothing.
             return None;
         }
-        let Some(length) = unstuff(&mut self.buffer[..length]).filter(|length| *length >= HEADER + CRC) else {
+        let Some(length) = cobs::decode_in_place(&mut self.buffer[..length])
+            .ok()
+            .filter(|length| *length >= HEADER + CRC)
+        else {
             self.statistics.garbage = self.statistics.garbage.wrapping_add(1);
             return None;
         };
@@ -203,27 +175,6 @@ impl<const N: usize> ShortDecoder<N> {
         };
         Some((header, payload))
     }
-}
-
-/// Takes the stuffing out in place; the length that remains, or `None` if it is not COBS.
-fn unstuff(bytes: &mut [u8]) -> Option<usize> {
-    let mut read = 0;
-    let mut write = 0;
-    while read < bytes.len() {
-        let distance = usize::from(bytes[read]);
-        let end = read + distance;
-        if distance == 0 || end > bytes.len() {
-            return None;
-        }
-        bytes.copy_within(read + 1..end, write);
-        write += distance - 1;
-        read = end;
-        if distance < 0xFF && read < bytes.len() {
-            bytes[write] = 0;
-            write += 1;
-        }
-    }
-    Some(write)
 }
 
 #[cfg(test)]

@@ -63,7 +63,7 @@ pub(crate) struct JobView {
     /// Why it failed, one sentence.
     error: Option<String>,
     /// What came out. Not in lists.
-    #[schema(value_type = Option<Object>)]
+    #[schema(value_type = Option<serde_json::Value>)]
     result: Option<serde_json::Value>,
 }
 
