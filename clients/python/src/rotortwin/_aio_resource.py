@@ -12,7 +12,7 @@ import httpx
 
 from ._exchange import Operation, drive_async
 from ._operations import J, JobOperations, Progress, Watcher
-from ._query import MEMORY, query
+from ._query import MEMORY, query_async
 from ._stream import Download, Follow, local_path
 from ._transport import AsyncTransport
 from .models import Artifact, Event, Status
@@ -136,7 +136,7 @@ class AsyncResource(Generic[J]):
         with tempfile.TemporaryDirectory(prefix="rotortwin-query-") as folder:
             for id in ids:
                 await self.download(id, file, local_path(Path(folder), f"{id}/{file}"))
-            return await asyncio.to_thread(query, sql, folder, memory=memory)
+            return await query_async(sql, folder, memory=memory)
 
     async def download_all(self, id: str, folder: str | Path) -> Path:
         """All its files into a folder."""

@@ -17,6 +17,7 @@ This module uses nothing of its package: the program carries a copy of it.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import os
@@ -68,6 +69,11 @@ def query(sql: str, folder: Sources = ".", *, memory: str = MEMORY, threads: int
         if answer is None:
             raise ValueError("the statement gives no rows; expected a SELECT")
         return answer.to_arrow_table()
+
+
+async def query_async(sql: str, folder: Sources = ".", *, memory: str = MEMORY) -> pyarrow.Table:
+    """`query` in a thread of its own."""
+    return await asyncio.to_thread(query, sql, folder, memory=memory)
 
 
 def _configure(connection: Any, memory: str, threads: int | None, spill: str, most_spill: str | None = None) -> None:

@@ -1,9 +1,11 @@
 """Jobs of one kind, with threads: the verbs that all of them have."""
 
+# Made from _aio_resource.py by generate_sync.py: change that file.
+
 from __future__ import annotations
 
-import tempfile
 import time
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -37,13 +39,16 @@ class Resource(Generic[J]):
         """One of them."""
         return self._do(self._operations.get(id))
 
-    def list(self, *, status: Status | None = None, name: str | None = None, page_size: int = 100, **filters: Any) -> Iterator[J]:
+    def list(
+        self, *, status: Status | None = None, name: str | None = None, page_size: int = 100, **filters: Any
+    ) -> Iterator[J]:
         """All of them, latest first, page by page as they are asked for."""
         cursor: str | None = None
         while True:
             page = self._operations.page(cursor, page_size, {"status": status, "name": name, **filters})
             items, cursor = self._do(page)
-            yield from items
+            for item in items:
+                yield item
             if cursor is None:
                 return
 
@@ -56,7 +61,8 @@ class Resource(Generic[J]):
                 try:
                     if answer.status_code == 200:
                         for chunk in answer.iter_bytes():
-                            yield from follow.feed(chunk)
+                            for event in follow.feed(chunk):
+                                yield event
                             if follow.over:
                                 return
                         pause = 0.1
@@ -69,7 +75,7 @@ class Resource(Generic[J]):
                 pause = follow.broke(error)
             # A stream that ends without `ended` and without news: the server is ending, or there will be no more.
             else:
-                if answer.status_code == 200 and not follow.news and self.get(id).ended:
+                if answer.status_code == 200 and not follow.news and (self.get(id)).ended:
                     return
             time.sleep(pause)
 

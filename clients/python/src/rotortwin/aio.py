@@ -99,7 +99,7 @@ class AsyncBlindBenches(AsyncResource[Job]):
 
 
 class AsyncRuns(AsyncResource[Run]):
-    """Flights; see `rotortwin.client.Runs`."""
+    """Flights."""
 
     _operations: RunOperations
 
@@ -127,7 +127,13 @@ class AsyncRuns(AsyncResource[Run]):
         max_sim_s: float | None = None,
         idempotency_key: str | None = None,
     ) -> Run:
-        """Submits a flight; when this returns it is on the server's disk, and will end."""
+        """Submits a flight; when this returns it is on the server's disk, and will end.
+
+        scenario: a name of the server's library, with keys changed by `set`; or a `Path` of a file here, which is sent.
+        model, fdi_model: what flies, and the model assumed by the detectors: `{"model": NAME}` of the library, `{"improvement": ID}`, …
+        text: a scenario document instead. documents: all documents of a run, as its summary holds them.
+        idempotency_key: the same key gives the same run; by default a new one, kept over the tries of this call.
+        """
         body = scenario_body(scenario, text, documents, set)
         body |= {"seed": seed, "link": link, "pace": pace, "priority": priority, "controller": controller, "fdi": fdi}
         given: dict[str, Any] = {"classifier": classifier, "model": model, "fdi_model": fdi_model, "join_timeout_ms": join_timeout_ms}
@@ -303,7 +309,11 @@ class AsyncModels(AsyncLibrary):
 
 
 class AsyncClient:
-    """A rotortwin server; see `rotortwin.Client`."""
+    """A rotortwin server.
+
+    url: such as `http://127.0.0.1:8400`. token: for servers that ask for one. ca: file of the authority that signed the server's
+    certificate. patience_s: how long to try again when the server cannot be reached. timeout_s: longest silence within one answer.
+    """
 
     def __init__(
         self,
@@ -345,7 +355,12 @@ class AsyncClient:
         blind_benches: Sequence[str] = (),
         rows: int = 1000,
     ) -> QueryAnswer:
-        """See `rotortwin.Client.query`."""
+        """SQL over the Parquet files of jobs, answered by the server: 30 s and 32 MiB at most.
+
+        Tables are called as the files (`telemetry`, `campaign`, …); their column `folder` begins with the id of the job. One SELECT in
+        DuckDB's SQL, which reaches the files of these jobs and nothing else. `runs.query` and the like fetch the files instead, and have
+        no such limits.
+        """
         operation = query_files(self._transport.settings, sql, runs, campaigns, blind_benches, rows)
         return await drive_async(self._transport.http, operation)
 

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import pandas
 
 
-
 class AsyncFdiSession:
     """Detectors of one flight. Closed by `close`, at the end of a `async with`, or when nothing is asked of it for its idle time."""
 

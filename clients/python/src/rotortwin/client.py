@@ -1,5 +1,7 @@
 """The blocking client."""
 
+# Made from aio.py by generate_sync.py: change that file.
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -9,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import httpx
 
+from ._resource import Resource
 from ._exchange import Operation, Settings, drive
 from ._models import MAIN, ModelOperations
 from ._operations import (
@@ -23,11 +26,10 @@ from ._operations import (
     query_files,
     scenario_body,
 )
-from ._resource import Resource
 from ._transport import Transport
 from .fdi import Fdi
-from .models import Autopilot, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
 from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
+from .models import Autopilot, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas

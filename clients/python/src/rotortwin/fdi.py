@@ -1,5 +1,7 @@
 """The detectors as a service, over HTTP in chunks."""
 
+# Made from aio_fdi.py by generate_sync.py: change that file.
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +16,6 @@ from .models import FdiAnswer, FdiState, FdiWindow, Sample
 
 if TYPE_CHECKING:
     import pandas
-
 
 
 class FdiSession:

@@ -1,5 +1,7 @@
 """Logs, comparisons, diagnoses, improvements, classifiers."""
 
+# Made from aio_twin.py by generate_sync.py: change that file.
+
 from __future__ import annotations
 
 from collections.abc import Sequence
