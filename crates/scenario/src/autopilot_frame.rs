@@ -74,7 +74,7 @@ pub struct Motor {
 }
 
 /// Documents that are built in.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 8] = [
     (
         "ardupilot-hexa-x",
         include_str!("../../../config/autopilots/ardupilot-hexa-x.toml"),
@@ -87,6 +87,19 @@ const BUILT_IN: [(&str, &str); 4] = [
     (
         "betaflight-hex6x",
         include_str!("../../../config/autopilots/betaflight-hex6x.toml"),
+    ),
+    (
+        "ardupilot-quad-x",
+        include_str!("../../../config/autopilots/ardupilot-quad-x.toml"),
+    ),
+    (
+        "ardupilot-quad-plus",
+        include_str!("../../../config/autopilots/ardupilot-quad-plus.toml"),
+    ),
+    ("px4-quad-x", include_str!("../../../config/autopilots/px4-quad-x.toml")),
+    (
+        "betaflight-quadx",
+        include_str!("../../../config/autopilots/betaflight-quadx.toml"),
     ),
 ];
 

@@ -25,11 +25,28 @@ fn val_channels_of_a_hexarotor_x_are_those_observed_in_flight() {
 }
 
 #[test]
+fn val_channels_of_a_quadrotor_x_are_those_of_the_frames_tables() {
+    // Rotor 1 front right, then clockwise: 1 front right, 2 rear right, 3 rear left, 4 front left.
+    let expected = [
+        (AutopilotKind::ArduPilot, [1, 3, 4, 2]),
+        (AutopilotKind::Px4, [1, 3, 4, 2]),
+        (AutopilotKind::Betaflight, [2, 1, 3, 4]),
+    ];
+    for (autopilot, numbers) in expected {
+        for name in ["quad-x", "quad-x-skids"] {
+            let (frame, rotors) = AutopilotFrame::of_vehicle(autopilot, &vehicle(name)).unwrap();
+            let found: Vec<usize> = rotors.iter().map(|rotor| rotor + 1).collect();
+            assert_eq!(found, numbers, "{}", frame.name);
+        }
+    }
+}
+
+#[test]
 fn val_a_vehicle_without_a_frame_is_named() {
     let sentence = AutopilotFrame::of_vehicle(AutopilotKind::Px4, &vehicle("octo-x")).unwrap_err();
     assert_eq!(
         sentence,
-        "no frame of PX4 fits the vehicle Octo X (px4-hexa-x: it has 6 motors, the vehicle 8)"
+        "no frame of PX4 fits the vehicle Octo X (px4-hexa-x: it has 6 motors, the vehicle 8; px4-quad-x: it has 4 motors, the vehicle 8)"
     );
 }
 

@@ -6,7 +6,7 @@ mod autopilots;
 mod failures;
 mod links;
 
-use autopilots::{Watch, scenario};
+use autopilots::{Watch, scenario, scenario_of};
 use failures::sentence;
 use links::{Pilot, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
@@ -222,10 +222,18 @@ fn fly(
     channels: usize,
     pause: Option<(u64, Duration)>,
 ) -> Flown {
-    let scenario = scenario(duration_s, more);
-    let map = outputs(AutopilotKind::ArduPilot, &scenario);
+    fly_in(&scenario(duration_s, more), script, channels, pause)
+}
+
+fn fly_in(
+    scenario: &Scenario,
+    script: impl Fn(u32) -> Act + Send,
+    channels: usize,
+    pause: Option<(u64, Duration)>,
+) -> Flown {
+    let map = outputs(AutopilotKind::ArduPilot, scenario);
     let mut link = ArduPilot::listen("127.0.0.1:0".parse().unwrap(), map, patience()).unwrap();
-    let mut peer = Peer::new(&scenario, link.local_address().unwrap());
+    let mut peer = Peer::new(scenario, link.local_address().unwrap());
     peer.channels = channels;
     let mut watch = Watch {
         pause,
@@ -233,7 +241,7 @@ fn fly(
     };
     std::thread::scope(|scope| {
         let peer = scope.spawn(move || peer.run(script));
-        let outcome = flown(&scenario, &mut link, &mut watch);
+        let outcome = flown(scenario, &mut link, &mut watch);
         drop(link);
         let (answers, sent) = peer.join().unwrap();
         Flown {
@@ -266,6 +274,15 @@ fn scenario_takes_off_holds_and_the_damaged_propeller_is_isolated() {
         "{} s",
         flown.outcome.prelude_s
     );
+}
+
+#[test]
+fn scenario_a_quadrotor_takes_off_holds_and_the_damaged_propeller_is_isolated() {
+    let fault = "[[fault]]\ntime_s = 12.0\nrotor = 2\nthrust_loss_percent = 10.0";
+    let flown = fly_in(&scenario_of("quad-x-skids", 18.0, fault), |_| Act::Normal, 16, None);
+    assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
+    assert!(flown.watch.farthest_m < 0.3, "{} m", flown.watch.farthest_m);
+    assert_eq!(flown.watch.verdict, 2);
 }
 
 #[test]

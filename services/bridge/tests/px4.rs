@@ -6,7 +6,7 @@ mod autopilots;
 mod failures;
 mod links;
 
-use autopilots::{Watch, scenario};
+use autopilots::{Watch, scenario, scenario_of};
 use failures::sentence;
 use links::{Pilot, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
@@ -298,17 +298,20 @@ struct Flown {
 }
 
 fn fly(duration_s: f64, more: &str, script: impl Fn(u64) -> Act + Send, pause: Option<(u64, Duration)>) -> Flown {
-    let scenario = scenario(duration_s, more);
-    let map = outputs(AutopilotKind::Px4, &scenario);
+    fly_in(&scenario(duration_s, more), script, pause)
+}
+
+fn fly_in(scenario: &Scenario, script: impl Fn(u64) -> Act + Send, pause: Option<(u64, Duration)>) -> Flown {
+    let map = outputs(AutopilotKind::Px4, scenario);
     let mut link = Px4::listen("127.0.0.1:0".parse().unwrap(), map, patience()).unwrap();
-    let peer = Peer::new(&scenario, link.local_address().unwrap());
+    let peer = Peer::new(scenario, link.local_address().unwrap());
     let mut watch = Watch {
         pause,
         ..Watch::default()
     };
     std::thread::scope(|scope| {
         let peer = scope.spawn(move || peer.run(script));
-        let outcome = flown(&scenario, &mut link, &mut watch);
+        let outcome = flown(scenario, &mut link, &mut watch);
         drop(link);
         peer.join().unwrap();
         Flown { outcome, watch }
@@ -331,6 +334,15 @@ fn scenario_takes_off_holds_and_the_damaged_propeller_is_isolated() {
     assert_eq!(flown.outcome.flight.steps, 7200);
     assert!(flown.watch.farthest_m < 0.6, "{} m", flown.watch.farthest_m);
     assert_eq!(flown.watch.verdict, 3);
+}
+
+#[test]
+fn scenario_a_quadrotor_takes_off_holds_and_the_damaged_propeller_is_isolated() {
+    let fault = "[[fault]]\ntime_s = 12.0\nrotor = 2\nthrust_loss_percent = 10.0";
+    let flown = fly_in(&scenario_of("quad-x-skids", 18.0, fault), |_| Act::Normal, None);
+    assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
+    assert!(flown.watch.farthest_m < 0.6, "{} m", flown.watch.farthest_m);
+    assert_eq!(flown.watch.verdict, 2);
 }
 
 #[test]

@@ -7,7 +7,7 @@ mod autopilots;
 #[expect(unreachable_pub, reason = "it is a module of another crate, too")]
 mod skip;
 
-use autopilots::{HEIGHT_M, Watch, scenario};
+use autopilots::{HEIGHT_M, Watch, scenario, scenario_of};
 use rotortwin_bridge::autopilot::address::Protocol;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::betaflight::Betaflight;
@@ -21,8 +21,10 @@ use rotortwin_flight::setup::run_setup;
 use rotortwin_plant::sensing::instruments::InstrumentModel;
 use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
 use rotortwin_wire::autopilot::Autopilot;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// When the fault begins and the flight ends, s after the hand-over.
@@ -55,13 +57,28 @@ impl Drop for Running {
     }
 }
 
+/// A program, and the turn to fly with it: every autopilot has ports of its own choice.
+struct Program(
+    PathBuf,
+    #[expect(dead_code, reason = "held while it flies")] MutexGuard<'static, ()>,
+);
+
+impl Deref for Program {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.0
+    }
+}
+
 /// The program that a variable names; otherwise the test is counted as skipped.
-fn program(variable: &str) -> Option<PathBuf> {
+fn program(variable: &str) -> Option<Program> {
+    static TURN: Mutex<()> = Mutex::new(());
     let named = std::env::var_os(variable).map(PathBuf::from);
     if named.is_none() {
         skip::skip(&format!("{variable} names no simulator build of the autopilot"));
     }
-    named
+    named.map(|path| Program(path, TURN.lock().unwrap_or_else(PoisonError::into_inner)))
 }
 
 fn settings(name: &str) -> PathBuf {
@@ -115,9 +132,7 @@ impl FlightObserver for Listener {
         if self.chatty && sample.sensors.stamp.step.is_multiple_of(1600) {
             eprintln!(
                 "{time_s:6.1} s  p {:.2?}  duty {:.3?}  verdict {}",
-                sample.truth.position_ned_m,
-                &sample.command.duty[..6],
-                sample.report.sequential
+                sample.truth.position_ned_m, sample.command.duty, sample.report.sequential
             );
         }
         Ok(())
@@ -148,6 +163,8 @@ struct Order {
     /// Loses 10 % of its thrust at [`FAULT_S`], from 1; 0: none.
     rotor: i32,
     seed: u64,
+    /// A quadrotor X instead of a hexarotor X.
+    quadrotor: bool,
     chatty: bool,
 }
 
@@ -157,7 +174,11 @@ fn flown<A: Autopilot>(order: Order, open: impl FnOnce(OutputMap, Patience) -> A
         0 => String::new(),
         rotor => format!("[[fault]]\ntime_s = {FAULT_S:?}\nrotor = {rotor}\nthrust_loss_percent = 10.0"),
     };
-    let scenario = scenario(order.duration_s, &fault);
+    let scenario = if order.quadrotor {
+        scenario_of("quad-x-skids", order.duration_s, &fault)
+    } else {
+        scenario(order.duration_s, &fault)
+    };
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(order.kind, scenario.vehicle()).unwrap();
     let map = OutputMap {
         rotor_of_channel,
@@ -199,6 +220,7 @@ fn third_rotor(kind: AutopilotKind) -> Order {
         duration_s: FLIGHT_S,
         rotor: 3,
         seed: 1,
+        quadrotor: false,
         chatty: true,
     }
 }
@@ -225,13 +247,16 @@ fn hovered_and_the_damage_was_isolated(within_m: f64, (listener, outcome): (List
     );
 }
 
-#[test]
-fn scenario_betaflight() {
+fn flies_betaflight(quadrotor: bool) {
     let Some(program) = program("ROTORTWIN_BETAFLIGHT") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
-    let lines = settings("betaflight-hex6x.cli.txt");
+    let lines = settings(if quadrotor {
+        "betaflight-quadx.cli.txt"
+    } else {
+        "betaflight-hex6x.cli.txt"
+    });
     drop(
         start(&program, &["--config", lines.to_str().unwrap()], folder.path())
             .0
@@ -239,10 +264,24 @@ fn scenario_betaflight() {
     );
     let _running = start(&program, &[], folder.path());
     let address = std::env::var("ROTORTWIN_BETAFLIGHT_ADDRESS").unwrap_or_else(|_| "betaflight".to_owned());
-    let flight = flown(third_rotor(AutopilotKind::Betaflight), |map, patience| {
+    let order = Order {
+        quadrotor,
+        ..third_rotor(AutopilotKind::Betaflight)
+    };
+    let flight = flown(order, |map, patience| {
         Betaflight::listen(&address.parse().unwrap(), true, map, patience).unwrap()
     });
     hovered_and_the_damage_was_isolated(BETAFLIGHT_WITHIN_M, flight);
+}
+
+#[test]
+fn scenario_betaflight() {
+    flies_betaflight(false);
+}
+
+#[test]
+fn scenario_betaflight_flies_a_quadrotor() {
+    flies_betaflight(true);
 }
 
 /// `NAME=VALUE` of each line of a file that a shell would read.
@@ -262,7 +301,11 @@ fn with_px4(program: &Path, folder: &Path, order: Order) -> (Running, (Listener,
     let mut running = None;
     let flight = flown(order, |map, patience| {
         let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
-        let environment = environment(&settings("px4-hexa-x.env"));
+        let environment = environment(&settings(if order.quadrotor {
+            "px4-quad-x.env"
+        } else {
+            "px4-hexa-x.env"
+        }));
         running = Some(start_with(program, &args, &environment, folder));
         let at = pilot::default_address(Protocol::Px4).unwrap();
         Piloted::new(link, Some(Pilot::new(Protocol::Px4, at, pilot::MEET).unwrap()))
@@ -277,6 +320,20 @@ fn scenario_px4() {
     };
     let folder = tempfile::tempdir().unwrap();
     let (_running, flight) = with_px4(&program, folder.path(), third_rotor(AutopilotKind::Px4));
+    hovered_and_the_damage_was_isolated(PX4_WITHIN_M, flight);
+}
+
+#[test]
+fn scenario_px4_flies_a_quadrotor() {
+    let Some(program) = program("ROTORTWIN_PX4") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let order = Order {
+        quadrotor: true,
+        ..third_rotor(AutopilotKind::Px4)
+    };
+    let (_running, flight) = with_px4(&program, folder.path(), order);
     hovered_and_the_damage_was_isolated(PX4_WITHIN_M, flight);
 }
 
@@ -346,13 +403,16 @@ fn scenario_px4_healthy() {
     );
 }
 
-#[test]
-fn scenario_arducopter() {
+fn flies_arducopter(quadrotor: bool) {
     let Some(program) = program("ROTORTWIN_ARDUCOPTER") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
-    let lines = settings("ardupilot-hexa-x.parm");
+    let lines = settings(if quadrotor {
+        "ardupilot-quad-x.parm"
+    } else {
+        "ardupilot-hexa-x.parm"
+    });
     let args = [
         "--wipe",
         "--model",
@@ -367,7 +427,11 @@ fn scenario_arducopter() {
         lines.to_str().unwrap(),
     ];
     let mut running = None;
-    let flight = flown(third_rotor(AutopilotKind::ArduPilot), |map, patience| {
+    let order = Order {
+        quadrotor,
+        ..third_rotor(AutopilotKind::ArduPilot)
+    };
+    let flight = flown(order, |map, patience| {
         let link = ArduPilot::listen("127.0.0.1:9002".parse().unwrap(), map, patience).unwrap();
         running = Some(start(&program, &args, folder.path()));
         let at = pilot::default_address(Protocol::ArduPilot).unwrap();
@@ -375,4 +439,14 @@ fn scenario_arducopter() {
     });
     hovered_and_the_damage_was_isolated(ARDUPILOT_WITHIN_M, flight);
     drop(running);
+}
+
+#[test]
+fn scenario_arducopter() {
+    flies_arducopter(false);
+}
+
+#[test]
+fn scenario_arducopter_flies_a_quadrotor() {
+    flies_arducopter(true);
 }

@@ -9,10 +9,15 @@ use std::time::Duration;
 /// Height of the hover over the origin, m.
 pub(crate) const HEIGHT_M: f64 = 1.5;
 
-/// A hover of `duration_s` after the hand-over, from the ground, with more lines of the document.
+/// [`scenario_of`] a hexarotor X.
 pub(crate) fn scenario(duration_s: f64, more: &str) -> Scenario {
+    scenario_of("f550-skids", duration_s, more)
+}
+
+/// A hover of `duration_s` after the hand-over, from the ground, with more lines of the document.
+pub(crate) fn scenario_of(vehicle: &str, duration_s: f64, more: &str) -> Scenario {
     let text = format!(
-        "name = 'autopilot'\ndescription = 'hover'\nvehicle = '../vehicles/f550-skids.toml'\nduration_s = {duration_s:?}\n\
+        "name = 'autopilot'\ndescription = 'hover'\nvehicle = '../vehicles/{vehicle}.toml'\nduration_s = {duration_s:?}\n\
          [initial]\nstart = 'on-ground'\n[trajectory]\nkind = 'hover'\nposition_ned_m = [0.0, 0.0, -{HEIGHT_M:?}]\n\
          [ground]\ndown_m = 0.0\n[ground.contact]\n{more}"
     );
