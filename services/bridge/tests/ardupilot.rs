@@ -8,7 +8,7 @@ mod links;
 
 use autopilots::{Watch, scenario, scenario_of};
 use failures::sentence;
-use links::{Pilot, flown, outputs, patience};
+use links::{Pilot, channels, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::servo_packet::ServoPacket;
@@ -96,7 +96,7 @@ impl Peer {
             frame: 0,
             channels: 16,
             pilot: Pilot::new(scenario, f64::from(ARMS_AT) * 0.001),
-            map: vec![2, 5, 6, 3, 1, 4],
+            map: channels(scenario).to_vec(),
             sent: 0,
             answers: 0,
         }

@@ -8,7 +8,7 @@ mod links;
 
 use autopilots::{Watch, scenario, scenario_of};
 use failures::sentence;
-use links::{Pilot, flown, outputs, patience};
+use links::{Pilot, channels, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::mavlink::frame::{Decoder, encode};
@@ -150,6 +150,7 @@ impl Estimate {
 struct Peer {
     to: SocketAddr,
     pilot: Pilot,
+    channels: &'static [usize],
     answers: u64,
 }
 
@@ -158,6 +159,7 @@ impl Peer {
         Self {
             to,
             pilot: Pilot::new(scenario, ARMS_S),
+            channels: channels(scenario),
             answers: 0,
         }
     }
@@ -250,7 +252,7 @@ impl Peer {
                     mode: if time_s >= ARMS_S { 129 } else { 1 },
                     ..HilActuatorControls::default()
                 };
-                for (channel, rotor) in [2, 5, 6, 3, 1, 4].into_iter().enumerate() {
+                for (channel, rotor) in self.channels.iter().enumerate() {
                     answer.controls[channel] = duty[rotor - 1];
                 }
                 match act {

@@ -24,6 +24,14 @@ pub(crate) fn outputs(kind: AutopilotKind, scenario: &Scenario) -> OutputMap {
     }
 }
 
+/// Our rotor, from 1, of each channel of ArduPilot and PX4, from their own tables of frames.
+pub(crate) fn channels(scenario: &Scenario) -> &'static [usize] {
+    match scenario.vehicle().rotors.layout.placements().len() {
+        4 => &[1, 3, 4, 2],
+        _ => &[2, 5, 6, 3, 1, 4],
+    }
+}
+
 /// Time-outs that a test can wait for.
 pub(crate) fn patience() -> Patience {
     Patience {
