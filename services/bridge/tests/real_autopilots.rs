@@ -337,18 +337,17 @@ fn scenario_px4_flies_a_quadrotor() {
     hovered_and_the_damage_was_isolated(PX4_WITHIN_M, flight);
 }
 
-/// Each rotor and three seeds: 18 flights, of which 17 have to be right.
-#[test]
-#[ignore = "eighteen flights, some minutes"]
-fn scenario_px4_each_rotor() {
+/// Each rotor and three seeds; one of them may be wrong.
+fn each_rotor(rotors: i32, quadrotor: bool) {
     let program = program("ROTORTWIN_PX4").expect("asked for by name, it needs the program");
     let mut right = 0;
     eprintln!("rotor seed  isolated after  alarm before  farthest, with the fault  landed  wall");
-    for (rotor, seed) in (1..=6).flat_map(|rotor| (1..=3).map(move |seed| (rotor, seed))) {
+    for (rotor, seed) in (1..=rotors).flat_map(|rotor| (1..=3).map(move |seed| (rotor, seed))) {
         let folder = tempfile::tempdir().unwrap();
         let order = Order {
             rotor,
             seed,
+            quadrotor,
             chatty: false,
             ..third_rotor(AutopilotKind::Px4)
         };
@@ -372,7 +371,20 @@ fn scenario_px4_each_rotor() {
             && listener.farthest_before_fault_m < PX4_WITHIN_M;
         right += u32::from(good);
     }
-    assert!(right >= 17, "{right} of 18 flights were right");
+    let flights = 3 * rotors as u32;
+    assert!(right + 1 >= flights, "{right} of {flights} flights were right");
+}
+
+#[test]
+#[ignore = "eighteen flights, some minutes"]
+fn scenario_px4_each_rotor() {
+    each_rotor(6, false);
+}
+
+#[test]
+#[ignore = "twelve flights, some minutes"]
+fn scenario_px4_each_rotor_of_a_quadrotor() {
+    each_rotor(4, true);
 }
 
 /// Healthy for `ROTORTWIN_HEALTHY_S` (1800) s.
