@@ -64,8 +64,9 @@ impl FromStr for Executor {
         }
         let url = text.strip_prefix("ray=").map(|url| url.trim_end_matches('/'));
         let url = url.filter(|url| url.starts_with("http://") || url.starts_with("https://"));
-        url.map(|url| Self::Ray(url.to_owned()))
-            .ok_or_else(|| "expected embedded, or ray=URL with the address of Ray's dashboard, such as ray=http://HEAD:8265".to_owned())
+        url.map(|url| Self::Ray(url.to_owned())).ok_or_else(|| {
+            "expected embedded, or ray=URL with the address of Ray's dashboard, such as ray=http://HEAD:8265".to_owned()
+        })
     }
 }
 
@@ -240,13 +241,28 @@ mod tests {
         let ray = Executor::Ray("http://head:8265".to_owned());
         assert_eq!("ray=http://head:8265/".parse(), Ok(ray));
         assert_eq!("embedded".parse(), Ok(Executor::Embedded));
-        for bad in ["", "ray", "ray=", "ray=head:8265", "ray=ray://head:10001", "dask=http://a"] {
+        for bad in [
+            "",
+            "ray",
+            "ray=",
+            "ray=head:8265",
+            "ray=ray://head:10001",
+            "dask=http://a",
+        ] {
             let refusal = bad.parse::<Executor>().unwrap_err();
             assert!(refusal.contains("expected embedded, or ray=URL"), "{bad}: {refusal}");
         }
         let resource = "flights=0.5".parse::<Resource>().unwrap();
         assert_eq!((resource.name.as_str(), resource.amount), ("flights", 0.5));
-        for bad in ["flights", "=1", "flights=", "flights=-1", "flights=0", "flights=inf", "flights=nan"] {
+        for bad in [
+            "flights",
+            "=1",
+            "flights=",
+            "flights=-1",
+            "flights=0",
+            "flights=inf",
+            "flights=nan",
+        ] {
             assert!(bad.parse::<Resource>().is_err(), "{bad}");
         }
         assert!(cpus("0").is_err() && cpus("2").is_ok());

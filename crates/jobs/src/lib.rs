@@ -30,7 +30,7 @@ pub use file::{AutopilotHere, FlightHere, Here, JobFile, Meeting};
 pub use flight::Flight;
 pub use input::{Content, Input};
 pub use log::{LogExample, LogImport};
-pub use part::{PartEnd, PartEvents, PartFile, PartHow, PartInput, PartOrder};
+pub use part::{NextPart, PartAccepted, PartEnd, PartEvents, PartFile, PartHow, PartInput, PartOrder};
 pub use stored::StoredJob;
 pub use training::Training;
 pub use twin::{Comparison, Diagnosis, Identification, Improvement, NextFlight};

@@ -69,9 +69,29 @@ pub struct PartEvents {
 pub struct PartEnd {
     /// Name of the node.
     pub node: String,
+    /// The node's process would do another part.
+    #[serde(default)]
+    pub wants_more: bool,
     /// How.
     #[serde(flatten)]
     pub how: PartHow,
+}
+
+/// What the server says to a [`PartEnd`].
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PartAccepted {
+    /// The next part of this process, if it wants one and there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub next: Option<NextPart>,
+}
+
+/// Another part for a process that has done one.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NextPart {
+    /// Where it is on the same server: `/executor/v1/parts/ID/ATTEMPT`.
+    pub path: String,
+    /// The secret of its attempt.
+    pub ticket: String,
 }
 
 /// See [`PartEnd`].
@@ -105,10 +125,11 @@ mod tests {
     fn val_an_end_is_read_as_it_was_written() {
         let end = PartEnd {
             node: "a".to_owned(),
+            wants_more: true,
             how: PartHow::Refused { why: "no".to_owned() },
         };
         let text = serde_json::to_string(&end).unwrap();
-        assert_eq!(text, r#"{"node":"a","how":"refused","why":"no"}"#);
+        assert_eq!(text, r#"{"node":"a","wants_more":true,"how":"refused","why":"no"}"#);
         assert_eq!(serde_json::from_str::<PartEnd>(&text).unwrap(), end);
     }
 }

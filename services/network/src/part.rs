@@ -8,18 +8,21 @@ use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::{Method, StatusCode};
 use rotortwin_cli::output::{bad_input, failed};
 use rotortwin_jobs::part::{CA_VARIABLE, TICKET_VARIABLE, URL_VARIABLE};
-use rotortwin_jobs::{PartEnd, PartEvents, PartFile, PartHow, PartOrder};
+use rotortwin_jobs::{NextPart, PartAccepted, PartEnd, PartEvents, PartFile, PartHow, PartOrder};
 use std::path::{Component, Path, PathBuf};
 use std::process::{ExitCode, ExitStatus, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 use tokio::signal::unix::{Signal, SignalKind, signal};
-use tokio::sync::mpsc;
+use tokio::sync::{Notify, mpsc};
 
 /// The server may be away for so long.
 const PATIENCE: Duration = Duration::from_secs(600);
+/// A process takes no further part after this: a submission costs Ray about a second, and its place may be wanted by others.
+const LONGEST: Duration = Duration::from_secs(60);
 /// For an answer.
 const ANSWER: Duration = Duration::from_secs(60);
 /// For a connection.
@@ -70,10 +73,10 @@ pub(crate) fn run() -> ExitCode {
         };
         match perform(&server).await {
             Ok(()) => ExitCode::SUCCESS,
-            Err(Stop::Over) => {
-                println!("rotortwin: this attempt is over, says {}; nothing is delivered", server.url);
-                ExitCode::SUCCESS
-            }
+            Err(Stop::Over) => failed(format!(
+                "{}: this attempt is over, says the server; nothing is delivered",
+                server.url
+            )),
             Err(Stop::Ended) => failed("the part was stopped"),
             Err(Stop::Failed(sentence)) => failed(sentence),
         }
@@ -89,6 +92,10 @@ impl Server {
                  --executor ray=URL`"
             ));
         };
+        Self::open(&url, &ticket)
+    }
+
+    fn open(url: &str, ticket: &str) -> Result<Self, String> {
         // Another part of this program may have chosen already.
         if rustls::crypto::ring::default_provider().install_default().is_err() {
             tracing::debug!("TLS was set up before");
@@ -100,7 +107,7 @@ impl Server {
             .connect_timeout(CONNECT)
             .timeout(ANSWER)
             .default_headers(HeaderMap::from_iter([(AUTHORIZATION, value)]));
-        if let Some(pem) = variable(CA_VARIABLE) {
+        if let Some(pem) = std::env::var(CA_VARIABLE).ok().filter(|pem| !pem.is_empty()) {
             let certificates = reqwest::Certificate::from_pem_bundle(pem.as_bytes())
                 .map_err(|error| format!("{CA_VARIABLE}: {error}"))?;
             http = http.tls_certs_only(certificates);
@@ -109,7 +116,10 @@ impl Server {
             http = http.tls_certs_only([]);
         }
         let http = http.build().map_err(|error| format!("TLS cannot be set up: {error}"))?;
-        Ok(Self { http, url })
+        Ok(Self {
+            http,
+            url: url.to_owned(),
+        })
     }
 
     /// An answer that is no refusal.
@@ -121,7 +131,9 @@ impl Server {
                 Body::None => request,
                 Body::Json(text) => request.header("content-type", "application/json").body(text.clone()),
                 Body::File(file) => {
-                    let opened = tokio::fs::File::open(file).await.map_err(|error| cannot(file, &error))?;
+                    let opened = tokio::fs::File::open(file)
+                        .await
+                        .map_err(|error| cannot(file, &error))?;
                     let size = opened.metadata().await.map_err(|error| cannot(file, &error))?.len();
                     request
                         .header("content-type", "application/octet-stream")
@@ -136,7 +148,11 @@ impl Server {
                     let status = answer.status();
                     let said = answer.text().await.unwrap_or_default();
                     let passes = status.is_server_error() || status == StatusCode::TOO_MANY_REQUESTS;
-                    let why = format!("it answered {} ({})", status.as_u16(), said.chars().take(300).collect::<String>());
+                    let why = format!(
+                        "it answered {} ({})",
+                        status.as_u16(),
+                        said.chars().take(300).collect::<String>()
+                    );
                     if !passes {
                         return Err(Stop::Failed(format!("{}{path}: {why}", self.url)));
                     }
@@ -146,7 +162,10 @@ impl Server {
             };
             if begun.elapsed() > PATIENCE {
                 let silent = PATIENCE.as_secs();
-                return Err(Stop::Failed(format!("{}: the server did not take this for {silent} s: {why}", self.url)));
+                return Err(Stop::Failed(format!(
+                    "{}: the server did not take this for {silent} s: {why}",
+                    self.url
+                )));
             }
             tracing::warn!(url = self.url, why, "trying again");
             tokio::time::sleep(PAUSE).await;
@@ -158,16 +177,20 @@ impl Server {
         let text = answer.text().await.map_err(|error| Stop::Failed(causes(&error)))?;
         // Another version's order may be no order here.
         let program = serde_json::from_str::<serde_json::Value>(&text).ok();
-        let program = program.as_ref().and_then(|order| order["program"].as_str()).unwrap_or("another");
+        let program = program
+            .as_ref()
+            .and_then(|order| order["program"].as_str())
+            .unwrap_or("another");
         let own = env!("CARGO_PKG_VERSION");
         if program != own {
             let why = format!(
                 "rotortwin here is of version {own}, the server's of version {program}; expected the same version on every node"
             );
-            self.end(PartHow::Refused { why: why.clone() }).await?;
+            self.end(PartHow::Refused { why: why.clone() }, false).await?;
             return Err(Stop::Failed(why));
         }
-        serde_json::from_str(&text).map_err(|error| Stop::Failed(format!("{}: the part cannot be read: {error}", self.url)))
+        serde_json::from_str(&text)
+            .map_err(|error| Stop::Failed(format!("{}: the part cannot be read: {error}", self.url)))
     }
 
     async fn tell(&self, lines: Vec<String>) -> Result<(), Stop> {
@@ -175,16 +198,31 @@ impl Server {
         self.ask(Method::POST, "/events", &body).await.map(drop)
     }
 
-    async fn end(&self, how: PartHow) -> Result<(), Stop> {
+    /// Says how the part ended; the next one, if there is one.
+    async fn end(&self, how: PartHow, wants_more: bool) -> Result<Option<NextPart>, Stop> {
         let end = PartEnd {
             node: rotortwin_links::host_name(),
+            wants_more,
             how,
         };
+        let begun = Instant::now();
         match self.ask(Method::POST, "/end", &Body::json(&end)?).await {
+            Ok(answer) => {
+                let text = answer.text().await.map_err(|error| Stop::Failed(causes(&error)))?;
+                let accepted: PartAccepted = serde_json::from_str(&text)
+                    .map_err(|error| Stop::Failed(format!("{}: the answer cannot be read: {error}", self.url)))?;
+                Ok(accepted.next)
+            }
             // This very word may have come through, and its answer not.
-            Ok(_) | Err(Stop::Over) => Ok(()),
+            Err(Stop::Over) if begun.elapsed() >= PAUSE => Ok(None),
             Err(stop) => Err(stop),
         }
+    }
+
+    /// Another part of the same server.
+    fn at(&self, next: &NextPart) -> Result<Self, Stop> {
+        let base = self.url.split("/executor/").next().unwrap_or_default();
+        Self::open(&format!("{base}{}", next.path), &next.ticket).map_err(Stop::Failed)
     }
 }
 
@@ -210,7 +248,7 @@ async fn perform(server: &Server) -> Result<(), Stop> {
     let signals = |kind| signal(kind).map_err(|error| Stop::Failed(format!("signals cannot be caught: {error}")));
     let (mut terminate, mut interrupt) = (signals(SignalKind::terminate())?, signals(SignalKind::interrupt())?);
     tokio::select! {
-        done = in_folder(server) => done,
+        done = one_after_another(server) => done,
         () = either(&mut terminate, &mut interrupt) => Err(Stop::Ended),
     }
 }
@@ -222,7 +260,17 @@ async fn either(terminate: &mut Signal, interrupt: &mut Signal) {
     }
 }
 
-async fn in_folder(server: &Server) -> Result<(), Stop> {
+/// Does parts as long as there are any and [`LONGEST`] is not over: then others of the cluster may have its place.
+async fn one_after_another(server: &Server) -> Result<(), Stop> {
+    let begun = Instant::now();
+    let mut server = server.clone();
+    while let Some(next) = in_folder(&server, begun).await? {
+        server = server.at(&next)?;
+    }
+    Ok(())
+}
+
+async fn in_folder(server: &Server, begun: Instant) -> Result<Option<NextPart>, Stop> {
     let order = server.order().await?;
     let folder = tempfile::Builder::new()
         .prefix("rotortwin-part-")
@@ -232,7 +280,7 @@ async fn in_folder(server: &Server) -> Result<(), Stop> {
         Ok(()) => do_job(server, &order, folder.path()).await?,
         Err(stop) => return Err(stop),
     };
-    let ended = server.end(how).await;
+    let ended = server.end(how, begun.elapsed() < LONGEST).await;
     removed(folder);
     ended
 }
@@ -245,11 +293,16 @@ fn removed(folder: TempDir) {
 }
 
 fn below(folder: &Path, path: &str) -> Result<PathBuf, Stop> {
-    let plain = !path.is_empty() && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)));
+    let plain = !path.is_empty()
+        && Path::new(path)
+            .components()
+            .all(|part| matches!(part, Component::Normal(_)));
     if plain {
         Ok(folder.join(path))
     } else {
-        Err(Stop::Failed(format!("the part names {path}, which leads out of its folder")))
+        Err(Stop::Failed(format!(
+            "the part names {path}, which leads out of its folder"
+        )))
     }
 }
 
@@ -306,8 +359,9 @@ async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<Par
     // Open until this ends: the process takes its closing for our death.
     let stdin = child.stdin.take();
     let (events, told) = mpsc::unbounded_channel();
-    let teller = server.clone();
-    let mut telling = tokio::spawn(async move { tell_all(&teller, told).await });
+    let (teller, ended) = (server.clone(), Arc::new(Notify::new()));
+    let of_teller = Arc::clone(&ended);
+    let mut telling = tokio::spawn(async move { tell_all(&teller, told, &of_teller).await });
     let read = async {
         let mut words = String::new();
         let Some(stdout) = stdout else { return words };
@@ -339,12 +393,16 @@ async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<Par
     let Some(words) = words else {
         end_child(&mut child).await;
         return Ok(PartHow::Refused {
-            why: format!("it took longer than {} s of wall time and was stopped", order.wall_limit_s - 1),
+            why: format!(
+                "it took longer than {} s of wall time and was stopped",
+                order.wall_limit_s - 1
+            ),
         });
     };
     let status = child.wait().await;
     drop(stdin);
     drop(events);
+    ended.notify_one();
     match telling.await {
         Ok(Ok(())) => {}
         Ok(Err(stop)) => return Err(stop),
@@ -369,13 +427,15 @@ async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<Par
     let files: Vec<PartFile> = files.into_iter().map(|(path, size)| PartFile { path, size }).collect();
     for file in &files {
         let path = format!("/files/{}", file.path);
-        server.ask(Method::PUT, &path, &Body::File(out.join(&file.path))).await?;
+        server
+            .ask(Method::PUT, &path, &Body::File(out.join(&file.path)))
+            .await?;
     }
     Ok(PartHow::Done { result: words, files })
 }
 
 /// Tells what comes, and that this lives, until nothing more will come.
-async fn tell_all(server: &Server, mut events: mpsc::UnboundedReceiver<String>) -> Result<(), Stop> {
+async fn tell_all(server: &Server, mut events: mpsc::UnboundedReceiver<String>, ended: &Notify) -> Result<(), Stop> {
     let mut told = Instant::now();
     loop {
         let mut lines = Vec::new();
@@ -387,15 +447,19 @@ async fn tell_all(server: &Server, mut events: mpsc::UnboundedReceiver<String>) 
             server.tell(lines).await?;
             told = Instant::now();
         }
-        if events.is_closed() {
-            continue;
+        if !events.is_closed() {
+            tokio::select! {
+                () = tokio::time::sleep(TELL) => {}
+                () = ended.notified() => {}
+            }
         }
-        tokio::time::sleep(TELL).await;
     }
 }
 
 async fn end_child(child: &mut Child) {
-    let id = child.id().and_then(|id| rustix::process::Pid::from_raw(id.cast_signed()));
+    let id = child
+        .id()
+        .and_then(|id| rustix::process::Pid::from_raw(id.cast_signed()));
     if let Some(id) = id
         && let Err(error) = rustix::process::kill_process(id, rustix::process::Signal::TERM)
     {
@@ -410,15 +474,26 @@ async fn end_child(child: &mut Child) {
 
 fn why_not(status: ExitStatus, complaints: &Path, order: &PartOrder) -> PartHow {
     let said = std::fs::read_to_string(complaints).unwrap_or_default();
-    let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
-    let why: String = last.strip_prefix("rotortwin: ").unwrap_or(last).chars().take(500).collect();
+    let last = said
+        .lines()
+        .rev()
+        .find(|line| !line.trim().is_empty())
+        .unwrap_or("it said nothing");
+    let why: String = last
+        .strip_prefix("rotortwin: ")
+        .unwrap_or(last)
+        .chars()
+        .take(500)
+        .collect();
     if let Some(why) = rotortwin_api::limit_that_ended(status, &said, order.memory) {
         return PartHow::Refused { why };
     }
     if status.code() == Some(BAD_INPUT) {
         return PartHow::Refused { why };
     }
-    PartHow::Failed { why: format!("{why} ({status})") }
+    PartHow::Failed {
+        why: format!("{why} ({status})"),
+    }
 }
 
 /// An error with what it comes from.

@@ -34,6 +34,23 @@ impl Database {
         row.map(|row| Ok((job_of(&row)?, token))).transpose()
     }
 
+    /// Gives a claimed part a ticket, and leaves it to whoever [adopts](Self::adopt) it; `false`: the claim is lost.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn hand_on(&self, id: &str, token: &str, ticket: &str) -> Result<bool, sqlx::Error> {
+        let written =
+            sqlx::query(self.sql("UPDATE job SET ticket = $1, claim_until_ms = @NOW - 1 WHERE id = $2 AND claim = $3"))
+                .bind(ticket)
+                .bind(id)
+                .bind(token)
+                .execute(&self.pool)
+                .await?
+                .rows_affected();
+        self.hub.queue.notify_one();
+        Ok(written > 0)
+    }
+
     /// Whoever has looked after parts that are handed over is gone: in a database that one process has, where it begins.
     ///
     /// # Errors

@@ -6,12 +6,13 @@ use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use crate::routes::uploads::Upload;
 use crate::worker::handed::{self, Delivery};
+use crate::worker::ray;
 use axum::body::Body;
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::routing::{get, post, put};
 use axum::{Json, Router};
-use rotortwin_jobs::{PartEnd, PartEvents, PartOrder};
+use rotortwin_jobs::{PartAccepted, PartEnd, PartEvents, PartHow, PartOrder};
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 
@@ -107,9 +108,15 @@ async fn end(
     Path((id, attempt)): Attempt,
     headers: HeaderMap,
     body: Result<JsonObject<PartEnd>, Problem>,
-) -> Result<StatusCode, Problem> {
+) -> Result<Json<PartAccepted>, Problem> {
     let secret = ticket(&headers)?;
     let JsonObject(body) = body?;
-    handed::end(&app.shop, &id, attempt, secret, &body).await?;
-    Ok(StatusCode::NO_CONTENT)
+    let ticket = handed::end(&app.shop, &id, attempt, secret, &body).await?;
+    let next = match &app.shop.ray {
+        Some(ray) if body.wants_more && matches!(body.how, PartHow::Done { .. }) => {
+            ray::hand_on(&app.shop, ray, &ticket).await
+        }
+        _ => None,
+    };
+    Ok(Json(PartAccepted { next }))
 }

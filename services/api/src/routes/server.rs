@@ -24,8 +24,7 @@ pub(crate) async fn healthz() -> &'static str {
     "alive\n"
 }
 
-/// Database and store of files answer, the disk has room, and runs are accepted. With a Ray cluster under the parts of campaigns, a second line
-/// says whether it answers: one that does not keeps only parts waiting, and their nodes have to find this server all the same.
+/// Database and store of files answer, the disk has room, and runs are accepted.
 #[utoipa::path(get, path = "/readyz", tag = "server", responses(
     (status = 200, description = "ready", body = String),
     (status = 503, description = "the server ends, its disk is full, or its database or store of files does not answer", body = Problem, content_type = "application/problem+json")
@@ -44,6 +43,7 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Proble
         .map_err(|error| Problem::internal(&error))?
         .map_err(|error| Problem::unavailable(format!("nothing can be written to the data folder: {error}")))?;
     match tokio::time::timeout(STORE_PATIENCE, app.artifacts.ping()).await {
+        // A cluster that does not answer keeps only parts waiting, and their nodes have to find this server all the same.
         Ok(Ok(())) => Ok(match &app.shop.ray {
             None => "ready\n".to_owned(),
             Some(ray) => format!("ready\n{}\n", ray.in_short()),

@@ -30,14 +30,17 @@ const LOOKS: usize = 5;
 pub(crate) struct Ticket {
     /// Address of the cluster.
     pub(crate) executor: String,
+    /// The submission whose process does this attempt: its own, or that of an attempt before.
+    pub(crate) submission: String,
     /// What the node says.
     pub(crate) secret: String,
 }
 
 impl Ticket {
-    pub(crate) fn new(executor: &str) -> Self {
+    pub(crate) fn new(executor: &str, submission: &str) -> Self {
         Self {
             executor: executor.to_owned(),
+            submission: submission.to_owned(),
             secret: format!("{:032x}", rand::random::<u128>()),
         }
     }
@@ -70,7 +73,12 @@ pub(crate) async fn find(shop: &Workshop, id: &str, attempt: i64, secret: &str) 
     let ticket = job.ticket.as_deref().and_then(Ticket::parse).ok_or_else(over)?;
     // Of equal length, without an end at the first letter that differs.
     let differs = ticket.secret.len() != secret.len()
-        || ticket.secret.bytes().zip(secret.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b)) != 0;
+        || ticket
+            .secret
+            .bytes()
+            .zip(secret.bytes())
+            .fold(0, |differs, (a, b)| differs | (a ^ b))
+            != 0;
     if differs {
         return Err(Problem::unauthorized("expected the ticket of this attempt"));
     }
@@ -181,9 +189,9 @@ impl Delivery {
     /// 422: the path leads elsewhere. 500, 507.
     pub(crate) fn begin(shop: &Workshop, job: &Job, path: &str) -> Result<Self, Problem> {
         let plain = !path.is_empty()
-            && Path::new(path).components().all(|part| {
-                matches!(part, Component::Normal(name) if !name.to_string_lossy().starts_with('.'))
-            });
+            && Path::new(path)
+                .components()
+                .all(|part| matches!(part, Component::Normal(name) if !name.to_string_lossy().starts_with('.')));
         if !plain {
             return Err(Problem::unprocessable(format!(
                 "'{path}' is no file of a part; expected a relative path without dots at the beginning of a name"
@@ -233,11 +241,17 @@ pub(crate) async fn events(shop: &Workshop, job: &Job, claim: &str, lines: &[Str
     Ok(())
 }
 
-/// Ends an attempt as its node says.
+/// Ends an attempt as its node says; the ticket that it had.
 ///
 /// # Errors
 /// 410: it is over already. 409: files are missing. 500, 503, 507.
-pub(crate) async fn end(shop: &Workshop, id: &str, attempt: i64, secret: &str, end: &PartEnd) -> Result<(), Problem> {
+pub(crate) async fn end(
+    shop: &Workshop,
+    id: &str,
+    attempt: i64,
+    secret: &str,
+    end: &PartEnd,
+) -> Result<Ticket, Problem> {
     for _ in 0..LOOKS {
         let (job, claim) = find(shop, id, attempt, secret).await?;
         let node = &end.node;
@@ -261,7 +275,7 @@ pub(crate) async fn end(shop: &Workshop, id: &str, attempt: i64, secret: &str, e
             }
         };
         if written {
-            return Ok(());
+            return job.ticket.as_deref().and_then(Ticket::parse).ok_or_else(over);
         }
         // Another server has taken the attempt up in this moment: its claim is as good.
         tokio::time::sleep(Duration::from_millis(50)).await;
@@ -299,7 +313,11 @@ async fn delivered(shop: &Workshop, job: &Job, result: &str, files: &[PartFile])
             tracing::warn!(job = job.id, path, %error, "a file that no part has left cannot be removed");
         }
     }
-    let bytes = shop.artifacts.publish(&key).await.map_err(|error| Problem::of_files(&error))?;
+    let bytes = shop
+        .artifacts
+        .publish(&key)
+        .await
+        .map_err(|error| Problem::of_files(&error))?;
     Ok(Outcome {
         status: Status::Done,
         folder: Some(key),

@@ -79,7 +79,11 @@ pub(crate) struct Workshop {
 impl Workshop {
     /// What places of this process take from the queue.
     fn takes(&self) -> Takes {
-        if self.ray.is_some() { Takes::AllButParts } else { Takes::All }
+        if self.ray.is_some() {
+            Takes::AllButParts
+        } else {
+            Takes::All
+        }
     }
 }
 

@@ -21,7 +21,7 @@ const LONGEST: usize = 1 << 20;
 /// Why Ray did not do what was asked.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum RayError {
-    /// It cannot be reached, or has failed itself: later it may go well.
+    /// It cannot be reached, has failed itself, or takes no token of ours: later it may go well.
     Away(String),
     /// It does not take this.
     Refused(String),
@@ -74,10 +74,12 @@ impl Client {
     /// One sentence.
     pub(super) fn new(config: &RayConfig) -> Result<Self, String> {
         let bad = |why: String| format!("--executor ray={}: {why}", config.url);
-        let is_url =
-            reqwest::Url::parse(&config.url).is_ok_and(|url| matches!(url.scheme(), "http" | "https") && url.has_host());
+        let is_url = reqwest::Url::parse(&config.url)
+            .is_ok_and(|url| matches!(url.scheme(), "http" | "https") && url.has_host());
         if !is_url {
-            return Err(bad("expected the address of Ray's dashboard, such as http://HEAD:8265".to_owned()));
+            return Err(bad(
+                "expected the address of Ray's dashboard, such as http://HEAD:8265".to_owned()
+            ));
         }
         let mut headers = HeaderMap::new();
         if let Some(token) = &config.token {
@@ -199,7 +201,8 @@ fn unexpected(status: StatusCode, text: &str) -> RayError {
         .take(300)
         .collect();
     let told = format!("it answered {} ({why})", status.as_u16());
-    if status.is_server_error() && !text.contains("status code 400") {
+    let token = matches!(status, StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN);
+    if token || status.is_server_error() && !text.contains("status code 400") {
         RayError::Away(told)
     } else {
         RayError::Refused(told)

@@ -6,6 +6,8 @@
 //!                    │                                                                    │ ticket
 //!  job table ◀──heartbeat──┘      routes/parts ◀── inputs, events, files, end ────────────┘
 //! ```
+//! * A process that has done its part gets the next one at once, for a minute: a submission costs Ray a second of processor time. Each part has an
+//!   attempt and a ticket of its own all the same.
 //! * The server looks after an attempt: it holds the claim, asks Ray how the submission stands, and begins another attempt where Ray says that
 //!   its node is gone. What comes of it, the node itself delivers to this server ([`super::handed`]).
 //! * A server that was killed finds its attempts in the job table, and by their ids in Ray: nothing is flown twice.
@@ -21,6 +23,7 @@ use super::{ATTEMPTS, ATTEMPTS_OF_DEAD_WORKERS, LEASE, LOOK, Workshop, failed, f
 use crate::jobs::queue::Takes;
 use crate::jobs::{Job, Outcome, Status};
 use client::{Client, RayError, RayJob, RayStatus};
+use rotortwin_jobs::NextPart;
 use rotortwin_jobs::part::{CA_VARIABLE, TICKET_VARIABLE, URL_VARIABLE};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -136,7 +139,9 @@ impl Ray {
         let version = loop {
             match client.version().await {
                 Ok(version) => break version,
-                Err(RayError::Away(_)) if begun.elapsed() < START => tokio::time::sleep(Duration::from_millis(500)).await,
+                Err(RayError::Away(_)) if begun.elapsed() < START => {
+                    tokio::time::sleep(Duration::from_millis(500)).await
+                }
                 Err(RayError::Away(why)) => {
                     return Err(format!(
                         "--executor ray={}: {} did not answer within {} s: {why}; expected the address of its dashboard, such as \
@@ -208,7 +213,7 @@ impl Ray {
         )
     }
 
-    /// Of an attempt. The job's id is random enough for clusters that several servers use.
+    /// Of an attempt with which a process begins. The job's id is random enough for clusters that several servers use.
     fn submission(job: &Job) -> String {
         format!("rotortwin-{}-{}", job.id, job.attempts)
     }
@@ -225,7 +230,7 @@ impl Ray {
         let program = self.config.program.replace('\'', "'\\''");
         let entrypoint = format!("exec '{program}' part");
         self.client
-            .submit(&self.config, &Self::submission(job), &entrypoint, &variables)
+            .submit(&self.config, &ticket.submission, &entrypoint, &variables)
             .await
     }
 
@@ -238,7 +243,10 @@ impl Ray {
             }
         };
         if tokio::time::timeout(STOP, asked).await.is_err() {
-            tracing::warn!(submission, "Ray was not told to stop a submission; its node ends it itself");
+            tracing::warn!(
+                submission,
+                "Ray was not told to stop a submission; its node ends it itself"
+            );
         }
     }
 }
@@ -292,6 +300,34 @@ pub(crate) async fn hand_over(shop: Arc<Workshop>, ray: Arc<Ray>) {
     }
 }
 
+/// The next part for a process in Ray that has delivered one.
+pub(crate) async fn hand_on(shop: &Workshop, ray: &Ray, done: &Ticket) -> Option<NextPart> {
+    if *shop.ending.borrow() || done.executor != ray.config.url || !shop.artifacts.has_room() {
+        return None;
+    }
+    let handed = async {
+        let Some((job, token)) = shop.database.claim(&shop.name, LEASE, shop.share, Takes::Parts).await? else {
+            return Ok(None);
+        };
+        forget_attempts_before(shop, &job).await;
+        if let Err(error) = fresh_folder(&shop.artifacts.place(&super::attempt_key(&job))) {
+            shop.database.release(&job.id, &token, &error.to_string(), None).await?;
+            return Ok(None);
+        }
+        let ticket = Ticket::new(&ray.config.url, &done.submission);
+        let is_ours = shop.database.hand_on(&job.id, &token, &ticket.to_json()).await?;
+        Ok::<_, sqlx::Error>(is_ours.then(|| NextPart {
+            path: handed::path(&job),
+            ticket: ticket.secret,
+        }))
+    };
+    handed.await.unwrap_or_else(|error| {
+        // Whatever was claimed is queued again when its claim runs out.
+        tracing::error!(%error, "no further part can be handed to a process in Ray");
+        None
+    })
+}
+
 /// An attempt that nobody looks after, or else the next part of the queue.
 async fn next(shop: &Workshop, ray: &Ray) -> Result<Option<(Job, String)>, sqlx::Error> {
     if let Some(adopted) = shop.database.adopt(&shop.name, LEASE).await? {
@@ -321,7 +357,7 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
             if let Err(error) = fresh_folder(&folder) {
                 return Ended::Failed(format!("{}: cannot be made: {error}", folder.display()));
             }
-            let ticket = Ticket::new(&ray.config.url);
+            let ticket = Ticket::new(&ray.config.url, &Ray::submission(job));
             match shop.database.set_ticket(&job.id, token, Some(&ticket.to_json())).await {
                 Ok(true) => ticket,
                 Ok(false) => return Ended::Gone,
@@ -333,10 +369,10 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
             }
         }
     };
-    let submission = Ray::submission(job);
+    let submission = &ticket.submission;
     let span = shop.traces.attempt(job, &format!("{} {submission}", ray.config.name()));
     let ended = tokio::select! {
-        ended = follow(ray, job, &ticket, &submission) => ended,
+        ended = follow(ray, job, &ticket) => ended,
         reason = hold(shop, job, token) => match reason {
             Reason::Left => Ended::Left,
             Reason::Gone => {
@@ -346,12 +382,12 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
                     now.is_none_or(|now| now.status != Status::Done && (now.status != Status::Running || now.attempts != job.attempts))
                 });
                 if in_vain {
-                    ray.stop(&submission).await;
+                    ray.stop(submission).await;
                 }
                 Ended::Gone
             }
             Reason::Canceled => {
-                ray.stop(&submission).await;
+                ray.stop(submission).await;
                 Ended::Outcome(Outcome { status: Status::Canceled, ..failed(job, "canceled".to_owned()) })
             }
         },
@@ -389,22 +425,31 @@ async fn hold(shop: &Workshop, job: &Job, token: &str) -> Reason {
 }
 
 /// Submits an attempt unless it is there, and asks how it stands until that says that nothing more will come.
-async fn follow(ray: &Ray, job: &Job, ticket: &Ticket, submission: &str) -> Ended {
-    let name = ray.config.name();
+async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
+    let (name, submission) = (ray.config.name(), ticket.submission.as_str());
+    // One that did another part before is there, or will not come back.
+    let own = submission == Ray::submission(job);
     let limit = Duration::from_millis(u64::try_from(job.new.wall_limit_ms).unwrap_or(0)) + BEYOND_LIMIT;
     let (mut seen, mut counted) = (false, Counted::new(ray));
     let (mut away, mut running, mut over) = (None::<Instant>, None::<Instant>, None::<Instant>);
     loop {
         let asked = match ray.client.job(submission).await {
-            Ok(None) if seen => {
-                return Ended::Released(format!("{name} knows nothing of submission {submission} any more; was it started afresh?"));
+            Ok(None) if seen || !own => {
+                return Ended::Released(format!(
+                    "{name} knows nothing of submission {submission} any more; was it started afresh?"
+                ));
             }
             Ok(None) => ray.submit(job, ticket).await.map(|()| None),
+            // What was taken once is not given up for an odd answer.
+            Err(RayError::Refused(why)) => Err(RayError::Away(why)),
             other => other,
         };
         match asked {
             Err(RayError::Refused(why)) => {
-                return Ended::Outcome(failed(job, format!("{name} does not take submission {submission}: {why}")));
+                return Ended::Outcome(failed(
+                    job,
+                    format!("{name} does not take submission {submission}: {why}"),
+                ));
             }
             Err(RayError::Away(why)) => {
                 let since = *away.get_or_insert_with(Instant::now);
@@ -422,17 +467,22 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket, submission: &str) -> Ende
                     RayStatus::Running => {
                         if running.get_or_insert_with(Instant::now).elapsed() > limit {
                             ray.stop(submission).await;
-                            let why = format!("{name}: it took longer than {} s of wall time and was stopped", job.new.wall_limit_ms / 1000);
+                            let why = format!(
+                                "{name}: it took longer than {} s of wall time and was stopped",
+                                job.new.wall_limit_ms / 1000
+                            );
                             return Ended::Outcome(failed(job, why));
                         }
                     }
                     RayStatus::Succeeded => {
                         if over.get_or_insert_with(Instant::now).elapsed() > DELIVERED {
-                            return Ended::Failed(format!("{name}: submission {submission} ended well and has delivered nothing"));
+                            let why = format!("{name}: submission {submission} ended and has not delivered this part");
+                            return if own { Ended::Failed(why) } else { Ended::Released(why) };
                         }
                     }
                     RayStatus::Stopped => {
-                        return Ended::Failed(format!("{name}: somebody stopped submission {submission} there"));
+                        let why = format!("{name}: somebody stopped submission {submission} there");
+                        return if own { Ended::Failed(why) } else { Ended::Released(why) };
                     }
                     RayStatus::Failed => return why_failed(ray, submission, &there),
                 }
@@ -446,15 +496,19 @@ fn why_failed(ray: &Ray, submission: &str, job: &RayJob) -> Ended {
     let (name, node) = (ray.config.name(), job.node());
     let message = job.message.as_deref().unwrap_or_default();
     let lines = message.lines().map(str::trim).filter(|line| !line.is_empty());
-    let (first, last) = (lines.clone().next().unwrap_or("it says no reason"), lines.clone().next_back());
+    let (first, last) = (
+        lines.clone().next().unwrap_or("it says no reason"),
+        lines.clone().next_back(),
+    );
     let short = |text: &str| text.chars().take(300).collect::<String>();
     match (job.error_type.as_deref(), job.driver_exit_code) {
-        (Some("JOB_SUPERVISOR_ACTOR_DIED"), _) => {
-            Ended::Released(format!("{name}: the node {node} of submission {submission} died: {}", short(first)))
-        }
-        (Some("JOB_SUPERVISOR_ACTOR_START_TIMEOUT" | "JOB_SUPERVISOR_ACTOR_UNSCHEDULABLE"), _) => {
-            Ended::Released(format!("{name} found no place for submission {submission}: {}", short(first)))
-        }
+        (Some("JOB_SUPERVISOR_ACTOR_DIED"), _) => Ended::Released(format!(
+            "{name}: the node {node} of submission {submission} died: {}",
+            short(last.unwrap_or(first))
+        )),
+        (Some("JOB_SUPERVISOR_ACTOR_START_TIMEOUT" | "JOB_SUPERVISOR_ACTOR_UNSCHEDULABLE"), _) => Ended::Released(
+            format!("{name} found no place for submission {submission}: {}", short(first)),
+        ),
         (_, Some(126 | 127)) => Ended::Failed(format!(
             "{name}: the node {node} has no program '{}' that can be started; expected rotortwin on every node, or --ray-program PATH",
             ray.config.program
@@ -496,5 +550,272 @@ async fn conclude(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
         Ok(false) => tracing::debug!(job = job.id, "it was delivered, or somebody else has it"),
         // Its claim runs out, and it is taken up again.
         Err(error) => tracing::error!(job = job.id, %error, "the end of a part cannot be written"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::{JobKind, NewJob};
+    use axum::extract::{Path, State as Shared};
+    use axum::http::{HeaderMap, StatusCode};
+    use axum::routing::{get, post};
+    use axum::{Json, Router};
+    use serde_json::{Value, json};
+    use std::collections::{BTreeMap, VecDeque};
+
+    /// A cluster that says what it was told to say.
+    #[derive(Default)]
+    struct Fake {
+        /// Answers to questions after a submission, one after the other; the last one stays.
+        says: Mutex<VecDeque<(u16, Value)>>,
+        submitted: Mutex<Vec<Value>>,
+        stopped: Mutex<Vec<String>>,
+        /// The first submission is taken, and answered with an error.
+        loses_answer: bool,
+    }
+
+    fn answer((status, body): (u16, Value)) -> (StatusCode, String) {
+        let text = body.as_str().map_or_else(|| body.to_string(), str::to_owned);
+        (StatusCode::from_u16(status).unwrap(), text)
+    }
+
+    async fn version(headers: HeaderMap) -> (StatusCode, String) {
+        if headers
+            .get("authorization")
+            .is_none_or(|value| value != "Bearer of-ray")
+        {
+            return answer((401, "Unauthorized".into()));
+        }
+        answer((200, json!({ "ray_version": "2.60.0" })))
+    }
+
+    async fn job(Shared(fake): Shared<Arc<Fake>>, Path(id): Path<String>) -> (StatusCode, String) {
+        if fake
+            .submitted
+            .lock()
+            .unwrap()
+            .iter()
+            .all(|job| job["submission_id"] != id.as_str())
+        {
+            return answer((404, format!("Job {id} does not exist").into()));
+        }
+        let mut says = fake.says.lock().unwrap();
+        let next = if says.len() > 1 {
+            says.pop_front()
+        } else {
+            says.front().cloned()
+        };
+        answer(next.unwrap())
+    }
+
+    async fn submit(Shared(fake): Shared<Arc<Fake>>, Json(body): Json<Value>) -> (StatusCode, String) {
+        let mut submitted = fake.submitted.lock().unwrap();
+        if submitted
+            .iter()
+            .any(|job| job["submission_id"] == body["submission_id"])
+        {
+            let why = "RuntimeError: Request failed with status code 400: ValueError: Job with submission_id x already exists.";
+            return answer((500, why.into()));
+        }
+        submitted.push(body);
+        answer(if fake.loses_answer {
+            (502, "lost".into())
+        } else {
+            (200, json!({ "submission_id": "x" }))
+        })
+    }
+
+    async fn stop(Shared(fake): Shared<Arc<Fake>>, Path(id): Path<String>) -> (StatusCode, String) {
+        fake.stopped.lock().unwrap().push(id);
+        answer((200, json!({ "stopped": true })))
+    }
+
+    async fn start(fake: Fake) -> (Arc<Fake>, Ray) {
+        let _chosen = rustls::crypto::ring::default_provider().install_default();
+        let fake = Arc::new(fake);
+        let router = Router::new()
+            .route("/api/version", get(version))
+            .route("/api/jobs/", post(submit))
+            .route("/api/jobs/{id}", get(job))
+            .route("/api/jobs/{id}/stop", post(stop))
+            .with_state(Arc::clone(&fake));
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        tokio::spawn(async move { axum::serve(listener, router).await });
+        let ray = Ray::open(RayConfig {
+            url,
+            token: Some("of-ray".to_owned()),
+            parts: 1,
+            cpus: 2.0,
+            memory: Some(1 << 30),
+            resources: BTreeMap::from([("flights".to_owned(), 0.5)]),
+            program: "/opt/it's/rotortwin".to_owned(),
+            callback: None,
+            ca: None,
+        });
+        let ray = ray.await.unwrap();
+        ray.listens("http://127.0.0.1:8400", false).unwrap();
+        (fake, ray)
+    }
+
+    fn part() -> Job {
+        Job {
+            id: "id".to_owned(),
+            status: Status::Running,
+            new: NewJob {
+                kind: JobKind::CampaignShard,
+                name: "a 0..1".to_owned(),
+                tenant: "local".to_owned(),
+                priority: 0,
+                spec: String::new(),
+                facts: String::new(),
+                parent: None,
+                idempotency_key: None,
+                request_hash: String::new(),
+                wall_limit_ms: 60_000,
+                autopilot: None,
+                parts: Vec::new(),
+            },
+            part_of: Some("whole".to_owned()),
+            waits_for: 0,
+            submitted_ms: 0,
+            started_ms: None,
+            finished_ms: None,
+            attempts: 2,
+            failures: 0,
+            worker: None,
+            cancel_requested: false,
+            ticket: None,
+            folder: None,
+            bytes: 0,
+            run_hash: None,
+            error: None,
+            result: None,
+            metrics: None,
+        }
+    }
+
+    async fn follow_own(ray: &Ray) -> Ended {
+        let job = part();
+        let ticket = Ticket::new(&ray.config.url, &Ray::submission(&job));
+        follow(ray, &job, &ticket).await
+    }
+
+    fn words(ended: &Ended) -> (&'static str, &str) {
+        match ended {
+            Ended::Outcome(outcome) => ("outcome", outcome.error.as_deref().unwrap_or_default()),
+            Ended::Failed(why) => ("failed", why),
+            Ended::Released(why) => ("released", why),
+            Ended::Gone => ("gone", ""),
+            Ended::Left => ("left", ""),
+        }
+    }
+
+    /// A submission whose answer was lost is not made twice, and Ray's absence costs nothing.
+    #[tokio::test]
+    async fn regress_a_lost_answer_and_an_absent_ray_make_no_second_submission() {
+        let stopped = (
+            200,
+            json!({ "status": "STOPPED", "message": "Job was intentionally stopped." }),
+        );
+        let says = [
+            (503, "Bad gateway".into()),
+            (200, json!({ "status": "RUNNING" })),
+            stopped,
+        ];
+        let (fake, ray) = start(Fake {
+            says: Mutex::new(says.into()),
+            loses_answer: true,
+            ..Fake::default()
+        })
+        .await;
+        let ended = follow_own(&ray).await;
+        let (how, why) = words(&ended);
+        assert_eq!(how, "failed");
+        assert!(
+            why.starts_with("Ray at http://127.0.0.1:") && why.contains("somebody stopped submission rotortwin-id-2"),
+            "{why}"
+        );
+        let submitted = fake.submitted.lock().unwrap().clone();
+        assert_eq!(submitted.len(), 1);
+        let body = &submitted[0];
+        assert_eq!(body["entrypoint"], "exec '/opt/it'\\''s/rotortwin' part");
+        assert_eq!(
+            (&body["entrypoint_num_cpus"], &body["entrypoint_memory"]),
+            (&json!(2.0), &json!(1 << 30))
+        );
+        assert_eq!(body["entrypoint_resources"], json!({ "flights": 0.5 }));
+        let variables = &body["runtime_env"]["env_vars"];
+        assert_eq!(variables[URL_VARIABLE], "http://127.0.0.1:8400/executor/v1/parts/id/2");
+        // Submitted once more, it is there: as good.
+        let ticket = Ticket::new(&ray.config.url, "rotortwin-id-2");
+        assert_eq!(ray.submit(&part(), &ticket).await, Ok(()));
+        assert_eq!(fake.submitted.lock().unwrap().len(), 1);
+        assert_eq!(ray.parts(), (0, 0));
+    }
+
+    #[tokio::test]
+    async fn val_what_ray_says_of_an_end_is_one_sentence() {
+        let says = |message: &str, error_type: &str, code: Option<i32>| {
+            json!({ "status": "FAILED", "message": message, "error_type": error_type, "driver_exit_code": code,
+                    "driver_agent_http_address": "http://10.0.0.3:52365" })
+        };
+        let died = "Job supervisor actor died: x\n\tpid: 1\n\tthe actor's node was terminated unexpectedly: health check failed";
+        let command = "JOB_ENTRYPOINT_COMMAND_ERROR";
+        let (fake, ray) = start(Fake::default()).await;
+        for (body, how, expected) in [
+            (
+                says(died, "JOB_SUPERVISOR_ACTOR_DIED", None),
+                "released",
+                "the node 10.0.0.3 of submission rotortwin-id-2 died: the actor's node",
+            ),
+            (
+                says("it waited", "JOB_SUPERVISOR_ACTOR_START_TIMEOUT", None),
+                "released",
+                "found no place for submission rotortwin-id-2: it waited",
+            ),
+            (
+                says("not found", command, Some(127)),
+                "failed",
+                "the node 10.0.0.3 has no program '/opt/it's/rotortwin'",
+            ),
+            (
+                says("logs:\nrotortwin: no server\n", command, Some(1)),
+                "failed",
+                "failed on node 10.0.0.3: no server",
+            ),
+            (
+                says("no such env", "RUNTIME_ENV_SETUP_FAILURE", None),
+                "failed",
+                "failed on node 10.0.0.3: no such env",
+            ),
+        ] {
+            *fake.says.lock().unwrap() = [(200, body)].into();
+            let ended = follow_own(&ray).await;
+            let (kind, why) = words(&ended);
+            assert_eq!(kind, how, "{why}");
+            assert!(
+                why.starts_with("Ray at http://127.0.0.1:") && why.contains(expected),
+                "{why}"
+            );
+        }
+        // Of a process that did another part before.
+        *fake.says.lock().unwrap() = [(200, json!({ "status": "STOPPED" }))].into();
+        let ticket = Ticket::new(&ray.config.url, "rotortwin-id-2");
+        let next = Job {
+            id: "next".to_owned(),
+            ..part()
+        };
+        assert_eq!(words(&follow(&ray, &next, &ticket).await).0, "released");
+        fake.submitted.lock().unwrap().clear();
+        assert!(
+            words(&follow(&ray, &next, &ticket).await)
+                .1
+                .contains("knows nothing of submission rotortwin-id-2")
+        );
+        assert!(fake.submitted.lock().unwrap().is_empty());
+        ray.stop("rotortwin-id-2").await;
+        assert_eq!(*fake.stopped.lock().unwrap(), ["rotortwin-id-2"]);
     }
 }

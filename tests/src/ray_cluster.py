@@ -1,0 +1,52 @@
+"""A Ray cluster of this machine for the tests: a head that does nothing and two nodes of one CPU each.
+
+Says as a line of JSON where its dashboard is, then takes commands, one a line: `kill N` kills the raylet of a node with -9. Ends with its
+standard input.
+"""
+
+import json
+import socket
+import sys
+import time
+import urllib.error
+import urllib.request
+
+from ray.cluster_utils import Cluster
+
+# A node that says nothing is dead after 5 to 10 s instead of 15 to 20: the tests wait for that, on a machine that may be busy.
+QUICK = {"health_check_period_ms": 1000, "health_check_timeout_ms": 5000, "health_check_failure_threshold": 5}
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def main() -> None:
+    port = free_port()
+    url = f"http://127.0.0.1:{port}"
+    head = {"num_cpus": 0, "include_dashboard": True, "dashboard_port": port, "object_store_memory": 100 << 20, "_system_config": QUICK}
+    cluster = Cluster(initialize_head=True, head_node_args=head)
+    try:
+        nodes = [cluster.add_node(num_cpus=1, object_store_memory=100 << 20) for _ in range(2)]
+        end = time.monotonic() + 60.0
+        while True:
+            try:
+                urllib.request.urlopen(f"{url}/api/jobs/", timeout=5).read()
+                break
+            except (urllib.error.URLError, TimeoutError):
+                if time.monotonic() > end:
+                    raise
+                time.sleep(0.2)
+        print(json.dumps({"dashboard": url}), flush=True)
+        for line in sys.stdin:
+            word, _, number = line.strip().partition(" ")
+            if word == "kill":
+                cluster.remove_node(nodes[int(number)], allow_graceful=False)
+            print(json.dumps({"done": line.strip()}), flush=True)
+    finally:
+        cluster.shutdown()
+
+
+main()
