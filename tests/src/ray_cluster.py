@@ -1,16 +1,19 @@
 """A Ray cluster of this machine for the tests: a head that does nothing and two nodes of one CPU each.
 
-Says as a line of JSON where its dashboard is, then takes commands, one a line: `kill N` kills the raylet of a node with -9. Ends with its
-standard input.
+Says as a line of JSON where its dashboard is, then takes commands, one a line: `kill N` kills the raylet of a node with -9, and all that it has
+started, as where a machine dies. Ends with its standard input.
 """
 
 import json
+import os
+import signal
 import socket
 import sys
 import time
 import urllib.error
 import urllib.request
 
+from ray._private.ray_constants import PROCESS_TYPE_RAYLET
 from ray.cluster_utils import Cluster
 
 # A node that says nothing is dead after 5 to 10 s instead of 15 to 20: the tests wait for that, on a machine that may be busy.
@@ -21,6 +24,33 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
+
+
+def descendants(ancestor: int) -> list[int]:
+    parents = {}
+    for name in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{name}/stat") as file:
+                parents[int(name)] = int(file.read().rsplit(")", 1)[1].split()[1])
+        except OSError:
+            continue
+    found, open_ones = [], [ancestor]
+    while open_ones:
+        parent = open_ones.pop()
+        children = [child for child, above in parents.items() if above == parent]
+        found += children
+        open_ones += children
+    return found
+
+
+def kill(cluster: Cluster, node: object) -> None:
+    left = descendants(node.all_processes[PROCESS_TYPE_RAYLET][0].process.pid)
+    cluster.remove_node(node, allow_graceful=False)
+    for process in left:
+        try:
+            os.kill(process, signal.SIGKILL)
+        except ProcessLookupError:
+            continue
 
 
 def main() -> None:
@@ -43,7 +73,7 @@ def main() -> None:
         for line in sys.stdin:
             word, _, number = line.strip().partition(" ")
             if word == "kill":
-                cluster.remove_node(nodes[int(number)], allow_graceful=False)
+                kill(cluster, nodes[int(number)])
             print(json.dumps({"done": line.strip()}), flush=True)
     finally:
         cluster.shutdown()

@@ -131,15 +131,13 @@ impl Client {
     /// Version of the cluster.
     pub(super) async fn version(&self) -> Result<String, RayError> {
         let (status, text) = self.ask(Method::GET, "/api/version", None).await?;
-        if status != StatusCode::OK {
-            return Err(unexpected(status, &text));
-        }
         let answer: Value = serde_json::from_str(&text).unwrap_or_default();
-        match answer["ray_version"].as_str() {
-            Some(version) => Ok(version.to_owned()),
-            None => Err(RayError::Refused(
+        match (status, answer["ray_version"].as_str()) {
+            (StatusCode::OK, Some(version)) => Ok(version.to_owned()),
+            (StatusCode::OK | StatusCode::NOT_FOUND | StatusCode::METHOD_NOT_ALLOWED, _) => Err(RayError::Refused(
                 "what answers there is not the dashboard of a Ray cluster; expected an address such as http://HEAD:8265".to_owned(),
             )),
+            _ => Err(unexpected(status, &text)),
         }
     }
 
