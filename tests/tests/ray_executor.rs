@@ -229,6 +229,9 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
             .count()
     };
     wait_for("a part runs", || running() > 0);
+    let all = submissions(cluster.port());
+    let one = all.iter().find(|job| job["status"] == "RUNNING").expect("it runs");
+    tickets_are_worth_one_attempt(&server, one);
     assert_eq!(
         server
             .ask("POST", &format!("/api/v1/campaigns/{id}/cancel"), &[], "")

@@ -34,6 +34,20 @@ impl Database {
         row.map(|row| Ok((job_of(&row)?, token))).transpose()
     }
 
+    /// Whether somebody wants a claimed job stopped. `None`: the claim is lost.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn wants_end(&self, id: &str, token: &str) -> Result<Option<bool>, sqlx::Error> {
+        let row = sqlx::query("SELECT cancel_requested FROM job WHERE id = $1 AND claim = $2")
+            .bind(id)
+            .bind(token)
+            .fetch_optional(&self.pool)
+            .await?;
+        row.map(|row| row.try_get::<i64, _>("cancel_requested").map(|wanted| wanted != 0))
+            .transpose()
+    }
+
     /// Gives a claimed part a ticket, and leaves it to whoever [adopts](Self::adopt) it; `false`: the claim is lost.
     ///
     /// # Errors

@@ -30,10 +30,14 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Between two looks at a submission, and at Ray itself.
-const ASK: Duration = Duration::from_millis(1500);
-/// Signs of life to the database, and looks for a wish to cancel.
-const HEARTBEAT: Duration = Duration::from_millis(250);
+/// Between two looks at a submission: of several that wait, each costs the head some milliseconds.
+const ASK: Duration = Duration::from_millis(2500);
+/// Between two looks at Ray itself.
+const PING: Duration = Duration::from_millis(1500);
+/// Between two signs of life to the database.
+const HEARTBEAT: Duration = Duration::from_secs(3);
+/// Between two looks for a wish to cancel.
+const WISHES: Duration = Duration::from_millis(250);
 /// At its start the server waits for Ray so long.
 const START: Duration = Duration::from_secs(10);
 /// Ray may be away for so long before an attempt is given up.
@@ -273,7 +277,7 @@ pub(crate) async fn look_after(shop: Arc<Workshop>, ray: Arc<Ray>) {
         }
         tokio::select! {
             _ = ending.changed() => {}
-            () = tokio::time::sleep(ASK) => {}
+            () = tokio::time::sleep(PING) => {}
         }
     }
 }
@@ -403,23 +407,31 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
     ended
 }
 
-/// Holds the claim.
+/// Holds the claim. Many attempts are held at the same time, most of which wait for a place: a sign of life is written seldom (SQLite makes
+/// each of them durable), a wish to cancel is read often.
 async fn hold(shop: &Workshop, job: &Job, token: &str) -> Reason {
     let mut ending = shop.ending.subscribe();
+    let mut lived = None::<Instant>;
     loop {
         shop.pulse.beat();
         if *ending.borrow() {
             return Reason::Left;
         }
-        match shop.database.heartbeat(&job.id, token, LEASE).await {
+        let writes = lived.is_none_or(|lived| lived.elapsed() >= HEARTBEAT);
+        let wanted = if writes {
+            shop.database.heartbeat(&job.id, token, LEASE).await
+        } else {
+            shop.database.wants_end(&job.id, token).await
+        };
+        match wanted {
             Ok(Some(true)) => return Reason::Canceled,
-            Ok(Some(false)) => {}
+            Ok(Some(false)) => lived = if writes { Some(Instant::now()) } else { lived },
             Ok(None) => return Reason::Gone,
             Err(error) => tracing::error!(job = job.id, %error, "a sign of life cannot be written"),
         }
         tokio::select! {
             _ = ending.changed() => {}
-            () = tokio::time::sleep(HEARTBEAT) => {}
+            () = tokio::time::sleep(WISHES) => {}
         }
     }
 }
