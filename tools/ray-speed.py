@@ -5,7 +5,7 @@
     target/executors-environment/bin/python tools/ray-speed.py [FLIGHTS [SECONDS [TURNS]]]
 
 Starts a cluster of this machine (a head that flies nothing, two nodes of one CPU), one server with `--workers 2`, one with the same and
-`--executor ray=…`, and measures from the submission to the end of the campaign, turn by turn. Seeds are those of the campaign (5). The first
+`--executor ray=… --ray-parts 4`, and measures from the submission to the end of the campaign, turn by turn. Seeds are those of the campaign (5). The first
 pair is not counted. Prints seconds, flights a second, and the ratio of the medians.
 """
 
@@ -75,7 +75,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             assert cluster.stdout is not None
             dashboard = json.loads(cluster.stdout.readline())["dashboard"]
-            ray = ["--executor", f"ray={dashboard}", "--ray-program", PROGRAM]
+            ray = ["--executor", f"ray={dashboard}", "--ray-program", PROGRAM, "--ray-parts", "4"]
             servers = [("workers", *serve(f"{folder}/own", [])), ("ray", *serve(f"{folder}/ray", ray))]
             times: dict[str, list[float]] = {name: [] for name, *_ in servers}
             hashes = set()

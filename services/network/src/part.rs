@@ -22,7 +22,7 @@ use tokio::sync::{Notify, mpsc};
 /// The server may be away for so long.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// A process takes no further part after this: a submission costs Ray about a second, and its place may be wanted by others.
-const LONGEST: Duration = Duration::from_secs(60);
+const LONGEST: Duration = Duration::from_secs(300);
 /// For an answer.
 const ANSWER: Duration = Duration::from_secs(60);
 /// For a connection.
@@ -101,7 +101,7 @@ impl Server {
             tracing::debug!("TLS was set up before");
         }
         let mut value = HeaderValue::from_str(&format!("Bearer {ticket}"))
-            .map_err(|_| format!("{TICKET_VARIABLE} holds letters that no ticket has"))?;
+            .map_err(|error| format!("{TICKET_VARIABLE}: no ticket: {error}"))?;
         value.set_sensitive(true);
         let mut http = reqwest::Client::builder()
             .connect_timeout(CONNECT)
@@ -276,10 +276,8 @@ async fn in_folder(server: &Server, begun: Instant) -> Result<Option<NextPart>, 
         .prefix("rotortwin-part-")
         .tempdir()
         .map_err(|error| Stop::Failed(format!("no folder can be made for temporary files: {error}")))?;
-    let how = match lay_out(server, &order, folder.path()).await {
-        Ok(()) => do_job(server, &order, folder.path()).await?,
-        Err(stop) => return Err(stop),
-    };
+    lay_out(server, &order, folder.path()).await?;
+    let how = do_job(server, &order, folder.path()).await?;
     let ended = server.end(how, begun.elapsed() < LONGEST).await;
     removed(folder);
     ended

@@ -84,7 +84,7 @@ impl Client {
         let mut headers = HeaderMap::new();
         if let Some(token) = &config.token {
             let mut value = HeaderValue::from_str(&format!("Bearer {token}"))
-                .map_err(|_| bad("ROTORTWIN_RAY_TOKEN holds letters that no token has".to_owned()))?;
+                .map_err(|error| bad(format!("ROTORTWIN_RAY_TOKEN: no token: {error}")))?;
             value.set_sensitive(true);
             headers.insert(AUTHORIZATION, value);
         }

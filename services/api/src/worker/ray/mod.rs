@@ -6,7 +6,7 @@
 //!                    │                                                                    │ ticket
 //!  job table ◀──heartbeat──┘      routes/parts ◀── inputs, events, files, end ────────────┘
 //! ```
-//! * A process that has done its part gets the next one at once, for a minute: a submission costs Ray a second of processor time. Each part has an
+//! * A process that has done its part gets the next one at once, for five minutes: a submission costs Ray a second of processor time. Each part has an
 //!   attempt and a ticket of its own all the same.
 //! * The server looks after an attempt: it holds the claim, asks Ray how the submission stands, and begins another attempt where Ray says that
 //!   its node is gone. What comes of it, the node itself delivers to this server ([`super::handed`]).
