@@ -9,12 +9,17 @@ import os
 import signal
 import socket
 import sys
+import tempfile
 import time
 import urllib.error
 import urllib.request
 
-from ray._private.ray_constants import PROCESS_TYPE_RAYLET
-from ray.cluster_utils import Cluster
+# Ray finds "its" cluster by a file in this folder, which two clusters of one host would share. (Paths of sockets have to be short.)
+TEMPORARY = tempfile.TemporaryDirectory(prefix="ray-")
+os.environ["RAY_TMPDIR"] = TEMPORARY.name
+
+from ray._private.ray_constants import PROCESS_TYPE_RAYLET  # noqa: E402
+from ray.cluster_utils import Cluster  # noqa: E402
 
 # A node that says nothing is dead after 5 to 10 s instead of 15 to 20: the tests wait for that, on a machine that may be busy.
 QUICK = {"health_check_period_ms": 1000, "health_check_timeout_ms": 5000, "health_check_failure_threshold": 5}
@@ -77,6 +82,7 @@ def main() -> None:
             print(json.dumps({"done": line.strip()}), flush=True)
     finally:
         cluster.shutdown()
+        TEMPORARY.cleanup()
 
 
 main()

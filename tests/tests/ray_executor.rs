@@ -165,7 +165,15 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
     );
 
     let id = server.submit_to("campaigns", &json!({ "text": document }));
-    wait_for("parts are done", || shards(&server, "done") >= 2);
+    let running = |port: u16| {
+        submissions(port)
+            .iter()
+            .filter(|job| job["status"] == "RUNNING")
+            .count()
+    };
+    // Each node has a part, so that the one that dies takes an attempt along.
+    let port = cluster.port();
+    wait_for("parts are done", || running(port) == 2 && shards(&server, "done") >= 2);
     cluster.kill_node(1);
     server.kill();
     let done_before = {
@@ -222,13 +230,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
 
     // A cancel ends what Ray does, and what waits there.
     let id = server.submit_to("campaigns", &json!({ "text": campaign("long", 4, 3000.0) }));
-    let running = || {
-        submissions(cluster.port())
-            .iter()
-            .filter(|job| job["status"] == "RUNNING")
-            .count()
-    };
-    wait_for("a part runs", || running() > 0);
+    wait_for("a part runs", || running(port) > 0);
     let all = submissions(cluster.port());
     let one = all.iter().find(|job| job["status"] == "RUNNING").expect("it runs");
     tickets_are_worth_one_attempt(&server, one);
