@@ -137,7 +137,8 @@ Examples:
 pub(crate) const SERVE: &str = "\
 Examples:
   rotortwin serve
-  rotortwin serve --listen 127.0.0.1:9000 --data /srv/rotortwin --workers 4";
+  rotortwin serve --listen 127.0.0.1:9000 --data /srv/rotortwin --workers 4
+  rotortwin serve --executor ray=http://127.0.0.1:8265";
 
 pub(crate) const RUNS: &str = "\
 Examples:

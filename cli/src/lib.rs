@@ -178,6 +178,8 @@ pub enum Command {
     Token(network::token::Args),
     /// Do jobs for the servers that share a Postgres database, on this or another host
     Worker(network::serve::WorkerArgs),
+    /// Do a part of a campaign or blind bench that a server has handed to a Ray cluster: started by Ray, which is told where the part is
+    Part(network::part::Args),
     /// Scenarios, vehicles, campaigns … that can be named wherever a file is expected
     #[command(after_help = examples::LIST)]
     List(configuration::ListArgs),
@@ -270,6 +272,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Fdi(args) => rotortwin_fdi::run(args),
         command @ (Command::Serve(_)
         | Command::Worker(_)
+        | Command::Part(_)
         | Command::Token(_)
         | Command::Router(_)
         | Command::Health(_)

@@ -12,6 +12,7 @@
 //! * [`websocket`]: what a server tells by WebSocket;
 //! * [`postgres`]: a Postgres of one's own;
 //! * [`slurm`]: a Slurm cluster of two nodes;
+//! * [`ray`]: a Ray cluster of two nodes;
 //! * [`python`]: Python with the client and what its tests need.
 //! * [`disk`]: a disk that is soon full;
 //! * [`cable`]: a connection that is cut without a word;
@@ -36,6 +37,7 @@ pub mod process;
 pub mod program;
 pub mod python;
 pub mod random;
+pub mod ray;
 pub mod scratch;
 pub mod server;
 mod skip;

@@ -1,21 +1,13 @@
 //! Campaigns from Python on a Ray and a Dask cluster of this machine, of which nodes die.
 
 use rotortwin_tests::program::program;
-use rotortwin_tests::python::{client_folder, environment};
+use rotortwin_tests::python::client_folder;
+use rotortwin_tests::ray::executors_environment;
 use std::process::Command;
 
 #[test]
 fn scenario_campaigns_survive_the_death_of_nodes() {
-    let client = client_folder().display().to_string();
-    let packages = [
-        "--editable",
-        &client,
-        "ray==2.60.0",
-        "distributed==2026.8.0",
-        "pyarrow>=15",
-        "pytest>=8",
-    ];
-    let Some(programs) = environment("executors-environment", &packages) else {
+    let Some(programs) = executors_environment() else {
         return;
     };
     let output = Command::new(programs.join("pytest"))

@@ -6,6 +6,7 @@
 
 pub mod autopilot;
 pub mod health;
+pub mod part;
 pub mod remote;
 pub mod router;
 pub mod serve;

@@ -6,6 +6,7 @@ use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// Where jobs and their files are, and how many are done at the same time.
 #[derive(Debug, Parser)]
@@ -43,6 +44,87 @@ pub struct WorkArgs {
     /// Runs over zenoh: all processes connect to this router, e.g. tcp/router:7447
     #[arg(long, value_name = "ENDPOINT", env = "ROTORTWIN_ZENOH_ROUTER")]
     pub zenoh_router: Option<String>,
+}
+
+/// Who does the parts of jobs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Executor {
+    /// The server's own workers.
+    Embedded,
+    /// A Ray cluster, by the address of its dashboard.
+    Ray(String),
+}
+
+impl FromStr for Executor {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "embedded" {
+            return Ok(Self::Embedded);
+        }
+        let url = text.strip_prefix("ray=").map(|url| url.trim_end_matches('/'));
+        let url = url.filter(|url| url.starts_with("http://") || url.starts_with("https://"));
+        url.map(|url| Self::Ray(url.to_owned())).ok_or_else(|| {
+            "expected embedded, or ray=URL with the address of Ray's dashboard, such as ray=http://HEAD:8265".to_owned()
+        })
+    }
+}
+
+/// An amount of something that a Ray cluster has: `NAME=AMOUNT`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resource {
+    /// As the cluster calls it.
+    pub name: String,
+    /// How much of it.
+    pub amount: f64,
+}
+
+impl FromStr for Resource {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let split = text.split_once('=').filter(|(name, _)| !name.is_empty());
+        let amount = split.and_then(|(_, amount)| amount.parse::<f64>().ok());
+        match (split, amount.filter(|amount| *amount > 0.0 && amount.is_finite())) {
+            (Some((name, _)), Some(amount)) => Ok(Self {
+                name: name.to_owned(),
+                amount,
+            }),
+            _ => Err("expected NAME=AMOUNT, such as flights=1".to_owned()),
+        }
+    }
+}
+
+fn cpus(text: &str) -> Result<f64, String> {
+    let cpus = text.parse::<f64>().ok();
+    cpus.filter(|cpus| (0.01..=1024.0).contains(cpus))
+        .ok_or_else(|| "expected a number from 0.01 to 1024".to_owned())
+}
+
+/// What parts take of a Ray cluster, and how its nodes find rotortwin and this server.
+#[derive(Debug, Parser)]
+pub struct RayArgs {
+    /// Ray: parts that are handed over at the same time; what waits there is what makes a cluster grow
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub ray_parts: u16,
+    /// Ray: CPUs of a part, and its threads
+    #[arg(long, value_name = "N", default_value = "1", value_parser = cpus)]
+    pub ray_cpus: f64,
+    /// Ray: memory that it sets aside for a part, MB [default: it does not count memory]
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub ray_memory: Option<u64>,
+    /// Ray: what else a part takes, by a name that the cluster knows; may be given several times
+    #[arg(long, value_name = "NAME=AMOUNT")]
+    pub ray_resource: Vec<Resource>,
+    /// Ray: the program on the nodes
+    #[arg(long, value_name = "PROGRAM", default_value = "rotortwin")]
+    pub ray_program: String,
+    /// Ray: how the nodes reach this server, such as https://bench.example:8443 [default: where it listens]
+    #[arg(long, value_name = "URL")]
+    pub ray_callback: Option<String>,
+    /// Ray: certificates by which the nodes know this server (PEM) [default: those that they believe anyway]
+    #[arg(long, value_name = "FILE")]
+    pub ray_ca: Option<PathBuf>,
 }
 
 /// Arguments of `rotortwin serve`.
@@ -96,6 +178,13 @@ pub struct Args {
     /// FDI sessions also take measurements over zenoh: zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT
     #[arg(long, value_name = "LINK")]
     pub fdi_link: Option<LinkAddress>,
+    /// Who does the parts of campaigns and blind benches: the workers of this server, or a Ray cluster, by the address of its dashboard, such as
+    /// ray=http://HEAD:8265 (a token of the cluster in ROTORTWIN_RAY_TOKEN); its nodes need rotortwin of the same version
+    #[arg(long, value_name = "embedded|ray=URL", default_value = "embedded")]
+    pub executor: Executor,
+    /// What a part takes of the Ray cluster.
+    #[command(flatten)]
+    pub ray: RayArgs,
     /// Print the OpenAPI document and end
     #[arg(long)]
     pub openapi: bool,
@@ -141,4 +230,41 @@ pub struct WorkerArgs {
     /// Where jobs and their files are.
     #[command(flatten)]
     pub work: WorkArgs,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_executors_and_resources_are_read_or_refused() {
+        let ray = Executor::Ray("http://head:8265".to_owned());
+        assert_eq!("ray=http://head:8265/".parse(), Ok(ray));
+        assert_eq!("embedded".parse(), Ok(Executor::Embedded));
+        for bad in [
+            "",
+            "ray",
+            "ray=",
+            "ray=head:8265",
+            "ray=ray://head:10001",
+            "dask=http://a",
+        ] {
+            let refusal = bad.parse::<Executor>().unwrap_err();
+            assert!(refusal.contains("expected embedded, or ray=URL"), "{bad}: {refusal}");
+        }
+        let resource = "flights=0.5".parse::<Resource>().unwrap();
+        assert_eq!((resource.name.as_str(), resource.amount), ("flights", 0.5));
+        for bad in [
+            "flights",
+            "=1",
+            "flights=",
+            "flights=-1",
+            "flights=0",
+            "flights=inf",
+            "flights=nan",
+        ] {
+            assert!(bad.parse::<Resource>().is_err(), "{bad}");
+        }
+        assert!(cpus("0").is_err() && cpus("2").is_ok());
+    }
 }

@@ -38,12 +38,13 @@ use crate::browsers::HostNames;
 use crate::data_folder::DataFolder;
 use crate::fdi::FdiSessions;
 use crate::jobs::database::{Database, SERVER_CONNECTIONS, WORKER_CONNECTIONS};
-use crate::jobs::queue::FairShare;
+use crate::jobs::queue::{FairShare, Left};
 use crate::library::Library;
 use crate::metrics::Metrics;
 use crate::pulse::Pulse;
 use crate::tls::TlsListener;
 use crate::traces::Traces;
+use crate::worker::ray::Ray;
 use crate::worker::{Meeting, Workshop};
 use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
@@ -61,6 +62,17 @@ pub use fdi::sessions::FdiLimits;
 pub use problem::Problem;
 pub use pulse::alive;
 pub use routes::openapi_document;
+pub use worker::ray::RayConfig;
+pub use worker::{hold_within, limit_that_ended};
+
+/// Plain files below a folder, in order: path and bytes of each.
+///
+/// # Errors
+/// It cannot be read.
+pub fn files_of(folder: &std::path::Path) -> std::io::Result<Vec<(String, u64)>> {
+    let files = artifacts::files_below(folder)?;
+    Ok(files.into_iter().map(|file| (file.path, file.size)).collect())
+}
 
 /// Queries in SQL that are answered at the same time.
 const QUERIES_AT_ONCE: usize = 2;
@@ -98,6 +110,8 @@ pub struct WorkConfig {
     pub program: PathBuf,
     /// Of this process, for people.
     pub name: String,
+    /// A cluster that does the parts of campaigns and blind benches; none: they are done here.
+    pub ray: Option<RayConfig>,
 }
 
 /// An autopilot on this host that runs may be flown with.
@@ -210,7 +224,23 @@ impl Worker {
                 config.artifacts.as_deref().unwrap_or("(data folder)")
             )
         })?;
-        worker::requeue(&database, !database.is_shared())
+        let ray = match &config.ray {
+            None => None,
+            Some(ray) => Some(Arc::new(Ray::open(ray.clone()).await?)),
+        };
+        let left = match (database.is_shared(), &ray) {
+            (true, _) => Left::Abandoned,
+            (false, None) => Left::All,
+            (false, Some(_)) => Left::AllButHandedOver,
+        };
+        let queued = async {
+            worker::requeue(&database, left).await?;
+            if left == Left::AllButHandedOver {
+                database.orphan_handed_over().await?;
+            }
+            Ok::<(), sqlx::Error>(())
+        };
+        queued
             .await
             .map_err(|error| format!("the queue cannot be read: {error}"))?;
         if !database.is_shared() {
@@ -236,6 +266,7 @@ impl Worker {
             job_memory: config.job_memory,
             ending: watch::channel(false).0,
             traces,
+            ray,
         });
         worker::offer_autopilots(&shop)
             .await
@@ -252,6 +283,13 @@ impl Worker {
         for _ in 0..self.config.workers {
             let shop = Arc::clone(&self.shop);
             tasks.spawn(async move { shop.pulse.watched(worker::work(Arc::clone(&shop))).await });
+        }
+        if let Some(ray) = &self.shop.ray {
+            for _ in 0..ray.config.parts {
+                let (shop, ray) = (Arc::clone(&self.shop), Arc::clone(ray));
+                tasks.spawn(async move { shop.pulse.watched(worker::ray::hand_over(Arc::clone(&shop), ray)).await });
+            }
+            tasks.spawn(worker::ray::look_after(Arc::clone(&self.shop), Arc::clone(ray)));
         }
         for _ in 0..self.config.seats {
             tasks.spawn(worker::sit(Arc::clone(&self.shop), self.config.roles.clone()));
@@ -333,6 +371,10 @@ impl Server {
         let address = listener
             .local_addr()
             .map_err(|error| format!("the address cannot be read: {error}"))?;
+        if let Some(ray) = &worker.shop.ray {
+            let scheme = if acceptor.is_some() { "https" } else { "http" };
+            ray.listens(&format!("{scheme}://{address}"), address.ip().is_unspecified())?;
+        }
         let fdi = FdiSessions::open_with(config.fdi, config.fdi_link.as_ref())?;
         let app = Arc::new(App {
             rate: Rate::new(config.rate),

@@ -106,6 +106,11 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, "conflict", "It contradicts what is there", detail)
     }
 
+    /// 410: it was there, and will not be again.
+    pub(crate) fn gone(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::GONE, "gone", "It is over", detail)
+    }
+
     /// 412: what `If-Match` or `If-None-Match` say does not hold.
     pub fn precondition_failed(detail: impl Into<String>) -> Self {
         Self::new(

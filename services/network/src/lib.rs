@@ -9,6 +9,7 @@ mod campaign_store;
 mod fdi_service;
 mod foxglove;
 mod health;
+mod part;
 mod remote;
 mod router;
 mod serve;
@@ -33,6 +34,7 @@ fn perform(server: &ServerArgs, command: &Command) -> ExitCode {
         command if server.server.is_some() => remote::run(server, command),
         Command::Serve(args) => serve::run(args),
         Command::Worker(args) => serve::work(args),
+        Command::Part(_) => part::run(),
         Command::Token(args) => token::run(args),
         Command::Router(args) => router::run(args),
         Command::Health(args) => health::run(args),

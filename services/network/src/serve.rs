@@ -1,8 +1,8 @@
 //! `rotortwin serve` and `rotortwin worker`: jobs over HTTP, and more hands for them on other hosts.
 
-use rotortwin_api::{Autopilot, FdiLimits, ServeConfig, Server, WorkConfig, Worker};
+use rotortwin_api::{Autopilot, FdiLimits, RayConfig, ServeConfig, Server, WorkConfig, Worker};
 use rotortwin_cli::network::autopilot::ListedAutopilot;
-use rotortwin_cli::network::serve::{Args, Role, WorkArgs, WorkerArgs};
+use rotortwin_cli::network::serve::{Args, Executor, Role, WorkArgs, WorkerArgs};
 use rotortwin_cli::output::{bad_input, failed, line};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -31,7 +31,40 @@ fn work_config(args: &WorkArgs, roles: &[Role], seats: usize) -> Result<WorkConf
         zenoh_router: args.zenoh_router.clone(),
         program,
         name: format!("{}-{}", rotortwin_links::host_name(), std::process::id()),
+        ray: None,
     })
+}
+
+/// The cluster that does the parts, if there is one.
+fn ray_config(args: &Args) -> Result<Option<RayConfig>, String> {
+    let Executor::Ray(url) = &args.executor else {
+        return Ok(None);
+    };
+    let ray = &args.ray;
+    if let Some(callback) = &ray.ray_callback {
+        let is_url =
+            reqwest::Url::parse(callback).is_ok_and(|url| matches!(url.scheme(), "http" | "https") && url.has_host());
+        if !is_url {
+            return Err(format!(
+                "--ray-callback {callback}: expected an address such as https://bench.example:8443"
+            ));
+        }
+    }
+    Ok(Some(RayConfig {
+        url: url.clone(),
+        token: std::env::var(RAY_TOKEN).ok().filter(|token| !token.is_empty()),
+        parts: usize::from(ray.ray_parts),
+        cpus: ray.ray_cpus,
+        memory: ray.ray_memory.map(|memory| memory * 1_000_000),
+        resources: ray
+            .ray_resource
+            .iter()
+            .map(|resource| (resource.name.clone(), resource.amount))
+            .collect(),
+        program: ray.ray_program.clone(),
+        callback: ray.ray_callback.clone(),
+        ca: ray.ray_ca.clone(),
+    }))
 }
 
 fn listed(autopilot: &ListedAutopilot) -> Autopilot {
@@ -71,6 +104,9 @@ fn check_autopilots(work: &WorkConfig) -> Result<(), String> {
     Ok(())
 }
 
+/// A token of the Ray cluster.
+const RAY_TOKEN: &str = "ROTORTWIN_RAY_TOKEN";
+
 /// Where what clients can name lies.
 fn library(args: &Args) -> std::io::Result<PathBuf> {
     if let Some(library) = &args.library {
@@ -91,9 +127,13 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     rotortwin_process::start_logging();
-    let work = match work_config(&args.work, &[Role::Jobs], 0) {
+    let mut work = match work_config(&args.work, &[Role::Jobs], 0) {
         Ok(work) => work,
         Err(sentence) => return failed(sentence),
+    };
+    work.ray = match ray_config(args) {
+        Ok(ray) => ray,
+        Err(sentence) => return bad_input(sentence),
     };
     if let Err(sentence) = check_autopilots(&work) {
         return bad_input(sentence);

@@ -9,6 +9,7 @@
 
 pub(crate) mod autopilots;
 pub(crate) mod database;
+pub(crate) mod handed;
 pub(crate) mod hub;
 pub(crate) mod live;
 pub(crate) mod queue;

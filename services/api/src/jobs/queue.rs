@@ -17,7 +17,55 @@ use std::time::Duration;
 /// nobody waits until it has caught up: a claim is taken for abandoned (its worker, if it lives, writes another one each 250 ms), a pause for
 /// over.
 const DUE: &str = "(j.not_before_ms <= @NOW OR j.not_before_ms > @NOW + 20000)";
-const ABANDONED: &str = "AND (claim_until_ms < @NOW OR claim_until_ms > @NOW + 20000)";
+///
+/// What is handed to a cluster of others ([`HANDED_OVER`]) goes on there while its server is away, and that server takes it up again: for ten
+/// minutes nobody else does.
+const ABANDONED: &str = "AND ((claim_until_ms < @NOW AND NOT (@HANDED_OVER AND claim_until_ms >= @NOW - 600000)) \
+     OR claim_until_ms > @NOW + 20000)";
+/// Parts whose attempt has a ticket, with which a node of another cluster delivers.
+const HANDED_OVER: &str = "(kind IN ('campaign-shard', 'blind-bench-shard') AND ticket IS NOT NULL)";
+
+/// Which jobs somebody takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Takes {
+    /// Whatever is next.
+    All,
+    /// Parts of other jobs.
+    Parts,
+    /// All but parts.
+    AllButParts,
+}
+
+impl Takes {
+    fn condition(self) -> &'static str {
+        match self {
+            Self::All => "",
+            Self::Parts => "AND j.part_of IS NOT NULL",
+            Self::AllButParts => "AND j.part_of IS NULL",
+        }
+    }
+}
+
+/// Which jobs that run are queued again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Left {
+    /// Those whose worker has said nothing for longer than its lease.
+    Abandoned,
+    /// All, because nobody else can have them.
+    All,
+    /// All but those that go on in a cluster of others.
+    AllButHandedOver,
+}
+
+impl Left {
+    fn condition(self) -> String {
+        match self {
+            Self::Abandoned => ABANDONED.replace("@HANDED_OVER", HANDED_OVER),
+            Self::All => String::new(),
+            Self::AllButHandedOver => format!("AND NOT {HANDED_OVER}"),
+        }
+    }
+}
 
 /// Whether a submission made a job.
 #[derive(Debug)]
@@ -122,6 +170,7 @@ impl Database {
         worker: &str,
         lease: Duration,
         share: FairShare,
+        takes: Takes,
     ) -> Result<Option<(Job, String)>, sqlx::Error> {
         let token = new_id();
         let mut transaction = self.pool.begin().await?;
@@ -129,12 +178,13 @@ impl Database {
             "UPDATE job SET status = 'running', claim = $1, claim_until_ms = @NOW + $2, started_ms = @NOW, attempts = attempts + 1, \
              worker = $3 WHERE status = 'queued' AND id = (SELECT j.id FROM job j LEFT JOIN \
                (SELECT tenant, COUNT(*) AS running FROM job WHERE status = 'running' GROUP BY tenant) r ON r.tenant = j.tenant \
-               WHERE j.status = 'queued' AND j.waits_for = 0 AND @DUE AND COALESCE(r.running, 0) < $4 \
+               WHERE j.status = 'queued' AND j.waits_for = 0 @TAKES AND @DUE AND COALESCE(r.running, 0) < $4 \
                AND (j.autopilot IS NULL OR (\
                  EXISTS (SELECT 1 FROM autopilot a WHERE a.name = j.autopilot AND a.worker = $5 AND a.until_ms > @NOW) \
                  AND NOT EXISTS (SELECT 1 FROM job b WHERE b.status = 'running' AND b.autopilot = j.autopilot))) \
                ORDER BY COALESCE(r.running, 0), j.priority DESC, j.id LIMIT 1 @SKIP) RETURNING *"
                 .replace("@DUE", DUE)
+                .replace("@TAKES", takes.condition())
                 .as_str(),
         ))
         .bind(&token)
@@ -384,8 +434,7 @@ impl Database {
         Ok(true)
     }
 
-    /// Queues again every job whose worker has said nothing for longer than its lease; `everything`: all that
-    /// run, because nobody else can have them. A job that was begun `attempts` times has most likely killed its workers: it ends as failed.
+    /// Queues again every job that is [`Left`]. A job that was begun `attempts` times has most likely killed its workers: it ends as failed.
     /// Their ids.
     ///
     /// Each in a transaction of its own, and a row that somebody holds is left for the next time: a host that vanished within a transaction
@@ -393,17 +442,17 @@ impl Database {
     ///
     /// # Errors
     /// The database; of a single job only if none could be queued.
-    pub(crate) async fn requeue_abandoned(&self, everything: bool, attempts: i64) -> Result<Vec<String>, sqlx::Error> {
+    pub(crate) async fn requeue_abandoned(&self, left: Left, attempts: i64) -> Result<Vec<String>, sqlx::Error> {
         let rows = sqlx::query(self.sql(&format!(
             "SELECT id FROM job WHERE status = 'running' {} ORDER BY id",
-            if everything { "" } else { ABANDONED }
+            left.condition()
         )))
         .fetch_all(&self.pool)
         .await?;
         let (mut ids, mut refused) = (Vec::new(), None);
         for row in rows {
             let id: String = row.try_get("id")?;
-            match self.requeue_one(&id, everything, attempts).await {
+            match self.requeue_one(&id, left, attempts).await {
                 Ok(true) => ids.push(id),
                 Ok(false) => {}
                 Err(error) => {
@@ -419,7 +468,7 @@ impl Database {
     }
 
     /// `false`: somebody has it, or holds its row.
-    async fn requeue_one(&self, id: &str, everything: bool, attempts: i64) -> Result<bool, sqlx::Error> {
+    async fn requeue_one(&self, id: &str, left: Left, attempts: i64) -> Result<bool, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
         let row = sqlx::query(self.sql(
             "UPDATE job SET status = CASE WHEN cancel_requested = 1 THEN 'canceled' WHEN attempts >= $1 THEN 'failed' ELSE 'queued' END, \
@@ -429,7 +478,7 @@ impl Database {
              claim = NULL, claim_until_ms = NULL, ticket = NULL \
              WHERE id = (SELECT j.id FROM job j WHERE j.id = $4 AND j.status = 'running' \
                @ABANDONED @SKIP) RETURNING *"
-                .replace("@ABANDONED", if everything { "" } else { ABANDONED })
+                .replace("@ABANDONED", &left.condition())
                 .as_str(),
         ))
         .bind(attempts)

@@ -25,6 +25,7 @@ mod logs;
 mod model_views;
 mod models;
 mod next_flights;
+mod parts;
 mod queries;
 mod residuals;
 mod results;
@@ -280,6 +281,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .and(NotForContentType::new("application/vnd.apache.parquet"));
     let router = router
         .route("/api/v1/openapi.json", axum::routing::get(server::openapi))
+        .merge(parts::routes())
         .merge(SwaggerUi::new("/api/v1/docs").config(Config::new(["/api/v1/openapi.json"])))
         .fallback(crate::web::page)
         .method_not_allowed_fallback(wrong_method)

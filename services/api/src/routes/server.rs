@@ -29,7 +29,7 @@ pub(crate) async fn healthz() -> &'static str {
     (status = 200, description = "ready", body = String),
     (status = 503, description = "the server ends, its disk is full, or its database or store of files does not answer", body = Problem, content_type = "application/problem+json")
 ))]
-pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<&'static str, Problem> {
+pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Problem> {
     if app.is_ending() {
         return Err(Problem::unavailable("the server is ending"));
     }
@@ -43,7 +43,11 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<&'static str, 
         .map_err(|error| Problem::internal(&error))?
         .map_err(|error| Problem::unavailable(format!("nothing can be written to the data folder: {error}")))?;
     match tokio::time::timeout(STORE_PATIENCE, app.artifacts.ping()).await {
-        Ok(Ok(())) => Ok("ready\n"),
+        // A cluster that does not answer keeps only parts waiting, and their nodes have to find this server all the same.
+        Ok(Ok(())) => Ok(match &app.shop.ray {
+            None => "ready\n".to_owned(),
+            Some(ray) => format!("ready\n{}\n", ray.in_short()),
+        }),
         Ok(Err(error)) => Err(Problem::unavailable(format!(
             "the store of files does not answer: {error}"
         ))),
@@ -166,6 +170,17 @@ fn numbers(
          # HELP rotortwin_workers Jobs that this process does at the same time at most.\n\
          # TYPE rotortwin_workers gauge\nrotortwin_workers {workers}"
     )?;
+    if let Some(ray) = &app.shop.ray {
+        let (pending, running) = ray.parts();
+        let up = u8::from(ray.is_up());
+        writeln!(
+            text,
+            "# HELP rotortwin_ray_up Whether the Ray cluster answered when it was asked last.\n# TYPE rotortwin_ray_up gauge\n\
+             rotortwin_ray_up {up}\n\
+             # HELP rotortwin_ray_parts Parts that are handed to Ray and that this server looks after.\n# TYPE rotortwin_ray_parts gauge\n\
+             rotortwin_ray_parts{{state=\"pending\"}} {pending}\nrotortwin_ray_parts{{state=\"running\"}} {running}"
+        )?;
+    }
     text += &app.metrics.text()?;
     Ok(text)
 }

@@ -29,7 +29,7 @@ const TOLD_TO_WHOLE: &[&str] = &["case"];
 const MOST_WORDS: usize = 64 << 20;
 
 /// No file that a job writes is longer, bytes.
-const LARGEST_FILE: u64 = 64 << 30;
+pub(super) const LARGEST_FILE: u64 = 64 << 30;
 /// What a thread of the standard library says last when there is no memory.
 const NO_MEMORY: &str = "memory allocation of";
 /// How the names of variables begin that hold passwords, keys and tokens of this process, or of where it sends things.
@@ -39,6 +39,8 @@ const SECRETS: &[&str] = &[
     "AWS_",
     "OTEL_",
     "ROTORTWIN_TOKEN",
+    "ROTORTWIN_RAY_TOKEN",
+    "ROTORTWIN_PART_",
     "ROTORTWIN_ARTIFACTS",
 ];
 
@@ -63,7 +65,12 @@ impl Limits {
 
     /// Puts a process within them.
     pub(super) fn hold(self, child: &Child) -> std::io::Result<()> {
-        let pid = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
+        self.hold_process(child.id().unwrap_or(0))
+    }
+
+    /// As [`hold`](Self::hold), by its id.
+    pub(super) fn hold_process(self, id: u32) -> std::io::Result<()> {
+        let pid = Pid::from_raw(id.cast_signed());
         for (resource, most) in [
             // Not the address space, of which shared memory and stacks take much without using it.
             (Resource::Data, self.memory),
@@ -277,7 +284,7 @@ async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: 
 }
 
 /// Shows the progress of a part to whoever watches the whole. One that cannot be written costs nothing but that.
-async fn tell_whole(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) {
+pub(super) async fn tell_whole(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) {
     let Some(whole) = job.part_of.as_deref().filter(|_| TOLD_TO_WHOLE.contains(&kind)) else {
         return;
     };

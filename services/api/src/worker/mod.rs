@@ -13,12 +13,14 @@
 pub(crate) mod answer;
 mod child;
 mod flight;
+pub(crate) mod handed;
+pub(crate) mod ray;
 mod seat;
 mod task;
 
 use crate::artifacts::Artifacts;
 use crate::jobs::database::Database;
-use crate::jobs::queue::FairShare;
+use crate::jobs::queue::{FairShare, Left, Takes};
 use crate::jobs::{Job, Outcome, Status};
 use crate::pulse::Pulse;
 use crate::traces::Traces;
@@ -70,6 +72,19 @@ pub(crate) struct Workshop {
     pub(crate) ending: watch::Sender<bool>,
     /// Where spans of requests and attempts go.
     pub(crate) traces: Traces,
+    /// A cluster that does the parts of jobs; none: they are done here.
+    pub(crate) ray: Option<Arc<ray::Ray>>,
+}
+
+impl Workshop {
+    /// What places of this process take from the queue.
+    fn takes(&self) -> Takes {
+        if self.ray.is_some() {
+            Takes::AllButParts
+        } else {
+            Takes::All
+        }
+    }
 }
 
 /// Where the processes of a run meet that are not on one host.
@@ -114,7 +129,7 @@ pub(crate) async fn work(shop: Arc<Workshop>) {
         shop.pulse.beat();
         // On a full disk a job would only use its attempts up.
         let claimed = if shop.artifacts.has_room() {
-            shop.database.claim(&shop.name, LEASE, shop.share).await
+            shop.database.claim(&shop.name, LEASE, shop.share, shop.takes()).await
         } else {
             tracing::warn!("the disk with the files of jobs is full: none is begun");
             Ok(None)
@@ -143,6 +158,19 @@ pub(crate) async fn work(shop: Arc<Workshop>) {
             () = tokio::time::sleep(LOOK) => {}
         }
     }
+}
+
+/// Puts a process of another program's parts within the limits of a job: memory of its own in bytes, processor time in s.
+///
+/// # Errors
+/// The kernel refuses.
+pub fn hold_within(process: u32, memory: u64, cpu_s: u64) -> std::io::Result<()> {
+    child::Limits { memory, cpu_s }.hold_process(process)
+}
+
+/// The limit that ended a process that [`hold_within`] had put within `memory` bytes, and that `said` this; none: another reason.
+pub fn limit_that_ended(status: std::process::ExitStatus, said: &str, memory: u64) -> Option<String> {
+    child::limit_of(status, said, memory)
 }
 
 /// Takes seats of runs that are flown elsewhere until the process ends.
@@ -203,7 +231,7 @@ pub(crate) async fn keep_offering(shop: Arc<Workshop>) {
 pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
-        if let Err(error) = requeue(&shop.database, false).await {
+        if let Err(error) = requeue(&shop.database, Left::Abandoned).await {
             tracing::error!(%error, "abandoned jobs cannot be looked for");
         }
         tokio::select! {
@@ -213,12 +241,12 @@ pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
     }
 }
 
-/// Queues abandoned jobs again; `everything`: all that run, because nobody else works here.
+/// Queues jobs again that nobody does any more.
 ///
 /// # Errors
 /// The database.
-pub(crate) async fn requeue(database: &Database, everything: bool) -> Result<(), sqlx::Error> {
-    for id in database.requeue_abandoned(everything, ATTEMPTS_OF_DEAD_WORKERS).await? {
+pub(crate) async fn requeue(database: &Database, left: Left) -> Result<(), sqlx::Error> {
+    for id in database.requeue_abandoned(left, ATTEMPTS_OF_DEAD_WORKERS).await? {
         tracing::warn!(job = id, "its worker is gone: queued again");
     }
     Ok(())
@@ -282,6 +310,11 @@ fn fresh_folder(folder: &std::path::Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)
 }
 
+/// Before another try.
+fn pause_after_failure(job: &Job) -> Duration {
+    Duration::from_millis(500) * 4_u32.pow(u32::try_from(job.failures).unwrap_or(0))
+}
+
 async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
     let begun = tokio::time::Instant::now();
     let ended = match ended {
@@ -296,7 +329,7 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
         let written = match &ended {
             Ended::Lost => Ok(false),
             Ended::Failed(why) => {
-                let pause = Duration::from_millis(500) * 4_u32.pow(u32::try_from(job.failures).unwrap_or(0));
+                let pause = pause_after_failure(job);
                 shop.database.release(&job.id, token, why, Some(pause)).await
             }
             Ended::WorkerEnds => {

@@ -1,0 +1,102 @@
+//! A Ray cluster of this machine: a head that does nothing, and two nodes of one CPU each.
+
+use crate::python::{client_folder, environment};
+use serde_json::Value;
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+/// Python with Ray, Dask and what the client's tests of executors need. `None`: it cannot be made here, and a line says why.
+pub fn executors_environment() -> Option<PathBuf> {
+    let client = client_folder().display().to_string();
+    let packages = [
+        "--editable",
+        &client,
+        "ray[default]==2.60.0",
+        "distributed==2026.8.0",
+        "pyarrow>=15",
+        "pytest>=8",
+    ];
+    environment("executors-environment", &packages)
+}
+
+/// The cluster; it ends when this is dropped.
+#[derive(Debug)]
+pub struct RayCluster {
+    child: Child,
+    stdin: Option<ChildStdin>,
+    stdout: BufReader<ChildStdout>,
+    dashboard: String,
+}
+
+impl RayCluster {
+    /// Starts it, which takes about ten seconds. `None`: Ray cannot be had here.
+    ///
+    /// # Panics
+    /// It does not start.
+    pub fn start() -> Option<Self> {
+        let programs = executors_environment()?;
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/ray_cluster.py");
+        let mut child = Command::new(programs.join("python"))
+            .arg(script)
+            .env("RAY_USAGE_STATS_ENABLED", "0")
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("Python starts");
+        let mut cluster = Self {
+            stdin: child.stdin.take(),
+            stdout: BufReader::new(child.stdout.take().expect("it is piped")),
+            child,
+            dashboard: String::new(),
+        };
+        let said = cluster.line();
+        said["dashboard"]
+            .as_str()
+            .expect("the cluster starts")
+            .clone_into(&mut cluster.dashboard);
+        Some(cluster)
+    }
+
+    /// What it says next. (Ray itself may print as well.)
+    fn line(&mut self) -> Value {
+        loop {
+            let mut line = String::new();
+            let read = self.stdout.read_line(&mut line).expect("it can be read");
+            assert_ne!(read, 0, "the cluster has ended");
+            if let Ok(value) = serde_json::from_str(&line) {
+                return value;
+            }
+        }
+    }
+
+    /// Port of the dashboard on this host.
+    ///
+    /// # Panics
+    /// Its address has none.
+    pub fn port(&self) -> u16 {
+        let port = self.dashboard.rsplit(':').next().and_then(|port| port.parse().ok());
+        port.expect("a port")
+    }
+
+    /// `kill -9` of the raylet of a node, 0 or 1.
+    ///
+    /// # Panics
+    /// The cluster has ended.
+    pub fn kill_node(&mut self, number: usize) {
+        let stdin = self.stdin.as_mut().expect("it is open");
+        writeln!(stdin, "kill {number}").expect("it listens");
+        let said = self.line();
+        assert_eq!(said["done"], format!("kill {number}"));
+    }
+}
+
+impl Drop for RayCluster {
+    fn drop(&mut self) {
+        drop(self.stdin.take());
+        if let Err(error) = self.child.wait() {
+            eprintln!("the Ray cluster does not end: {error}");
+        }
+    }
+}

@@ -1,0 +1,323 @@
+//! A server whose campaigns are flown by a Ray cluster of this machine: nodes, server and the way between them die.
+
+use rotortwin_tests::cable::Cable;
+use rotortwin_tests::process::wait_until;
+use rotortwin_tests::program::{Call, program};
+use rotortwin_tests::ray::{RayCluster, executors_environment};
+use rotortwin_tests::scratch::{Scratch, repository};
+use rotortwin_tests::server::Server;
+use serde_json::{Value, json};
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread::sleep;
+use std::time::Duration;
+
+/// Longest wait for anything, on a machine that is busy with something else.
+const PATIENCE: Duration = Duration::from_secs(180);
+/// Parts of the campaign: as many as shards.
+const PARTS: u64 = 12;
+
+/// So many shards of flights of so many seconds.
+fn campaign(name: &str, shards: u64, duration_s: f64) -> String {
+    format!(
+        "name = '{name}'\ndescription = 'by Ray'\nscenario = '../scenarios/short-hover.toml'\nseed = 5\nflights = {}\n\
+         [set]\nduration_s = {duration_s:?}\n[[axis]]\nname = 'charge'\nkey = 'initial.state_of_charge'\nuniform = [0.5, 1.0]\n",
+        32 * shards
+    )
+}
+
+/// What the command makes of it on this machine.
+fn on_one_machine(scratch: &Scratch, text: &str) -> PathBuf {
+    let config = scratch.path("config");
+    for folder in ["scenarios", "vehicles", "blades", "classifiers", "campaigns"] {
+        std::fs::create_dir_all(config.join(folder)).expect("made");
+        for entry in std::fs::read_dir(repository().join("config").join(folder)).expect("readable") {
+            let path = entry.expect("an entry").path();
+            std::fs::copy(&path, config.join(folder).join(path.file_name().expect("a name"))).expect("copied");
+        }
+    }
+    let file = config.join("campaigns/here.toml");
+    std::fs::write(&file, text).expect("written");
+    let out = scratch.path("here");
+    let words = [
+        "campaign".into(),
+        file.into_os_string(),
+        "--out".into(),
+        out.clone().into_os_string(),
+    ];
+    Call::new(scratch, words).run().expect_code(0);
+    out
+}
+
+/// All submissions that the cluster knows, past the cable.
+fn submissions(port: u16) -> Vec<Value> {
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).expect("the dashboard listens");
+    write!(stream, "GET /api/jobs/ HTTP/1.0\r\nhost: 127.0.0.1\r\n\r\n").expect("it takes the request");
+    let mut text = String::new();
+    stream.read_to_string(&mut text).expect("an answer");
+    let body = text.split_once("\r\n\r\n").expect("a body").1;
+    let all: Vec<Value> = serde_json::from_str(body).expect("JSON");
+    all.into_iter().filter(|job| job["type"] == "SUBMISSION").collect()
+}
+
+fn text(server: &Server, path: &str) -> String {
+    String::from_utf8(server.ask("GET", path, &[], "").body).expect("a text")
+}
+
+fn wait_for(what: &str, is_true: impl Fn() -> bool) {
+    let reached = wait_until(PATIENCE, || {
+        sleep(Duration::from_millis(100));
+        is_true()
+    });
+    assert!(reached.is_some(), "{what}: not within {} s", PATIENCE.as_secs());
+}
+
+fn shards(server: &Server, status: &str) -> u64 {
+    let start = format!("rotortwin_jobs{{kind=\"campaign-shard\",status=\"{status}\"}} ");
+    let metrics = text(server, "/metrics");
+    let line = metrics.lines().find_map(|line| line.strip_prefix(&start));
+    line.map_or(0, |count| count.parse().expect("a number"))
+}
+
+/// What the server's database says: numbers of attempts of all parts, and why some were begun again.
+fn attempts(programs: &Path, data: &Path) -> (Vec<u64>, Vec<String>) {
+    let script = "import json, sqlite3, sys\n\
+         rows = sqlite3.connect(sys.argv[1]).execute\n\
+         print(json.dumps([[row[0] for row in rows('SELECT attempts FROM job WHERE part_of IS NOT NULL')],\n\
+         [json.loads(row[0])['why'] for row in rows(\"SELECT data FROM job_event WHERE kind = 'requeued'\")]]))";
+    let output = Command::new(programs.join("python"))
+        .args(["-c", script])
+        .arg(data.join("rotortwin.sqlite"))
+        .output()
+        .expect("Python starts");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    serde_json::from_str(&said).unwrap_or_else(|_| panic!("{said}{}", String::from_utf8_lossy(&output.stderr)))
+}
+
+/// Whoever has the ticket of an attempt that runs, as its node does, has that attempt and no more.
+fn tickets_are_worth_one_attempt(server: &Server, submission: &Value) {
+    let variables = &submission["runtime_env"]["env_vars"];
+    let url = variables["ROTORTWIN_PART_URL"].as_str().expect("a text");
+    let path = url.strip_prefix(&server.url()).expect("of this server");
+    let own = format!(
+        "Bearer {}",
+        variables["ROTORTWIN_PART_TICKET"].as_str().expect("a text")
+    );
+    let (part, attempt) = path.rsplit_once('/').expect("an attempt");
+    let next = format!("{part}/{}", attempt.parse::<u64>().expect("a number") + 1);
+    let events = format!("{path}/events");
+    let ended = r#"{"lines": ["{\"event\": \"ended\"}"]}"#;
+    for (method, path, ticket, body, status) in [
+        ("GET", path, own.as_str(), "", 200),
+        ("GET", path, "Bearer 0123456789abcdef0123456789abcdef", "", 401),
+        ("GET", path, "Basic x", "", 401),
+        ("GET", &next, &own, "", 410),
+        (
+            "GET",
+            &format!("{path}/inputs/library/../../../etc/passwd"),
+            &own,
+            "",
+            404,
+        ),
+        ("GET", &format!("{path}/inputs/job.json"), &own, "", 404),
+        ("PUT", &format!("{path}/files/%2e%2e/%2e%2e/x"), &own, "{}", 422),
+        ("PUT", &format!("{path}/files/.x"), &own, "{}", 422),
+        ("POST", &events, &own, ended, 422),
+        ("POST", &events, &own, r#"{"lines": []}"#, 204),
+        (
+            "POST",
+            &format!("{path}/end"),
+            &own,
+            r#"{"node": "n", "how": "done", "result": "{}", "files": [{"path": "a", "size": 1}]}"#,
+            409,
+        ),
+    ] {
+        let answer = server.ask(method, path, &[("authorization", ticket)], body);
+        assert_eq!(
+            answer.status,
+            status,
+            "{method} {path}: {}",
+            String::from_utf8_lossy(&answer.body)
+        );
+    }
+}
+
+#[test]
+fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
+    let Some(mut cluster) = RayCluster::start() else { return };
+    let programs = executors_environment().expect("it was there a moment ago");
+    let scratch = Scratch::new();
+    let document = campaign("by-ray", PARTS, 120.0);
+    let here = on_one_machine(&scratch, &document);
+
+    let cable = Cable::to(cluster.port());
+    let (data, executor) = (scratch.path("data"), format!("ray=http://127.0.0.1:{}", cable.port()));
+    let program = program().display().to_string();
+    let words = ["--workers", "1", "--executor", &executor, "--ray-program", &program];
+    let mut server = Server::start_at("127.0.0.1:0", &data, &words);
+    let address = server.address().to_owned();
+    let ready = text(&server, "/readyz");
+    assert!(
+        ready.starts_with("ready\nRay at http://127.0.0.1:") && ready.contains("(version 2.60.0) answers"),
+        "{ready}"
+    );
+
+    let id = server.submit_to("campaigns", &json!({ "text": document }));
+    let running = |port: u16| {
+        submissions(port)
+            .iter()
+            .filter(|job| job["status"] == "RUNNING")
+            .count()
+    };
+    // Each node has a part, so that the one that dies takes an attempt along.
+    let port = cluster.port();
+    wait_for("parts are done", || running(port) == 2 && shards(&server, "done") >= 2);
+    cluster.kill_node(1);
+    server.kill();
+    let done_before = {
+        server = Server::start_at(&address, &data, &words);
+        shards(&server, "done")
+    };
+    assert!(
+        (2..PARTS).contains(&done_before),
+        "{done_before}: it was not killed half-way"
+    );
+    // The server does not hear of Ray, and says so; the nodes go on, and deliver.
+    cable.cut();
+    wait_for("readyz says that Ray is away", || {
+        text(&server, "/readyz").contains("has not answered for")
+    });
+    assert!(text(&server, "/metrics").contains("rotortwin_ray_up 0\n"));
+    cable.mend();
+    let whole = server.ended_in("campaigns", &id);
+    assert_eq!(whole["status"], "done", "{whole}");
+    assert_eq!(whole["facts"]["parts"], PARTS, "{whole}");
+    for file in ["campaign.parquet", "campaign.csv"] {
+        let there = server.ask("GET", &format!("/api/v1/campaigns/{id}/artifacts/{file}"), &[], "");
+        assert_eq!(there.status, 200, "{file}");
+        assert!(
+            there.body == std::fs::read(here.join(file)).expect("it is there"),
+            "{file} differs"
+        );
+    }
+    // Only what the killed node had was begun again: the killed server has found the rest.
+    let (attempts, why) = attempts(&programs, &data);
+    assert_eq!(
+        (attempts.len() as u64, attempts.iter().sum()),
+        (PARTS, PARTS + why.len() as u64),
+        "{why:?}"
+    );
+    assert!(!why.is_empty(), "the killed node had nothing to do");
+    for why in &why {
+        assert!(
+            why.contains("Ray at http://127.0.0.1:") && why.contains("died"),
+            "{why}"
+        );
+    }
+
+    // What has delivered is over, whoever has its ticket.
+    let all = submissions(cluster.port());
+    let variables = &all.iter().find(|job| job["status"] == "SUCCEEDED").expect("one")["runtime_env"]["env_vars"];
+    let url = variables["ROTORTWIN_PART_URL"].as_str().expect("a text");
+    let ticket = format!(
+        "Bearer {}",
+        variables["ROTORTWIN_PART_TICKET"].as_str().expect("a text")
+    );
+    let path = url.strip_prefix(&server.url()).expect("of this server");
+    assert_eq!(server.ask("GET", path, &[("authorization", &ticket)], "").status, 410);
+
+    // A cancel ends what Ray does, and what waits there.
+    let id = server.submit_to("campaigns", &json!({ "text": campaign("long", 4, 3000.0) }));
+    wait_for("a part runs", || running(port) > 0);
+    let all = submissions(cluster.port());
+    let one = all.iter().find(|job| job["status"] == "RUNNING").expect("it runs");
+    tickets_are_worth_one_attempt(&server, one);
+    assert_eq!(
+        server
+            .ask("POST", &format!("/api/v1/campaigns/{id}/cancel"), &[], "")
+            .status,
+        202
+    );
+    let canceled = server.ended_in("campaigns", &id);
+    assert_eq!(canceled["status"], "canceled", "{canceled}");
+    let over = ["SUCCEEDED", "FAILED", "STOPPED"];
+    wait_for("Ray has ended all of it", || {
+        let all = submissions(cluster.port());
+        all.iter().all(|job| over.iter().any(|over| job["status"] == *over))
+    });
+    wait_for("no part is looked after", || {
+        let metrics = text(&server, "/metrics");
+        metrics.contains("rotortwin_ray_parts{state=\"pending\"} 0\n")
+            && metrics.contains("rotortwin_ray_parts{state=\"running\"} 0\n")
+    });
+
+    // A node without the program.
+    assert_eq!(server.stop(), Some(0));
+    let words = [
+        "--workers",
+        "1",
+        "--executor",
+        &executor,
+        "--ray-program",
+        "/nowhere/rotortwin",
+    ];
+    server = Server::start_at(&address, &data, &words);
+    let id = server.submit_to("campaigns", &json!({ "text": campaign("nowhere", 1, 10.0) }));
+    let failed = server.ended_in("campaigns", &id);
+    let error = failed["error"].as_str().unwrap_or_default();
+    assert!(
+        error.contains("Ray at http://127.0.0.1:")
+            && error.contains("has no program '/nowhere/rotortwin'")
+            && error.contains("(3 attempts)"),
+        "{failed}"
+    );
+}
+
+#[test]
+fn scenario_what_is_no_ray_cluster_is_refused_at_the_start() {
+    let scratch = Scratch::new();
+    let other = Server::start(&scratch.path("other"));
+    let port = std::net::TcpListener::bind("127.0.0.1:0")
+        .and_then(|free| free.local_addr())
+        .expect("free")
+        .port();
+    for (executor, words) in [
+        (
+            "head:8265".to_owned(),
+            "expected embedded, or ray=URL with the address of Ray's dashboard",
+        ),
+        (format!("ray=http://127.0.0.1:{port}"), "did not answer within 10 s"),
+        (
+            format!("ray={}", other.url()),
+            "what answers there is not the dashboard of a Ray cluster",
+        ),
+    ] {
+        let call = [
+            "serve",
+            "--data",
+            "data",
+            "--listen",
+            "127.0.0.1:0",
+            "--executor",
+            &executor,
+        ];
+        let ended = Call::new(&scratch, call).run().expect_code(2);
+        let said = ended.stderr.join("\n");
+        assert!(
+            said.contains("--executor") && said.contains(words),
+            "{executor}: {said}"
+        );
+        assert!(
+            !executor.starts_with("ray=") || said.contains("Ray at http://127.0.0.1:"),
+            "{said}"
+        );
+    }
+    let call = Call::new(&scratch, ["part"]).run().expect_code(2);
+    assert!(
+        call.stderr.join("\n").contains("ROTORTWIN_PART_URL"),
+        "{:?}",
+        call.stderr
+    );
+}
