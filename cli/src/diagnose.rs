@@ -4,7 +4,7 @@ use crate::output;
 use crate::progress::Progress;
 use clap::Parser;
 use rotortwin_runner::diagnosis::{self, PROPOSAL_FILE, proposed};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Arguments of `rotortwin diagnose`.
@@ -29,6 +29,9 @@ pub struct Args {
     /// be empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Seconds after which the search begins nothing further, and answers with what it has proved until then
+    #[arg(long, value_name = "SECONDS", default_value_t = diagnosis::TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    pub time_limit: u32,
     /// Print the diagnosis as JSON, nothing else
     #[arg(long)]
     pub json: bool,
@@ -46,8 +49,25 @@ impl Args {
             effects: self.effects.clone(),
             baseline: self.baseline.clone(),
             out: self.out.clone(),
+            time_limit_s: Some(self.time_limit),
         }
     }
+}
+
+/// How what is proposed gets into the model. A file is no model that versions can be added to: it is taken in first.
+fn add_command(args: &Args, folder: &Path) -> String {
+    let import = |file: &Path| {
+        let name = file.file_stem()?.to_string_lossy().into_owned();
+        Some((format!("rotortwin model import {} && ", file.display()), name))
+    };
+    let (before, name) = Some(Path::new(&args.model))
+        .filter(|file| file.is_file())
+        .and_then(import)
+        .unwrap_or_else(|| (String::new(), args.model.clone()));
+    format!(
+        "{before}rotortwin model add {name} --from {} --proposal",
+        folder.join("diagnosis.json").display()
+    )
 }
 
 /// Runs the command.
@@ -68,11 +88,7 @@ pub fn run(args: &Args) -> ExitCode {
             println!("             report.html  diagnosis.json  diagnosis.txt");
             if proposed(&done.diagnosis).is_some() {
                 println!("             {}", folder.join(PROPOSAL_FILE).display());
-                println!(
-                    "Try it with  rotortwin model add {} --from {} --proposal",
-                    args.model,
-                    folder.join("diagnosis.json").display()
-                );
+                println!("Try it with  {}", add_command(args, folder));
             }
         }
     }

@@ -1,7 +1,8 @@
 //! The search: a list of passes over a state, as docs/diagnose.md describes them.
 
-use rotortwin_plant::effects::{Catalogue, EffectInstance};
+use rotortwin_plant::effects::{Catalogue, EffectInstance, Requirement};
 
+use super::considered::holds;
 use super::passes::Pass;
 use super::passes::charge::ChargeSearch;
 use super::passes::coverage::Coverage;
@@ -59,13 +60,22 @@ pub(crate) fn search(
     if testable {
         for (share, pass) in PASSES {
             state.progress(&pass.name().to_lowercase(), share);
-            pass.run(&mut state)?;
+            if !(pass.searches() && state.time_is_up()) {
+                pass.run(&mut state)?;
+            }
         }
     } else {
         Coverage.run(&mut state)?;
     }
+    let (stopped, limit_s) = (state.stopped, options.time_limit_s);
     let mut diagnosis = state.diagnosis;
     words::render(&mut diagnosis);
+    if stopped {
+        diagnosis.sentence = format!(
+            "Stopped after {limit_s:.0} s, before the search had ended; what was proved until then: {}",
+            diagnosis.sentence
+        );
+    }
     (options.progress)("done", 1.0);
     Ok(diagnosis)
 }
@@ -82,6 +92,9 @@ fn begin<'a>(
     let mut library = Library::new(catalogue, rotors, &predictors[0].vehicle_size());
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
+    // Without a measured voltage Eq. 19 takes that of an assumed charge: what acts through it would only be a level or a drift of the thrust.
+    let voltage = predictors.iter().any(|p| holds(p, Requirement::BatteryVoltage));
+    library.retain(|c| voltage || !c.declaration.search.requires.contains(&Requirement::BatteryVoltage));
     library.take_priors(constants);
     library.tighten(|one| {
         predictors[0]
@@ -138,6 +151,7 @@ fn begin<'a>(
         threshold,
         options,
         began_s,
+        stopped: false,
         diagnosis,
     }
 }

@@ -12,10 +12,17 @@ use crate::model::constants::Source;
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
 
+/// Below, a number is written with a power of ten.
+const SMALLEST: f64 = 1e-4;
+
 /// A value with three or four significant digits.
 pub(crate) fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
+    }
+    // An inertia of a rotor is 2e-8 kg·m²: decimals that are cut off left zeros of it.
+    if value.abs() < SMALLEST {
+        return format!("{value:.3e}");
     }
     let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 8) as usize;
     format!("{value:.digits$}")
@@ -28,6 +35,9 @@ pub(crate) fn parameter(p: &FittedParameter) -> String {
     } else {
         format!(" {}", p.unit)
     };
+    if p.interval_95 > 0.0 && p.value.abs().max(p.interval_95) < SMALLEST {
+        return format!("{} = {:.2e} ± {:.1e}{unit}", p.symbol, p.value, p.interval_95);
+    }
     let digits = if p.interval_95 > 0.0 {
         (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
     } else {

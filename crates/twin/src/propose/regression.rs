@@ -7,6 +7,8 @@
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::candidate::Candidate;
+use super::rest::Rest;
+use crate::diagnose::held_out::kind_of;
 use crate::estimation::columns::LogState;
 use crate::estimation::dense::Matrix;
 use crate::estimation::nuisances::{self, Reach};
@@ -83,6 +85,70 @@ impl Regression {
         })
     }
 
+    pub(super) fn predictor(&self) -> &Predictor {
+        &self.predictor
+    }
+
+    /// The middle of what is judged, s of the log.
+    pub(super) fn middle_s(&self) -> Option<f64> {
+        let series = self.predictor.series();
+        let times = || self.starts.iter().map(|&start| series.time(start));
+        (!self.starts.is_empty()).then(|| times().sum::<f64>() / self.starts.len() as f64)
+    }
+
+    /// Rows of a block.
+    fn block_rows(&self) -> usize {
+        (BLOCK_S / self.predictor.series().step_s).round() as usize
+    }
+
+    /// Blocks of this log, with those of which nothing counts.
+    pub(super) fn block_count(&self) -> usize {
+        self.starts.last().map_or(0, |last| last / self.block_rows() + 1)
+    }
+
+    /// Noise of a mean of a channel, in its unit; `None` where the log does not have it.
+    pub(super) fn noise_of(&self, channel: usize) -> Option<f64> {
+        (!self.residual[channel].is_empty()).then_some(self.noise[channel])
+    }
+
+    /// Tells block, channel and mean of every residual beside some effects, in the unit of the channel.
+    ///
+    /// # Errors
+    /// The effects together make no vehicle.
+    pub(super) fn squares(
+        &self,
+        catalogue: &Catalogue,
+        effects: &[EffectInstance],
+        mut tell: impl FnMut(usize, usize, f64),
+    ) -> Result<(), PredictError> {
+        let residuals = self.predictor.with_catalogue(catalogue).residuals(&self.fitted, effects)?;
+        for (channel, raw) in residuals.raw.iter().enumerate() {
+            if self.residual[channel].is_empty() || raw.is_empty() {
+                continue;
+            }
+            for &start in &self.starts {
+                let mean = raw[start..start + self.rows].iter().sum::<f64>() / self.rows as f64;
+                tell(start / self.block_rows(), channel, mean);
+            }
+        }
+        Ok(())
+    }
+
+    /// What is left of forces, torques and voltage beside some effects, of the channels that fail.
+    ///
+    /// # Errors
+    /// The effects together make no vehicle.
+    pub(super) fn left(&self, catalogue: &Catalogue, effects: &[EffectInstance]) -> Result<Vec<Rest>, PredictError> {
+        let mut means = vec![Vec::new(); CHANNELS];
+        self.squares(catalogue, effects, |_, channel, mean| means[channel].push(mean))?;
+        let failing = self.failing();
+        let told = |channel: &usize| kind_of(&self.predictor, *channel).is_some() && failing.contains(channel);
+        Ok((0..CHANNELS)
+            .filter(told)
+            .map(|channel| Rest::of(channel, &means[channel], self.noise[channel], MEAN_S))
+            .collect())
+    }
+
     /// Channels whose means vary more than their noise.
     pub(super) fn failing(&self) -> Vec<usize> {
         let fails = |channel: &usize| {
@@ -157,8 +223,8 @@ impl Regression {
                 std::array::from_fn(|_| Vec::new())
             });
         }
-        let block = (BLOCK_S / predictor.series().step_s).round() as usize;
-        let blocks = self.starts.last().map_or(0, |last| last / block + 1);
+        let block = self.block_rows();
+        let blocks = self.block_count();
         let first = gram.blocks.len();
         gram.blocks.resize_with(first + blocks, || Block::new(gram.candidates));
         for (at, &start) in self.starts.iter().enumerate() {
@@ -242,7 +308,6 @@ pub(super) struct Chosen {
     pub(super) candidate: usize,
     pub(super) factor: f64,
     pub(super) deviation: f64,
-    pub(super) held_out_share: f64,
 }
 
 /// Sums over means of one channel: residual r and chosen terms x.
@@ -270,7 +335,7 @@ impl Gram {
         }
     }
 
-    fn touches(&self, candidate: usize, channel: usize) -> bool {
+    pub(super) fn touches(&self, candidate: usize, channel: usize) -> bool {
         let n = self.candidates;
         self.blocks.iter().any(|block| {
             let matrix = &block.channels[channel].matrix;
@@ -304,6 +369,11 @@ impl Gram {
             }
         }
         all
+    }
+
+    /// Factors of terms by some blocks; `None` where these leave one open.
+    pub(super) fn factors(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Option<Vec<f64>> {
+        self.fit(chosen, counts).map(|fit| fit.factors)
     }
 
     fn fit(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Option<Fit> {
@@ -378,13 +448,12 @@ impl Gram {
     }
 
     /// Terms, one after the other, as long as each explains enough on unseen blocks.
-    pub(super) fn search(&self) -> Vec<Chosen> {
+    pub(super) fn search(&self) -> Vec<usize> {
         let channels_of: Vec<Vec<usize>> = (0..self.candidates)
             .map(|i| (0..CHANNELS).filter(|&channel| self.touches(i, channel)).collect())
             .collect();
         let all: Vec<usize> = (0..CHANNELS).collect();
         let mut chosen: Vec<usize> = Vec::new();
-        let mut shares = Vec::new();
         while chosen.len() < MOST_TERMS {
             let Some((before, _)) = self.unseen(&chosen, &all) else {
                 break;
@@ -422,22 +491,24 @@ impl Gram {
                 break;
             }
             chosen = trial;
-            shares.push((start - after) / (start - n).max(f64::MIN_POSITIVE));
         }
-        let Some(fit) = self.fit(&chosen, &|_| true) else {
+        chosen
+    }
+
+    /// Terms with factors and deviations by all blocks.
+    pub(super) fn fitted(&self, terms: &[usize]) -> Vec<Chosen> {
+        let Some(fit) = self.fit(terms, &|_| true) else {
             return Vec::new();
         };
-        let deviations = self.jackknife(&chosen, &fit.factors);
-        chosen
+        let deviations = self.jackknife(terms, &fit.factors);
+        terms
             .iter()
             .zip(fit.factors)
             .zip(deviations)
-            .zip(shares)
-            .map(|(((&candidate, factor), deviation), share)| Chosen {
+            .map(|((&candidate, factor), deviation)| Chosen {
                 candidate,
                 factor,
                 deviation,
-                held_out_share: share.clamp(0.0, 1.0),
             })
             .collect()
     }

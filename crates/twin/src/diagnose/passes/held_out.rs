@@ -8,7 +8,7 @@ use crate::estimation::normal::not_finite;
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
 use crate::predict::channels::{F, KA, KV, M, V};
-use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series};
+use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Predictor, Series};
 
 /// Length of the smoothing mean, s.
 const SMOOTH_S: f64 = 0.1;
@@ -55,36 +55,43 @@ fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictE
 
 /// Squares of one quantity on one block, and how many.
 #[derive(Debug, Clone, Copy, Default)]
-struct Squares {
-    sum: f64,
-    count: f64,
+pub(crate) struct Squares {
+    pub(crate) sum: f64,
+    pub(crate) count: f64,
 }
 
 /// Quantities that are scored, with their units. An accelerometer tells the force; where there is none, the velocity tells it by its
 /// derivative.
-const QUANTITIES: [(&str, &str); 4] = [
+pub(crate) const QUANTITIES: [(&str, &str); 4] = [
     ("force", "N"),
     ("torque", "N·m"),
     ("voltage", "V"),
     ("acceleration", "m/s²"),
 ];
 
+/// The quantity that a channel is a part of, and what makes its residual one of that; `None` of what is not scored.
+pub(crate) fn kind_of(predictor: &Predictor, channel: usize) -> Option<(usize, f64)> {
+    let c = &predictor.nominal;
+    match channel {
+        F..KV => Some((0, c.mass_kg)),
+        KV..M if !predictor.series().available.accel => Some((3, 1.0)),
+        M..KA => Some((1, c.inertia_body_kg_m2[channel - M][channel - M])),
+        V => Some((2, 1.0)),
+        _ => None,
+    }
+}
+
 /// Squares of the quantities on every odd block.
 fn squares(problem: &Problem, log: usize, residuals: &ChannelResiduals) -> Vec<[Squares; QUANTITIES.len()]> {
     let state = &problem.logs[log];
     let series: &Series = state.predictor.series();
-    let c = &state.predictor.nominal;
     let rows = (SMOOTH_S / series.step_s).round().max(1.0) as usize;
     let blocks = (1..state.block_count()).step_by(2).map(|b| {
         let range = state.block_range(b);
         let mut sums = [Squares::default(); QUANTITIES.len()];
         for channel in 0..CHANNELS {
-            let (kind, scale) = match channel {
-                F..KV => (0, c.mass_kg),
-                KV..M if !series.available.accel => (3, 1.0),
-                M..KA => (1, c.inertia_body_kg_m2[channel - M][channel - M]),
-                V => (2, 1.0),
-                _ => continue,
+            let Some((kind, scale)) = kind_of(&state.predictor, channel) else {
+                continue;
             };
             let (raw, mask) = (&residuals.raw[channel], &residuals.mask[channel]);
             if raw.is_empty() {
@@ -130,7 +137,7 @@ fn noise(problem: &Problem) -> [f64; QUANTITIES.len()] {
 }
 
 /// Root mean squares before and after, and the deviation of their difference by the scatter of the blocks' own differences.
-fn change(quantity: &str, unit: &str, before: &[Squares], after: &[Squares], noise: f64) -> Option<HeldOutError> {
+pub(crate) fn change(quantity: &str, unit: &str, before: &[Squares], after: &[Squares], noise: f64) -> Option<HeldOutError> {
     let total = |all: &[Squares]| all.iter().fold((0.0, 0.0), |(s, n), one| (s + one.sum, n + one.count));
     let ((old, count), (new, _)) = (total(before), total(after));
     if count == 0.0 {

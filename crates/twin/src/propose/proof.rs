@@ -1,0 +1,166 @@
+//! Proof of proposed terms by prediction: each is kept only if the model that holds it predicts blocks better that its fit did not see,
+//! with the errors that a comparison shows.
+//!
+//! The regression gives every channel an offset of its own. A model has none, so that a term whose mean the offset took up makes a
+//! prediction worse: such a term is found here, and not proposed. Factors come from the even blocks for the odd ones, and the other way
+//! round. Kept is a term with which the error of a quantity or channel falls by more than its blocks scatter, and with which that of no
+//! quantity or channel rises.
+
+use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
+
+use super::regression::{Gram, Regression};
+use crate::diagnose::HeldOutError;
+use crate::diagnose::held_out::{QUANTITIES, Squares, change, kind_of};
+use crate::predict::{CHANNELS, NAMES, PredictError};
+
+/// What was proved.
+pub(super) struct Proved {
+    /// Candidates that hold, in the order in which they were taken.
+    pub(super) kept: Vec<usize>,
+    /// Share of the mean square error in the channels of each term that it and those before it remove.
+    pub(super) shares: Vec<f64>,
+    /// Errors of the quantities without and with all that is kept.
+    pub(super) held_out: Vec<HeldOutError>,
+}
+
+/// Squares of each channel on each block, of the logs one after the other.
+type Blocks = [Vec<Squares>; CHANNELS];
+
+/// What a proof works on.
+pub(super) struct Proof<'a> {
+    pub(super) regressions: &'a [Regression],
+    pub(super) gram: &'a Gram,
+    /// A document for each candidate, with the factor `c`.
+    pub(super) documents: &'a [EffectDocument],
+    pub(super) catalogue: &'a Catalogue,
+}
+
+impl Proof<'_> {
+    /// Keeps of the terms that the regression took those which hold.
+    ///
+    /// # Errors
+    /// The terms together make no vehicle.
+    pub(super) fn of(&self, taken: impl IntoIterator<Item = usize>) -> Result<Proved, PredictError> {
+        let nothing = self.blocks(&[])?.unwrap_or_default();
+        let mut proved = Proved {
+            kept: Vec::new(),
+            shares: Vec::new(),
+            held_out: Vec::new(),
+        };
+        let mut before = nothing.clone();
+        for term in taken {
+            let trial: Vec<usize> = proved.kept.iter().copied().chain([term]).collect();
+            let Some(after) = self.blocks(&trial)? else {
+                continue;
+            };
+            let channels = self.of_channels(&before, &after);
+            let quantities = self.of_quantities(&before, &after);
+            let all = || channels.iter().chain(&quantities);
+            if all().any(HeldOutError::rises) || !all().any(HeldOutError::falls) {
+                continue;
+            }
+            proved.shares.push(self.share(term, &nothing, &after));
+            proved.kept = trial;
+            proved.held_out = self.of_quantities(&nothing, &after);
+            before = after;
+        }
+        Ok(proved)
+    }
+
+    /// Squares of the errors on every block, by the factors of the blocks of the other parity. `None` where those leave a factor open.
+    fn blocks(&self, terms: &[usize]) -> Result<Option<Blocks>, PredictError> {
+        let mut all: Blocks = Default::default();
+        for parity in [0, 1] {
+            let factors = if terms.is_empty() {
+                Vec::new()
+            } else {
+                match self.gram.factors(terms, &|block| block % 2 == parity) {
+                    Some(factors) => factors,
+                    None => return Ok(None),
+                }
+            };
+            let instances: Vec<EffectInstance> = terms
+                .iter()
+                .zip(&factors)
+                .map(|(&term, &factor)| EffectInstance::new(&self.documents[term].id, &[("c", factor)]))
+                .collect();
+            let mut first = 0;
+            for regression in self.regressions {
+                let count = regression.block_count();
+                for blocks in &mut all {
+                    blocks.resize(first + count, Squares::default());
+                }
+                regression.squares(self.catalogue, &instances, |block, channel, mean| {
+                    if (first + block) % 2 != parity {
+                        let into = &mut all[channel][first + block];
+                        into.sum += mean * mean;
+                        into.count += 1.0;
+                    }
+                })?;
+                first += count;
+            }
+        }
+        Ok(Some(all))
+    }
+
+    /// Mean square of what noise leaves of a channel, over the logs that have it.
+    fn noise_square(&self, channel: usize) -> Option<f64> {
+        let of = |r: &Regression| r.noise_of(channel);
+        let all: Vec<f64> = self.regressions.iter().filter_map(of).map(|n| n * n).collect();
+        (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
+    }
+
+    fn of_channels(&self, before: &Blocks, after: &Blocks) -> Vec<HeldOutError> {
+        (0..CHANNELS)
+            .filter_map(|channel| {
+                let noise = self.noise_square(channel)?.sqrt();
+                change(NAMES[channel], "", &before[channel], &after[channel], noise)
+            })
+            .collect()
+    }
+
+    fn of_quantities(&self, before: &Blocks, after: &Blocks) -> Vec<HeldOutError> {
+        let Some(first) = self.regressions.first() else {
+            return Vec::new();
+        };
+        let joined = |blocks: &Blocks, kind: usize| -> Vec<Squares> {
+            let mut sums = vec![Squares::default(); blocks[0].len()];
+            for channel in 0..CHANNELS {
+                if let Some((_, scale)) = kind_of(first.predictor(), channel).filter(|(of, _)| *of == kind) {
+                    for (sum, own) in sums.iter_mut().zip(&blocks[channel]) {
+                        sum.sum += scale * scale * own.sum;
+                        sum.count += own.count;
+                    }
+                }
+            }
+            sums
+        };
+        QUANTITIES
+            .iter()
+            .enumerate()
+            .filter_map(|(kind, (quantity, unit))| {
+                let own = (0..CHANNELS).filter_map(|channel| {
+                    let (of, scale) = kind_of(first.predictor(), channel)?;
+                    (of == kind).then_some(scale * scale * self.noise_square(channel)?)
+                });
+                let noises: Vec<f64> = own.collect();
+                let noise = (noises.iter().sum::<f64>() / noises.len().max(1) as f64).sqrt();
+                change(quantity, unit, &joined(before, kind), &joined(after, kind), noise)
+            })
+            .collect()
+    }
+
+    /// Share of the mean square error that is gone, over the channels that a term acts on, each in its noise.
+    fn share(&self, term: usize, before: &Blocks, after: &Blocks) -> f64 {
+        let channels = (0..CHANNELS).filter(|&channel| self.gram.touches(term, channel));
+        let (mut old, mut new) = (0.0, 0.0);
+        for channel in channels {
+            let Some(noise) = self.noise_square(channel) else {
+                continue;
+            };
+            old += before[channel].iter().map(|block| block.sum).sum::<f64>() / noise;
+            new += after[channel].iter().map(|block| block.sum).sum::<f64>() / noise;
+        }
+        if old > 0.0 { (1.0 - new / old).clamp(0.0, 1.0) } else { 0.0 }
+    }
+}
