@@ -18,6 +18,15 @@ impl Candidate {
         }
     }
 
+    /// True for what shifts the mean of a channel while the vehicle flies: so much thrust more or less, and a thrust that acts beside the
+    /// centre of mass or turns the vehicle.
+    pub(super) fn is_level(&self) -> bool {
+        let [(place, what)] = self.acts.as_slice() else {
+            return false;
+        };
+        what == "thrust" && matches!(place.as_str(), "force_z" | "torque_x" | "torque_y" | "torque_z")
+    }
+
     /// `force_x: air_velocity_x`.
     pub(super) fn acts(&self) -> Vec<String> {
         self.acts

@@ -10,7 +10,8 @@
 //! factor, as a drag does.
 //!
 //! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at best hinted at.
-//! A proposal is a correlation with a dimension, not yet physics, and it is never added without being asked for.
+//! A proposal is a correlation with a dimension, not yet physics. Only terms with which the model predicts unseen blocks better are proposed
+//! ([`proof`]), levels of thrust and torque first.
 
 mod candidate;
 mod proof;
@@ -53,8 +54,7 @@ pub struct ProposedTerm {
     /// Correlation of the residual, before any term, with the term.
     #[schema(value_type = Option<f64>)]
     pub correlation: f64,
-    /// Share of the mean square error in the channels that it acts on which this and the terms before it remove on unseen blocks, as the
-    /// model that holds them predicts these.
+    /// Share of the excess error in the channels that it acts on which this and the terms before it remove on unseen blocks.
     #[schema(value_type = Option<f64>)]
     pub held_out_share: f64,
 }
@@ -165,6 +165,28 @@ fn gloss(term: &ProposedTerm) -> Option<String> {
             }
         });
     };
+    match only.as_str() {
+        "force_z: thrust" => {
+            let (share, word) = (100.0 * term.factor.abs(), if term.factor > 0.0 { "less" } else { "more" });
+            return Some(format!("{share:.1} % {word} thrust than the model has"));
+        }
+        "torque_x: thrust" | "torque_y: thrust" => {
+            let side = match (only.starts_with("torque_x"), term.factor > 0.0) {
+                (true, true) => "to the left of",
+                (true, false) => "to the right of",
+                (false, true) => "ahead of",
+                (false, false) => "behind",
+            };
+            return Some(format!(
+                "the thrust acts {:.2} mm {side} the model's centre of mass: its place, or rotors that differ",
+                1e3 * term.factor.abs()
+            ));
+        }
+        "torque_z: thrust" => {
+            return Some("rotors of one sense turn the vehicle more than those of the other: they differ, or a motor is tilted".to_owned());
+        }
+        _ => {}
+    }
     let linear = only.starts_with("force_z: thrust * (time - ") && only.ends_with("[s])");
     // Down is positive: the thrust, upwards, loses what acts downwards.
     linear.then(|| {
@@ -226,14 +248,16 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     for regression in &regressions {
         regression.add_to(&mut gram, &candidates, &documents, &catalogue)?;
     }
+    let levels: Vec<usize> = (0..candidates.len()).filter(|&i| candidates[i].is_level()).collect();
     let proof = Proof {
         regressions: &regressions,
         gram: &gram,
         documents: &documents,
         catalogue: &catalogue,
+        levels: &levels,
     };
-    let proved = proof.of(gram.search())?;
-    let chosen = gram.fitted(&proved.kept);
+    let proved = proof.run()?;
+    let chosen = gram.fitted(&proved.kept, proof.offsets(&proved.kept));
     let id = (1..)
         .map(|n| if n == 1 { ID.to_owned() } else { format!("{ID}-{n}") })
         .find(|id| model.effect_document.iter().all(|known| known.id != *id))

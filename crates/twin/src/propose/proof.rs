@@ -8,16 +8,19 @@
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
-use super::regression::{Gram, Regression};
+use super::regression::{Gram, Offsets, Regression};
 use crate::diagnose::HeldOutError;
 use crate::diagnose::held_out::{QUANTITIES, Squares, change, kind_of};
 use crate::predict::{CHANNELS, NAMES, PredictError};
+
+/// Terms that may be refused before the search ends.
+const MOST_REFUSED: usize = 10;
 
 /// What was proved.
 pub(super) struct Proved {
     /// Candidates that hold, in the order in which they were taken.
     pub(super) kept: Vec<usize>,
-    /// Share of the mean square error in the channels of each term that it and those before it remove.
+    /// Share of the excess error in the channels of each term that it and those before it remove.
     pub(super) shares: Vec<f64>,
     /// Errors of the quantities without and with all that is kept.
     pub(super) held_out: Vec<HeldOutError>,
@@ -33,14 +36,16 @@ pub(super) struct Proof<'a> {
     /// A document for each candidate, with the factor `c`.
     pub(super) documents: &'a [EffectDocument],
     pub(super) catalogue: &'a Catalogue,
+    /// Candidates that shift a mean: the thrust, and where and how it turns the vehicle.
+    pub(super) levels: &'a [usize],
 }
 
 impl Proof<'_> {
-    /// Keeps of the terms that the regression took those which hold.
+    /// Levels first, then the terms that the regression takes, one after the other: of all these those which hold.
     ///
     /// # Errors
     /// The terms together make no vehicle.
-    pub(super) fn of(&self, taken: impl IntoIterator<Item = usize>) -> Result<Proved, PredictError> {
+    pub(super) fn run(&self) -> Result<Proved, PredictError> {
         let nothing = self.blocks(&[])?.unwrap_or_default();
         let mut proved = Proved {
             kept: Vec::new(),
@@ -48,23 +53,55 @@ impl Proof<'_> {
             held_out: Vec::new(),
         };
         let mut before = nothing.clone();
-        for term in taken {
-            let trial: Vec<usize> = proved.kept.iter().copied().chain([term]).collect();
-            let Some(after) = self.blocks(&trial)? else {
-                continue;
+        for &level in self.levels {
+            self.keep_if_it_holds(level, &nothing, &mut before, &mut proved)?;
+        }
+        let levels = proved.kept.len();
+        let mut refused = self.levels.to_vec();
+        while refused.len() < self.levels.len() + MOST_REFUSED {
+            // The offsets of the regression stand for the levels.
+            let Some(term) = self.gram.next(&proved.kept[levels..], &refused) else {
+                break;
             };
-            let channels = self.of_channels(&before, &after);
-            let quantities = self.of_quantities(&before, &after);
-            let all = || channels.iter().chain(&quantities);
-            if all().any(HeldOutError::rises) || !all().any(HeldOutError::falls) {
-                continue;
+            if !self.keep_if_it_holds(term, &nothing, &mut before, &mut proved)? {
+                refused.push(term);
             }
-            proved.shares.push(self.share(term, &nothing, &after));
-            proved.kept = trial;
-            proved.held_out = self.of_quantities(&nothing, &after);
-            before = after;
         }
         Ok(proved)
+    }
+
+    /// Takes a term if the model that holds it, beside what is kept, predicts unseen blocks better.
+    fn keep_if_it_holds(
+        &self,
+        term: usize,
+        nothing: &Blocks,
+        before: &mut Blocks,
+        proved: &mut Proved,
+    ) -> Result<bool, PredictError> {
+        let trial: Vec<usize> = proved.kept.iter().copied().chain([term]).collect();
+        let Some(after) = self.blocks(&trial)? else {
+            return Ok(false);
+        };
+        let channels = self.of_channels(before, &after);
+        let quantities = self.of_quantities(before, &after);
+        let all = || channels.iter().chain(&quantities);
+        if all().any(HeldOutError::rises) || !all().any(HeldOutError::falls) {
+            return Ok(false);
+        }
+        proved.shares.push(self.share(term, nothing, &after));
+        proved.kept = trial;
+        proved.held_out = self.of_quantities(nothing, &after);
+        *before = after;
+        Ok(true)
+    }
+
+    /// With a level among the terms, no offset stands in its place.
+    pub(super) fn offsets(&self, terms: &[usize]) -> Offsets {
+        if terms.iter().any(|term| self.levels.contains(term)) {
+            Offsets::None
+        } else {
+            Offsets::Free
+        }
     }
 
     /// Squares of the errors on every block, by the factors of the blocks of the other parity. `None` where those leave a factor open.
@@ -74,7 +111,7 @@ impl Proof<'_> {
             let factors = if terms.is_empty() {
                 Vec::new()
             } else {
-                match self.gram.factors(terms, &|block| block % 2 == parity) {
+                match self.gram.factors(terms, &|block| block % 2 == parity, self.offsets(terms)) {
                     Some(factors) => factors,
                     None => return Ok(None),
                 }
@@ -150,16 +187,16 @@ impl Proof<'_> {
             .collect()
     }
 
-    /// Share of the mean square error that is gone, over the channels that a term acts on, each in its noise.
+    /// Share of the excess over noise that is gone, over the channels that a term acts on.
     fn share(&self, term: usize, before: &Blocks, after: &Blocks) -> f64 {
-        let channels = (0..CHANNELS).filter(|&channel| self.gram.touches(term, channel));
         let (mut old, mut new) = (0.0, 0.0);
-        for channel in channels {
+        for channel in (0..CHANNELS).filter(|&channel| self.gram.touches(term, channel)) {
             let Some(noise) = self.noise_square(channel) else {
                 continue;
             };
-            old += before[channel].iter().map(|block| block.sum).sum::<f64>() / noise;
-            new += after[channel].iter().map(|block| block.sum).sum::<f64>() / noise;
+            let excess = |blocks: &Blocks| blocks[channel].iter().map(|block| block.sum / noise - block.count).sum::<f64>();
+            old += excess(before);
+            new += excess(after);
         }
         if old > 0.0 { (1.0 - new / old).clamp(0.0, 1.0) } else { 0.0 }
     }

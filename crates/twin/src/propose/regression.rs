@@ -302,6 +302,15 @@ pub(super) struct Gram {
     blocks: Vec<Block>,
 }
 
+/// What a fit makes of the mean of a channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Offsets {
+    /// Each channel has an offset of its own.
+    Free,
+    /// None, as in a model: for terms that are levels themselves.
+    None,
+}
+
 /// A term that was taken.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chosen {
@@ -372,11 +381,11 @@ impl Gram {
     }
 
     /// Factors of terms by some blocks; `None` where these leave one open.
-    pub(super) fn factors(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Option<Vec<f64>> {
-        self.fit(chosen, counts).map(|fit| fit.factors)
+    pub(super) fn factors(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool, offsets: Offsets) -> Option<Vec<f64>> {
+        self.fit(chosen, counts, offsets).map(|fit| fit.factors)
     }
 
-    fn fit(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Option<Fit> {
+    fn fit(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool, offsets: Offsets) -> Option<Fit> {
         let k = chosen.len();
         let mut matrix = Matrix::zero(k);
         let mut gradient = vec![0.0; k];
@@ -386,6 +395,16 @@ impl Gram {
                 count, r, x, xr, xx, ..
             } = self.sums(channel, chosen, counts);
             if count < 1.0 {
+                means.push((0.0, vec![0.0; k]));
+                continue;
+            }
+            if offsets == Offsets::None {
+                for a in 0..k {
+                    for b in 0..k {
+                        *matrix.at_mut(a, b) += xx[a][b];
+                    }
+                    gradient[a] += xr[a];
+                }
                 means.push((0.0, vec![0.0; k]));
                 continue;
             }
@@ -440,67 +459,45 @@ impl Gram {
         for parity in [0, 1] {
             let fitted = |b: usize| b % 2 == parity;
             let tested = |b: usize| b % 2 != parity;
-            let fit = self.fit(chosen, &fitted)?;
+            let fit = self.fit(chosen, &fitted, Offsets::Free)?;
             let (chi2, n) = self.error(chosen, &fit, &tested, channels);
             all = (all.0 + chi2, all.1 + n);
         }
         Some(all)
     }
 
-    /// Terms, one after the other, as long as each explains enough on unseen blocks.
-    pub(super) fn search(&self) -> Vec<usize> {
-        let channels_of: Vec<Vec<usize>> = (0..self.candidates)
-            .map(|i| (0..CHANNELS).filter(|&channel| self.touches(i, channel)).collect())
-            .collect();
+    /// The term that explains most on unseen blocks beside those that were taken, if it explains enough; none of the refused.
+    pub(super) fn next(&self, taken: &[usize], refused: &[usize]) -> Option<usize> {
         let all: Vec<usize> = (0..CHANNELS).collect();
-        let mut chosen: Vec<usize> = Vec::new();
-        while chosen.len() < MOST_TERMS {
-            let Some((before, _)) = self.unseen(&chosen, &all) else {
-                break;
-            };
-            let falls: Vec<f64> = (0..self.candidates)
-                .map(|i| {
-                    let mut trial = chosen.clone();
-                    trial.push(i);
-                    let usable = !chosen.contains(&i) && !channels_of[i].is_empty();
-                    let after = usable.then(|| self.unseen(&trial, &all)).flatten();
-                    after.map_or(0.0, |(after, _)| before - after)
-                })
-                .collect();
-            let most = falls.iter().copied().fold(0.0, f64::max);
-            let Some(best) = falls
-                .iter()
-                .position(|&fall| fall > 0.0 && fall >= (1.0 - NEARLY) * most)
-            else {
-                break;
-            };
-            let own = &channels_of[best];
-            let mut trial = chosen.clone();
-            trial.push(best);
-            let (Some((start, n)), Some((now, _)), Some((after, _))) = (
-                self.unseen(&[], own),
-                self.unseen(&chosen, own),
-                self.unseen(&trial, own),
-            ) else {
-                break;
-            };
-            let least = (LEAST_SHARE * (now - n))
-                .max(LEAST_OF_ALL * (start - n))
-                .max(LEAST_FALL);
-            if now - after < least {
-                break;
-            }
-            chosen = trial;
+        if taken.len() >= MOST_TERMS {
+            return None;
         }
-        chosen
+        let own_of = |i: usize| -> Vec<usize> { (0..CHANNELS).filter(|&channel| self.touches(i, channel)).collect() };
+        let (before, _) = self.unseen(taken, &all)?;
+        let with = |i: usize| -> Vec<usize> { taken.iter().copied().chain([i]).collect() };
+        let falls: Vec<f64> = (0..self.candidates)
+            .map(|i| {
+                let usable = !taken.contains(&i) && !refused.contains(&i) && !own_of(i).is_empty();
+                let after = usable.then(|| self.unseen(&with(i), &all)).flatten();
+                after.map_or(0.0, |(after, _)| before - after)
+            })
+            .collect();
+        let most = falls.iter().copied().fold(0.0, f64::max);
+        let best = falls.iter().position(|&fall| fall > 0.0 && fall >= (1.0 - NEARLY) * most)?;
+        let own = own_of(best);
+        let (start, n) = self.unseen(&[], &own)?;
+        let (now, _) = self.unseen(taken, &own)?;
+        let (after, _) = self.unseen(&with(best), &own)?;
+        let least = (LEAST_SHARE * (now - n)).max(LEAST_OF_ALL * (start - n)).max(LEAST_FALL);
+        (now - after >= least).then_some(best)
     }
 
     /// Terms with factors and deviations by all blocks.
-    pub(super) fn fitted(&self, terms: &[usize]) -> Vec<Chosen> {
-        let Some(fit) = self.fit(terms, &|_| true) else {
+    pub(super) fn fitted(&self, terms: &[usize], offsets: Offsets) -> Vec<Chosen> {
+        let Some(fit) = self.fit(terms, &|_| true, offsets) else {
             return Vec::new();
         };
-        let deviations = self.jackknife(terms, &fit.factors);
+        let deviations = self.jackknife(terms, &fit.factors, offsets);
         terms
             .iter()
             .zip(fit.factors)
@@ -514,11 +511,11 @@ impl Gram {
     }
 
     /// Deviation of each factor from fits that leave out one block each.
-    fn jackknife(&self, chosen: &[usize], whole: &[f64]) -> Vec<f64> {
+    fn jackknife(&self, chosen: &[usize], whole: &[f64], offsets: Offsets) -> Vec<f64> {
         let n = self.blocks.len();
         let mut squares = vec![0.0; chosen.len()];
         for left_out in 0..n {
-            if let Some(fit) = self.fit(chosen, &|b| b != left_out) {
+            if let Some(fit) = self.fit(chosen, &|b| b != left_out, offsets) {
                 for ((square, c), whole) in squares.iter_mut().zip(fit.factors).zip(whole) {
                     *square += (c - whole) * (c - whole);
                 }

@@ -25,7 +25,7 @@ impl Pass for HeldOutCheck {
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let errors = errors(&state.problem, &state.plain)?;
         // Mending a log makes no error of the model smaller.
-        if !state.diagnosis.effects.is_empty() {
+        if !(state.diagnosis.effects.is_empty() && state.diagnosis.calibrate.is_empty()) {
             let risen = errors.iter().filter(|error| error.rises());
             state
                 .doubts
