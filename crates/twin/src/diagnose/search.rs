@@ -188,6 +188,7 @@ mod tests {
 
     use super::*;
     use crate::compare::{NamedModel, compare};
+    use crate::diagnose::strategies::onset;
     use crate::log::FlightLog;
     use crate::model::ModelVersion;
 
@@ -301,6 +302,29 @@ mod tests {
             "{biases:?}"
         );
         assert!(biases.iter().any(|bias| bias.abs() > 0.99 * most), "{biases:?}");
+    }
+
+    #[test]
+    fn regress_without_a_voltage_nothing_is_looked_for_that_acts_through_it_alone() {
+        let f550 = ModelVersion::load(vehicle_file("f550")).unwrap();
+        let catalogue = f550.catalogue().unwrap();
+        let options = Options::default();
+        let mut log = simulated("waypoint", "mass:share=0.1");
+        for held in [true, false] {
+            if !held {
+                log.columns.remove("battery_voltage_v").unwrap();
+            }
+            let predictor = Predictor::new(&f550.documents(), &[], &catalogue, &log).unwrap();
+            let state = begin(vec![predictor], &catalogue, (&[], &f550.constant), &options, 0.0);
+            let place = |id: &str| {
+                let mut all = state.problem.library.candidates.iter();
+                all.position(|candidate| candidate.declaration.id == id)
+            };
+            assert_eq!(place("voltage-exponent").is_some(), held);
+            // A thrust that falls with a supply that nobody logged looks like a weight that sets in.
+            let gain = onset::least_gain(&state.problem, place("mass").unwrap());
+            assert_eq!(gain.is_finite(), held, "{gain}");
+        }
     }
 
     /// The numbered list of docs/diagnose.md: name and file of each entry.

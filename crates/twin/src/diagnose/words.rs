@@ -393,3 +393,24 @@ const RATIOS: &str = " A flight tells mass, thrust, arms and inertia only as rat
 /// How a vehicle is calibrated, with what a user has to give.
 const HOW_TO_CALIBRATE: &str =
     "`rotortwin vehicle from-log LOG… --mass KG --arm M --out NAME.toml`, or type what is known into the vehicle";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_an_inertia_of_a_rotor_is_no_row_of_zeros() {
+        assert_eq!(number(1.43e-8), "1.430e-8");
+        assert_eq!(number(0.07478), "0.07478");
+        let inertia = FittedParameter {
+            name: "inertia_kg_m2".to_owned(),
+            symbol: "J_r".to_owned(),
+            unit: "kg·m²".to_owned(),
+            value: 1.43e-8,
+            deviation: 1.5e-9,
+            interval_95: 3e-9,
+            plausible: true,
+        };
+        assert_eq!(parameter(&inertia), "J_r = 1.43e-8 ± 3.0e-9 kg·m²");
+    }
+}

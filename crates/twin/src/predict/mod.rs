@@ -566,7 +566,9 @@ fn under_hover_load(plant: &Plant, nominal: &Constants) -> f64 {
     let open = Battery::new(&plant.battery_model).open_circuit_voltage(plant.charge);
     let hover = nominal.hover_thrust_n;
     let power = nominal.rotor_count as f64 * nominal.power_coefficient_w_per_n15 * hover * hover.sqrt();
-    let root = (open * open - 4.0 * nominal.internal_resistance_ohm * power).max(0.0).sqrt();
+    let root = (open * open - 4.0 * nominal.internal_resistance_ohm * power)
+        .max(0.0)
+        .sqrt();
     0.5 * (open + root)
 }
 

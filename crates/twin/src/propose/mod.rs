@@ -23,10 +23,10 @@ use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance, Parame
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::diagnose::{HeldOutError, words};
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
-use crate::diagnose::{HeldOutError, words};
 use candidate::Candidate;
 use proof::Proof;
 use regression::{Gram, Regression};
@@ -141,13 +141,22 @@ impl Proposal {
             .filter(|error| error.is_smaller())
             .map(|error| {
                 let digits = |x: f64| words::number(1e3 * x);
-                format!("{} error {} → {} m{}", error.quantity, digits(error.before), digits(error.after), error.unit)
+                format!(
+                    "{} error {} → {} m{}",
+                    error.quantity,
+                    digits(error.before),
+                    digits(error.after),
+                    error.unit
+                )
             })
             .collect();
         let proof = if errors.is_empty() {
             String::new()
         } else {
-            format!(" With it, on blocks that the fit did not see: {}; no error rises.", errors.join(", "))
+            format!(
+                " With it, on blocks that the fit did not see: {}; no error rises.",
+                errors.join(", ")
+            )
         };
         format!("It looks like {}.{proof}", terms.join("; and "))
     }
@@ -156,7 +165,10 @@ impl Proposal {
 /// What a term most likely is, in words, where there are such.
 fn gloss(term: &ProposedTerm) -> Option<String> {
     let [only] = term.acts.as_slice() else {
-        let damps = term.acts.iter().all(|act| act.starts_with("torque_") && act.ends_with("_rate"));
+        let damps = term
+            .acts
+            .iter()
+            .all(|act| act.starts_with("torque_") && act.ends_with("_rate"));
         return damps.then(|| {
             if term.factor < 0.0 {
                 "a damping of the rotation".to_owned()
@@ -167,7 +179,10 @@ fn gloss(term: &ProposedTerm) -> Option<String> {
     };
     match only.as_str() {
         "force_z: thrust" => {
-            let (share, word) = (100.0 * term.factor.abs(), if term.factor > 0.0 { "less" } else { "more" });
+            let (share, word) = (
+                100.0 * term.factor.abs(),
+                if term.factor > 0.0 { "less" } else { "more" },
+            );
             return Some(format!("{share:.1} % {word} thrust than the model has"));
         }
         "torque_x: thrust" | "torque_y: thrust" => {
@@ -183,7 +198,10 @@ fn gloss(term: &ProposedTerm) -> Option<String> {
             ));
         }
         "torque_z: thrust" => {
-            return Some("rotors of one sense turn the vehicle more than those of the other: they differ, or a motor is tilted".to_owned());
+            return Some(
+                "rotors of one sense turn the vehicle more than those of the other: they differ, or a motor is tilted"
+                    .to_owned(),
+            );
         }
         _ => {}
     }
@@ -288,7 +306,7 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     let correlates = failing
         .iter()
         .filter_map(|&channel| {
-            let (best, correlation) = gram.best_correlate(channel)?;
+            let (best, correlation) = gram.best_correlate(channel, |i| candidates[i].acts_on(channel))?;
             Some(Correlate {
                 channel: crate::predict::NAMES[channel].to_owned(),
                 regressor: candidates[best].acts().join(", "),
@@ -304,10 +322,16 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     for regression in &regressions {
         for one in regression.left(&catalogue, &factors)? {
             let follows = gram
-                .best_correlate(one.channel)
-                .filter(|(best, _)| chosen.iter().all(|found| found.candidate != *best))
+                .best_correlate(one.channel, |i| {
+                    candidates[i].acts_on(one.channel) && chosen.iter().all(|found| found.candidate != i)
+                })
                 .map(|(best, correlation)| (candidates[best].acts().join(", "), correlation));
-            left.push(rest::sentence(regression.predictor(), &one, follows, regressions.len() > 1));
+            left.push(rest::sentence(
+                regression.predictor(),
+                &one,
+                follows,
+                regressions.len() > 1,
+            ));
         }
     }
     Ok(Proposal {

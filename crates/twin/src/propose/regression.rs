@@ -121,7 +121,10 @@ impl Regression {
         effects: &[EffectInstance],
         mut tell: impl FnMut(usize, usize, f64),
     ) -> Result<(), PredictError> {
-        let residuals = self.predictor.with_catalogue(catalogue).residuals(&self.fitted, effects)?;
+        let residuals = self
+            .predictor
+            .with_catalogue(catalogue)
+            .residuals(&self.fitted, effects)?;
         for (channel, raw) in residuals.raw.iter().enumerate() {
             if self.residual[channel].is_empty() || raw.is_empty() {
                 continue;
@@ -381,7 +384,12 @@ impl Gram {
     }
 
     /// Factors of terms by some blocks; `None` where these leave one open.
-    pub(super) fn factors(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool, offsets: Offsets) -> Option<Vec<f64>> {
+    pub(super) fn factors(
+        &self,
+        chosen: &[usize],
+        counts: &dyn Fn(usize) -> bool,
+        offsets: Offsets,
+    ) -> Option<Vec<f64>> {
         self.fit(chosen, counts, offsets).map(|fit| fit.factors)
     }
 
@@ -483,12 +491,16 @@ impl Gram {
             })
             .collect();
         let most = falls.iter().copied().fold(0.0, f64::max);
-        let best = falls.iter().position(|&fall| fall > 0.0 && fall >= (1.0 - NEARLY) * most)?;
+        let best = falls
+            .iter()
+            .position(|&fall| fall > 0.0 && fall >= (1.0 - NEARLY) * most)?;
         let own = own_of(best);
         let (start, n) = self.unseen(&[], &own)?;
         let (now, _) = self.unseen(taken, &own)?;
         let (after, _) = self.unseen(&with(best), &own)?;
-        let least = (LEAST_SHARE * (now - n)).max(LEAST_OF_ALL * (start - n)).max(LEAST_FALL);
+        let least = (LEAST_SHARE * (now - n))
+            .max(LEAST_OF_ALL * (start - n))
+            .max(LEAST_FALL);
         (now - after >= least).then_some(best)
     }
 
@@ -542,9 +554,10 @@ impl Gram {
         (xx * rr > 0.0).then(|| xr / (xx * rr).sqrt())
     }
 
-    /// The candidate that a channel's residual follows most.
-    pub(super) fn best_correlate(&self, channel: usize) -> Option<(usize, f64)> {
+    /// The candidate that a channel's residual follows most, of those that are asked for.
+    pub(super) fn best_correlate(&self, channel: usize, asked: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
         (0..self.candidates)
+            .filter(|&i| asked(i))
             .filter_map(|i| Some((i, self.correlation_in(i, &[channel])?)))
             .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
     }

@@ -36,7 +36,8 @@ impl Rest {
         let mean = means.iter().sum::<f64>() / means.len().max(1) as f64;
         let (slow, middle) = (square(&joined(SLOW_S)), square(&joined(MIDDLE_S)));
         let constant = mean * mean;
-        let shares = [constant, slow - constant, middle - slow, all - middle].map(|part| (part / all.max(f64::MIN_POSITIVE)).max(0.0));
+        let shares = [constant, slow - constant, middle - slow, all - middle]
+            .map(|part| (part / all.max(f64::MIN_POSITIVE)).max(0.0));
         Self {
             channel,
             error: all.sqrt(),
@@ -49,9 +50,9 @@ impl Rest {
 /// A channel in words.
 fn channel_words(channel: usize) -> &'static str {
     match NAMES[channel] {
-        "fx" => "force forward",
-        "fy" => "force to the right",
-        "fz" => "force downwards",
+        "fx" => "specific force forward",
+        "fy" => "specific force to the right",
+        "fz" => "specific force downwards",
         "mx" => "roll acceleration",
         "my" => "pitch acceleration",
         "mz" => "yaw acceleration",
@@ -67,12 +68,18 @@ pub(super) fn sentence(predictor: &Predictor, rest: &Rest, follows: Option<(Stri
         "v" => "V",
         _ => "m/s²",
     };
-    let of = if name { format!(" of {}", predictor.name) } else { String::new() };
+    let of = if name {
+        format!(" of {}", predictor.name)
+    } else {
+        String::new()
+    };
     let [constant, slow, middle, fast] = rest.shares.map(|share| 100.0 * share);
-    let follows = follows.filter(|(_, correlation)| correlation.abs() >= WORTH_TELLING).map_or(
-        "; follows no term of motion, thrust or time (all correlations below 0.3)".to_owned(),
-        |(what, correlation)| format!("; follows {what} (correlation {correlation:.2})"),
-    );
+    let follows = follows
+        .filter(|(_, correlation)| correlation.abs() >= WORTH_TELLING)
+        .map_or(
+            "; follows no term of motion, thrust or time (all correlations below 0.3)".to_owned(),
+            |(what, correlation)| format!("; follows {what} (correlation {correlation:.2})"),
+        );
     format!(
         "left in {} ({}){of}: {} {unit}, noise {}; of its square {constant:.0} % constant, {slow:.0} % slower than 10 s, {middle:.0} % 1 to 10 s, {fast:.0} % \
          faster{follows}",

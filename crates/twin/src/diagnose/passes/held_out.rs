@@ -137,7 +137,13 @@ fn noise(problem: &Problem) -> [f64; QUANTITIES.len()] {
 }
 
 /// Root mean squares before and after, and the deviation of their difference by the scatter of the blocks' own differences.
-pub(crate) fn change(quantity: &str, unit: &str, before: &[Squares], after: &[Squares], noise: f64) -> Option<HeldOutError> {
+pub(crate) fn change(
+    quantity: &str,
+    unit: &str,
+    before: &[Squares],
+    after: &[Squares],
+    noise: f64,
+) -> Option<HeldOutError> {
     let total = |all: &[Squares]| all.iter().fold((0.0, 0.0), |(s, n), one| (s + one.sum, n + one.count));
     let ((old, count), (new, _)) = (total(before), total(after));
     if count == 0.0 {

@@ -11,8 +11,8 @@
 use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
 
-use crate::diagnose::considered::holds;
 use super::gust_filter::{Filtered, Log, MEAN_S, Mean, SEEN, filter};
+use crate::diagnose::considered::holds;
 use crate::estimation::columns::{Active, Column, LogState, instances};
 use crate::estimation::dense::dot;
 use crate::estimation::normal::{Normal, Posterior};
