@@ -4,7 +4,7 @@ use crate::output;
 use crate::progress::Progress;
 use clap::Parser;
 use rotortwin_runner::diagnosis::{self, PROPOSAL_FILE, proposed};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Arguments of `rotortwin diagnose`.
@@ -54,22 +54,6 @@ impl Args {
     }
 }
 
-/// How what is proposed gets into the model. A file is no model that versions can be added to: it is taken in first.
-fn add_command(args: &Args, folder: &Path) -> String {
-    let import = |file: &Path| {
-        let name = file.file_stem()?.to_string_lossy().into_owned();
-        Some((format!("rotortwin model import {} && ", file.display()), name))
-    };
-    let (before, name) = Some(Path::new(&args.model))
-        .filter(|file| file.is_file())
-        .and_then(import)
-        .unwrap_or_else(|| (String::new(), args.model.clone()));
-    format!(
-        "{before}rotortwin model add {name} --from {} --proposal",
-        folder.join("diagnosis.json").display()
-    )
-}
-
 /// Runs the command.
 pub fn run(args: &Args) -> ExitCode {
     let progress = Progress::new(args.json, args.events);
@@ -88,7 +72,11 @@ pub fn run(args: &Args) -> ExitCode {
             println!("             report.html  diagnosis.json  diagnosis.txt");
             if proposed(&done.diagnosis).is_some() {
                 println!("             {}", folder.join(PROPOSAL_FILE).display());
-                println!("Try it with  {}", add_command(args, folder));
+                println!(
+                    "Try it with  rotortwin model add {} --from {} --proposal",
+                    args.model,
+                    folder.join("diagnosis.json").display()
+                );
             }
         }
     }

@@ -4,7 +4,7 @@
 //! The regression gives every channel an offset of its own. A model has none, so that a term whose mean the offset took up makes a
 //! prediction worse: such a term is found here, and not proposed. Factors come from the even blocks for the odd ones, and the other way
 //! round. Kept is a term with which the error of a quantity or channel falls by more than its blocks scatter, and with which that of no
-//! quantity or channel rises.
+//! quantity or channel rises. With a factor that is the same on all blocks, half of that scatter is enough.
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
@@ -15,6 +15,11 @@ use crate::predict::{CHANNELS, NAMES, PredictError};
 
 /// Terms that may be refused before the search ends.
 const MOST_REFUSED: usize = 10;
+
+/// Deviations over the blocks by which a factor is no chance.
+const CERTAIN: f64 = 5.0;
+/// Deviations of the blocks' scatter by which an error must fall even then.
+const LEAST_DEVIATIONS: f64 = 1.5;
 
 /// What was proved.
 pub(super) struct Proved {
@@ -85,10 +90,16 @@ impl Proof<'_> {
         let channels = self.of_channels(before, &after);
         let quantities = self.of_quantities(before, &after);
         let all = || channels.iter().chain(&quantities);
-        // A level moves one mean: of a single channel alone it would be a trifle that chance gives.
-        let counts = if self.levels.contains(&term) { 0 } else { channels.len() };
-        let falls = channels[..counts].iter().chain(&quantities).any(HeldOutError::falls);
-        if !falls || all().any(HeldOutError::rises) {
+        // The trend of a supply shows at the ends of a flight, so that its blocks scatter as much as they gain. It is believed if its factor
+        // is the same on all of them.
+        let certain = self.is_certain(&trial);
+        let falls = |error: &HeldOutError| {
+            error.falls()
+                || (certain
+                    && error.is_smaller()
+                    && error.before - error.after > LEAST_DEVIATIONS * error.change_deviation)
+        };
+        if !all().any(falls) || all().any(HeldOutError::rises) {
             return Ok(false);
         }
         proved.shares.push(self.share(term, nothing, &after));
@@ -96,6 +107,14 @@ impl Proof<'_> {
         proved.held_out = self.of_quantities(nothing, &after);
         *before = after;
         Ok(true)
+    }
+
+    /// True if the factor of the last term is clearly none by chance, over the blocks left out one by one.
+    fn is_certain(&self, terms: &[usize]) -> bool {
+        let fitted = self.gram.fitted(terms, self.offsets(terms));
+        fitted
+            .last()
+            .is_some_and(|last| last.factor.abs() > CERTAIN * last.deviation && last.deviation > 0.0)
     }
 
     /// With a level among the terms, no offset stands in its place.
