@@ -11,6 +11,7 @@ use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 use super::regression::{Gram, Offsets, Regression};
 use crate::diagnose::HeldOutError;
 use crate::diagnose::held_out::{QUANTITIES, Squares, change, kind_of};
+use crate::estimation::parameters::QUANTILE_95;
 use crate::predict::{CHANNELS, NAMES, PredictError};
 
 /// Terms that may be refused before the search ends.
@@ -72,7 +73,44 @@ impl Proof<'_> {
                 refused.push(term);
             }
         }
-        Ok(proved)
+        self.without_trifles(&nothing, proved)
+    }
+
+    /// Drops the terms that a later one has left without a size: what may be 0 is no finding.
+    fn without_trifles(&self, nothing: &Blocks, proved: Proved) -> Result<Proved, PredictError> {
+        let mut kept = proved.kept.clone();
+        loop {
+            let fitted = self.gram.fitted(&kept, self.offsets(&kept));
+            let Some(place) = fitted
+                .iter()
+                .position(|one| one.factor.abs() < QUANTILE_95 * one.deviation)
+            else {
+                break;
+            };
+            kept.remove(place);
+        }
+        if kept == proved.kept {
+            return Ok(proved);
+        }
+        let mut rest = Proved {
+            kept: Vec::new(),
+            shares: Vec::new(),
+            held_out: Vec::new(),
+        };
+        for end in 1..=kept.len() {
+            let Some(after) = self.blocks(&kept[..end])? else {
+                return Ok(rest);
+            };
+            let channels = self.of_channels(nothing, &after);
+            let quantities = self.of_quantities(nothing, &after);
+            if channels.iter().chain(&quantities).any(HeldOutError::rises) {
+                return Ok(rest);
+            }
+            rest.shares.push(self.share(kept[end - 1], nothing, &after));
+            rest.kept = kept[..end].to_vec();
+            rest.held_out = quantities;
+        }
+        Ok(rest)
     }
 
     /// Takes a term if the model that holds it, beside what is kept, predicts unseen blocks better.
