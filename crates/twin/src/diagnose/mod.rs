@@ -24,7 +24,6 @@ mod considered;
 mod findings;
 mod named;
 mod passes;
-pub(crate) use passes::held_out;
 mod picture;
 mod ranking;
 mod result;
@@ -32,7 +31,7 @@ mod search;
 mod state;
 mod strategies;
 mod supply;
-pub(crate) mod words;
+mod words;
 
 pub use result::{
     Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotConsidered,

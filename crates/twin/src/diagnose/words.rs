@@ -5,28 +5,12 @@ use rotortwin_plant::effects::EffectClass;
 use super::named::Quantity;
 use super::result::{Calibration, Diagnosis, Finding, NotConsidered, Outcome, Reason, Rival, Verdict};
 use super::state::Doubt;
-use crate::estimation::parameters::FittedParameter;
+use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
 use crate::log::names::duty_rotor;
 use crate::model::constants::Source;
 
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
-
-/// Below, a number is written with a power of ten.
-const SMALLEST: f64 = 1e-4;
-
-/// A value with three or four significant digits.
-pub(crate) fn number(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    // An inertia of a rotor is 2e-8 kg·m²: decimals that are cut off left zeros of it.
-    if value.abs() < SMALLEST {
-        return format!("{value:.3e}");
-    }
-    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 8) as usize;
-    format!("{value:.digits$}")
-}
 
 /// `k_d = 0.2530 ± 0.0020 N·s/m`, with half the width of the 95 % interval.
 pub(crate) fn parameter(p: &FittedParameter) -> String {

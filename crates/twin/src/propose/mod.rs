@@ -23,7 +23,8 @@ use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance, Parame
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::diagnose::{HeldOutError, words};
+use crate::estimation::parameters::number;
+use crate::estimation::unseen::HeldOutError;
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
@@ -140,7 +141,7 @@ impl Proposal {
             .iter()
             .filter(|error| error.is_smaller())
             .map(|error| {
-                let digits = |x: f64| words::number(1e3 * x);
+                let digits = |x: f64| number(1e3 * x);
                 format!(
                     "{} error {} → {} m{}",
                     error.quantity,

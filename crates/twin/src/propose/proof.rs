@@ -9,9 +9,8 @@
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::regression::{Gram, Offsets, Regression};
-use crate::diagnose::HeldOutError;
-use crate::diagnose::held_out::{QUANTITIES, Squares, change, kind_of};
 use crate::estimation::parameters::QUANTILE_95;
+use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, change, kind_of};
 use crate::predict::{CHANNELS, NAMES, PredictError};
 
 /// Terms that may be refused before the search ends.

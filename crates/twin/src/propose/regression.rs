@@ -8,10 +8,10 @@ use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::candidate::Candidate;
 use super::rest::Rest;
-use crate::diagnose::held_out::kind_of;
 use crate::estimation::columns::LogState;
 use crate::estimation::dense::Matrix;
 use crate::estimation::nuisances::{self, Reach};
+use crate::estimation::unseen::kind_of;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
 
 /// Length of a mean, s.

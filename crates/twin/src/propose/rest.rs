@@ -1,6 +1,6 @@
 //! What is left of a channel, in words: how large, how fast, and what it goes with.
 
-use crate::diagnose::words::number;
+use crate::estimation::parameters::number;
 use crate::predict::{NAMES, Predictor};
 
 /// Means of such lengths part an error by how fast it changes, s.
