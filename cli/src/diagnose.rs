@@ -29,6 +29,9 @@ pub struct Args {
     /// be empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Seconds after which the search begins nothing further, and answers with what it has proved until then
+    #[arg(long, value_name = "SECONDS", default_value_t = diagnosis::TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    pub time_limit: u32,
     /// Print the diagnosis as JSON, nothing else
     #[arg(long)]
     pub json: bool,
@@ -46,6 +49,7 @@ impl Args {
             effects: self.effects.clone(),
             baseline: self.baseline.clone(),
             out: self.out.clone(),
+            time_limit_s: Some(self.time_limit),
         }
     }
 }

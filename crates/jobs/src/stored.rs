@@ -96,6 +96,7 @@ mod tests {
                 effects: Vec::new(),
                 baseline: Vec::new(),
                 out: Some("out".into()),
+                time_limit_s: None,
             }),
             inputs: vec![Input::text("version.toml", "name = 'x'")],
         }

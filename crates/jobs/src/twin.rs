@@ -41,6 +41,9 @@ pub struct Diagnosis {
     /// Folder for the diagnosis and what it proposes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
+    /// Seconds after which the search begins nothing further, and answers with what it has proved until then; absent: ten minutes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_limit_s: Option<u32>,
 }
 
 /// Compare, diagnose, add what is missing, compare again, until the model agrees or the reason why it does not is known.

@@ -163,6 +163,7 @@ impl<'a> Words<'a> {
                 effects: self.all_of("effects"),
                 baseline: Vec::new(),
                 out: Some(self.one("out")?.into()),
+                time_limit_s: None,
             }),
             ["improve", logs @ ..] => Job::Improvement(Improvement {
                 logs: Self::paths(logs),

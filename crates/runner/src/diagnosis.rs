@@ -20,6 +20,8 @@ use std::time::Instant;
 
 /// Rows of the ranking that are told.
 const RANKING_ROWS: usize = 8;
+/// Seconds after which a search begins nothing further, if nobody says otherwise.
+pub const TIME_LIMIT_S: u32 = 600;
 /// Effect document of a proposal.
 pub const PROPOSAL_FILE: &str = "proposed-effect.toml";
 
@@ -53,6 +55,7 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
         baseline,
         progress: &|text, share| tell(&share_done(text, share)),
         clock: &|| start.elapsed().as_secs_f64(),
+        time_limit_s: f64::from(job.time_limit_s.unwrap_or(TIME_LIMIT_S)),
         ..Options::default()
     };
     let diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;

@@ -2,7 +2,7 @@
 
 use crate::Tell;
 use crate::destination::{self, ResultFolder, write_text};
-use crate::diagnosis::share_done;
+use crate::diagnosis::{TIME_LIMIT_S, share_done};
 use crate::failure::Failure;
 use crate::grid::Grid;
 use crate::logs::{read_logs, refused};
@@ -87,6 +87,7 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     let options = Options {
         progress: &|text, share| tell(&share_done(text, share)),
         clock: &|| start.elapsed().as_secs_f64(),
+        time_limit_s: f64::from(TIME_LIMIT_S),
         ..Options::default()
     };
     let request = Request {

@@ -60,7 +60,9 @@ impl Head {
         let path = named.as_deref().unwrap_or(Path::new(text));
         if path.is_file() {
             let version = ModelVersion::load(path)?;
-            let first = ModelVersion::first(version.name.clone(), version.documents());
+            let mut first = ModelVersion::first(version.name.clone(), version.documents());
+            // A vehicle from a log begins with the intervals beside it.
+            first.constant.clone_from(&version.constant);
             if version != first {
                 return Err(StoreError::Refused(format!(
                     "{text}: expected a model of {}; take this version in with 'rotortwin model import {text}'",

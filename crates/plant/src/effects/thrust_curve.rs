@@ -72,7 +72,7 @@ pub(super) static VOLTAGE_EXPONENT: EffectDeclaration = EffectDeclaration {
     per_rotor: false,
     may_set_in: false,
     needs: &[],
-    search: Search::LINEAR.requiring(&[Requirement::Duty]),
+    search: Search::LINEAR.requiring(&[Requirement::Duty, Requirement::BatteryVoltage]),
     excited_by: "a long discharge, and punches that make the voltage sag",
     confused_with: &[
         "esc-resistance",

@@ -6,6 +6,7 @@
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectDeclaration, Requirement, Strategy};
 
 use super::result::{Diagnosis, NotConsidered, Reason};
+use crate::estimation::columns::LogState;
 use crate::estimation::problem::Problem;
 use crate::log::names;
 use crate::predict::channels::group;
@@ -47,7 +48,9 @@ pub(crate) fn not_considered(problem: &Problem, diagnosis: &Diagnosis) -> Vec<No
 fn reason(problem: &Problem, diagnosis: &Diagnosis, entry: &EffectDeclaration) -> Option<Reason> {
     let mut candidates = problem.library.candidates.iter();
     let noise = entry.class == EffectClass::Noise;
-    if !noise && candidates.all(|candidate| candidate.declaration.id != entry.id) {
+    let absent = candidates.all(|candidate| candidate.declaration.id != entry.id);
+    let in_the_model = |log: &LogState| log.predictor.model().iter().any(|one| one.effect == entry.id);
+    if !noise && absent && problem.logs.iter().any(in_the_model) {
         return Some(Reason::InTheModel);
     }
     if let Strategy::CovarianceOf(other) = entry.search.strategy {
@@ -134,7 +137,7 @@ fn acts(problem: &Problem, entry: &EffectDeclaration) -> bool {
 }
 
 /// True if a log holds what is required.
-fn holds(predictor: &Predictor, requirement: Requirement) -> bool {
+pub(crate) fn holds(predictor: &Predictor, requirement: Requirement) -> bool {
     let series = predictor.series();
     let have = series.available;
     match requirement {

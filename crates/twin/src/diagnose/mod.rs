@@ -62,6 +62,8 @@ pub struct Options<'a> {
     pub progress: &'a (dyn Fn(&str, f64) + Sync),
     /// Seconds since some moment; the library reads no clock.
     pub clock: &'a dyn Fn() -> f64,
+    /// Seconds on that clock after which the search begins nothing further, and answers with what it has proved until then.
+    pub time_limit_s: f64,
 }
 
 impl Default for Options<'_> {
@@ -72,7 +74,15 @@ impl Default for Options<'_> {
             most_effects: 3,
             progress: &|_, _| (),
             clock: &|| 0.0,
+            time_limit_s: f64::INFINITY,
         }
+    }
+}
+
+impl Options<'_> {
+    /// True if a search that began then has used up its time.
+    fn is_over(&self, began_s: f64) -> bool {
+        (self.clock)() - began_s > self.time_limit_s
     }
 }
 
@@ -114,7 +124,10 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     }
     diagnosis.notes.extend(guesses);
     if diagnosis.verdict == Verdict::OutsideCatalogue {
-        diagnosis.proposal = Some(propose::propose(logs, model)?);
+        (options.progress)("what the error looks like", 0.995);
+        let proposal = propose::propose(logs, model)?;
+        diagnosis.notes.extend(proposal.left.iter().cloned());
+        diagnosis.proposal = Some(proposal);
     }
     diagnosis.trim = changed;
     diagnosis.model = DiagnosedModel {

@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 use super::named::Quantity;
 use crate::baseline::Trim;
 use crate::estimation::parameters::FittedParameter;
+pub use crate::estimation::unseen::HeldOutError;
 use crate::model::constants::Source;
 use crate::propose::Proposal;
 use crate::schema;
@@ -47,62 +48,6 @@ pub enum Verdict {
     },
     /// Nothing of the log can be compared with the model.
     NothingTestable,
-}
-
-/// Error on blocks that the fit did not see, smoothed over 0.1 s.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct HeldOutError {
-    /// `force`, `torque`, `voltage`; `acceleration` (of the velocity) where no accelerometer tells the force.
-    pub quantity: String,
-    /// Unit.
-    pub unit: String,
-    /// Without the effects found.
-    #[schema(value_type = Option<f64>)]
-    pub before: f64,
-    /// With them.
-    #[schema(value_type = Option<f64>)]
-    pub after: f64,
-    /// Standard deviation of `after − before`, from the scatter over the blocks.
-    #[schema(value_type = Option<f64>)]
-    pub change_deviation: f64,
-    /// Change that is none: a hundredth of what noise alone leaves.
-    #[serde(skip)]
-    pub negligible: f64,
-}
-
-/// Share of an error by which it must rise to count: what the sentence tells as a change.
-const TOLD: f64 = 0.01;
-
-/// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
-const RISEN: f64 = 3.0;
-
-/// Least share of a mean square error that makes a part of it explained.
-const WORTH_NAMING: f64 = 0.1;
-
-impl HeldOutError {
-    /// True if the effects found make the error larger: by more than a trace of the noise, and by a hundredth or more than the blocks
-    /// scatter. The scatter alone is no excuse: what sets in on the last of n blocks changes one of them, which is one deviation of their
-    /// scatter however large it is.
-    pub fn rises(&self) -> bool {
-        let rise = self.after - self.before;
-        rise > self.negligible && (rise > TOLD * self.before || rise > RISEN * self.change_deviation)
-    }
-
-    /// Share of the mean square that the effects found explain; below 0 where they make it worse.
-    pub fn explained_share(&self) -> f64 {
-        let ratio = self.after / self.before;
-        if ratio.is_finite() { 1.0 - ratio * ratio } else { 0.0 }
-    }
-
-    /// True if the effects found make the error smaller by a part that is worth its name.
-    pub fn is_smaller(&self) -> bool {
-        self.before - self.after > self.negligible && self.explained_share() > WORTH_NAMING
-    }
-
-    /// The same by more than the blocks scatter.
-    pub fn falls(&self) -> bool {
-        self.is_smaller() && self.before - self.after > RISEN * self.change_deviation
-    }
 }
 
 /// A rival that explains the data nearly as well, or why it lost.

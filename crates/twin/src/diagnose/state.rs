@@ -34,6 +34,8 @@ pub(crate) struct State<'a> {
     pub(crate) options: &'a Options<'a>,
     /// When the diagnosis began, on the clock of the options, s.
     pub(crate) began_s: f64,
+    /// True once something was left out because the time was up.
+    pub(crate) stopped: bool,
     /// What is known of the answer so far.
     pub(crate) diagnosis: Diagnosis,
 }
@@ -42,6 +44,13 @@ impl State<'_> {
     /// Tells what is done, and what share of the search is behind it.
     pub(crate) fn progress(&self, text: &str, share: f64) {
         (self.options.progress)(text, share);
+    }
+
+    /// True if the time is up; what asks leaves out the rest of its search then.
+    pub(crate) fn time_is_up(&mut self) -> bool {
+        let up = self.options.is_over(self.began_s);
+        self.stopped |= up;
+        up
     }
 
     /// Posterior of all linear parameters about the present point, with gusts in the noise if there are any.

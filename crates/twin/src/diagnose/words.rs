@@ -5,21 +5,12 @@ use rotortwin_plant::effects::EffectClass;
 use super::named::Quantity;
 use super::result::{Calibration, Diagnosis, Finding, NotConsidered, Outcome, Reason, Rival, Verdict};
 use super::state::Doubt;
-use crate::estimation::parameters::FittedParameter;
+use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
 use crate::log::names::duty_rotor;
 use crate::model::constants::Source;
 
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
-
-/// A value with three or four significant digits.
-pub(crate) fn number(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 8) as usize;
-    format!("{value:.digits$}")
-}
 
 /// `k_d = 0.2530 ± 0.0020 N·s/m`, with half the width of the 95 % interval.
 pub(crate) fn parameter(p: &FittedParameter) -> String {
@@ -28,6 +19,9 @@ pub(crate) fn parameter(p: &FittedParameter) -> String {
     } else {
         format!(" {}", p.unit)
     };
+    if p.interval_95 > 0.0 && p.value.abs().max(p.interval_95) < SMALLEST {
+        return format!("{} = {:.2e} ± {:.1e}{unit}", p.symbol, p.value, p.interval_95);
+    }
     let digits = if p.interval_95 > 0.0 {
         (1 - p.interval_95.log10().floor() as i32).clamp(0, 8) as usize
     } else {
@@ -383,3 +377,24 @@ const RATIOS: &str = " A flight tells mass, thrust, arms and inertia only as rat
 /// How a vehicle is calibrated, with what a user has to give.
 const HOW_TO_CALIBRATE: &str =
     "`rotortwin vehicle from-log LOG… --mass KG --arm M --out NAME.toml`, or type what is known into the vehicle";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_an_inertia_of_a_rotor_is_no_row_of_zeros() {
+        assert_eq!(number(1.43e-8), "1.430e-8");
+        assert_eq!(number(0.07478), "0.07478");
+        let inertia = FittedParameter {
+            name: "inertia_kg_m2".to_owned(),
+            symbol: "J_r".to_owned(),
+            unit: "kg·m²".to_owned(),
+            value: 1.43e-8,
+            deviation: 1.5e-9,
+            interval_95: 3e-9,
+            plausible: true,
+        };
+        assert_eq!(parameter(&inertia), "J_r = 1.43e-8 ± 3.0e-9 kg·m²");
+    }
+}

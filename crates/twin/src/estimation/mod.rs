@@ -26,4 +26,5 @@ pub(crate) mod problem;
 pub(crate) mod rate_noise;
 pub(crate) mod scores;
 pub(crate) mod settle;
+pub mod unseen;
 pub(crate) mod whiteness;

@@ -31,6 +31,22 @@ pub struct FittedParameter {
     pub plausible: bool,
 }
 
+/// Below, a number is written with a power of ten.
+pub(crate) const SMALLEST: f64 = 1e-4;
+
+/// A value with three or four significant digits.
+pub(crate) fn number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    // An inertia of a rotor is 2e-8 kg·m²: decimals that are cut off left zeros of it.
+    if value.abs() < SMALLEST {
+        return format!("{value:.3e}");
+    }
+    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 8) as usize;
+    format!("{value:.digits$}")
+}
+
 /// Parameters of a candidate from values and deviations in its own units.
 pub(crate) fn parameters(
     library: &Library,

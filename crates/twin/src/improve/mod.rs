@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! version 0 ─▶ compare ─▶ diagnose ─▶ the best effect as a proposal ─ accepted ─▶ version 1 ─▶ compare ─▶ …
-//!                            └─ agrees · log at fault · cannot tell · outside of the catalogue · declined ─▶ end, with the reason
+//!                            └─ agrees · log at fault · cannot tell · nothing that unseen blocks prove · declined ─▶ end, with the reason
 //! ```
 //! * A diagnosis that names several effects adds them one after the other, so that each has a row of its own.
 //! * The values of a row are those of the joint fit ([`refit`]): all effects and the nuisances of every fitted log together,
@@ -11,19 +11,21 @@
 //! * The oracle is a model with the truth; its row is what no fit can beat but by chance.
 //!
 //! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays unexplained, an effect
-//! is added only if blocks that no fit has seen prove its part.
+//! is added only if blocks that no fit has seen prove its part. So is what a regression proposes ([`crate::propose`]): a correlation with a
+//! dimension, told as such.
 
 pub mod from_diagnosis;
 pub mod refit;
 pub mod report;
 pub mod truth;
 
+use rotortwin_plant::effects::{EffectClass, EffectDocument};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::compare::{self, GroupError, NamedModel, OpenLoopError};
 use crate::diagnose::{self, Diagnosis, Finding, Verdict, diagnose};
-use crate::estimation::parameters::FittedParameter;
+use crate::estimation::parameters::{FittedParameter, QUANTILE_95};
 use crate::log::FlightLog;
 use crate::model::{LogReference, ModelEffect, ModelVersion, Provenance, Source, TOOL};
 use crate::predict::PredictError;
@@ -230,6 +232,7 @@ pub fn improve(
             Verdict::Agrees => Some(End::Agrees),
             Verdict::LogFault { .. } => Some(End::LogFault),
             Verdict::CalibrateFirst { .. } => Some(End::CalibrateFirst),
+            Verdict::OutsideCatalogue if proposed(diagnosis).is_some() => None,
             Verdict::OutsideCatalogue => Some(End::OutsideCatalogue),
             Verdict::CannotTell { .. } => Some(End::CannotTell),
             Verdict::NothingTestable => Some(End::NothingTestable),
@@ -237,6 +240,25 @@ pub fn improve(
         };
         if end.is_some() {
             break;
+        }
+        if let (Verdict::OutsideCatalogue, Some(part)) = (&diagnosis.verdict, proposed(diagnosis)) {
+            // A part that no fit of its blocks has seen, and that is in no catalogue, is a step like any other.
+            let next = with_proposal(&now.version, &part, request.fitted);
+            let kept = guide
+                .proposed(&now.version, &next, &part.finding, diagnosis)
+                .map_err(ImproveError::Guide)?;
+            let Some(label) = kept else {
+                end = Some(End::Declined);
+                break;
+            };
+            now = NamedModel { label, version: next };
+            let mut next_row = row(request, &now, Some(&part.finding))?;
+            if let Some(before) = rows.last() {
+                next_row.remarks = remarks(before, &next_row);
+            }
+            asked = guide.compared(&next_row).map_err(ImproveError::Guide)?;
+            rows.push(next_row);
+            continue;
         }
         let proposals: Vec<Finding> = diagnosis.effects.clone();
         // All findings are fitted together: one alone would stand in for the others.
@@ -312,6 +334,77 @@ fn references(logs: &[FlightLog]) -> Vec<LogReference> {
         .collect()
 }
 
+/// A proposal that was proved, as a step.
+struct Part {
+    document: EffectDocument,
+    finding: Finding,
+}
+
+/// What a diagnosis proposes for an error that is in no catalogue, if blocks that no fit has seen prove it.
+fn proposed(diagnosis: &Diagnosis) -> Option<Part> {
+    let proposal = diagnosis.proposal.as_ref()?;
+    let document = proposal.document.clone()?;
+    let acts: Vec<String> = proposal.terms.iter().map(|term| term.acts.join(", ")).collect();
+    let parameters = proposal
+        .terms
+        .iter()
+        .map(|term| FittedParameter {
+            name: term.parameter.clone(),
+            symbol: term.parameter.clone(),
+            unit: term.unit.clone(),
+            value: term.factor,
+            deviation: term.deviation,
+            interval_95: QUANTILE_95 * term.deviation,
+            plausible: true,
+        })
+        .collect();
+    let finding = Finding {
+        instance: proposal.instance()?,
+        label: format!("Proposed: {}", acts.join("; ")),
+        class: EffectClass::Physics,
+        equation: proposal.sentence(),
+        parameters,
+        // A regression weighs no evidence; what speaks for it is the error on unseen blocks.
+        ln_bayes_factor: f64::NAN,
+        posterior: f64::NAN,
+        channels: Vec::new(),
+        also_compatible: Vec::new(),
+        lost: Vec::new(),
+        onset_s: None,
+        reason: proposal.sentence(),
+        seen_from: None,
+        constant: None,
+        picture: None,
+    };
+    Some(Part { document, finding })
+}
+
+/// The version with a proposal.
+fn with_proposal(version: &ModelVersion, part: &Part, logs: &[FlightLog]) -> ModelVersion {
+    let of = |value: fn(&FittedParameter) -> f64| {
+        let parameters = part.finding.parameters.iter();
+        parameters.map(|p| (p.name.clone(), value(p))).collect()
+    };
+    let effect = ModelEffect {
+        effect: part.document.id.clone(),
+        rotor: None,
+        onset_s: None,
+        parameters: of(|p| p.value),
+        deviations: of(|p| p.deviation),
+        provenance: Provenance {
+            source: Source::Diagnosis,
+            tool: TOOL.to_owned(),
+            ln_bayes_factor: None,
+            posterior: None,
+            log: references(logs),
+            held_out: Vec::new(),
+        },
+    };
+    version
+        .with_documents(std::slice::from_ref(&part.document))
+        .with_effects([effect], "improve: a proposal of the regression")
+}
+
 /// The version with the values of a finding.
 fn with_finding(version: &ModelVersion, finding: &Finding, logs: &[FlightLog]) -> ModelVersion {
     let effect = ModelEffect {
@@ -372,7 +465,7 @@ fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> 
         hash: model.version.hash(),
         added: finding.map(|f| f.label.clone()),
         parameters: finding.map_or_else(Vec::new, |f| f.parameters.iter().map(value).collect()),
-        ln_bayes_factor: finding.map(|f| f.ln_bayes_factor),
+        ln_bayes_factor: finding.map(|f| f.ln_bayes_factor).filter(|value| value.is_finite()),
         oracle: false,
         logs,
         remarks: Vec::new(),

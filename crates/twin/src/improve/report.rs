@@ -31,6 +31,9 @@ pub fn value_text(p: &Value) -> String {
     quantity(&p.symbol, p.value, p.interval_95, &p.unit)
 }
 
+/// Below, a number is written with a power of ten.
+const SMALLEST: f64 = 1e-4;
+
 /// `k_d = 0.2530 ± 0.0020 N·s/m`, with the half width of the 95 % interval.
 pub fn quantity(symbol: &str, value: f64, interval_95: f64, unit: &str) -> String {
     let digits = if interval_95 > 0.0 {
@@ -43,6 +46,9 @@ pub fn quantity(symbol: &str, value: f64, interval_95: f64, unit: &str) -> Strin
     } else {
         format!(" {unit}")
     };
+    if interval_95 > 0.0 && value.abs().max(interval_95) < SMALLEST {
+        return format!("{symbol} = {value:.2e} ± {interval_95:.1e}{unit}");
+    }
     format!("{symbol} = {value:.digits$} ± {interval_95:.digits$}{unit}")
 }
 
@@ -53,6 +59,9 @@ pub fn short(value: f64) -> String {
     }
     if value == 0.0 {
         return "0".to_owned();
+    }
+    if value.abs() < SMALLEST {
+        return format!("{value:.2e}");
     }
     let decimals = (2 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
     format!("{value:.decimals$}")

@@ -148,10 +148,12 @@ impl Predictor {
             blade: *documents.nominal_blade(),
             battery_model: documents.vehicle.battery.clone(),
             charge: 0.75,
+            unlogged_voltage: 0.0,
             rate_gain: [0, 1, 2].map(|axis| rate_gain(covariances[channels::M + axis], series.step_s)),
             series: Arc::new(series),
         };
         plant.charge = initial_charge(&plant, &nominal);
+        plant.unlogged_voltage = under_hover_load(&plant, &nominal);
         let mut predictor = Self {
             plant,
             nominal,
@@ -292,7 +294,7 @@ impl Predictor {
         missing(have.position, "no position: channel KP is left out");
         missing(
             have.voltage,
-            "no battery voltage: channel V is left out, Eq. 19 takes the open-circuit voltage of an assumed charge",
+            "no battery voltage: channel V is left out, Eq. 19 takes that of a battery three quarters charged, under the load of hovering",
         );
         notes
     }
@@ -554,6 +556,20 @@ pub(crate) fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
             .map(|column| column.iter().zip(&w).map(|(a, b)| a * b).sum::<f64>().max(0.0))
             .collect()
     }
+}
+
+/// Voltage at the start under the load of hovering, V: what Eq. 19 gets where no voltage was logged. The open-circuit voltage would lift a
+/// small vehicle a tenth too much.
+///
+/// V = (V_o + √(V_o² − 4 R P_h))/2, P_h = n k_P f_h^1.5
+fn under_hover_load(plant: &Plant, nominal: &Constants) -> f64 {
+    let open = Battery::new(&plant.battery_model).open_circuit_voltage(plant.charge);
+    let hover = nominal.hover_thrust_n;
+    let power = nominal.rotor_count as f64 * nominal.power_coefficient_w_per_n15 * hover * hover.sqrt();
+    let root = (open * open - 4.0 * nominal.internal_resistance_ohm * power)
+        .max(0.0)
+        .sqrt();
+    0.5 * (open + root)
 }
 
 /// Charge at which the resting voltage, less the drop of hovering, is the voltage that was measured in the first second of flight.

@@ -264,6 +264,18 @@ impl Series {
             vector(names::RATES),
             vector(names::ACCEL),
         );
+        let accel = match (accel, rest_scale(log, air.first().map_or(f64::NAN, |first| first.0))) {
+            (Some(mut readings), Some(scale)) => {
+                notes.push(format!(
+                    "{}: at rest before take-off the accelerometer reads {:.3} m/s²; its readings are divided by {scale:.4}",
+                    log.name,
+                    scale * GRAVITY_M_S2
+                ));
+                readings.iter_mut().flatten().for_each(|reading| *reading /= scale);
+                Some(readings)
+            }
+            (accel, _) => accel,
+        };
         let attitude = vector(names::ATTITUDE).map(unwrapped);
         let voltage = log.column(names::BATTERY_VOLTAGE).map(<[f64]>::to_vec);
         let available = Available {
@@ -394,6 +406,52 @@ impl Series {
         }
         flying
     }
+}
+
+/// What an accelerometer at rest must read, m/s².
+const GRAVITY_M_S2: f64 = 9.81;
+/// Seconds before take-off that are no rest.
+const BEFORE_TAKE_OFF_S: f64 = 1.0;
+/// Error of the scale from which readings are divided by it: smaller ones are an effect that a diagnosis looks for.
+const LEAST_SCALE_ERROR: f64 = 0.02;
+
+/// Mean size of the specific force in the quiet seconds before take-off over gravity, if two seconds or more are quiet and it is off by
+/// more than what sensors ordinarily are. `vehicle from-log` takes out the same, so that its vehicle would be judged by other readings.
+fn rest_scale(log: &FlightLog, take_off_s: f64) -> Option<f64> {
+    let [x, y, z] = log.vector(names::ACCEL)?;
+    let rates = log.vector(names::RATES)?;
+    let mean_deviation = |values: &[f64]| {
+        let count = values.len().max(1) as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let square = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count;
+        (mean, square.sqrt())
+    };
+    let (mut quiet, mut first) = (Vec::new(), 0);
+    for (k, &time) in log.time_s.iter().enumerate() {
+        if time > take_off_s - BEFORE_TAKE_OFF_S {
+            break;
+        }
+        if time - log.time_s[first] < 1.0 {
+            continue;
+        }
+        let rows = first..k;
+        let sizes: Vec<f64> = rows
+            .clone()
+            .map(|k| (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt())
+            .collect();
+        let (mean, deviation) = mean_deviation(&sizes);
+        let still = rates.iter().all(|rate| mean_deviation(&rate[rows.clone()]).1 < 0.03);
+        if still && deviation < 0.25 && (7.5..12.5).contains(&mean) {
+            quiet.push(mean);
+        }
+        first = k;
+    }
+    if quiet.len() < 2 {
+        return None;
+    }
+    quiet.sort_by(f64::total_cmp);
+    let scale = quiet[quiet.len() / 2] / GRAVITY_M_S2;
+    ((scale - 1.0).abs() > LEAST_SCALE_ERROR).then_some(scale)
 }
 
 /// Seconds of a log in which a model is judged; says what is left out.

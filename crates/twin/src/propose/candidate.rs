@@ -1,5 +1,6 @@
 //! A term that an error may be made of: places and expressions that share one factor.
 
+use crate::predict::channels::{F, KA, KV, M};
 use rotortwin_plant::effects::{EffectDocument, ParameterEntry, TermEntry, factor_unit};
 
 /// A term: what acts at each place is its expression times one factor.
@@ -16,6 +17,21 @@ impl Candidate {
                 .map(|(place, what)| (place.into(), what.into()))
                 .collect(),
         }
+    }
+
+    /// True for what shifts the mean of a channel while the vehicle flies: so much thrust more or less, and a thrust that acts beside the
+    /// centre of mass or turns the vehicle.
+    pub(super) fn is_level(&self) -> bool {
+        let [(place, what)] = self.acts.as_slice() else {
+            return false;
+        };
+        what == "thrust" && matches!(place.as_str(), "force_z" | "torque_x" | "torque_y" | "torque_z")
+    }
+
+    /// False for an error of a sensor in a channel of forces or torques, whose reading is what the channel measures.
+    pub(super) fn acts_on(&self, channel: usize) -> bool {
+        let reading = |(place, _): &(String, String)| place.starts_with("accelerometer") || place.starts_with("gyro");
+        !((F..KV).contains(&channel) || (M..KA).contains(&channel)) || !self.acts.iter().any(reading)
     }
 
     /// `force_x: air_velocity_x`.

@@ -10,20 +10,26 @@
 //! factor, as a drag does.
 //!
 //! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at best hinted at.
-//! A proposal is a correlation with a dimension, not yet physics, and it is never added without being asked for.
+//! A proposal is a correlation with a dimension, not yet physics. Only terms with which the model predicts unseen blocks better are proposed
+//! ([`proof`]), levels of thrust and torque first.
 
 mod candidate;
+mod proof;
 mod regression;
+mod rest;
 mod terms;
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance, ParameterEntry, TermEntry};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::estimation::parameters::number;
+use crate::estimation::unseen::HeldOutError;
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
 use candidate::Candidate;
+use proof::Proof;
 use regression::{Gram, Regression};
 
 /// Id of a proposed effect; the next ones of a model are numbered.
@@ -76,6 +82,12 @@ pub struct Proposal {
     pub terms: Vec<ProposedTerm>,
     /// For each channel that fails, what its residual follows most.
     pub correlates: Vec<Correlate>,
+    /// Errors of the quantities on blocks that the fit did not see, without and with the terms.
+    #[serde(skip)]
+    pub held_out: Vec<HeldOutError>,
+    /// What is left of each channel that fails, in words.
+    #[serde(skip)]
+    pub left: Vec<String>,
 }
 
 impl Proposal {
@@ -113,8 +125,9 @@ impl Proposal {
             .terms
             .iter()
             .map(|term| {
+                let meaning = gloss(term).map_or(String::new(), |words| format!(", {words}"));
                 format!(
-                    "{} times {} = {} (correlation {:.2}; up to here {:.0} % of the error in its channels is explained on unseen blocks)",
+                    "{} times {} = {}{meaning} (correlation {:.2}; up to here {:.0} % of the error in its channels is explained on unseen blocks)",
                     term.acts.join(", "),
                     term.parameter,
                     value(term),
@@ -123,8 +136,86 @@ impl Proposal {
                 )
             })
             .collect();
-        format!("It looks like {}.", terms.join("; and "))
+        let errors: Vec<String> = self
+            .held_out
+            .iter()
+            .filter(|error| error.is_smaller())
+            .map(|error| {
+                let digits = |x: f64| number(1e3 * x);
+                format!(
+                    "{} error {} → {} m{}",
+                    error.quantity,
+                    digits(error.before),
+                    digits(error.after),
+                    error.unit
+                )
+            })
+            .collect();
+        let proof = if errors.is_empty() {
+            String::new()
+        } else {
+            format!(
+                " With it, on blocks that the fit did not see: {}; no error rises.",
+                errors.join(", ")
+            )
+        };
+        format!("It looks like {}.{proof}", terms.join("; and "))
     }
+}
+
+/// What a term most likely is, in words, where there are such.
+fn gloss(term: &ProposedTerm) -> Option<String> {
+    let [only] = term.acts.as_slice() else {
+        let damps = term
+            .acts
+            .iter()
+            .all(|act| act.starts_with("torque_") && act.ends_with("_rate"));
+        return damps.then(|| {
+            if term.factor < 0.0 {
+                "a damping of the rotation".to_owned()
+            } else {
+                "less damping than the model has".to_owned()
+            }
+        });
+    };
+    match only.as_str() {
+        "force_z: thrust" => {
+            let (share, word) = (
+                100.0 * term.factor.abs(),
+                if term.factor > 0.0 { "less" } else { "more" },
+            );
+            return Some(format!("{share:.1} % {word} thrust than the model has"));
+        }
+        "torque_x: thrust" | "torque_y: thrust" => {
+            let side = match (only.starts_with("torque_x"), term.factor > 0.0) {
+                (true, true) => "to the left of",
+                (true, false) => "to the right of",
+                (false, true) => "ahead of",
+                (false, false) => "behind",
+            };
+            return Some(format!(
+                "the thrust acts {:.2} mm {side} the model's centre of mass: its place, or rotors that differ",
+                1e3 * term.factor.abs()
+            ));
+        }
+        "torque_z: thrust" => {
+            return Some(
+                "rotors of one sense turn the vehicle more than those of the other: they differ, or a motor is tilted"
+                    .to_owned(),
+            );
+        }
+        _ => {}
+    }
+    let linear = only.starts_with("force_z: thrust * (time - ") && only.ends_with("[s])");
+    // Down is positive: the thrust, upwards, loses what acts downwards.
+    linear.then(|| {
+        let share = 100.0 * term.factor.abs();
+        if term.factor > 0.0 {
+            format!("a thrust that falls by {share:.2} % a second, most likely a supply that empties")
+        } else {
+            format!("a thrust that rises by {share:.2} % a second, most likely mass that leaves")
+        }
+    })
 }
 
 /// `0.0298 ± 0.0002 N·m`, 95 %.
@@ -164,7 +255,9 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     }
     failing.sort_unstable();
     failing.dedup();
-    let mut candidates = terms::candidates(&failing);
+    let middles: Vec<f64> = regressions.iter().filter_map(Regression::middle_s).collect();
+    let middle_s = middles.iter().sum::<f64>() / middles.len().max(1) as f64;
+    let mut candidates = terms::candidates(&failing, middle_s);
     candidates.extend(terms::periodic(&regressions, &failing));
     let documents: Vec<EffectDocument> = candidates.iter().map(Candidate::alone).collect();
     // The model may hold effects of a user itself, such as an earlier proposal.
@@ -174,7 +267,16 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     for regression in &regressions {
         regression.add_to(&mut gram, &candidates, &documents, &catalogue)?;
     }
-    let chosen = gram.search();
+    let levels: Vec<usize> = (0..candidates.len()).filter(|&i| candidates[i].is_level()).collect();
+    let proof = Proof {
+        regressions: &regressions,
+        gram: &gram,
+        documents: &documents,
+        catalogue: &catalogue,
+        levels: &levels,
+    };
+    let proved = proof.run()?;
+    let chosen = gram.fitted(&proved.kept, proof.offsets(&proved.kept));
     let id = (1..)
         .map(|n| if n == 1 { ID.to_owned() } else { format!("{ID}-{n}") })
         .find(|id| model.effect_document.iter().all(|known| known.id != *id))
@@ -191,7 +293,7 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
                 deviation: found.deviation,
                 unit: candidate.unit(),
                 correlation: gram.correlation(found.candidate),
-                held_out_share: found.held_out_share,
+                held_out_share: proved.shares[place],
             }
         })
         .collect();
@@ -205,7 +307,7 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     let correlates = failing
         .iter()
         .filter_map(|&channel| {
-            let (best, correlation) = gram.best_correlate(channel)?;
+            let (best, correlation) = gram.best_correlate(channel, |i| candidates[i].acts_on(channel))?;
             Some(Correlate {
                 channel: crate::predict::NAMES[channel].to_owned(),
                 regressor: candidates[best].acts().join(", "),
@@ -213,10 +315,32 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
             })
         })
         .collect();
+    let factors: Vec<EffectInstance> = chosen
+        .iter()
+        .map(|found| EffectInstance::new(&documents[found.candidate].id, &[("c", found.factor)]))
+        .collect();
+    let mut left = Vec::new();
+    for regression in &regressions {
+        for one in regression.left(&catalogue, &factors)? {
+            let follows = gram
+                .best_correlate(one.channel, |i| {
+                    candidates[i].acts_on(one.channel) && chosen.iter().all(|found| found.candidate != i)
+                })
+                .map(|(best, correlation)| (candidates[best].acts().join(", "), correlation));
+            left.push(rest::sentence(
+                regression.predictor(),
+                &one,
+                follows,
+                regressions.len() > 1,
+            ));
+        }
+    }
     Ok(Proposal {
         document,
         terms,
         correlates,
+        held_out: proved.held_out,
+        left,
     })
 }
 

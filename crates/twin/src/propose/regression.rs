@@ -7,9 +7,11 @@
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::candidate::Candidate;
+use super::rest::Rest;
 use crate::estimation::columns::LogState;
 use crate::estimation::dense::Matrix;
 use crate::estimation::nuisances::{self, Reach};
+use crate::estimation::unseen::kind_of;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
 
 /// Length of a mean, s.
@@ -81,6 +83,73 @@ impl Regression {
             residual,
             noise,
         })
+    }
+
+    pub(super) fn predictor(&self) -> &Predictor {
+        &self.predictor
+    }
+
+    /// The middle of what is judged, s of the log.
+    pub(super) fn middle_s(&self) -> Option<f64> {
+        let series = self.predictor.series();
+        let times = || self.starts.iter().map(|&start| series.time(start));
+        (!self.starts.is_empty()).then(|| times().sum::<f64>() / self.starts.len() as f64)
+    }
+
+    /// Rows of a block.
+    fn block_rows(&self) -> usize {
+        (BLOCK_S / self.predictor.series().step_s).round() as usize
+    }
+
+    /// Blocks of this log, with those of which nothing counts.
+    pub(super) fn block_count(&self) -> usize {
+        self.starts.last().map_or(0, |last| last / self.block_rows() + 1)
+    }
+
+    /// Noise of a mean of a channel, in its unit; `None` where the log does not have it.
+    pub(super) fn noise_of(&self, channel: usize) -> Option<f64> {
+        (!self.residual[channel].is_empty()).then_some(self.noise[channel])
+    }
+
+    /// Tells block, channel and mean of every residual beside some effects, in the unit of the channel.
+    ///
+    /// # Errors
+    /// The effects together make no vehicle.
+    pub(super) fn squares(
+        &self,
+        catalogue: &Catalogue,
+        effects: &[EffectInstance],
+        mut tell: impl FnMut(usize, usize, f64),
+    ) -> Result<(), PredictError> {
+        let residuals = self
+            .predictor
+            .with_catalogue(catalogue)
+            .residuals(&self.fitted, effects)?;
+        for (channel, raw) in residuals.raw.iter().enumerate() {
+            if self.residual[channel].is_empty() || raw.is_empty() {
+                continue;
+            }
+            for &start in &self.starts {
+                let mean = raw[start..start + self.rows].iter().sum::<f64>() / self.rows as f64;
+                tell(start / self.block_rows(), channel, mean);
+            }
+        }
+        Ok(())
+    }
+
+    /// What is left of forces, torques and voltage beside some effects, of the channels that fail.
+    ///
+    /// # Errors
+    /// The effects together make no vehicle.
+    pub(super) fn left(&self, catalogue: &Catalogue, effects: &[EffectInstance]) -> Result<Vec<Rest>, PredictError> {
+        let mut means = vec![Vec::new(); CHANNELS];
+        self.squares(catalogue, effects, |_, channel, mean| means[channel].push(mean))?;
+        let failing = self.failing();
+        let told = |channel: &usize| kind_of(&self.predictor, *channel).is_some() && failing.contains(channel);
+        Ok((0..CHANNELS)
+            .filter(told)
+            .map(|channel| Rest::of(channel, &means[channel], self.noise[channel], MEAN_S))
+            .collect())
     }
 
     /// Channels whose means vary more than their noise.
@@ -157,8 +226,8 @@ impl Regression {
                 std::array::from_fn(|_| Vec::new())
             });
         }
-        let block = (BLOCK_S / predictor.series().step_s).round() as usize;
-        let blocks = self.starts.last().map_or(0, |last| last / block + 1);
+        let block = self.block_rows();
+        let blocks = self.block_count();
         let first = gram.blocks.len();
         gram.blocks.resize_with(first + blocks, || Block::new(gram.candidates));
         for (at, &start) in self.starts.iter().enumerate() {
@@ -236,13 +305,21 @@ pub(super) struct Gram {
     blocks: Vec<Block>,
 }
 
+/// What a fit makes of the mean of a channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Offsets {
+    /// Each channel has an offset of its own.
+    Free,
+    /// None, as in a model: for terms that are levels themselves.
+    None,
+}
+
 /// A term that was taken.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chosen {
     pub(super) candidate: usize,
     pub(super) factor: f64,
     pub(super) deviation: f64,
-    pub(super) held_out_share: f64,
 }
 
 /// Sums over means of one channel: residual r and chosen terms x.
@@ -270,7 +347,7 @@ impl Gram {
         }
     }
 
-    fn touches(&self, candidate: usize, channel: usize) -> bool {
+    pub(super) fn touches(&self, candidate: usize, channel: usize) -> bool {
         let n = self.candidates;
         self.blocks.iter().any(|block| {
             let matrix = &block.channels[channel].matrix;
@@ -306,7 +383,17 @@ impl Gram {
         all
     }
 
-    fn fit(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool) -> Option<Fit> {
+    /// Factors of terms by some blocks; `None` where these leave one open.
+    pub(super) fn factors(
+        &self,
+        chosen: &[usize],
+        counts: &dyn Fn(usize) -> bool,
+        offsets: Offsets,
+    ) -> Option<Vec<f64>> {
+        self.fit(chosen, counts, offsets).map(|fit| fit.factors)
+    }
+
+    fn fit(&self, chosen: &[usize], counts: &dyn Fn(usize) -> bool, offsets: Offsets) -> Option<Fit> {
         let k = chosen.len();
         let mut matrix = Matrix::zero(k);
         let mut gradient = vec![0.0; k];
@@ -316,6 +403,16 @@ impl Gram {
                 count, r, x, xr, xx, ..
             } = self.sums(channel, chosen, counts);
             if count < 1.0 {
+                means.push((0.0, vec![0.0; k]));
+                continue;
+            }
+            if offsets == Offsets::None {
+                for a in 0..k {
+                    for b in 0..k {
+                        *matrix.at_mut(a, b) += xx[a][b];
+                    }
+                    gradient[a] += xr[a];
+                }
                 means.push((0.0, vec![0.0; k]));
                 continue;
             }
@@ -370,84 +467,67 @@ impl Gram {
         for parity in [0, 1] {
             let fitted = |b: usize| b % 2 == parity;
             let tested = |b: usize| b % 2 != parity;
-            let fit = self.fit(chosen, &fitted)?;
+            let fit = self.fit(chosen, &fitted, Offsets::Free)?;
             let (chi2, n) = self.error(chosen, &fit, &tested, channels);
             all = (all.0 + chi2, all.1 + n);
         }
         Some(all)
     }
 
-    /// Terms, one after the other, as long as each explains enough on unseen blocks.
-    pub(super) fn search(&self) -> Vec<Chosen> {
-        let channels_of: Vec<Vec<usize>> = (0..self.candidates)
-            .map(|i| (0..CHANNELS).filter(|&channel| self.touches(i, channel)).collect())
-            .collect();
+    /// The term that explains most on unseen blocks beside those that were taken, if it explains enough; none of the refused.
+    pub(super) fn next(&self, taken: &[usize], refused: &[usize]) -> Option<usize> {
         let all: Vec<usize> = (0..CHANNELS).collect();
-        let mut chosen: Vec<usize> = Vec::new();
-        let mut shares = Vec::new();
-        while chosen.len() < MOST_TERMS {
-            let Some((before, _)) = self.unseen(&chosen, &all) else {
-                break;
-            };
-            let falls: Vec<f64> = (0..self.candidates)
-                .map(|i| {
-                    let mut trial = chosen.clone();
-                    trial.push(i);
-                    let usable = !chosen.contains(&i) && !channels_of[i].is_empty();
-                    let after = usable.then(|| self.unseen(&trial, &all)).flatten();
-                    after.map_or(0.0, |(after, _)| before - after)
-                })
-                .collect();
-            let most = falls.iter().copied().fold(0.0, f64::max);
-            let Some(best) = falls
-                .iter()
-                .position(|&fall| fall > 0.0 && fall >= (1.0 - NEARLY) * most)
-            else {
-                break;
-            };
-            let own = &channels_of[best];
-            let mut trial = chosen.clone();
-            trial.push(best);
-            let (Some((start, n)), Some((now, _)), Some((after, _))) = (
-                self.unseen(&[], own),
-                self.unseen(&chosen, own),
-                self.unseen(&trial, own),
-            ) else {
-                break;
-            };
-            let least = (LEAST_SHARE * (now - n))
-                .max(LEAST_OF_ALL * (start - n))
-                .max(LEAST_FALL);
-            if now - after < least {
-                break;
-            }
-            chosen = trial;
-            shares.push((start - after) / (start - n).max(f64::MIN_POSITIVE));
+        if taken.len() >= MOST_TERMS {
+            return None;
         }
-        let Some(fit) = self.fit(&chosen, &|_| true) else {
+        let own_of = |i: usize| -> Vec<usize> { (0..CHANNELS).filter(|&channel| self.touches(i, channel)).collect() };
+        let (before, _) = self.unseen(taken, &all)?;
+        let with = |i: usize| -> Vec<usize> { taken.iter().copied().chain([i]).collect() };
+        let falls: Vec<f64> = (0..self.candidates)
+            .map(|i| {
+                let usable = !taken.contains(&i) && !refused.contains(&i) && !own_of(i).is_empty();
+                let after = usable.then(|| self.unseen(&with(i), &all)).flatten();
+                after.map_or(0.0, |(after, _)| before - after)
+            })
+            .collect();
+        let most = falls.iter().copied().fold(0.0, f64::max);
+        let best = falls
+            .iter()
+            .position(|&fall| fall > 0.0 && fall >= (1.0 - NEARLY) * most)?;
+        let own = own_of(best);
+        let (start, n) = self.unseen(&[], &own)?;
+        let (now, _) = self.unseen(taken, &own)?;
+        let (after, _) = self.unseen(&with(best), &own)?;
+        let least = (LEAST_SHARE * (now - n))
+            .max(LEAST_OF_ALL * (start - n))
+            .max(LEAST_FALL);
+        (now - after >= least).then_some(best)
+    }
+
+    /// Terms with factors and deviations by all blocks.
+    pub(super) fn fitted(&self, terms: &[usize], offsets: Offsets) -> Vec<Chosen> {
+        let Some(fit) = self.fit(terms, &|_| true, offsets) else {
             return Vec::new();
         };
-        let deviations = self.jackknife(&chosen, &fit.factors);
-        chosen
+        let deviations = self.jackknife(terms, &fit.factors, offsets);
+        terms
             .iter()
             .zip(fit.factors)
             .zip(deviations)
-            .zip(shares)
-            .map(|(((&candidate, factor), deviation), share)| Chosen {
+            .map(|((&candidate, factor), deviation)| Chosen {
                 candidate,
                 factor,
                 deviation,
-                held_out_share: share.clamp(0.0, 1.0),
             })
             .collect()
     }
 
     /// Deviation of each factor from fits that leave out one block each.
-    fn jackknife(&self, chosen: &[usize], whole: &[f64]) -> Vec<f64> {
+    fn jackknife(&self, chosen: &[usize], whole: &[f64], offsets: Offsets) -> Vec<f64> {
         let n = self.blocks.len();
         let mut squares = vec![0.0; chosen.len()];
         for left_out in 0..n {
-            if let Some(fit) = self.fit(chosen, &|b| b != left_out) {
+            if let Some(fit) = self.fit(chosen, &|b| b != left_out, offsets) {
                 for ((square, c), whole) in squares.iter_mut().zip(fit.factors).zip(whole) {
                     *square += (c - whole) * (c - whole);
                 }
@@ -474,9 +554,10 @@ impl Gram {
         (xx * rr > 0.0).then(|| xr / (xx * rr).sqrt())
     }
 
-    /// The candidate that a channel's residual follows most.
-    pub(super) fn best_correlate(&self, channel: usize) -> Option<(usize, f64)> {
+    /// The candidate that a channel's residual follows most, of those that are asked for.
+    pub(super) fn best_correlate(&self, channel: usize, asked: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
         (0..self.candidates)
+            .filter(|&i| asked(i))
             .filter_map(|i| Some((i, self.correlation_in(i, &[channel])?)))
             .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
     }

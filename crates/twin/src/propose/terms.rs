@@ -31,28 +31,31 @@ fn on_axes(place: &str, axes: &[usize], what: impl Fn(usize) -> String) -> Candi
 const AXIS_SETS: [&[usize]; 5] = [&[0, 1, 2], &[0, 1], &[0], &[1], &[2]];
 
 /// The terms that can act on the failing channels.
-pub(super) fn candidates(failing: &[usize]) -> Vec<Candidate> {
+///
+/// * `middle_s`: the middle of what is judged. Terms of the time are 0 there, because a vehicle is calibrated on the mean of its flight
+pub(super) fn candidates(failing: &[usize], middle_s: f64) -> Vec<Candidate> {
+    let time = format!("(time - {middle_s:.1}[s])");
     let fails = |first: usize, count: usize| failing.iter().any(|c| (first..first + count).contains(c));
     let mut found = Vec::new();
     if fails(F, 3) {
-        forces(&mut found);
+        forces(&mut found, &time);
     }
     if fails(M, 3) {
-        torques(&mut found);
+        torques(&mut found, &time);
     }
     if fails(KV, 3) || fails(KA, 3) || fails(KP, 3) {
-        readings(&mut found);
+        readings(&mut found, &time);
     }
     if fails(V, 1) {
-        found.push(Candidate::new([("voltage", "time")]));
-        found.push(Candidate::new([("voltage", "time^2")]));
+        found.push(Candidate::new([("voltage", time.clone())]));
+        found.push(Candidate::new([("voltage", format!("{time}^2"))]));
         found.push(Candidate::new([("voltage", "thrust")]));
         found.push(Candidate::new([("voltage", "airspeed")]));
     }
     found
 }
 
-fn forces(found: &mut Vec<Candidate>) {
+fn forces(found: &mut Vec<Candidate>, time: &str) {
     let velocity = |axis: usize| format!("air_velocity_{}", AXES[axis]);
     for power in ["", " * airspeed", " * airspeed^2", " * mean_speed_ratio"] {
         for axes in AXIS_SETS {
@@ -63,10 +66,10 @@ fn forces(found: &mut Vec<Candidate>) {
         "thrust",
         "thrust * airspeed",
         "thrust * airspeed^2",
-        "thrust * time",
-        "thrust * time^2",
+        &format!("thrust * {time}"),
+        &format!("thrust * {time}^2"),
         "airspeed^2",
-        "time",
+        time,
     ] {
         found.push(Candidate::new([("force_z", what)]));
     }
@@ -101,13 +104,13 @@ fn forces(found: &mut Vec<Candidate>) {
         found.push(Candidate::new([("force_x", a), ("force_y", b)]));
     }
     for axis in [0, 1] {
-        for what in ["sign(sin(yaw))", "sign(cos(yaw))", "time"] {
+        for what in ["sign(sin(yaw))", "sign(cos(yaw))", time] {
             found.push(on_axes("force", &[axis], |_| what.to_owned()));
         }
     }
 }
 
-fn torques(found: &mut Vec<Candidate>) {
+fn torques(found: &mut Vec<Candidate>, time: &str) {
     for power in ["", " * airspeed", " * mean_speed_ratio"] {
         found.push(Candidate::new([
             ("torque_x", format!("air_velocity_y{power}")),
@@ -130,7 +133,7 @@ fn torques(found: &mut Vec<Candidate>) {
             "sin(yaw)",
             "cos(yaw)",
             "thrust",
-            "time",
+            time,
             "roll_rate * pitch_rate",
             "roll_rate * yaw_rate",
             "pitch_rate * yaw_rate",
@@ -140,9 +143,9 @@ fn torques(found: &mut Vec<Candidate>) {
     }
 }
 
-fn readings(found: &mut Vec<Candidate>) {
+fn readings(found: &mut Vec<Candidate>, time: &str) {
     for place in ["roll", "pitch", "yaw"] {
-        for what in ["thrust", "time", "sin(yaw)", "cos(yaw)"] {
+        for what in ["thrust", time, "sin(yaw)", "cos(yaw)"] {
             found.push(Candidate::new([(place, what)]));
         }
     }
@@ -154,13 +157,13 @@ fn readings(found: &mut Vec<Candidate>) {
     }
     for place in ["gyro", "accelerometer"] {
         for axis in 0..3 {
-            for what in ["time", "thrust"] {
+            for what in [time, "thrust"] {
                 found.push(on_axes(place, &[axis], |_| what.to_owned()));
             }
         }
     }
     for direction in ["north", "east", "down"] {
-        found.push(Candidate::new([(format!("velocity_{direction}"), "time")]));
+        found.push(Candidate::new([(format!("velocity_{direction}"), time)]));
         found.push(Candidate::new([(format!("velocity_{direction}"), "airspeed")]));
     }
 }

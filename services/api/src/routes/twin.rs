@@ -192,6 +192,7 @@ async fn submit(
             effects,
             baseline: Vec::new(),
             out: Some(out),
+            time_limit_s: None,
         }),
         _ => {
             let (held_out, logs) = match &body.held_out {

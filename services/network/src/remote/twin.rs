@@ -8,6 +8,7 @@ use super::http::Remote;
 use super::{RemoteError, fetch, task, with_server};
 use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::{compare, diagnose, improve, log, output};
+use rotortwin_runner::diagnosis::TIME_LIMIT_S;
 use rotortwin_runner::log_import::unique_names;
 use rotortwin_runner::versions::find_or_begin;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
@@ -49,6 +50,9 @@ pub(super) fn compare(server: &ServerArgs, args: &compare::Args) -> ExitCode {
 pub(super) fn diagnose(server: &ServerArgs, args: &diagnose::Args) -> ExitCode {
     if !args.baseline.is_empty() {
         return output::bad_input("--baseline belongs to diagnoses on this machine; expected it without --server");
+    }
+    if args.time_limit != TIME_LIMIT_S {
+        return output::bad_input("--time-limit belongs to diagnoses on this machine; expected it without --server");
     }
     let found = match ModelStore::new(&args.models).find(&args.model) {
         Ok(found) => found,

@@ -18,6 +18,10 @@ impl Pass for ChargeSearch {
         "Charge search"
     }
 
+    fn searches(&self) -> bool {
+        true
+    }
+
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let moved = look_again(&mut state.problem)?;
         let (posterior, _) = settled(&mut state.problem)?;

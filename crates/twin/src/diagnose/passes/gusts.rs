@@ -20,6 +20,10 @@ impl Pass for GustCovariance {
         "Gust covariance"
     }
 
+    fn searches(&self) -> bool {
+        true
+    }
+
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         if state.diagnosis.goodness.unexplained.is_empty() || state.problem.active.is_empty() {
             return Ok(());

@@ -1,20 +1,17 @@
 //! Errors on blocks that the fit did not see: fitted on the even blocks of 5 s, tested on the odd ones, smoothed over 0.1 s.
 
 use super::Pass;
-use crate::diagnose::result::HeldOutError;
 use crate::diagnose::state::{Doubt, State};
 use crate::estimation::columns::{Active, instances};
 use crate::estimation::normal::not_finite;
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
-use crate::predict::channels::{F, KA, KV, M, V};
+use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, change, kind_of};
+use crate::predict::channels::{F, KV, M, V};
 use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series};
 
 /// Length of the smoothing mean, s.
 const SMOOTH_S: f64 = 0.1;
-/// Part of the noise below which a change of the error is none: a log without noise leaves errors of rounding, which any fit moves.
-const NEGLIGIBLE: f64 = 0.01;
-
 pub(crate) struct HeldOutCheck;
 
 impl Pass for HeldOutCheck {
@@ -25,7 +22,7 @@ impl Pass for HeldOutCheck {
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let errors = errors(&state.problem, &state.plain)?;
         // Mending a log makes no error of the model smaller.
-        if !state.diagnosis.effects.is_empty() {
+        if !(state.diagnosis.effects.is_empty() && state.diagnosis.calibrate.is_empty()) {
             let risen = errors.iter().filter(|error| error.rises());
             state
                 .doubts
@@ -53,38 +50,17 @@ fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictE
     Ok((even.active, even.logs.iter().map(|log| log.nuisances).collect()))
 }
 
-/// Squares of one quantity on one block, and how many.
-#[derive(Debug, Clone, Copy, Default)]
-struct Squares {
-    sum: f64,
-    count: f64,
-}
-
-/// Quantities that are scored, with their units. An accelerometer tells the force; where there is none, the velocity tells it by its
-/// derivative.
-const QUANTITIES: [(&str, &str); 4] = [
-    ("force", "N"),
-    ("torque", "N·m"),
-    ("voltage", "V"),
-    ("acceleration", "m/s²"),
-];
-
 /// Squares of the quantities on every odd block.
 fn squares(problem: &Problem, log: usize, residuals: &ChannelResiduals) -> Vec<[Squares; QUANTITIES.len()]> {
     let state = &problem.logs[log];
     let series: &Series = state.predictor.series();
-    let c = &state.predictor.nominal;
     let rows = (SMOOTH_S / series.step_s).round().max(1.0) as usize;
     let blocks = (1..state.block_count()).step_by(2).map(|b| {
         let range = state.block_range(b);
         let mut sums = [Squares::default(); QUANTITIES.len()];
         for channel in 0..CHANNELS {
-            let (kind, scale) = match channel {
-                F..KV => (0, c.mass_kg),
-                KV..M if !series.available.accel => (3, 1.0),
-                M..KA => (1, c.inertia_body_kg_m2[channel - M][channel - M]),
-                V => (2, 1.0),
-                _ => continue,
+            let Some((kind, scale)) = kind_of(&state.predictor, channel) else {
+                continue;
             };
             let (raw, mask) = (&residuals.raw[channel], &residuals.mask[channel]);
             if raw.is_empty() {
@@ -127,37 +103,6 @@ fn noise(problem: &Problem) -> [f64; QUANTITIES.len()] {
         sums[2].count += 1.0;
     }
     sums.map(|one| (one.sum / one.count).sqrt())
-}
-
-/// Root mean squares before and after, and the deviation of their difference by the scatter of the blocks' own differences.
-fn change(quantity: &str, unit: &str, before: &[Squares], after: &[Squares], noise: f64) -> Option<HeldOutError> {
-    let total = |all: &[Squares]| all.iter().fold((0.0, 0.0), |(s, n), one| (s + one.sum, n + one.count));
-    let ((old, count), (new, _)) = (total(before), total(after));
-    if count == 0.0 {
-        return None;
-    }
-    let (old, new) = ((old / count).sqrt(), (new / count).sqrt());
-    let pairs = before.iter().zip(after).filter(|(b, _)| b.count > 0.0);
-    let blocks = pairs.clone().count() as f64;
-    let mean = (new * new - old * old) * count / blocks;
-    let scatter: f64 = pairs
-        .map(|(b, a)| (a.sum - b.sum - mean) * (a.sum - b.sum - mean))
-        .sum();
-    // Of a mean square over the blocks; a single block has no scatter to tell by.
-    let variance = if blocks > 1.0 {
-        scatter * blocks / (blocks - 1.0)
-    } else {
-        f64::INFINITY
-    };
-    Some(HeldOutError {
-        quantity: quantity.to_owned(),
-        unit: unit.to_owned(),
-        before: old,
-        after: new,
-        // d√x = dx/(2√x)
-        change_deviation: variance.sqrt() / count / (old + new).max(f64::MIN_POSITIVE),
-        negligible: NEGLIGIBLE * noise,
-    })
 }
 
 /// Errors before (`plain`: the nuisances of the given model) and after.

@@ -23,6 +23,11 @@ pub(crate) trait Pass: Sync {
     /// What it is called, also in docs/diagnose.md.
     fn name(&self) -> &'static str;
 
+    /// True for what looks for further explanations: left out once the time is up.
+    fn searches(&self) -> bool {
+        false
+    }
+
     /// Does its job.
     ///
     /// # Errors

@@ -23,12 +23,20 @@ impl Pass for Reconsideration {
         "Reconsideration"
     }
 
+    fn searches(&self) -> bool {
+        true
+    }
+
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         if state.problem.active.len() < 2 {
             return Ok(());
         }
-        reconsider(&mut state.problem, &mut state.named, state.threshold)?;
-        in_place_of_two(&mut state.problem, &mut state.named, state.threshold)
+        let (options, began_s) = (state.options, state.began_s);
+        let over = || options.is_over(began_s);
+        let whole = reconsider(&mut state.problem, &mut state.named, state.threshold, &over)?
+            && in_place_of_two(&mut state.problem, &mut state.named, state.threshold, &over)?;
+        state.stopped |= !whole;
+        Ok(())
     }
 }
 
@@ -55,8 +63,18 @@ fn best_without(
 /// Looks again for each effect but the last, now that the others are known: what was found first was found while all else was missing,
 /// and may have been another effect that took over a part of the rest. For the last, too, if it came together with the effect through
 /// which it acts: beside that another one may do as well.
-fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: f64) -> Result<(), PredictError> {
+///
+/// False if it was `over` before the last.
+fn reconsider(
+    problem: &mut Problem,
+    named: &mut [Named],
+    threshold: f64,
+    over: &dyn Fn() -> bool,
+) -> Result<bool, PredictError> {
     for place in 0..problem.active.len() {
+        if over() {
+            return Ok(false);
+        }
         let id = |p: &Problem, a: &Active| p.library.candidates[a.candidate].declaration;
         let removed = problem.active[place].clone();
         let own = id(problem, &removed);
@@ -89,19 +107,29 @@ fn reconsider(problem: &mut Problem, named: &mut [Named], threshold: f64) -> Res
         move_to(&mut without, &fitted)?;
         *problem = without;
     }
-    Ok(())
+    Ok(true)
 }
 
 /// One effect in place of two, where three or more were named. Selection goes forward: what it took first for something else stays as a
 /// patch, with the next one to mend the patch (a gain of the voltage sensor and another capacity, for thin air).
-fn in_place_of_two(problem: &mut Problem, named: &mut Vec<Named>, threshold: f64) -> Result<(), PredictError> {
+///
+/// False if it was `over` before the last pair.
+fn in_place_of_two(
+    problem: &mut Problem,
+    named: &mut Vec<Named>,
+    threshold: f64,
+    over: &dyn Fn() -> bool,
+) -> Result<bool, PredictError> {
     let count = problem.active.len();
     if count < 3 {
-        return Ok(());
+        return Ok(true);
     }
     let all = battery::fit_anywhere(problem)?;
     let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
     for (a, b) in pairs {
+        if over() {
+            return Ok(false);
+        }
         let removed = [problem.active[a].clone(), problem.active[b].clone()];
         let gone = |c: usize| removed.iter().any(|one| one.candidate == c);
         let needed = problem.active.iter().any(|other| {
@@ -138,7 +166,7 @@ fn in_place_of_two(problem: &mut Problem, named: &mut Vec<Named>, threshold: f64
         named.push(new);
         move_to(&mut without, &fitted)?;
         *problem = without;
-        return Ok(());
+        return Ok(true);
     }
-    Ok(())
+    Ok(true)
 }

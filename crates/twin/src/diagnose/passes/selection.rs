@@ -29,6 +29,10 @@ impl Pass for ForwardSelection {
         let mut looked_again = false;
         let mut to_rank = true;
         for round in 0..=most_effects(state) {
+            // The first round ranks what an answer is made of; the others begin only while there is time.
+            if round > 0 && state.time_is_up() {
+                return Ok(());
+            }
             match next(state, round, std::mem::take(&mut to_rank))? {
                 Round::Named => {}
                 Round::Nothing => return Ok(()),
@@ -99,6 +103,9 @@ fn next(state: &mut State<'_>, round: usize, rank: bool) -> Result<Round, Predic
         state.diagnosis.timing.ranked_s = (options.clock)() - state.began_s;
     }
     if round == last || gusts_lead(&mut state.problem, &posterior, &scored, threshold)? {
+        return Ok(Round::Nothing);
+    }
+    if state.time_is_up() {
         return Ok(Round::Nothing);
     }
     (options.progress)("refining the leading candidates", done + per);

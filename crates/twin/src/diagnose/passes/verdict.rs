@@ -23,7 +23,9 @@ impl Pass for FinalVerdict {
         // A guess may be anything; that a constant is wrong which somebody wrote down takes blocks that no fit has seen.
         let guessed = diagnosis.calibrate.iter().any(|one| one.source.is_guess());
         let proved = diagnosis.held_out.iter().any(HeldOutError::is_smaller);
-        if !(guessed || proved) {
+        // And no guess is contradicted by a fit with which the prediction of unseen blocks becomes worse.
+        let risen = state.doubts.iter().any(|doubt| matches!(doubt, Doubt::HeldOutRises(_)));
+        if !(guessed || proved) || risen {
             diagnosis.calibrate.clear();
         }
         diagnosis.verdict = if !diagnosis.calibrate.is_empty() {

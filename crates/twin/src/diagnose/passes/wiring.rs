@@ -26,6 +26,10 @@ impl Pass for WiringTest {
         "Wiring test"
     }
 
+    fn searches(&self) -> bool {
+        true
+    }
+
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let Some((active, gain)) = find(&state.problem) else {
             return Ok(());

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
 
 use super::gust_filter::{Filtered, Log, MEAN_S, Mean, SEEN, filter};
+use crate::diagnose::considered::holds;
 use crate::estimation::columns::{Active, Column, LogState, instances};
 use crate::estimation::dense::dot;
 use crate::estimation::normal::{Normal, Posterior};
@@ -27,6 +28,11 @@ use crate::predict::{CHANNELS, PredictError, Series};
 pub(crate) fn declared(catalogue: &Catalogue) -> Option<&'static EffectDeclaration> {
     let mut entries = catalogue.entries().iter().copied();
     entries.find(|entry| entry.search.strategy == Strategy::Covariance)
+}
+
+/// The same of the catalogue of a problem.
+fn declared_of(problem: &Problem) -> Option<&'static EffectDeclaration> {
+    declared(problem.logs.first()?.predictor.catalogue())
 }
 
 /// Means that are joined for the test of whiteness.
@@ -306,6 +312,14 @@ fn fits_of(problem: &Problem, mean: &[f64], filtered: &[Filtered]) -> Vec<[Optio
 
 /// Gusts in what is left, if it is them: see the top of this file.
 pub(crate) fn find(problem: &Problem, posterior: &Posterior) -> Result<Option<Gusts>, PredictError> {
+    // Without the velocity the vehicle's own motion through the air passes for wind.
+    let held = declared_of(problem).is_some_and(|gusts| {
+        let mut logs = problem.logs.iter();
+        logs.all(|log| gusts.search.requires.iter().all(|&what| holds(&log.predictor, what)))
+    });
+    if !held {
+        return Ok(None);
+    }
     // The drag was fitted as if the gusts were white: once more with them.
     let Some(first) = fitted(problem, posterior)? else {
         return Ok(None);

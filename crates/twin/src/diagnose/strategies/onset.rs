@@ -2,7 +2,7 @@
 //!
 //! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one lag, 0.05 s).
 
-use rotortwin_plant::effects::Place;
+use rotortwin_plant::effects::{EffectDeclaration, Place, TrimChange};
 
 use crate::diagnose::supply;
 use crate::estimation::columns::Column;
@@ -21,16 +21,21 @@ const ONSET_GAIN: f64 = 8.0;
 const ONSET_GAIN_OF_LASTING: f64 = 38.0;
 
 /// Gain of ln evidence from which an onset of a candidate is believed. A supply that no log holds sags over the flight, and what scales the
-/// lift of all rotors takes that up from some time on: no gain proves such an onset.
+/// lift of all rotors, or the weight, takes that up from some time on: no gain proves such an onset.
 pub(crate) fn least_gain(problem: &Problem, candidate: usize) -> f64 {
     let declared = problem.library.candidates[candidate].declaration;
     if declared.may_set_in {
         ONSET_GAIN
-    } else if declared.places.contains(&Place::StaticLift) && problem.logs.iter().all(supply::is_unknown) {
+    } else if scales_lift_over_weight(declared) && problem.logs.iter().all(supply::is_unknown) {
         f64::INFINITY
     } else {
         ONSET_GAIN_OF_LASTING
     }
+}
+
+/// True for what changes the ratio of lift to weight, as a supply that sags does: the law of the lift of all rotors, or the weight.
+fn scales_lift_over_weight(declared: &EffectDeclaration) -> bool {
+    declared.places.contains(&Place::StaticLift) || declared.search.trim == Some(TrimChange::Weight)
 }
 
 /// Fine grid of the search, s.

@@ -2,7 +2,6 @@
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::effects::{Constants, EffectSet, Hooks};
-use rotortwin_plant::powertrain::battery::Battery;
 
 use super::{Plant, When};
 use crate::predict::series::{Drive, Kinematics};
@@ -23,7 +22,7 @@ impl Plant {
             }
             return out;
         }
-        let nominal_voltage = self.resting_voltage();
+        let nominal_voltage = self.unlogged_voltage;
         let mut thrust = [0.0; MAX_ROTORS];
         let mut started = false;
         let (mut lift, mut duty) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
@@ -138,10 +137,5 @@ impl Plant {
             let bias = if duty[i] > 0.0 { c.rotor_bias_n[i] } else { 0.0 };
             lift[i] = (c.rotor_gain[i] * bare + bias).max(0.0);
         }
-    }
-
-    /// Open-circuit voltage at the start: what Eq. 19 gets where no voltage was logged.
-    fn resting_voltage(&self) -> f64 {
-        Battery::new(&self.battery_model).open_circuit_voltage(self.charge)
     }
 }

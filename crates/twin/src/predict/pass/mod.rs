@@ -125,6 +125,8 @@ pub(crate) struct Plant {
     pub(crate) battery_model: BatteryModel,
     /// Charge at the start before any offset, fraction.
     pub(crate) charge: f64,
+    /// What Eq. 19 gets where no voltage was logged, V.
+    pub(crate) unlogged_voltage: f64,
     /// Gain of the observer of the rates by axis: share of what a reading differs from its forecast that is believed.
     pub(crate) rate_gain: Vector3,
 }

@@ -1,0 +1,131 @@
+//! Errors on blocks that a fit did not see: what they are of, and whether they fall or rise by more than chance.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::predict::Predictor;
+use crate::predict::channels::{F, KA, KV, M, V};
+
+/// Part of the noise below which a change of the error is none: a log without noise leaves errors of rounding, which any fit moves.
+const NEGLIGIBLE: f64 = 0.01;
+
+/// Squares of one quantity on one block, and how many.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Squares {
+    pub(crate) sum: f64,
+    pub(crate) count: f64,
+}
+
+/// Quantities that are scored, with their units. An accelerometer tells the force; where there is none, the velocity tells it by its
+/// derivative.
+pub(crate) const QUANTITIES: [(&str, &str); 4] = [
+    ("force", "N"),
+    ("torque", "N·m"),
+    ("voltage", "V"),
+    ("acceleration", "m/s²"),
+];
+
+/// The quantity that a channel is a part of, and what makes its residual one of that; `None` of what is not scored.
+pub(crate) fn kind_of(predictor: &Predictor, channel: usize) -> Option<(usize, f64)> {
+    let c = &predictor.nominal;
+    match channel {
+        F..KV => Some((0, c.mass_kg)),
+        KV..M if !predictor.series().available.accel => Some((3, 1.0)),
+        M..KA => Some((1, c.inertia_body_kg_m2[channel - M][channel - M])),
+        V => Some((2, 1.0)),
+        _ => None,
+    }
+}
+
+/// Error on blocks that the fit did not see, smoothed over 0.1 s.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct HeldOutError {
+    /// `force`, `torque`, `voltage`; `acceleration` (of the velocity) where no accelerometer tells the force.
+    pub quantity: String,
+    /// Unit.
+    pub unit: String,
+    /// Without the effects found.
+    #[schema(value_type = Option<f64>)]
+    pub before: f64,
+    /// With them.
+    #[schema(value_type = Option<f64>)]
+    pub after: f64,
+    /// Standard deviation of `after − before`, from the scatter over the blocks.
+    #[schema(value_type = Option<f64>)]
+    pub change_deviation: f64,
+    /// Change that is none: a hundredth of what noise alone leaves.
+    #[serde(skip)]
+    pub negligible: f64,
+}
+
+/// Share of an error by which it must rise to count: what the sentence tells as a change.
+const TOLD: f64 = 0.01;
+
+/// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
+const RISEN: f64 = 3.0;
+
+/// Least share of a mean square error that makes a part of it explained.
+const WORTH_NAMING: f64 = 0.1;
+
+impl HeldOutError {
+    /// True if the effects found make the error larger: by more than a trace of the noise, and by a hundredth or more than the blocks
+    /// scatter. The scatter alone is no excuse: what sets in on the last of n blocks changes one of them, which is one deviation of their
+    /// scatter however large it is.
+    pub fn rises(&self) -> bool {
+        let rise = self.after - self.before;
+        rise > self.negligible && (rise > TOLD * self.before || rise > RISEN * self.change_deviation)
+    }
+
+    /// Share of the mean square that the effects found explain; below 0 where they make it worse.
+    pub fn explained_share(&self) -> f64 {
+        let ratio = self.after / self.before;
+        if ratio.is_finite() { 1.0 - ratio * ratio } else { 0.0 }
+    }
+
+    /// True if the effects found make the error smaller by a part that is worth its name.
+    pub fn is_smaller(&self) -> bool {
+        self.before - self.after > self.negligible && self.explained_share() > WORTH_NAMING
+    }
+
+    /// The same by more than the blocks scatter.
+    pub fn falls(&self) -> bool {
+        self.is_smaller() && self.before - self.after > RISEN * self.change_deviation
+    }
+}
+
+/// Root mean squares before and after, and the deviation of their difference by the scatter of the blocks' own differences.
+pub(crate) fn change(
+    quantity: &str,
+    unit: &str,
+    before: &[Squares],
+    after: &[Squares],
+    noise: f64,
+) -> Option<HeldOutError> {
+    let total = |all: &[Squares]| all.iter().fold((0.0, 0.0), |(s, n), one| (s + one.sum, n + one.count));
+    let ((old, count), (new, _)) = (total(before), total(after));
+    if count == 0.0 {
+        return None;
+    }
+    let (old, new) = ((old / count).sqrt(), (new / count).sqrt());
+    let pairs = before.iter().zip(after).filter(|(b, _)| b.count > 0.0);
+    let blocks = pairs.clone().count() as f64;
+    let mean = (new * new - old * old) * count / blocks;
+    let scatter: f64 = pairs
+        .map(|(b, a)| (a.sum - b.sum - mean) * (a.sum - b.sum - mean))
+        .sum();
+    // Of a mean square over the blocks; a single block has no scatter to tell by.
+    let variance = if blocks > 1.0 {
+        scatter * blocks / (blocks - 1.0)
+    } else {
+        f64::INFINITY
+    };
+    Some(HeldOutError {
+        quantity: quantity.to_owned(),
+        unit: unit.to_owned(),
+        before: old,
+        after: new,
+        // d√x = dx/(2√x)
+        change_deviation: variance.sqrt() / count / (old + new).max(f64::MIN_POSITIVE),
+        negligible: NEGLIGIBLE * noise,
+    })
+}
