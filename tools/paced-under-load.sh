@@ -5,7 +5,8 @@
 #
 # LOAD processes compute without a pause beside the flight, less those that others run already. Each round flies once without and once with priority. How
 # many processes were ready to run, in the mean, and how long the processors were somebody else's (steal: the host of a virtual machine) is
-# printed with each flight. Needs the rights of --priority (docs/hosts.md) and a built target/release/rotortwin.
+# printed with each flight. Last, a loop that does nothing but wake up every 2.5 ms at the highest priority: where it is late, too, nobody can be on time.
+# Needs the rights of --priority (docs/hosts.md), a built target/release/rotortwin, and python3 for the loop.
 set -eu
 seconds=${1:-90}
 load=${2:-8}
@@ -81,3 +82,28 @@ while [ "$round" -le "$rounds" ]; do
     fly "with-priority-$round" --priority
     round=$((round + 1))
 done
+
+echo
+if ! command -v python3 >/dev/null; then
+    echo "The empty loop is left out: python3 is not there"
+    exit 0
+fi
+before=$(steal)
+python3 - "$seconds" <<'END'
+import ctypes, os, sys, time
+
+period_s = 0.0025
+if ctypes.CDLL(None).mlockall(3) != 0:
+    sys.exit("paced-under-load.sh: memory cannot be locked; expected cap_ipc_lock")
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(99))
+count, late_s, start_s = round(float(sys.argv[1]) / period_s), [], time.monotonic()
+for step in range(1, count + 1):
+    due_s = start_s + step * period_s
+    time.sleep(max(0.0, due_s - time.monotonic()))
+    over_s = time.monotonic() - due_s
+    if over_s > period_s:
+        late_s.append(over_s)
+print(f"empty loop under SCHED_FIFO 99: {len(late_s)} of {count} wake-ups late by more than 2.5 ms, worst {1e3 * max(late_s, default=0.0):.1f} ms")
+END
+after=$(steal)
+echo "steal $(((after - before) * 10)) ms of processor time"

@@ -227,7 +227,8 @@ fn overview(views: &[FleetView]) -> Grid {
         table.add_row([
             one.vehicle.clone(),
             one.flights.len().to_string(),
-            last.and_then(|flight| flight.date.clone()).unwrap_or_else(|| "–".to_owned()),
+            last.and_then(|flight| flight.date.clone())
+                .unwrap_or_else(|| "–".to_owned()),
             of(Status::Inspect),
             of(Status::Acknowledged),
         ]);
@@ -236,7 +237,12 @@ fn overview(views: &[FleetView]) -> Grid {
 }
 
 fn percent(share: &Share) -> String {
-    format!("{:+.1} % [{:+.1}, {:+.1}]", 100.0 * share.share, 100.0 * share.low, 100.0 * share.high)
+    format!(
+        "{:+.1} % [{:+.1}, {:+.1}]",
+        100.0 * share.share,
+        100.0 * share.low,
+        100.0 * share.high
+    )
 }
 
 /// One vehicle.
@@ -246,9 +252,17 @@ fn text_of(one: &FleetView) -> String {
     } else {
         "in the order of entry, because not every flight has a date"
     };
-    let mut text = format!("Vehicle      {}, held against {}\nFlights      {}, {order}\n", one.vehicle, one.model, one.flights.len());
+    let mut text = format!(
+        "Vehicle      {}, held against {}\nFlights      {}, {order}\n",
+        one.vehicle,
+        one.model,
+        one.flights.len()
+    );
     text += &match one.spread {
-        Some(spread) => format!("Spread       {:.2} % of a rotor's thrust between flights, 1 σ\n", 100.0 * spread),
+        Some(spread) => format!(
+            "Spread       {:.2} % of a rotor's thrust between flights, 1 σ\n",
+            100.0 * spread
+        ),
         None => "Spread       unknown: it takes two flights\n".to_owned(),
     };
     if let Some(share) = &one.common_per_flight {
@@ -295,7 +309,15 @@ fn reason_of(rotor: &RotorView) -> Option<String> {
 }
 
 fn rotor_table(one: &FleetView) -> Grid {
-    let mut table = Grid::new(["rotor", "since flight", "bias now", "loss over flights", "per flight", "word"]).numbers([0, 1]);
+    let mut table = Grid::new([
+        "rotor",
+        "since flight",
+        "bias now",
+        "loss over flights",
+        "per flight",
+        "word",
+    ])
+    .numbers([0, 1]);
     for rotor in &one.rotors {
         let none = || "–".to_owned();
         let loss = rotor.loss.as_ref();
@@ -304,7 +326,8 @@ fn rotor_table(one: &FleetView) -> Grid {
             rotor.since_flight.to_string(),
             rotor.bias.as_ref().map_or_else(none, percent),
             loss.map_or_else(none, |loss| percent(&loss.lost)),
-            loss.and_then(|loss| loss.per_flight.as_ref()).map_or_else(none, percent),
+            loss.and_then(|loss| loss.per_flight.as_ref())
+                .map_or_else(none, percent),
             match rotor.status {
                 Status::Ok => "ok",
                 Status::Inspect => "INSPECT",
@@ -318,7 +341,9 @@ fn rotor_table(one: &FleetView) -> Grid {
 }
 
 fn flight_table(one: &FleetView) -> Grid {
-    let mut header: Vec<String> = ["flight", "date", "log", "in the air", "all rotors"].map(str::to_owned).to_vec();
+    let mut header: Vec<String> = ["flight", "date", "log", "in the air", "all rotors"]
+        .map(str::to_owned)
+        .to_vec();
     header.extend(one.rotors.iter().map(|rotor| format!("rotor {}", rotor.rotor)));
     header.push("within the flight".to_owned());
     let mut table = Grid::new(header).numbers([0].into_iter().chain(3..5 + one.rotors.len()));
@@ -337,7 +362,11 @@ fn flight_table(one: &FleetView) -> Grid {
             format!("{:+.1} %", 100.0 * flight.common_bias),
         ];
         cells.extend(flight.bias.iter().map(|bias| format!("{:+.2} %", 100.0 * bias)));
-        cells.push(if losses.is_empty() { "–".to_owned() } else { losses.join(", ") });
+        cells.push(if losses.is_empty() {
+            "–".to_owned()
+        } else {
+            losses.join(", ")
+        });
         table.add_row(cells);
     }
     table

@@ -31,11 +31,15 @@ fn flights(scratch: &Scratch, seed: u64, count: usize, worn: Option<(usize, f64)
     (0..count)
         .map(|flight| {
             let out = scratch.path(&format!("{seed}-{flight}.parquet"));
-            let mut words: Vec<String> = ["blind", "generate", "--duration-s", "40", "--flight"].map(str::to_owned).to_vec();
+            let mut words: Vec<String> = ["blind", "generate", "--duration-s", "40", "--flight"]
+                .map(str::to_owned)
+                .to_vec();
             words.push(["hover", "waypoint", "helix"][flight % 3].to_owned());
             words.extend(["--seed".to_owned(), (1000 * seed + flight as u64).to_string()]);
             for (rotor, spread) in spread.iter().enumerate() {
-                let lost = worn.filter(|worn| worn.0 == rotor + 1).map_or(0.0, |worn| worn.1 * flight as f64);
+                let lost = worn
+                    .filter(|worn| worn.0 == rotor + 1)
+                    .map_or(0.0, |worn| worn.1 * flight as f64);
                 let share = (1.0 + spread) * (1.0 - lost) - 1.0;
                 words.extend([
                     "--effect".to_owned(),
@@ -72,11 +76,17 @@ fn status(view: &Value) -> Vec<&str> {
 }
 
 fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("expected a number, got {value}"))
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("expected a number, got {value}"))
 }
 
 fn refused(ended: &Ended, words: &str) {
-    assert!(ended.stderr.iter().any(|line| line.contains(words)), "{words}: {:?}", ended.stderr);
+    assert!(
+        ended.stderr.iter().any(|line| line.contains(words)),
+        "{words}: {:?}",
+        ended.stderr
+    );
 }
 
 #[test]
@@ -91,13 +101,32 @@ fn val_a_rotor_that_wears_is_named_acknowledged_and_begins_anew() {
     assert_eq!(loss["course"], "trend", "{loss}");
     let rate = &loss["per_flight"];
     assert!(number(&rate["low"]) < 0.01 && 0.01 < number(&rate["high"]), "{rate}");
-    assert!(number(&rate["high"]) - number(&rate["low"]) < 0.01, "it is known to half of it: {rate}");
+    assert!(
+        number(&rate["high"]) - number(&rate["low"]) < 0.01,
+        "it is known to half of it: {rate}"
+    );
     let page = scratch.path("page.html");
-    fleet(&scratch, &["show", "worn", "--report", &page.display().to_string()]).run().expect_code(0);
+    fleet(&scratch, &["show", "worn", "--report", &page.display().to_string()])
+        .run()
+        .expect_code(0);
     let page = std::fs::read_to_string(page).expect("written");
     assert!(page.contains("INSPECT rotor 4") && page.contains("\"kind\":\"fleet\""));
 
-    fleet(&scratch, &["acknowledge", "worn", "--rotor", "4", "--by", "Meyer", "--note", "edge worn"]).run().expect_code(0);
+    fleet(
+        &scratch,
+        &[
+            "acknowledge",
+            "worn",
+            "--rotor",
+            "4",
+            "--by",
+            "Meyer",
+            "--note",
+            "edge worn",
+        ],
+    )
+    .run()
+    .expect_code(0);
     assert_eq!(status(&shown(&scratch, "worn"))[3], "acknowledged");
     // One more flight takes another per cent.
     add(&scratch, "worn", last).run().expect_code(0);
@@ -106,7 +135,9 @@ fn val_a_rotor_that_wears_is_named_acknowledged_and_begins_anew() {
     let why = view["rotors"][3]["reasons"][0].as_str().expect("a reason");
     assert!(why.contains("in the 1 flights since somebody looked"), "{why}");
 
-    let ended = fleet(&scratch, &["reset", "worn", "--rotor", "4", "--by", "Meyer"]).run().expect_code(0);
+    let ended = fleet(&scratch, &["reset", "worn", "--rotor", "4", "--by", "Meyer"])
+        .run()
+        .expect_code(0);
     assert!(ended.stdout.contains("too few flights"), "{}", ended.stdout);
     let view = shown(&scratch, "worn");
     assert_eq!(status(&view)[3], "too_few_flights");
@@ -126,7 +157,11 @@ fn val_a_healthy_vehicle_with_unequal_rotors_is_left_in_peace() {
         assert_eq!(view["suspects"], serde_json::json!([]), "{view:#}");
     }
     let ended = fleet(&scratch, &["show"]).run().expect_code(0);
-    assert!(ended.stdout.contains("healthy-8311") && ended.stdout.contains("healthy-8312"), "{}", ended.stdout);
+    assert!(
+        ended.stdout.contains("healthy-8311") && ended.stdout.contains("healthy-8312"),
+        "{}",
+        ended.stdout
+    );
 }
 
 /// Eight processes at once, one flight each, and one flight twice: eight flights, each once.
@@ -154,18 +189,46 @@ fn scenario_what_cannot_be_is_refused_with_one_sentence() {
     let logs = flights(&scratch, 8331, 2, None);
     let unknown = fleet(&scratch, &["show", "nobody"]).run().expect_code(2);
     refused(&unknown, "nobody: no vehicle of this name");
-    refused(&fleet(&scratch, &["reset", "nobody", "--rotor", "1", "--by", "x"]).run().expect_code(2), "no vehicle");
-    refused(&fleet(&scratch, &["show", "../up"]).run().expect_code(2), "expected a name");
-    refused(&fleet(&scratch, &["show"]).run().expect_code(2), "cannot be read as a folder of vehicles");
+    refused(
+        &fleet(&scratch, &["reset", "nobody", "--rotor", "1", "--by", "x"])
+            .run()
+            .expect_code(2),
+        "no vehicle",
+    );
+    refused(
+        &fleet(&scratch, &["show", "../up"]).run().expect_code(2),
+        "expected a name",
+    );
+    refused(
+        &fleet(&scratch, &["show"]).run().expect_code(2),
+        "cannot be read as a folder of vehicles",
+    );
 
-    add(&scratch, "one", &logs[..1]).with(["--date", "2026-02-01"]).run().expect_code(0);
+    add(&scratch, "one", &logs[..1])
+        .with(["--date", "2026-02-01"])
+        .run()
+        .expect_code(0);
     let other = repository().join("config/vehicles/octo-x.toml").display().to_string();
     let another = fleet(&scratch, &["add", "one", "--model", &other]).with([logs[1].clone().into_os_string()]);
     refused(&another.run().expect_code(2), "is another model");
-    refused(&add(&scratch, "one", &logs).with(["--date", "2026-02-01"]).run().expect_code(2), "--date: expected one log");
-    refused(&add(&scratch, "one", &logs[..1]).with(["--date", "tomorrow"]).run().expect_code(2), "expected a date such as");
     refused(
-        &fleet(&scratch, &["acknowledge", "one", "--rotor", "7", "--by", "x"]).run().expect_code(2),
+        &add(&scratch, "one", &logs)
+            .with(["--date", "2026-02-01"])
+            .run()
+            .expect_code(2),
+        "--date: expected one log",
+    );
+    refused(
+        &add(&scratch, "one", &logs[..1])
+            .with(["--date", "tomorrow"])
+            .run()
+            .expect_code(2),
+        "expected a date such as",
+    );
+    refused(
+        &fleet(&scratch, &["acknowledge", "one", "--rotor", "7", "--by", "x"])
+            .run()
+            .expect_code(2),
         "expected a rotor from 1 to 6, got 7",
     );
 
@@ -174,13 +237,23 @@ fn scenario_what_cannot_be_is_refused_with_one_sentence() {
     for (bad, words) in [
         (format!("{good}{{\"event\":\"reset\""), "line 3: incomplete"),
         (format!("{good}not JSON\n"), "line 3: expected an event"),
-        (good.replace("\"name\":\"one\"", "\"name\":\"two\""), "line 1: expected the vehicle one, got two"),
-        (good.lines().nth(1).map(|line| format!("{line}\n")).unwrap_or_default(), "line 1: expected the event `vehicle` first"),
+        (
+            good.replace("\"name\":\"one\"", "\"name\":\"two\""),
+            "line 1: expected the vehicle one, got two",
+        ),
+        (
+            good.lines().nth(1).map(|line| format!("{line}\n")).unwrap_or_default(),
+            "line 1: expected the event `vehicle` first",
+        ),
     ] {
         std::fs::write(&file, &bad).expect("written");
         refused(&fleet(&scratch, &["show", "one"]).run().expect_code(2), words);
         refused(&add(&scratch, "one", &logs[1..]).run().expect_code(2), words);
-        assert_eq!(std::fs::read_to_string(&file).expect("it is there"), bad, "it is left as it is");
+        assert_eq!(
+            std::fs::read_to_string(&file).expect("it is there"),
+            bad,
+            "it is left as it is"
+        );
     }
 }
 
@@ -188,7 +261,12 @@ fn scenario_what_cannot_be_is_refused_with_one_sentence() {
 #[test]
 #[ignore = "a measurement: cargo test --release -p rotortwin-tests --test fleet -- --ignored --nocapture bench_"]
 fn bench_worn_and_healthy_vehicles() {
-    let of = |name: &str, default: u64| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default);
+    let of = |name: &str, default: u64| {
+        std::env::var(name)
+            .ok()
+            .and_then(|text| text.parse().ok())
+            .unwrap_or(default)
+    };
     let (seed, n) = (of("ROTORTWIN_FLEET_SEED", 1), of("ROTORTWIN_FLEET_N", 20));
     let (mut named, mut inside, mut wrong, mut claims) = (0, 0, 0, 0);
     let mut first = vec![0; 9];
@@ -208,9 +286,7 @@ fn bench_worn_and_healthy_vehicles() {
             if count == 7 {
                 let rate = &view["rotors"][worn - 1]["loss"]["per_flight"];
                 named += usize::from(rate.is_object());
-                inside += usize::from(
-                    rate.is_object() && number(&rate["low"]) < 0.01 && 0.01 < number(&rate["high"]),
-                );
+                inside += usize::from(rate.is_object() && number(&rate["low"]) < 0.01 && 0.01 < number(&rate["high"]));
             }
         }
         if let Some(count) = since {
@@ -224,7 +300,13 @@ fn bench_worn_and_healthy_vehicles() {
             claims += usize::from(suspects || status(&view).contains(&"inspect"));
         }
     }
-    println!("worn: {n} vehicles, named as a trend after 8 flights {named}, interval of the rate holds 1 %/flight {inside}");
-    println!("worn: first told after flight 1 to 8: {:?}; a healthy rotor told at {wrong} of {} looks", &first[1..], 8 * n);
+    println!(
+        "worn: {n} vehicles, named as a trend after 8 flights {named}, interval of the rate holds 1 %/flight {inside}"
+    );
+    println!(
+        "worn: first told after flight 1 to 8: {:?}; a healthy rotor told at {wrong} of {} looks",
+        &first[1..],
+        8 * n
+    );
     println!("healthy, rotors unequal by 3 %: a claim at {claims} of {} looks", 8 * n);
 }

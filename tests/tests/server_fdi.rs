@@ -857,14 +857,31 @@ fn scenario_a_log_with_its_truth_is_scored() {
     let onset_s = score["onset_s"].as_f64().expect("damaged");
     assert!((onset_s - FAULT_S).abs() < 1e-3, "{onset_s}");
     let sequential = &score["detectors"][2];
-    assert_eq!((&sequential["detector"], &sequential["false_alarm_events"]), (&json!("sequential"), &json!(0)));
+    assert_eq!(
+        (&sequential["detector"], &sequential["false_alarm_events"]),
+        (&json!("sequential"), &json!(0))
+    );
     let isolated_s = sequential["isolated_after_steps"].as_f64().expect("isolated") * 2.5e-3;
     assert!(isolated_s > 0.0 && isolated_s < NAMED_WITHIN_S, "{isolated_s}");
-    assert!(column["report"]["final_window"].is_object() && column.get("file").is_none(), "{column}");
+    assert!(
+        column["report"]["final_window"].is_object() && column.get("file").is_none(),
+        "{column}"
+    );
 
     let command = Call::new(&scratch, ["fdi-log".into(), run.clone().into_os_string()])
-        .with(["--model", &repository().join("config/vehicles/f550.toml").display().to_string()])
-        .with(["--set", "calibration_start_s=0.75", "--set", "calibration_end_s=4.75", "--truth", "fault_label", "--json"])
+        .with([
+            "--model",
+            &repository().join("config/vehicles/f550.toml").display().to_string(),
+        ])
+        .with([
+            "--set",
+            "calibration_start_s=0.75",
+            "--set",
+            "calibration_end_s=4.75",
+            "--truth",
+            "fault_label",
+            "--json",
+        ])
         .run()
         .expect_code(0);
     let said: Value = serde_json::from_str(&command.stdout).expect("JSON");
@@ -874,7 +891,10 @@ fn scenario_a_log_with_its_truth_is_scored() {
     let rows = ask("&truth=6,3,0.15").json();
     let verdicts = |score: &Value| score["score"]["detectors"][2]["right"].clone();
     assert_eq!(verdicts(&rows), verdicts(&column), "{rows}");
-    assert!(rows["score"]["inside_of"].as_u64() > Some(0) && column["score"]["inside_of"] == 0, "{rows}");
+    assert!(
+        rows["score"]["inside_of"].as_u64() > Some(0) && column["score"]["inside_of"] == 0,
+        "{rows}"
+    );
 
     for (truth, words) in [
         ("", "got neither"),

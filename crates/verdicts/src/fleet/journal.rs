@@ -178,7 +178,9 @@ pub fn date(text: &str) -> Result<String, String> {
     };
     parse_rfc3339_weak(&whole)
         .map(|time| format_rfc3339_seconds(time).to_string())
-        .map_err(|error| format!("expected a date such as 2026-01-31 or 2026-01-31T14:05:00Z (UTC), got {text}: {error}"))
+        .map_err(|error| {
+            format!("expected a date such as 2026-01-31 or 2026-01-31T14:05:00Z (UTC), got {text}: {error}")
+        })
 }
 
 /// Now, as files have it.
@@ -220,8 +222,12 @@ impl Fleet {
     /// # Errors
     /// One sentence: no such folder.
     pub fn vehicles(&self) -> Result<Vec<String>, String> {
-        let entries = std::fs::read_dir(&self.folder)
-            .map_err(|error| format!("{}: cannot be read as a folder of vehicles: {error}", self.folder.display()))?;
+        let entries = std::fs::read_dir(&self.folder).map_err(|error| {
+            format!(
+                "{}: cannot be read as a folder of vehicles: {error}",
+                self.folder.display()
+            )
+        })?;
         let mut names = Vec::new();
         for entry in entries {
             let path = entry
@@ -418,7 +424,10 @@ fn parse(name: &str, path: &Path, text: &str) -> Result<Option<History>, String>
     }
     let rotors = vehicle.signatures.len();
     if rotors == 0 || vehicle.signatures.iter().any(|row| row.len() != rotors) {
-        return Err(at(0, "expected as many signatures as rotors, each with as many numbers".to_owned()));
+        return Err(at(
+            0,
+            "expected as many signatures as rotors, each with as many numbers".to_owned(),
+        ));
     }
     let mut events: Vec<Event> = events.collect();
     for (k, event) in events.iter().enumerate() {
@@ -431,7 +440,11 @@ fn parse(name: &str, path: &Path, text: &str) -> Result<Option<History>, String>
         // Dates are all of one form, so that they sort as text; of one date what was written first is first.
         events.sort_by(|a, b| a.date().cmp(&b.date()));
     }
-    Ok(Some(History { vehicle, events, by_date }))
+    Ok(Some(History {
+        vehicle,
+        events,
+        by_date,
+    }))
 }
 
 fn check(event: &Event, rotors: usize) -> Result<(), String> {
@@ -461,4 +474,3 @@ fn check(event: &Event, rotors: usize) -> Result<(), String> {
         }
     }
 }
-

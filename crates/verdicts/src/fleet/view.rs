@@ -1,7 +1,9 @@
 //! The history of a vehicle as a result: each rotor with its bias, its loss over the flights, and a word on what to do.
 
 use super::journal::{Event, FlightEntry, History, LossEntry};
-use super::trend::{self, Flight, LEAST_BEFORE, LEAST_FLIGHTS, LEAST_LOSS, Named, REFERENCE_FLIGHTS, Shape, Signatures};
+use super::trend::{
+    self, Flight, LEAST_BEFORE, LEAST_FLIGHTS, LEAST_LOSS, Named, REFERENCE_FLIGHTS, Shape, Signatures,
+};
 use rotortwin_flight_core::fdi::student_t::{two_sided_critical_value, two_sided_p_value};
 use serde::Serialize;
 
@@ -176,7 +178,12 @@ fn without_common(values: &[f64]) -> (f64, Vec<f64>) {
 }
 
 fn percent(share: &Share) -> String {
-    format!("{:.1} % [{:.1}, {:.1}]", 100.0 * share.share, 100.0 * share.low, 100.0 * share.high)
+    format!(
+        "{:.1} % [{:.1}, {:.1}]",
+        100.0 * share.share,
+        100.0 * share.low,
+        100.0 * share.high
+    )
 }
 
 /// Places of events among the flights.
@@ -240,7 +247,15 @@ pub fn view(history: &History) -> FleetView {
             if found.suspects.contains(&rotor) {
                 suspects.push(rotor + 1);
             }
-            rotor_view(rotor, begin, &flights, &entries, &found, places.acknowledged[rotor], &signatures)
+            rotor_view(
+                rotor,
+                begin,
+                &flights,
+                &entries,
+                &found,
+                places.acknowledged[rotor],
+                &signatures,
+            )
         })
         .collect();
     FleetView {
@@ -252,7 +267,11 @@ pub fn view(history: &History) -> FleetView {
         common_per_flight: common_per_flight(&flights),
         suspects,
         rotors: views,
-        flights: entries.iter().enumerate().map(|(k, entry)| flight_view(k, entry)).collect(),
+        flights: entries
+            .iter()
+            .enumerate()
+            .map(|(k, entry)| flight_view(k, entry))
+            .collect(),
         maintenance,
     }
 }
@@ -284,7 +303,12 @@ fn common_per_flight(flights: &[Flight]) -> Option<Share> {
     let middle = (count - 1.0) / 2.0;
     let place = |t: usize| t as f64 - middle;
     let weight: f64 = (0..flights.len()).map(|t| place(t) * place(t)).sum();
-    let slope = common.iter().enumerate().map(|(t, c)| place(t) * (c - mean)).sum::<f64>() / weight;
+    let slope = common
+        .iter()
+        .enumerate()
+        .map(|(t, c)| place(t) * (c - mean))
+        .sum::<f64>()
+        / weight;
     let rest: f64 = common
         .iter()
         .enumerate()
@@ -355,7 +379,10 @@ fn rotor_view(
     if found.suspects.contains(&rotor) {
         let all: Vec<String> = found.suspects.iter().map(|i| (i + 1).to_string()).collect();
         reasons.push((
-            format!("thrust was lost over the flights, and these cannot tell by which of rotors {}", all.join(", ")),
+            format!(
+                "thrust was lost over the flights, and these cannot tell by which of rotors {}",
+                all.join(", ")
+            ),
             acknowledged.is_some_and(|place| place == flights.len()),
         ));
     }
@@ -371,7 +398,11 @@ fn rotor_view(
         if entry.suspects.contains(&(rotor + 1)) {
             let all: Vec<String> = entry.suspects.iter().map(ToString::to_string).collect();
             reasons.push((
-                format!("something happened within flight {}, and it may have been this rotor ({} are in question)", k + 1, all.join(", ")),
+                format!(
+                    "something happened within flight {}, and it may have been this rotor ({} are in question)",
+                    k + 1,
+                    all.join(", ")
+                ),
                 seen(k),
             ));
         }
@@ -403,14 +434,23 @@ fn rotor_view(
 }
 
 /// The loss over the flights as a reason, and whether it was known when somebody looked: a trend is new again once it has taken [`LEAST_LOSS`] more.
-fn over_flights(loss: &LossOverFlights, named: &Named, begin: usize, count: usize, acknowledged: Option<usize>) -> (String, bool) {
+fn over_flights(
+    loss: &LossOverFlights,
+    named: &Named,
+    begin: usize,
+    count: usize,
+    acknowledged: Option<usize>,
+) -> (String, bool) {
     match loss.per_flight {
         Some(rate) => {
             let since = acknowledged.map(|place| (begin + count - place) as f64);
             let grown = since.map(|flights| lost(named.total * flights / (count - 1) as f64, 0.0).share);
             let more = match (grown, since) {
                 (Some(grown), Some(since)) if grown >= LEAST_LOSS => {
-                    format!("; {:.1} % of it in the {since:.0} flights since somebody looked", 100.0 * grown)
+                    format!(
+                        "; {:.1} % of it in the {since:.0} flights since somebody looked",
+                        100.0 * grown
+                    )
                 }
                 _ => String::new(),
             };
@@ -425,7 +465,11 @@ fn over_flights(loss: &LossOverFlights, named: &Named, begin: usize, count: usiz
             )
         }
         None => (
-            format!("has {} less thrust from flight {} on than before", percent(&loss.lost), loss.from_flight),
+            format!(
+                "has {} less thrust from flight {} on than before",
+                percent(&loss.lost),
+                loss.from_flight
+            ),
             acknowledged.is_some_and(|place| loss.from_flight <= place),
         ),
     }
@@ -452,7 +496,10 @@ fn present_bias(own: &[f64], found: &trend::Finding) -> Option<Share> {
 /// Since a propeller was replaced last, of whichever rotor: a new one changes what the others are asked for.
 fn course_of(rotor: usize, flights: &[Flight], found: &trend::Finding, signatures: &Signatures) -> Vec<FlightLoss> {
     let mount = flights.last().map(|flight| flight.mount);
-    let begin = flights.iter().position(|flight| Some(flight.mount) == mount).unwrap_or(0);
+    let begin = flights
+        .iter()
+        .position(|flight| Some(flight.mount) == mount)
+        .unwrap_or(0);
     let window = &flights[begin..];
     if found.freedom < 1.0 || window.len() <= REFERENCE_FLIGHTS {
         return Vec::new();
