@@ -461,7 +461,7 @@ mod tests {
     /// P e_i of a flat hexarotor with minimum-norm allocation.
     fn hexarotor() -> Vec<Vec<f64>> {
         let angle = |i: usize| std::f64::consts::TAU * i as f64 / 6.0;
-        let spin = |i: usize| if i % 2 == 0 { 1.0 } else { -1.0 };
+        let spin = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         (0..6)
             .map(|i| {
                 (0..6)
