@@ -40,6 +40,13 @@ Examples:
   rotortwin fdi-log runs/* --model f550 --truth fault_label --series windows.parquet
   rotortwin fdi-log a.ulg b.bin --model mine@v3 --truth truth.csv --report judged.html";
 
+pub(crate) const FLEET: &str = "\
+Examples:
+  rotortwin fleet add hexa-07 monday.ulg tuesday.ulg --model f550
+  rotortwin fleet show hexa-07 --report hexa-07.html
+  rotortwin fleet acknowledge hexa-07 --rotor 3 --by Meyer --note worn-edge
+  rotortwin fleet reset hexa-07 --rotor 3 --by Meyer --note new-propeller";
+
 pub(crate) const CHECK: &str = "\
 Examples:
   rotortwin check windy-hover

@@ -4,7 +4,7 @@ use rotortwin_process::LinkAddress;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::model::ModelStore;
 use rotortwin_verdicts::detectors::DetectorChoice;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Which detectors.
 #[derive(Debug, clap::Args)]
@@ -25,6 +25,16 @@ pub struct DetectorArgs {
 }
 
 impl DetectorArgs {
+    /// The model, as it was named.
+    pub fn model(&self) -> &str {
+        &self.model
+    }
+
+    /// Folder of the models.
+    pub fn models(&self) -> &Path {
+        &self.models
+    }
+
     /// The detectors, and what they cannot hold of the model.
     pub fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
         let choice = DetectorChoice {

@@ -43,6 +43,7 @@ pub mod fdi_log;
 mod fdi_models;
 pub mod fdi_service;
 mod fit;
+pub mod fleet;
 pub mod fly;
 pub mod foxglove;
 mod ground_station;
@@ -104,6 +105,9 @@ pub enum Command {
     /// Run the detectors over a flight log: verdicts over time, severity, what the log lacks
     #[command(after_help = examples::FDI_LOG)]
     FdiLog(fdi_log::LogArgs),
+    /// The flights of one vehicle: what each rotor loses over them, and which propeller to look at
+    #[command(after_help = examples::FLEET)]
+    Fleet(fleet::Args),
     /// Run the detectors on measurements that come over zenoh, verdicts back
     FdiService(fdi_service::ServiceArgs),
     /// Check a scenario and the files it names; prints every setting in effect
@@ -240,6 +244,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
         Command::FdiLog(args) => fdi_log::judge_logs(&args),
+        Command::Fleet(args) => fleet::run(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),

@@ -57,10 +57,7 @@ impl LogScore {
                 faulty_rotors: damage.rotors,
                 touched: truth.touches(begin_s, end_s),
                 loss_share: Some(damage.worst()).filter(|share| share.is_finite()).unwrap_or(0.0),
-                after_onset_steps: truth
-                    .onset_s()
-                    .filter(|onset_s| *onset_s <= end_s)
-                    .map(|onset_s| ((end_s - onset_s) / STEP_S).round() as u64),
+                after_onset_steps: truth.onset_s().and_then(|onset_s| after_onset_steps(onset_s, end_s)),
             };
             for (scorer, verdict) in scorers.iter_mut().zip(verdicts(window)) {
                 if verdict.code != CANNOT_JUDGE {
@@ -90,6 +87,13 @@ impl LogScore {
             inside_of,
         }
     }
+}
+
+/// Steps from the onset to the end of a window; `None` where not one step of the window is behind it: an alarm in that one has seen nothing
+/// of the damage, and is no detection after 0 s.
+fn after_onset_steps(onset_s: f64, end_s: f64) -> Option<u64> {
+    let steps = ((end_s - onset_s) / STEP_S).round();
+    (steps >= 1.0).then_some(steps as u64)
 }
 
 fn verdicts(window: &WindowView) -> [Verdict; 3] {
@@ -214,5 +218,21 @@ fn delay(log: &LogScore, delay_s: Option<f64>) -> String {
         (None, _) => "–".to_owned(),
         (Some(_), None) => "never".to_owned(),
         (Some(_), Some(delay_s)) => format!("{delay_s:.2} s"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_window_that_ends_with_the_onset_has_not_seen_it() {
+        // 38 s is the end of a window of 62.5 ms; sums of steps do not hit it to the last bit.
+        let window_s = 25.0 * STEP_S;
+        let end_s = 0.1 + 0.2 + 37.7;
+        assert_eq!(after_onset_steps(38.0, end_s), None);
+        assert_eq!(after_onset_steps(38.0, end_s + window_s), Some(25));
+        assert_eq!(after_onset_steps(38.0, end_s + STEP_S), Some(1));
+        assert_eq!(after_onset_steps(38.0, 20.0), None);
     }
 }

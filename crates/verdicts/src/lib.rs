@@ -5,6 +5,7 @@
 //! * [`detectors`]: which detectors, of a model and settings.
 
 pub mod detectors;
+pub mod fleet;
 pub mod log;
 pub mod view;
 mod voltage;

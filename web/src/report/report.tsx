@@ -7,6 +7,7 @@ import { ComparedView } from "../shown/compared";
 import type { ComparisonReport } from "../shown/compared-series";
 import { DiagnosisView } from "../shown/diagnosis";
 import { type FitResult, FitView } from "../shown/fit";
+import { type FleetVehicle, FleetView } from "../shown/fleet";
 import { type IdentifiedReport, IdentifiedReportView } from "../shown/identified";
 import { ImprovementView } from "../shown/improvement";
 import { type JudgedLogs, JudgedView } from "../shown/judged";
@@ -47,6 +48,7 @@ export function Report(props: Content) {
             <Match when={props.kind === "campaign"}><CampaignReportView report={props.data as CampaignReport} /></Match>
             <Match when={props.kind === "blind"}><BlindReportView report={props.data as BlindReport} /></Match>
             <Match when={props.kind === "fit"}><FitView fits={props.data as FitResult[]} /></Match>
+            <Match when={props.kind === "fleet"}><FleetView vehicles={props.data as FleetVehicle[]} /></Match>
             <Match when={props.kind === "reproduction"}><ReproductionView result={props.data as Reproduction} /></Match>
             <Match when={props.kind === "run"}><RunReportView report={props.data as RunReport} /></Match>
             <Match when={props.kind === "judged"}><JudgedView logs={props.data as JudgedLogs} /></Match>

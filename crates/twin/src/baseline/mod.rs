@@ -24,7 +24,7 @@ use utoipa::ToSchema;
 use crate::estimation::parameters::{FittedParameter, parameters_of};
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
-use crate::predict::{PredictError, Predictor, VehicleSize, allocation};
+use crate::predict::{PredictError, Predictor, VehicleSize, allocation, mean_of};
 
 use posterior::{Spread, Weighed};
 
@@ -213,6 +213,76 @@ pub fn trim(logs: &[FlightLog], healthy: &[FlightLog], model: &ModelVersion) -> 
     let mut found = weigh(&flown, &baseline, &constants, &size);
     found.baseline = healthy.iter().map(|log| log.name.clone()).collect();
     Ok(found)
+}
+
+/// What one flight asked of each rotor, and what a loss of one would change in that: see [`rotor_loads`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct RotorLoads {
+    /// ln of the mean thrust that each rotor was asked for over what the model asks of it in hover.
+    pub asked: Vec<f64>,
+    /// Standard error of that within the flight, from means of [`LOAD_PARTS`] equal parts.
+    pub deviation: Vec<f64>,
+    /// Seconds in the air that count.
+    pub seconds: f64,
+    /// For each rotor: change of `asked` per x, where the rotor alone has lost the share 1 − e⁻ˣ of its thrust.
+    pub signatures: Vec<Vec<f64>>,
+}
+
+/// Equal parts of a flight whose means tell how well its mean is known.
+pub const LOAD_PARTS: usize = 8;
+/// Loss at which the change of thrusts is taken for one per x: changes are linear in x to a thousandth there.
+const SIGNATURE_LOSS: f64 = 0.05;
+
+/// Mean thrust that each rotor was asked for in a flight, by the model's thrust map from duty and voltage.
+///
+/// # Errors
+/// One sentence: the log cannot be held against the model, or a rotor does not lift in the mean.
+pub fn rotor_loads(log: &FlightLog, model: &ModelVersion) -> Result<RotorLoads, PredictError> {
+    let predictor = Predictor::new(&model.documents(), &model.instances(), &model.catalogue()?, log)?;
+    let rows = predictor.thrust_in_flight()?;
+    let constants = &predictor.nominal;
+    let rotors = constants.rotor_count;
+    let hover = allocation(constants)(constants.mass_kg * constants.gravity_m_s2, [0.0; 3]);
+    let over_hover = |rows: &[f64]| -> Vec<f64> {
+        let mean = mean_of(rows, rotors);
+        mean.iter().zip(&hover).map(|(f, h)| (f / h).ln()).collect()
+    };
+    let steps = rows.len() / rotors;
+    let asked = over_hover(&rows);
+    let parts: Vec<Vec<f64>> = rows
+        .chunks_exact((steps / LOAD_PARTS).max(1) * rotors)
+        .take(LOAD_PARTS)
+        .map(over_hover)
+        .collect();
+    if parts.len() < LOAD_PARTS || !parts.iter().flatten().chain(&asked).all(|x| x.is_finite()) {
+        return Err(PredictError(format!(
+            "{}: expected a flight with {LOAD_PARTS} parts in the air, in each of which every rotor lifts in the mean; {:.1} s are in the air",
+            log.name,
+            predictor.seconds_of(&rows)
+        )));
+    }
+    let deviation: Vec<f64> = (0..rotors)
+        .map(|i| {
+            let mean = parts.iter().map(|p| p[i]).sum::<f64>() / LOAD_PARTS as f64;
+            let squares: f64 = parts.iter().map(|p| (p[i] - mean).powi(2)).sum();
+            (squares / (LOAD_PARTS * (LOAD_PARTS - 1)) as f64).sqrt()
+        })
+        .collect();
+    let balance = Balance {
+        healthy: &hover,
+        constants,
+    };
+    let per_x = -(1.0 - SIGNATURE_LOSS).ln();
+    let signature = |rotor| -> Vec<f64> {
+        let change = balance.signature(Kind::Rotor(rotor), &[-SIGNATURE_LOSS]);
+        change.iter().map(|d| d / per_x).collect()
+    };
+    Ok(RotorLoads {
+        asked,
+        deviation,
+        seconds: predictor.seconds_of(&rows),
+        signatures: (0..rotors).map(signature).collect(),
+    })
 }
 
 /// Mean of logarithms, rotor by rotor.

@@ -347,19 +347,23 @@ impl Predictor {
 
     /// Mean thrust of each rotor in flight as the model has it from the inputs, N, and the seconds that count.
     pub(crate) fn mean_thrust(&self) -> Result<(Vec<f64>, f64), PredictError> {
+        let rows = self.thrust_in_flight()?;
+        Ok((mean_of(&rows, self.plant.series.rotors), self.seconds_of(&rows)))
+    }
+
+    /// Thrust of each rotor at every step in flight, N, one row after the other.
+    pub(crate) fn thrust_in_flight(&self) -> Result<Vec<f64>, PredictError> {
         let series = &self.plant.series;
         let set = self.effect_set(&Nuisances::default(), &[])?;
         let thrust = self.predict(&set, Source::Raw, None).thrust;
         let flying = series.flying(&thrust, self.nominal.mass_kg * self.nominal.gravity_m_s2);
-        let mut mean = vec![0.0; series.rotors];
-        let mut count = 0.0;
-        for (row, _) in thrust.chunks(series.rotors).zip(&flying).filter(|(_, flies)| **flies) {
-            count += 1.0;
-            for (sum, f) in mean.iter_mut().zip(row) {
-                *sum += f;
-            }
-        }
-        Ok((mean.into_iter().map(|sum| sum / count).collect(), count * series.step_s))
+        let rows = thrust.chunks(series.rotors).zip(&flying).filter(|(_, flies)| **flies);
+        Ok(rows.flat_map(|(row, _)| row.iter().copied()).collect())
+    }
+
+    /// Time that rows of [`Self::thrust_in_flight`] make up, s.
+    pub(crate) fn seconds_of(&self, rows: &[f64]) -> f64 {
+        (rows.len() / self.plant.series.rotors) as f64 * self.plant.series.step_s
     }
 
     /// Whitened residuals of a raw prediction.
@@ -513,6 +517,18 @@ fn rate_gain(covariance: Covariance, step_s: f64) -> f64 {
 /// A refusal as a sentence.
 fn told(refusal: &Refusal) -> String {
     format!("{}: {}", refusal.key, refusal.reason)
+}
+
+/// Mean of rows, column by column.
+pub(crate) fn mean_of(rows: &[f64], columns: usize) -> Vec<f64> {
+    let mut mean = vec![0.0; columns];
+    for row in rows.chunks(columns) {
+        for (sum, value) in mean.iter_mut().zip(row) {
+            *sum += value;
+        }
+    }
+    let count = (rows.len() / columns) as f64;
+    mean.into_iter().map(|sum| sum / count).collect()
 }
 
 /// Minimum-norm allocation of (thrust, torque) to the rotors: f = Bᵀ (B Bᵀ)⁻¹ w, with w = (T, τ).

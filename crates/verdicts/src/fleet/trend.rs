@@ -1,0 +1,608 @@
+//! What the flights of one vehicle say about its rotors: which has lost thrust since when, and how well that is known.
+//!
+//! Flight t has asked the rotors for `d_t` (ln of thrust over hover's). A loss of rotor i to the share e⁻ˣ adds `x s_i`. What all rotors have
+//! in common (battery, air, mass) is taken out of both; `r_t` and `s_i` are what is left, in a space of q dimensions (three of most vehicles):
+//!
+//! ```text
+//! r_t = μ_g + b z_t + e_t,   e_t ~ N(0, σ²),   z_t: a ramp from 0 to 1 over the flights, or a step at one of them
+//! ```
+//! with a mean μ of its own after every replaced propeller. Least squares give b with q dimensions and σ² with ν = q (flights − means − 1)
+//! degrees of freedom. σ is the spread *between flights*: the spread within one is manoeuvres, which leave no mean behind, and wind, which
+//! is another one next time. A set S of one or two
+//! rotors explains b by losses x_i ≥ 0; its likelihood is Student's t of what it leaves,
+//!
+//! ```text
+//! ln L_S = −(ν + q)/2 ln(1 + Z |b − Σ x_i s_i|²/(ν σ²)),   Z = Σ (z_t − mean)²
+//! ```
+//! and a pair pays for its further parameter (Occam's factor under a uniform prior up to [`LARGEST_LOSS`]) and a prior of [`PAIR_PRIOR`].
+//!
+//! A claim is made only where the best rotor's t is beyond what one healthy vehicle in 1/[`FALSE_CLAIMS`] shows over all rotors and shapes that
+//! were tried, and where the loss is at least [`LEAST_LOSS`]; a rotor is named where its sets have [`NAMED`] of the posterior. What was named is taken off, and the rest looked
+//! at again, without that rotor.
+//!
+//! Limits: a gain of a rotor is the loss of the one across from it (of six rotors), and propellers do not gain; equal losses of opposite
+//! rotors change only what all have in common; flights count as independent of each other, and as far apart as they are in the list.
+
+use rotortwin_flight_core::fdi::student_t::{two_sided_critical_value, two_sided_p_value};
+
+/// Fewest flights since a propeller was replaced that can show a trend.
+pub const LEAST_FLIGHTS: usize = 5;
+/// Fewest flights before a step.
+pub const LEAST_BEFORE: usize = 3;
+/// Share of healthy histories in which a claim is made, over all rotors and shapes tried, at one look.
+pub const FALSE_CLAIMS: f64 = 1e-3;
+/// A step that one flight alone shows is claimed at so much rarer a level: one odd flight (a gale, another load) is likelier than its spread says.
+pub const LONE_FLIGHT: f64 = 1e-3;
+/// A smaller loss is not worth a claim, share.
+pub const LEAST_LOSS: f64 = 0.01;
+/// Posterior from which a rotor is named.
+pub const NAMED: f64 = 0.95;
+/// Prior odds of a pair against a rotor.
+const PAIR_PRIOR: f64 = 0.02;
+/// Losses are taken for equally likely up to this x.
+const LARGEST_LOSS: f64 = 0.3;
+/// Spread below which no two flights are known to be alike, ln of thrust.
+const LEAST_SPREAD: f64 = 0.001;
+/// Rounds in which named rotors take their shapes beside each other.
+const SWEEPS: usize = 4;
+/// Flights that a loss per flight counts from.
+pub const REFERENCE_FLIGHTS: usize = 3;
+
+/// One flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flight {
+    /// ln of thrust asked for over hover's, rotor by rotor.
+    pub asked: Vec<f64>,
+    /// Propellers replaced before it, of any rotor: flights with the same number share their mean.
+    pub mount: usize,
+}
+
+/// How a loss has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// By the same share from flight to flight.
+    Ramp,
+    /// With this flight of the list, from 0; it is there from then on.
+    Step(usize),
+}
+
+/// A rotor that has lost thrust.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Named {
+    /// From 0.
+    pub rotor: usize,
+    /// How.
+    pub shape: Shape,
+    /// x over all flights of the list: the share lost is 1 − e⁻ˣ.
+    pub total: f64,
+    /// Half width of its 95 % interval.
+    pub half_width: f64,
+    /// Posterior that this rotor has lost thrust, given that one or two have.
+    pub posterior: f64,
+    /// Two-sided p of its t, before the many trials are allowed for.
+    pub p: f64,
+}
+
+/// What the flights say.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// Rotors that are named, in the order in which they were found.
+    pub named: Vec<Named>,
+    /// Something has changed, and these rotors (from 0) have 95 % of the posterior together; none of them alone.
+    pub suspects: Vec<usize>,
+    /// Spread between flights of what rotors do not have in common, ln of thrust.
+    pub spread: f64,
+    /// Degrees of freedom of the spread; 0 where there are too few flights.
+    pub freedom: f64,
+}
+
+/// Signatures without what all rotors have in common.
+#[derive(Debug, Clone)]
+pub struct Signatures {
+    own: Vec<Vec<f64>>,
+    rank: usize,
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// Less its mean.
+fn without_common(values: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    values.iter().map(|x| x - mean).collect()
+}
+
+/// `a − factor b`, in place.
+fn take(a: &mut [f64], factor: f64, b: &[f64]) {
+    for (x, y) in a.iter_mut().zip(b) {
+        *x -= factor * y;
+    }
+}
+
+impl Signatures {
+    /// From the change of `asked` per x of each rotor.
+    pub fn of(signatures: &[Vec<f64>]) -> Self {
+        let own: Vec<Vec<f64>> = signatures.iter().map(|s| without_common(s)).collect();
+        let mut basis: Vec<Vec<f64>> = Vec::new();
+        for one in &own {
+            let mut rest = one.clone();
+            for direction in &basis {
+                let along = dot(&rest, direction);
+                take(&mut rest, along, direction);
+            }
+            let length = dot(&rest, &rest).sqrt();
+            // Opposite rotors' changes are the same but for the sign, to rounding and the curve of the logarithm.
+            if length > 0.05 {
+                basis.push(rest.iter().map(|x| x / length).collect());
+            }
+        }
+        Self { own, rank: basis.len() }
+    }
+
+    fn rotors(&self) -> usize {
+        self.own.len()
+    }
+
+    /// x of a rotor that explains a change best, if it alone has changed.
+    pub fn loss(&self, rotor: usize, change: &[f64]) -> f64 {
+        let own = &self.own[rotor];
+        dot(own, &without_common(change)) / dot(own, own)
+    }
+
+    /// Standard deviation of [`Self::loss`] per spread.
+    pub fn per_spread(&self, rotor: usize) -> f64 {
+        1.0 / dot(&self.own[rotor], &self.own[rotor]).sqrt()
+    }
+}
+
+/// Takes the mean of each mount off.
+fn centred(values: &[f64], flights: &[Flight]) -> Vec<f64> {
+    let mut out = values.to_vec();
+    let mut begin = 0;
+    while begin < flights.len() {
+        let mount = flights[begin].mount;
+        let end = begin + flights[begin..].iter().take_while(|f| f.mount == mount).count();
+        let mean = values[begin..end].iter().sum::<f64>() / (end - begin) as f64;
+        for x in &mut out[begin..end] {
+            *x -= mean;
+        }
+        begin = end;
+    }
+    out
+}
+
+fn mounts(flights: &[Flight]) -> usize {
+    1 + flights.windows(2).filter(|pair| pair[0].mount != pair[1].mount).count()
+}
+
+/// A shape with the free change that fits it.
+struct Fit {
+    shape: Shape,
+    /// b.
+    change: Vec<f64>,
+    /// Z.
+    weight: f64,
+    /// Sum of squares that is left.
+    rest: f64,
+}
+
+/// z of each flight; at the last one it is 1.
+fn regressor(shape: Shape, count: usize) -> Vec<f64> {
+    let of = |t: usize| match shape {
+        Shape::Ramp => t as f64 / (count - 1) as f64,
+        Shape::Step(at) => f64::from(u8::from(t >= at)),
+    };
+    (0..count).map(of).collect()
+}
+
+/// Rows, flight by flight, each mount's mean taken off.
+fn rows_of(flights: &[Flight]) -> Vec<Vec<f64>> {
+    let own: Vec<Vec<f64>> = flights.iter().map(|f| without_common(&f.asked)).collect();
+    let rotors = own.first().map_or(0, Vec::len);
+    let columns: Vec<Vec<f64>> = (0..rotors)
+        .map(|i| centred(&own.iter().map(|row| row[i]).collect::<Vec<_>>(), flights))
+        .collect();
+    (0..flights.len())
+        .map(|t| columns.iter().map(|c| c[t]).collect())
+        .collect()
+}
+
+fn fit(shape: Shape, rows: &[Vec<f64>], flights: &[Flight]) -> Option<Fit> {
+    let z = centred(&regressor(shape, flights.len()), flights);
+    let weight = dot(&z, &z);
+    // A step with a new propeller has a mean of its own already.
+    if weight < 1e-9 {
+        return None;
+    }
+    let rotors = rows.first()?.len();
+    let change: Vec<f64> = (0..rotors)
+        .map(|i| rows.iter().zip(&z).map(|(row, z)| row[i] * z).sum::<f64>() / weight)
+        .collect();
+    let all: f64 = rows.iter().map(|row| dot(row, row)).sum();
+    let rest = (all - weight * dot(&change, &change)).max(0.0);
+    Some(Fit {
+        shape,
+        change,
+        weight,
+        rest,
+    })
+}
+
+/// A set of rotors with its losses and the logarithm of its weight.
+struct Weighed {
+    rotors: Vec<usize>,
+    losses: Vec<f64>,
+    log_weight: f64,
+}
+
+/// Losses of a set that explain a change; none where one of them is a gain.
+fn solve(set: &[usize], change: &[f64], signatures: &Signatures) -> Option<Vec<f64>> {
+    let own = |i: usize| &signatures.own[set[i]];
+    let losses = match set.len() {
+        1 => vec![dot(own(0), change) / dot(own(0), own(0))],
+        _ => {
+            let (aa, bb, ab) = (dot(own(0), own(0)), dot(own(1), own(1)), dot(own(0), own(1)));
+            let determinant = aa * bb - ab * ab;
+            if determinant < 1e-3 * aa * bb {
+                return None;
+            }
+            let (a, b) = (dot(own(0), change), dot(own(1), change));
+            vec![(bb * a - ab * b) / determinant, (aa * b - ab * a) / determinant]
+        }
+    };
+    losses.iter().all(|x| *x > 0.0).then_some(losses)
+}
+
+fn weigh(fit: &Fit, spread: f64, freedom: f64, signatures: &Signatures, left: &[usize]) -> Vec<Weighed> {
+    let singles = left.iter().map(|i| vec![*i]);
+    let pairs = left
+        .iter()
+        .enumerate()
+        .flat_map(|(k, i)| left[k + 1..].iter().map(move |j| vec![*i, *j]));
+    let q = signatures.rank as f64;
+    singles
+        .chain(pairs)
+        .filter_map(|rotors| {
+            let losses = solve(&rotors, &fit.change, signatures)?;
+            let mut rest = fit.change.clone();
+            for (rotor, loss) in rotors.iter().zip(&losses) {
+                take(&mut rest, *loss, &signatures.own[*rotor]);
+            }
+            let misfit = fit.weight * dot(&rest, &rest) / (spread * spread);
+            let mut log_weight = -0.5 * (freedom + q) * (misfit / freedom).ln_1p();
+            if rotors.len() > 1 {
+                let known_to = spread / fit.weight.sqrt() * signatures.per_spread(rotors[1]);
+                let occam = ((2.0 * std::f64::consts::PI).sqrt() * known_to / LARGEST_LOSS).min(1.0);
+                log_weight += (PAIR_PRIOR * occam).ln();
+            }
+            Some(Weighed {
+                rotors,
+                losses,
+                log_weight,
+            })
+        })
+        .collect()
+}
+
+/// Posterior of each rotor, and the likeliest set.
+fn posterior(weighed: &[Weighed], rotors: usize) -> (Vec<f64>, Option<&Weighed>) {
+    let best = weighed.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight));
+    let top = best.map_or(0.0, |one| one.log_weight);
+    let mut of = vec![0.0; rotors];
+    let mut total = 0.0;
+    for one in weighed {
+        let weight = (one.log_weight - top).exp();
+        total += weight;
+        for rotor in &one.rotors {
+            of[*rotor] += weight;
+        }
+    }
+    if total > 0.0 {
+        of.iter_mut().for_each(|p| *p /= total);
+    }
+    (of, best)
+}
+
+/// What a list of flights says; the earliest first.
+pub fn assess(flights: &[Flight], signatures: &Signatures) -> Finding {
+    let mut rows = rows_of(flights);
+    let rotors = signatures.rotors();
+    let mut left: Vec<usize> = (0..rotors).collect();
+    let mut found = Finding {
+        named: Vec::new(),
+        suspects: Vec::new(),
+        spread: 0.0,
+        freedom: 0.0,
+    };
+    (found.spread, found.freedom) = plain_spread(&rows, flights, signatures, 0);
+    let mut shapes: Vec<Shape> = (LEAST_BEFORE..flights.len()).map(Shape::Step).collect();
+    if flights.len() >= LEAST_FLIGHTS {
+        shapes.insert(0, Shape::Ramp);
+    }
+    while !left.is_empty() {
+        let best = shapes
+            .iter()
+            .filter_map(|shape| fit(*shape, &rows, flights))
+            .min_by(|a, b| a.rest.total_cmp(&b.rest));
+        let Some(best) = best else { break };
+        // Each loss that was taken off has cost a degree of freedom.
+        let freedom =
+            signatures.rank as f64 * (flights.len() as f64 - mounts(flights) as f64 - 1.0) - found.named.len() as f64;
+        if freedom < 1.0 {
+            break;
+        }
+        let spread = (best.rest / freedom).sqrt().max(LEAST_SPREAD);
+        let t = |rotor: usize, loss: f64| loss * best.weight.sqrt() / (spread * signatures.per_spread(rotor));
+        let weighed = weigh(&best, spread, freedom, signatures, &left);
+        let strongest = weighed
+            .iter()
+            .filter(|one| one.rotors.len() == 1)
+            .map(|one| t(one.rotors[0], one.losses[0]))
+            .fold(0.0, f64::max);
+        let trials = (rotors * shapes.len()) as f64;
+        let lone = best.shape == Shape::Step(flights.len() - 1);
+        let level = if lone { FALSE_CLAIMS * LONE_FLIGHT } else { FALSE_CLAIMS };
+        if two_sided_p_value(strongest, freedom) / 2.0 * trials > level {
+            break;
+        }
+        let (of, likeliest) = posterior(&weighed, rotors);
+        let Some(likeliest) = likeliest else { break };
+        if likeliest.losses.iter().all(|x| 1.0 - (-x).exp() < LEAST_LOSS) {
+            break;
+        }
+        let z = centred(&regressor(best.shape, flights.len()), flights);
+        let mut any = false;
+        for (rotor, loss) in likeliest.rotors.iter().zip(&likeliest.losses) {
+            if of[*rotor] < NAMED {
+                continue;
+            }
+            any = true;
+            left.retain(|other| other != rotor);
+            for (row, z) in rows.iter_mut().zip(&z) {
+                take(row, loss * z, &signatures.own[*rotor]);
+            }
+            found.named.push(Named {
+                rotor: *rotor,
+                shape: best.shape,
+                total: *loss,
+                half_width: 0.0,
+                posterior: of[*rotor],
+                p: 1.0,
+            });
+        }
+        if !any {
+            found.suspects = likeliest_union(weighed, &of);
+            break;
+        }
+        refine(&mut found, &mut rows, flights, signatures, &shapes);
+    }
+    found
+}
+
+/// Lets each named rotor have its own shape: in turn, beside the losses of the others; then the intervals by the spread that is left.
+fn refine(found: &mut Finding, rows: &mut [Vec<f64>], flights: &[Flight], signatures: &Signatures, shapes: &[Shape]) {
+    let regressor = |shape| centred(&regressor(shape, flights.len()), flights);
+    for _ in 0..SWEEPS {
+        for one in &mut found.named {
+            let own = &signatures.own[one.rotor];
+            for (row, z) in rows.iter_mut().zip(regressor(one.shape)) {
+                take(row, -one.total * z, own);
+            }
+            let explained = |fit: &Fit| fit.weight * dot(own, &fit.change).max(0.0).powi(2);
+            let fits = shapes.iter().filter_map(|shape| fit(*shape, rows, flights));
+            if let Some(best) = fits.max_by(|a, b| explained(a).total_cmp(&explained(b))) {
+                one.shape = best.shape;
+                one.total = signatures.loss(one.rotor, &best.change);
+            }
+            for (row, z) in rows.iter_mut().zip(regressor(one.shape)) {
+                take(row, one.total * z, own);
+            }
+        }
+    }
+    (found.spread, found.freedom) = plain_spread(rows, flights, signatures, found.named.len());
+    let wide = two_sided_critical_value(0.05, found.freedom).unwrap_or(f64::INFINITY);
+    for one in &mut found.named {
+        let z = regressor(one.shape);
+        let known_to = found.spread * signatures.per_spread(one.rotor) / dot(&z, &z).sqrt();
+        one.half_width = wide * known_to;
+        one.p = two_sided_p_value(one.total / known_to, found.freedom);
+    }
+}
+
+/// The fewest of the likeliest sets that have [`NAMED`] together, as one list of rotors.
+fn likeliest_union(mut weighed: Vec<Weighed>, of: &[f64]) -> Vec<usize> {
+    weighed.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
+    let top = weighed[0].log_weight;
+    let total: f64 = weighed.iter().map(|one| (one.log_weight - top).exp()).sum();
+    let mut sum = 0.0;
+    let mut union = vec![false; of.len()];
+    for one in &weighed {
+        for rotor in &one.rotors {
+            union[*rotor] = true;
+        }
+        sum += (one.log_weight - top).exp() / total;
+        if sum >= NAMED {
+            break;
+        }
+    }
+    (0..of.len()).filter(|i| union[*i]).collect()
+}
+
+/// Spread about the means, without any change but those that were taken off.
+fn plain_spread(rows: &[Vec<f64>], flights: &[Flight], signatures: &Signatures, taken: usize) -> (f64, f64) {
+    let freedom = signatures.rank as f64 * (flights.len() as f64 - mounts(flights) as f64) - taken as f64;
+    if flights.is_empty() || freedom < 1.0 {
+        return (0.0, 0.0);
+    }
+    let squares: f64 = rows.iter().map(|row| dot(row, row)).sum();
+    ((squares / freedom).sqrt().max(LEAST_SPREAD), freedom)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Deterministic numbers, about normal with deviation 1 (sum of 12 uniforms).
+    struct Draw(u64);
+    impl Draw {
+        fn normal(&mut self) -> f64 {
+            let mut uniform = || {
+                self.0 = self
+                    .0
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
+                (self.0 >> 11) as f64 / (1u64 << 53) as f64
+            };
+            (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+        }
+    }
+
+    /// P e_i of a flat hexarotor with minimum-norm allocation.
+    fn hexarotor() -> Vec<Vec<f64>> {
+        let angle = |i: usize| std::f64::consts::TAU * i as f64 / 6.0;
+        let spin = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+        (0..6)
+            .map(|i| {
+                (0..6)
+                    .map(|j| 1.0 / 6.0 + (angle(i) - angle(j)).cos() / 3.0 + spin(i) * spin(j) / 6.0)
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// Flights whose rotors have lost x(t, i), with a spread between flights and biases of 3 %.
+    fn flown(count: usize, spread: f64, seed: u64, lost: impl Fn(usize, usize) -> f64) -> Vec<Flight> {
+        let signatures = hexarotor();
+        let mut draw = Draw(seed);
+        let seen = |x: &[f64]| -> Vec<f64> { (0..6).map(|j| (0..6).map(|i| x[i] * signatures[i][j]).sum()).collect() };
+        let bias: Vec<f64> = (0..6).map(|_| 0.03 * draw.normal()).collect();
+        (0..count)
+            .map(|t| {
+                let x: Vec<f64> = (0..6).map(|i| bias[i] + lost(t, i) + spread * draw.normal()).collect();
+                let common = 0.01 * draw.normal();
+                Flight {
+                    asked: seen(&x).iter().map(|d| d + common).collect(),
+                    mount: 0,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn val_a_ramp_is_named_with_an_interval_that_holds_it() {
+        let signatures = Signatures::of(&hexarotor());
+        assert_eq!(signatures.rank, 3);
+        let mut inside = 0;
+        for seed in 0..400 {
+            let flights = flown(8, 0.003, 100 + seed, |t, i| if i == 2 { 0.01 * t as f64 } else { 0.0 });
+            let found = assess(&flights, &signatures);
+            assert_eq!(found.named.len(), 1, "seed {seed}: {found:?}");
+            let one = &found.named[0];
+            assert_eq!((one.rotor, one.shape), (2, Shape::Ramp), "seed {seed}");
+            inside += usize::from((one.total - 0.07).abs() < one.half_width);
+        }
+        // 95 % of 400 are 380 ± 9 (two deviations).
+        assert!((366..=394).contains(&inside), "{inside} of 400");
+    }
+
+    #[test]
+    fn val_a_healthy_vehicle_with_unequal_rotors_gets_no_claim() {
+        let signatures = Signatures::of(&hexarotor());
+        let claims = (0..2000u64)
+            .filter(|seed| {
+                let found = assess(
+                    &flown(4 + *seed as usize % 17, 0.003, 7000 + seed, |_, _| 0.0),
+                    &signatures,
+                );
+                !found.named.is_empty() || !found.suspects.is_empty()
+            })
+            .count();
+        // One in a thousand is what it is made for.
+        assert!(claims <= 6, "{claims} of 2000");
+    }
+
+    #[test]
+    fn val_a_step_and_a_ramp_of_two_rotors_are_told_apart() {
+        let signatures = Signatures::of(&hexarotor());
+        for seed in 0..50 {
+            let flights = flown(10, 0.002, 900 + seed, |t, i| match i {
+                0 => 0.012 * t as f64,
+                4 if t >= 6 => 0.05,
+                _ => 0.0,
+            });
+            let found = assess(&flights, &signatures);
+            let mut named: Vec<(usize, Shape)> = found.named.iter().map(|one| (one.rotor, one.shape)).collect();
+            named.sort_by_key(|one| one.0);
+            assert_eq!(named, [(0, Shape::Ramp), (4, Shape::Step(6))], "seed {seed}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn val_two_rotors_that_wear_alike_are_both_named() {
+        let signatures = Signatures::of(&hexarotor());
+        for seed in 0..50 {
+            let flights = flown(8, 0.002, 300 + seed, |t, i| {
+                if i == 1 || i == 2 { 0.01 * t as f64 } else { 0.0 }
+            });
+            let found = assess(&flights, &signatures);
+            let mut named: Vec<usize> = found.named.iter().map(|one| one.rotor).collect();
+            named.sort_unstable();
+            assert_eq!(named, [1, 2], "seed {seed}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn prop_a_new_propeller_is_no_change_of_the_others() {
+        let signatures = Signatures::of(&hexarotor());
+        // Rotor 3 is replaced before flight 6: its bias jumps by 4 %, and nothing else happens.
+        let mut flights = flown(12, 0.002, 41, |t, i| if i == 3 && t >= 6 { -0.04 } else { 0.0 });
+        let seen = assess(&flights, &signatures);
+        assert!(
+            !seen.named.is_empty() || !seen.suspects.is_empty(),
+            "without the event it is a change"
+        );
+        for flight in &mut flights[6..] {
+            flight.mount = 1;
+        }
+        let found = assess(&flights, &signatures);
+        assert!(found.named.is_empty() && found.suspects.is_empty(), "{found:?}");
+    }
+
+    /// Normal flights with now and then one that is six spreads off: a claim needs a second flight, or a loss far beyond any such.
+    #[test]
+    fn val_one_odd_flight_is_no_step_and_a_broken_tip_is() {
+        let signatures = Signatures::of(&hexarotor());
+        let said = |found: &Finding| !found.named.is_empty() || !found.suspects.is_empty();
+        let odd = |seed| flown(7, 0.003, seed, |t, i| if i == 5 && t == 6 { 0.018 } else { 0.0 });
+        let claims = (0..200)
+            .filter(|seed| said(&assess(&odd(5000 + seed), &signatures)))
+            .count();
+        assert!(claims <= 10, "{claims} of 200");
+        let broken = |seed| flown(7, 0.003, seed, |t, i| if i == 5 && t == 6 { 0.08 } else { 0.0 });
+        let named = (0..200)
+            .filter(|seed| {
+                assess(&broken(6000 + seed), &signatures)
+                    .named
+                    .iter()
+                    .any(|one| one.rotor == 5)
+            })
+            .count();
+        assert!(named >= 190, "{named} of 200");
+    }
+
+    #[test]
+    fn regress_too_few_flights_say_nothing() {
+        let signatures = Signatures::of(&hexarotor());
+        for count in 0..4 {
+            let found = assess(
+                &flown(count, 0.001, 5, |t, i| if i == 0 { 0.05 * t as f64 } else { 0.0 }),
+                &signatures,
+            );
+            assert!(
+                found.named.is_empty() && found.suspects.is_empty(),
+                "{count} flights: {found:?}"
+            );
+        }
+    }
+}
