@@ -38,6 +38,9 @@ pub struct LogArgs {
     /// Score the verdicts: a CSV file time_s,rotor,loss[,log], or the name of a column of the log (0 healthy, the damaged rotor, -1 several)
     #[arg(long, value_name = "FILE|COLUMN")]
     truth: Option<PathBuf>,
+    /// As --truth with the name of a column, whatever files there are: what a server takes from strangers
+    #[arg(long, value_name = "COLUMN", hide = true, conflicts_with = "truth")]
+    truth_column: Option<String>,
     /// Write every window of all detectors into this Parquet file, or CSV by its ending
     #[arg(long, value_name = "FILE")]
     series: Option<PathBuf>,
@@ -96,7 +99,8 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
         .truth
         .as_deref()
         .map(|text| TruthSource::read(text, rotor_count))
-        .transpose()?;
+        .transpose()?
+        .or_else(|| args.truth_column.clone().map(TruthSource::Column));
     let options = ReadOptions {
         most_cells: args.most_cells,
         ..ReadOptions::default()

@@ -837,3 +837,78 @@ fn bench_measurements_per_second() {
         );
     }
 }
+
+/// What is damaged is known: the score of the server is that of the command, for rows and for a column.
+#[test]
+fn scenario_a_log_with_its_truth_is_scored() {
+    let scratch = Scratch::new();
+    let run = fly(&scratch, "faulty", true);
+    let table = std::fs::read(run.join("telemetry.parquet")).expect("it was written");
+    let server = Server::start(&scratch.path("data"));
+    let ask = |truth: &str| {
+        let query = "vehicle=f550&calibration_start_s=0.75&calibration_end_s=4.75";
+        let path = format!("/api/v1/fdi/scores?{query}{truth}");
+        server.ask_bytes("POST", &path, &[("content-type", "application/octet-stream")], &table)
+    };
+    let answer = ask("&truth_column=fault_label");
+    let column = answer.json();
+    assert_eq!(answer.status, 200, "{column}");
+    let score = &column["score"];
+    let onset_s = score["onset_s"].as_f64().expect("damaged");
+    assert!((onset_s - FAULT_S).abs() < 1e-3, "{onset_s}");
+    let sequential = &score["detectors"][2];
+    assert_eq!(
+        (&sequential["detector"], &sequential["false_alarm_events"]),
+        (&json!("sequential"), &json!(0))
+    );
+    let isolated_s = sequential["isolated_after_steps"].as_f64().expect("isolated") * 2.5e-3;
+    assert!(isolated_s > 0.0 && isolated_s < NAMED_WITHIN_S, "{isolated_s}");
+    assert!(
+        column["report"]["final_window"].is_object() && column.get("file").is_none(),
+        "{column}"
+    );
+
+    let command = Call::new(&scratch, ["fdi-log".into(), run.clone().into_os_string()])
+        .with([
+            "--model",
+            &repository().join("config/vehicles/f550.toml").display().to_string(),
+        ])
+        .with([
+            "--set",
+            "calibration_start_s=0.75",
+            "--set",
+            "calibration_end_s=4.75",
+            "--truth",
+            "fault_label",
+            "--json",
+        ])
+        .run()
+        .expect_code(0);
+    let said: Value = serde_json::from_str(&command.stdout).expect("JSON");
+    assert_eq!(said["score"], column["score"]);
+
+    // The size is told, too: then it is counted whether the loss lies inside.
+    let rows = ask("&truth=6,3,0.15").json();
+    let verdicts = |score: &Value| score["score"]["detectors"][2]["right"].clone();
+    assert_eq!(verdicts(&rows), verdicts(&column), "{rows}");
+    assert!(
+        rows["score"]["inside_of"].as_u64() > Some(0) && column["score"]["inside_of"] == 0,
+        "{rows}"
+    );
+
+    for (truth, words) in [
+        ("", "got neither"),
+        ("&truth=6,3,0.1&truth_column=fault_label", "got both"),
+        ("&truth=6,7,0.1", "the truth: row 1 names rotor 7"),
+        ("&truth=6,3,0.1;x,3,0", "expected the columns time_s,rotor,loss"),
+        ("&truth_column=label", "the log: no column `label`"),
+        // A file of this name is no business of a stranger's.
+        ("&truth_column=/etc/passwd", "no column `/etc/passwd`"),
+    ] {
+        let answer = ask(truth);
+        let problem = answer.json();
+        let detail = problem["detail"].as_str().unwrap_or_default();
+        assert!(answer.status == 422 && detail.contains(words), "{truth}: {problem}");
+        assert!(!detail.contains("upload-"), "{problem}");
+    }
+}

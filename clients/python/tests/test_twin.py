@@ -132,6 +132,24 @@ def test_scenario_an_fdi_session_says_what_the_run_said(client: Client, server: 
         client.fdi.open("f550").feed_frame(frame.drop(columns=[f"duty_{rotor}" for rotor in range(1, 7)]))
 
 
+def test_scenario_a_log_with_its_truth_is_scored(client: Client, server: Server, flown: Run, tmp_path: Path) -> None:
+    answer = client.fdi.score(id=flown.id, vehicle="f550", truth="fault_label")
+    assert answer["score"]["onset_s"] is None and answer["report"]["log"]["rows"] == 3200
+    path = client.runs.download(flown.id, "telemetry.parquet", tmp_path / "hover.parquet")
+    assert client.fdi.score(path, vehicle="f550", truth=[(0.0, 0, None)])["score"] == answer["score"]
+
+    async def again() -> None:
+        async with AsyncClient(server.url) as other:
+            damaged = await other.fdi.score(path.read_bytes(), vehicle="f550", truth=[(5.0, 3, 0.1), (7.0, 3, 0.0)])
+            assert damaged["score"]["onset_s"] == 5.0
+
+    asyncio.run(again())
+    with pytest.raises(Unprocessable, match="rotor 9"):
+        client.fdi.score(path, vehicle="f550", truth=[(5.0, 9, 0.1)])
+    with pytest.raises(ValueError, match="got neither"):
+        client.fdi.score(vehicle="f550", truth="fault_label")
+
+
 SAMPLE = """{"velocity_ned_m_s": [0, 0, 0], "attitude_rad": [0, 0, 0], "body_rates_rad_s": [0, 0, 0],
  "duty": [0.4, 0.4, 0.4, 0.4, 0.4, 0.4], "battery_voltage_v": 16.0}"""
 

@@ -99,6 +99,26 @@ class FdiOperations:
     def close(self, id: str) -> Operation[None]:
         yield from self.settings.call("DELETE", f"{self.root}/{in_path(id)}", ok_when_repeated=(404,))
 
+    def score(self, log: str | Path | bytes | None, params: Json) -> Operation[Json]:
+        content = b"" if log is None else log if isinstance(log, bytes) else Path(log).read_bytes()
+        headers = {"content-type": "application/octet-stream"}
+        answer = yield from self.settings.call("POST", "/api/v1/fdi/scores", params=params, content=content, headers=headers)
+        found: Json = answer.json()
+        return found
+
+
+def score_params(
+    id: str | None,
+    vehicle: str,
+    truth: str | Sequence[tuple[float, int, float | None]],
+    classifier: str | None,
+    calibration_end_s: float | None,
+) -> Json:
+    """Which detectors, and what is true: the name of a column, or rows."""
+    rows = truth if isinstance(truth, str) else ";".join(f"{at},{rotor},{'' if loss is None else loss}" for at, rotor, loss in truth)
+    given = without_none(log=id, vehicle=vehicle, classifier=classifier, calibration_end_s=calibration_end_s)
+    return {**given, "truth_column" if isinstance(truth, str) else "truth": rows}
+
 
 def session_body(
     vehicle: str | None,

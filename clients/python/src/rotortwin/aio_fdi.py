@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from ._exchange import drive_async
 from ._transport import AsyncTransport
-from ._twin import CHUNK, FdiOperations, chunks_of, session_body
-from .models import FdiAnswer, FdiState, FdiWindow, Sample
+from ._twin import CHUNK, FdiOperations, chunks_of, score_params, session_body
+from .models import FdiAnswer, FdiState, FdiWindow, Json, Sample
 
 if TYPE_CHECKING:
     import pandas
@@ -87,3 +87,23 @@ class AsyncFdi:
         body = session_body(vehicle, vehicle_text, classifier, settings, topic)
         state = await drive_async(self._transport.http, self._operations.open(body))
         return AsyncFdiSession(self._transport, self._operations, state)
+
+    async def score(
+        self,
+        log: str | Path | bytes | None = None,
+        *,
+        vehicle: str,
+        truth: str | Sequence[tuple[float, int, float | None]],
+        id: str | None = None,
+        classifier: str | None = None,
+        calibration_end_s: float | None = None,
+    ) -> Json:
+        """Judges a flight log whose truth is known, and scores the verdicts of all detectors: a dictionary with `report` and `score`.
+
+        log: a file, or its bytes; or id, of a log or run that the server has. truth: the column of the log that holds it, or rows (time in s, rotor
+        from 1, lost share of its thrust): from this time on it has lost so much; 0 is healed, None "unknown how much". A healthy log has `[(0, 0, None)]`.
+        """
+        if (log is None) == (id is None):
+            raise ValueError("expected a log or the id of one, got " + ("neither" if log is None else "both"))
+        params = score_params(id, vehicle, truth, classifier, calibration_end_s)
+        return await drive_async(self._transport.http, self._operations.score(log, params))

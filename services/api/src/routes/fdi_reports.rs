@@ -6,6 +6,7 @@ use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::problem::Problem;
 use crate::worker::answer::{Patience, answer};
+use axum::Json;
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, State};
@@ -13,12 +14,13 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_scenario::DetectorSettings;
 use rotortwin_verdicts::log::LogReport;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 
 /// No uploaded log is larger.
 pub(super) const LARGEST_LOG: u64 = 128 << 20;
@@ -69,12 +71,155 @@ pub(crate) async fn judge(
     body: Body,
 ) -> Result<Response, Problem> {
     let Query(which) = which?;
+    let report = judged(&app, &caller, &which, body, &Truth::Unknown).await?;
+    Ok(([(CONTENT_TYPE, "application/json")], report).into_response())
+}
+
+/// Which detectors, and what is true.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Scored {
+    /// Id of a log that was imported here, or of a run that is done: then there is no body.
+    log: Option<String>,
+    /// Name of one of the server's vehicles.
+    vehicle: String,
+    /// Name of one of the server's classifiers; without one the network gives no verdict.
+    classifier: Option<String>,
+    /// Start of the calibration, s.
+    calibration_start_s: Option<f64>,
+    /// End of the calibration, s; the vehicle is taken for healthy until then.
+    calibration_end_s: Option<f64>,
+    /// Column of the log with the truth: 0 healthy, the damaged rotor, −1 several; `fault_label` of a run.
+    truth_column: Option<String>,
+    /// The truth as rows `time_s,rotor,loss`, several with `;` between them, such as `31.2,3,0.08;52,3,0`: from this time of the log on the rotor
+    /// has lost this share of its thrust; 0 is healed, nothing "unknown how much". A healthy log has `0,0,`.
+    truth: Option<String>,
+}
+
+/// A log judged, and how right the detectors were.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(crate) struct ScoredReport {
+    /// What the detectors say.
+    #[schema(value_type = LogReport)]
+    report: serde_json::Value,
+    /// How right that is.
+    score: LogScore,
+}
+
+/// How right the detectors were on one log.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LogScore {
+    /// First damage, s of the log's time.
+    onset_s: Option<f64>,
+    /// Each detector.
+    detectors: Vec<ScoreOfDetector>,
+    /// Windows of the sequential detector that name the rotors rightly, while the loss stands still, with each loss inside its 95 % interval.
+    inside: u64,
+    /// Of so many.
+    inside_of: u64,
+}
+
+/// Counts of one detector, by the definitions of campaigns.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ScoreOfDetector {
+    /// `t_test`, `network` or `sequential`.
+    detector: String,
+    /// Steps of a window, 2.5 ms each.
+    window_steps: u64,
+    /// Windows with a verdict.
+    windows: u64,
+    /// With the right one.
+    right: u64,
+    /// Faulty windows called healthy.
+    missed: u64,
+    /// Faulty windows that name a healthy rotor.
+    wrong_rotor: u64,
+    /// Faulty windows that are neither right nor missed, and name no healthy rotor.
+    unclear: u64,
+    /// Windows without a fault.
+    healthy_windows: u64,
+    /// Of these, with a verdict other than healthy.
+    false_alarm_windows: u64,
+    /// Rows of them.
+    false_alarm_events: u64,
+    /// Steps from the onset to the end of the first window with any verdict but healthy.
+    detected_after_steps: Option<u64>,
+    /// To the end of the first right window.
+    isolated_after_steps: Option<u64>,
+    /// To the end of the window from which on all are right.
+    settled_after_steps: Option<u64>,
+    /// Verdict of the last window; −2 if it was never ready.
+    final_verdict: i32,
+    /// Truth, verdict, windows.
+    confusion: Vec<(i32, i32, u64)>,
+    /// Bin of severity, faulty windows, of these right; empty where a loss is of unknown size.
+    by_severity: Vec<(usize, u64, u64)>,
+}
+
+/// Judges a flight log whose truth is known, and scores the verdicts of all detectors.
+///
+/// As `POST /api/v1/fdi/reports`, with either `truth` or `truth_column`; definitions: docs/campaigns.md.
+#[utoipa::path(post, path = "/api/v1/fdi/scores", tag = "fdi", operation_id = "score_log", params(Scored),
+    request_body(description = "the log, 128 MiB at most", content(
+        (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
+    responses(
+        (status = 200, description = "what the detectors say, and how right it is", body = ScoredReport),
+        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "no such vehicle, classifier, log or run", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "the log or run is not done", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "no log, another vehicle's, or no truth", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    ))]
+pub(crate) async fn score(
+    State(app): State<Arc<App>>,
+    caller: Caller,
+    which: Result<Query<Scored>, QueryRejection>,
+    body: Body,
+) -> Result<Json<ScoredReport>, Problem> {
+    let Query(scored) = which?;
+    let truth = match (scored.truth, scored.truth_column) {
+        (Some(rows), None) => Truth::Rows(rows),
+        (None, Some(column)) => Truth::Column(column),
+        (rows, _) => {
+            return Err(Problem::unprocessable(format!(
+                "expected `truth` (rows time_s,rotor,loss with `;` between them) or `truth_column` (a column of the log), got {}",
+                if rows.is_some() { "both" } else { "neither" }
+            )));
+        }
+    };
+    let which = Which {
+        log: scored.log,
+        vehicle: scored.vehicle,
+        classifier: scored.classifier,
+        calibration_start_s: scored.calibration_start_s,
+        calibration_end_s: scored.calibration_end_s,
+    };
+    let text = judged(&app, &caller, &which, body, &truth).await?;
+    // The name of the file, which is the server's matter, is left out.
+    serde_json::from_str(&text)
+        .map(Json)
+        .map_err(|error| Problem::internal(&error))
+}
+
+/// What is known of the truth.
+enum Truth {
+    Unknown,
+    Rows(String),
+    Column(String),
+}
+
+/// What `rotortwin fdi-log` says of a log.
+async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &Truth) -> Result<String, Problem> {
     let settings = DetectorSettings {
         calibration_start_s: which.calibration_start_s,
         calibration_end_s: which.calibration_end_s,
         ..DetectorSettings::default()
     };
-    let library = app.library(&caller).await?;
+    let library = app.library(caller).await?;
     // Made here only to be refused: the process that judges makes its own.
     super::fdi::detectors(
         &library,
@@ -84,8 +229,8 @@ pub(crate) async fn judge(
         &settings,
     )?;
     let file = match &which.log {
-        Some(id) => Flight::Stored(stored(&app, &caller, id).await?),
-        None => Flight::Uploaded(received(&app, body).await?),
+        Some(id) => Flight::Stored(stored(app, caller, id).await?),
+        None => Flight::Uploaded(received(app, body).await?),
     };
     let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
@@ -114,21 +259,49 @@ pub(crate) async fn judge(
             words.extend(["--set".into(), format!("{key}={value:?}").into()]);
         }
     }
+    // Gone when this function ends.
+    let rows = match truth {
+        Truth::Rows(rows) => Some(rows_file(app, rows)?),
+        _ => None,
+    };
+    match (truth, &rows) {
+        (Truth::Column(column), _) => words.push(format!("--truth-column={column}").into()),
+        (_, Some(rows)) => words.extend(["--truth".into(), rows.path().into()]),
+        _ => {}
+    }
     let patience = Patience {
         memory: app.config.work.job_memory,
         wall: LONGEST,
     };
     let answered = answer(&app.config.work.program, words, patience).await;
-    let report = answered.map_err(|mut problem| {
+    answered.map_err(|mut problem| {
         let path = file.path().display().to_string();
+        let truth = rows.map_or_else(String::new, |rows| format!("{}: ", rows.path().display()));
+        let detail = match truth.as_str() {
+            "" => problem.detail.clone(),
+            path => problem.detail.replace(path, "the truth: "),
+        };
         problem.detail = library
-            .without_root(&problem.detail)
+            .without_root(&detail)
             .replace(&format!("{path}: the log "), "the log ")
             .replace(&format!("{path}: "), "the log: ")
             .replace(&path, "the log");
         problem
-    })?;
-    Ok(([(CONTENT_TYPE, "application/json")], report).into_response())
+    })
+}
+
+/// Rows of the truth as the file that the command reads.
+fn rows_file(app: &App, rows: &str) -> Result<tempfile::NamedTempFile, Problem> {
+    let full = "the truth cannot be kept while the log is judged: the disk of the data folder is full";
+    let written = tempfile::Builder::new()
+        .prefix("upload-")
+        .tempfile_in(&app.config.work.data)
+        .and_then(|mut file| {
+            writeln!(file, "time_s,rotor,loss")?;
+            rows.split(';').try_for_each(|row| writeln!(file, "{row}"))?;
+            Ok(file)
+        });
+    written.map_err(|error| Problem::unwritten(&error, full))
 }
 
 /// Where the log is.

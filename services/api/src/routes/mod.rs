@@ -170,6 +170,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(fdi::feed))
         .routes(routes!(fdi_stream::stream))
         .routes(routes!(fdi_reports::judge))
+        .routes(routes!(fdi_reports::score))
         .merge(library::scenarios::routes())
         .routes(routes!(library::validate_scenario))
         .merge(library::vehicles::routes())
