@@ -269,7 +269,7 @@ fn bench_worn_and_healthy_vehicles() {
     };
     let (seed, n) = (of("ROTORTWIN_FLEET_SEED", 1), of("ROTORTWIN_FLEET_N", 20));
     let (mut named, mut inside, mut wrong, mut claims) = (0, 0, 0, 0);
-    let mut first = vec![0; 9];
+    let mut first = [0; 9];
     for k in 0..n {
         let scratch = Scratch::new();
         let worn = 1 + (k % 6) as usize;
