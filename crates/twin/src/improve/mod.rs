@@ -401,8 +401,8 @@ fn with_proposal(version: &ModelVersion, part: &Part, logs: &[FlightLog]) -> Mod
         },
     };
     version
-        .with_documents(std::slice::from_ref(&part.document))
         .with_effects([effect], "improve: a proposal of the regression")
+        .with_documents(std::slice::from_ref(&part.document))
 }
 
 /// The version with the values of a finding.
