@@ -12,7 +12,18 @@ use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series
 
 /// Length of the smoothing mean, s.
 const SMOOTH_S: f64 = 0.1;
+/// Rise of an error on unseen blocks from which a fit contradicts no guess of a constant.
+const CONTRADICTED: f64 = 1.5;
+
 pub(crate) struct HeldOutCheck;
+
+impl HeldOutCheck {
+    /// True if a fit makes an error on unseen blocks so much larger that it says nothing of a guess. Beside one guess that is wrong others
+    /// are, and an error may rise a little with the right value of the first.
+    pub(crate) fn contradicts_no_guess(error: &HeldOutError) -> bool {
+        error.rises() && error.after > CONTRADICTED * error.before
+    }
+}
 
 impl Pass for HeldOutCheck {
     fn name(&self) -> &'static str {
@@ -22,8 +33,11 @@ impl Pass for HeldOutCheck {
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let errors = errors(&state.problem, &state.plain)?;
         // Mending a log makes no error of the model smaller.
-        if !(state.diagnosis.effects.is_empty() && state.diagnosis.calibrate.is_empty()) {
-            let risen = errors.iter().filter(|error| error.rises());
+        let named = !state.diagnosis.effects.is_empty();
+        if named || !state.diagnosis.calibrate.is_empty() {
+            let risen = errors
+                .iter()
+                .filter(|error| Self::contradicts_no_guess(error) || (named && error.rises()));
             state
                 .doubts
                 .extend(risen.map(|error| Doubt::HeldOutRises(error.quantity.clone())));
