@@ -6,22 +6,23 @@ use crate::estimation::columns::{Active, instances};
 use crate::estimation::normal::not_finite;
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
-use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, change, kind_of};
+use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, VOLTAGE, change, kind_of};
 use crate::predict::channels::{F, KV, M, V};
 use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series};
 
 /// Length of the smoothing mean, s.
 const SMOOTH_S: f64 = 0.1;
-/// Rise of an error on unseen blocks from which a fit contradicts no guess of a constant.
-const CONTRADICTED: f64 = 1.5;
+/// Factor by which an error on unseen blocks rises where a fit contradicts no guess of a constant.
+const CONTRADICTED: f64 = 3.0;
 
 pub(crate) struct HeldOutCheck;
 
 impl HeldOutCheck {
-    /// True if a fit makes an error on unseen blocks so much larger that it says nothing of a guess. Beside one guess that is wrong others
-    /// are, and an error may rise a little with the right value of the first.
+    /// True if a fit makes an error on unseen blocks so many times larger that it says nothing of a guess. Beside one guess that is wrong
+    /// others are, and an error may rise a little with the right value of the first; that of the voltage, with its guesses of the battery, by
+    /// more.
     pub(crate) fn contradicts_no_guess(error: &HeldOutError) -> bool {
-        error.rises() && error.after > CONTRADICTED * error.before
+        error.quantity != QUANTITIES[VOLTAGE].0 && error.rises() && error.after > CONTRADICTED * error.before
     }
 }
 
