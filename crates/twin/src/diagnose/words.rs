@@ -135,7 +135,7 @@ pub(crate) fn doubt(doubt: &Doubt) -> String {
         }
         Doubt::LookAlikes => "what three effects of one kind patch together".to_owned(),
         Doubt::HeldOutRises(quantity) => {
-            format!("the {quantity} error on unseen blocks, which rises with what was found,")
+            format!("the {quantity} error on unseen blocks (it rises with what was found)")
         }
     }
 }

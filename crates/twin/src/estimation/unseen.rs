@@ -25,6 +25,9 @@ pub(crate) const QUANTITIES: [(&str, &str); 4] = [
     ("acceleration", "m/s²"),
 ];
 
+/// Place of the voltage among them.
+pub(crate) const VOLTAGE: usize = 2;
+
 /// The quantity that a channel is a part of, and what makes its residual one of that; `None` of what is not scored.
 pub(crate) fn kind_of(predictor: &Predictor, channel: usize) -> Option<(usize, f64)> {
     let c = &predictor.nominal;
@@ -32,7 +35,7 @@ pub(crate) fn kind_of(predictor: &Predictor, channel: usize) -> Option<(usize, f
         F..KV => Some((0, c.mass_kg)),
         KV..M if !predictor.series().available.accel => Some((3, 1.0)),
         M..KA => Some((1, c.inertia_body_kg_m2[channel - M][channel - M])),
-        V => Some((2, 1.0)),
+        V => Some((VOLTAGE, 1.0)),
         _ => None,
     }
 }

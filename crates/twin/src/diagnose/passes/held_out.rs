@@ -6,13 +6,25 @@ use crate::estimation::columns::{Active, instances};
 use crate::estimation::normal::not_finite;
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
-use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, change, kind_of};
+use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, VOLTAGE, change, kind_of};
 use crate::predict::channels::{F, KV, M, V};
 use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series};
 
 /// Length of the smoothing mean, s.
 const SMOOTH_S: f64 = 0.1;
+/// Factor by which an error on unseen blocks rises where a fit contradicts no guess of a constant.
+const CONTRADICTED: f64 = 3.0;
+
 pub(crate) struct HeldOutCheck;
+
+impl HeldOutCheck {
+    /// True if a fit makes an error on unseen blocks so many times larger that it says nothing of a guess. Beside one guess that is wrong
+    /// others are, and an error may rise a little with the right value of the first; that of the voltage, with its guesses of the battery, by
+    /// more.
+    pub(crate) fn contradicts_no_guess(error: &HeldOutError) -> bool {
+        error.quantity != QUANTITIES[VOLTAGE].0 && error.rises() && error.after > CONTRADICTED * error.before
+    }
+}
 
 impl Pass for HeldOutCheck {
     fn name(&self) -> &'static str {
@@ -22,8 +34,11 @@ impl Pass for HeldOutCheck {
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let errors = errors(&state.problem, &state.plain)?;
         // Mending a log makes no error of the model smaller.
-        if !(state.diagnosis.effects.is_empty() && state.diagnosis.calibrate.is_empty()) {
-            let risen = errors.iter().filter(|error| error.rises());
+        let named = !state.diagnosis.effects.is_empty();
+        if named || !state.diagnosis.calibrate.is_empty() {
+            let risen = errors
+                .iter()
+                .filter(|error| Self::contradicts_no_guess(error) || (named && error.rises()));
             state
                 .doubts
                 .extend(risen.map(|error| Doubt::HeldOutRises(error.quantity.clone())));

@@ -1,6 +1,7 @@
 //! Verdict: what was named is believed if nothing speaks against it and nothing else is left.
 
 use super::Pass;
+use super::held_out::HeldOutCheck;
 use super::refinement::LEFT_FACTOR;
 use crate::diagnose::result::{HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
@@ -24,7 +25,7 @@ impl Pass for FinalVerdict {
         let guessed = diagnosis.calibrate.iter().any(|one| one.source.is_guess());
         let proved = diagnosis.held_out.iter().any(HeldOutError::is_smaller);
         // And no guess is contradicted by a fit with which the prediction of unseen blocks becomes worse.
-        let risen = state.doubts.iter().any(|doubt| matches!(doubt, Doubt::HeldOutRises(_)));
+        let risen = diagnosis.held_out.iter().any(HeldOutCheck::contradicts_no_guess);
         if !(guessed || proved) || risen {
             diagnosis.calibrate.clear();
         }
