@@ -103,7 +103,8 @@ mod tests {
         let wave = |period_s: f64| move |t: f64| (std::f64::consts::TAU * t / period_s).sin();
         assert!(of(&|_| 2.0)[0] > 0.99);
         assert!(of(&wave(60.0))[1] > 0.8, "{:?}", of(&wave(60.0)));
-        assert!(of(&wave(4.0))[2] > 0.8, "{:?}", of(&wave(4.0)));
+        // A mean over a quarter of a period keeps 8/π² = 0.81 of the square, of which means over 10 s keep some.
+        assert!(of(&wave(4.0))[2] > 0.75, "{:?}", of(&wave(4.0)));
         assert!(of(&wave(0.5))[3] > 0.95, "{:?}", of(&wave(0.5)));
     }
 }
