@@ -7,7 +7,6 @@ not what this makes.
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -46,11 +45,8 @@ def generate(folder: Path) -> None:
             rule = unasync.Rule("/from/", "/to/", additional_replacements=names)
             unasync.unasync_files([str(source)], [rule])
             _, _, rest = (Path(scratch) / "to" / name).read_text(encoding="utf-8").partition("\n")
-            (Path(scratch) / made).write_text(
-                f'"""{first}"""\n\n# Made from {name} by generate_sync.py: change that file.\n{rest}', encoding="utf-8"
-            )
-        for made, _ in MODULES.values():
-            shutil.copyfile(Path(scratch) / made, folder / made)
+            header = f'"""{first}"""\n\n# Made from {name} by generate_sync.py: change that file.\n'
+            (folder / made).write_text(header + rest, encoding="utf-8")
 
 
 if __name__ == "__main__":
