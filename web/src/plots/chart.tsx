@@ -4,6 +4,7 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { short } from "../format";
 import { colour, dark } from "../theme";
+import { rangeOf, tickText } from "./axis";
 import { type Values, extent, placeAt, samplePlaces } from "./series";
 import type { View } from "./view";
 
@@ -54,6 +55,8 @@ interface Props {
 const TABLE_ROWS = 25;
 /** Steps of an arrow key over the interval shown. */
 const KEY_STEPS = 200;
+/** Share of a time below which nothing is magnified: numbers end there. */
+const FINEST_ZOOM = 1e-12;
 
 export function Chart(props: Props) {
   let holder!: HTMLDivElement;
@@ -238,7 +241,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
     width,
     height: props.height ?? 190,
     legend: { show: false },
-    scales: { x: { time: false, ...(props.xLog ? { distr: 3 as const } : {}) } },
+    scales: { x: { time: false, ...(props.xLog ? { distr: 3 as const } : {}) }, y: { range: (_, least, largest) => rangeOf(least, largest) } },
     axes: [
       // Time needs no name, only its unit.
       { ...axis, ...(props.xLabel ? { label: [xLabel, xUnit].filter(Boolean).join(", "), labelSize: 17, labelGap: 0, labelFont: font } : {}), size: 34, space: 70, values: (_, splits) => splits.map((split, place) => (split === null ? "" : `${tickText(split)}${!props.xLabel && xUnit && place === splits.length - 1 ? ` ${xUnit}` : ""}`)) },
@@ -326,9 +329,6 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
   };
 }
 
-/** A number at an axis: no digits that say nothing. */
-const tickText = (value: number) => `${Number(value.toPrecision(6))}`.replace(/^-/, "−");
-
 const faded = (rgb: string, opacity: number) => rgb.replace(/^rgb\(([^)]*)\)$/, `rgba($1, ${opacity})`);
 
 function place(plot: uPlot, view: View | undefined): void {
@@ -339,7 +339,7 @@ function place(plot: uPlot, view: View | undefined): void {
 function scale(plot: uPlot, range: readonly [number, number] | undefined): void {
   const x = plot.data[0] as readonly number[];
   const [min, max] = range ?? [x[0], x.at(-1)];
-  if (min !== undefined && max !== undefined && max > min) plot.setScale("x", { min, max });
+  if (min !== undefined && max !== undefined && max - min > FINEST_ZOOM * Math.abs(max)) plot.setScale("x", { min, max });
 }
 
 function move(plot: uPlot, at: number | undefined): void {
