@@ -97,7 +97,7 @@ pub enum Obstacle {
         /// Taken up, kg; negative: dropped.
         mass_kg: f32,
     },
-    /// The engine has found something, and no loss of one to three rotors explains it, or too many do.
+    /// The engine has found something, and no loss of one to three rotors explains it, too many do, or others from window to window.
     Unclear,
     /// The loss that would explain it is more than all.
     ImpossibleLoss {
@@ -136,7 +136,7 @@ impl std::fmt::Display for Obstacle {
             ),
             Self::Unclear => write!(
                 out,
-                "something acts on the vehicle that no loss of one to three rotors explains, or that too many would explain"
+                "something acts on the vehicle that no loss of one to three rotors explains, or that too many would explain, or others at each moment"
             ),
             Self::ImpossibleLoss { rotor, share } => write!(
                 out,

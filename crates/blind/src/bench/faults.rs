@@ -11,7 +11,7 @@
 //! flight, or before the loss ends, that is not right. *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the
 //! end of the flight; *windows inside*, the same over all windows that name the rotors rightly, apart for those in which the loss moves.
 //! *Healthy named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict other
-//! than healthy begins while nothing has happened to any rotor or to the load. *End*: the last verdict ([`End`]).
+//! than healthy begins while nothing has happened to any rotor or to the load, nor a quarter of a second before. *End*: the last verdict ([`End`]).
 
 use super::cases::Preset;
 use super::run::{Program, run_process};
@@ -504,7 +504,8 @@ fn scored(case: &FaultCase, all: &[Window]) -> FaultRow {
         let alarm = window.code != 0;
         row.decided_s += WINDOW_S;
         // Time after a recovery is scored by the release.
-        if !any(window.time_s) && last_s.is_none_or(|last_s| window.time_s < last_s) {
+        let is_over = !any(window.time_s) && !any(window.time_s - GRACE_S);
+        if is_over && last_s.is_none_or(|last_s| window.time_s < last_s) {
             row.healthy_s += WINDOW_S;
             row.false_alarms += usize::from(alarm && !alarmed);
         }

@@ -9,11 +9,13 @@
 //!
 //! * severity comes from a lost wrench that may move (a ramp, a recovery), with the interval of the present, not of the moment of naming;
 //! * a name is given only as far as nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small losses, three
-//!   rotors, a changed load.
+//!   rotors, a changed load;
+//! * what is named for a moment only was a disturbance ([`settling`]).
 
 mod joint;
 mod meter;
 mod sets;
+mod settling;
 mod wrench;
 
 use super::validity::Obstacle;
@@ -25,6 +27,7 @@ use rotortwin_flight_core::fdi::{FaultVerdict, FdiConfig, FdiOutput};
 use rotortwin_flight_core::signals::Measurement;
 use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
 use sets::{Explanation, Kind};
+use settling::{Answer, Settling};
 use std::collections::VecDeque;
 use wrench::{AtSpeed, WrenchFilter};
 
@@ -86,6 +89,7 @@ pub struct SecondLook {
     named: (u32, u32),
     /// The engine has found something, and whether it is still there.
     alarm: Option<bool>,
+    settling: Settling,
 }
 
 impl SecondLook {
@@ -118,6 +122,7 @@ impl SecondLook {
             unexplained: [0.0; AXES],
             named: (0, 0),
             alarm: None,
+            settling: Settling::default(),
         }
     }
 
@@ -161,6 +166,7 @@ impl SecondLook {
     }
 
     fn take(&mut self, block: Block) {
+        self.settling.pass(block.elapsed);
         let frozen = self.alarm.is_some();
         let full = self
             .snapshots
@@ -248,7 +254,7 @@ impl SecondLook {
 
     /// Smallest lost share of each rotor that would be found within ten seconds now; empty while there is no verdict, or something is wrong.
     pub fn smallest_loss(&self) -> Vec<f32> {
-        if !self.filter.is_ready() || self.alarm.is_some() {
+        if !self.filter.is_ready() || self.alarm == Some(true) {
             return Vec::new();
         }
         let variance = self.filter.variance_of_a_sudden_loss();
@@ -257,7 +263,8 @@ impl SecondLook {
                 let information: f64 = (0..AXES)
                     .map(|axis| self.column[rotor][axis].powi(2) / variance[axis])
                     .sum();
-                (SEEN_SIGMAS / (information.sqrt() * self.hover_thrust[rotor])) as f32
+                let seen = (SEEN_SIGMAS / information.sqrt()).max(self.settling.size()[rotor]);
+                (seen / self.hover_thrust[rotor]) as f32
             })
             .collect()
     }
@@ -270,6 +277,7 @@ impl SecondLook {
         }
         if !found {
             if self.alarm.take().is_some() {
+                self.settling.over();
                 self.snapshots.clear();
                 self.tracked.clear();
                 self.named = (0, 0);
@@ -291,9 +299,23 @@ impl SecondLook {
             None | Some(false) => nothing < BACK,
         };
         self.alarm = Some(is_there);
-        self.said(report, &found, nothing, value[0])
+        let said = self.said(report, &found, nothing, value[0]);
+        if !is_there {
+            self.settling.over();
+            return said;
+        }
+        let answer = match &said {
+            Ok(said) if said.sequential == AMBIGUOUS => Answer::Sets,
+            Ok(said) => Answer::Name(said.suspect_rotors),
+            Err(_) => Answer::Neither,
+        };
+        match self.settling.take(answer, &self.column, &value) {
+            true => said,
+            false => Err(said.err().unwrap_or(Obstacle::Unclear)),
+        }
     }
 
+    /// What this window alone says.
     fn said(
         &mut self,
         report: FdiReport,
