@@ -6,6 +6,9 @@
 //! δ_i: lost share of the thrust f̂_i that the rotor is asked for, η_i: change of its blade's drag. The same states as in
 //! [`super::wrench`], but the axes share the loss: what roll and pitch know well tells the others what is theirs. Losses walk at one of
 //! [`SPEEDS`], as there. Starts from a snapshot of the wrench filter before the fault and is led to the present.
+//!
+//! Where the vehicle is not the model, innovations e are larger than their variance s says, and so is the error of a loss: its variance counts
+//! max(1, mean e²/s) times (Birge's ratio; R. T. Birge, Phys. Rev. 40 (1932) 207).
 
 use super::meter::{AXES, Block};
 use super::wrench::{AxisState, Noise, OWN, SPEEDS, STATES, chance, log_density};
@@ -15,6 +18,9 @@ const DEFECT: usize = 0;
 const GUST: usize = 1;
 /// A speed with a smaller chance adds nothing to a mixture.
 const NEGLIGIBLE: f64 = 1e-5;
+
+/// Blocks that the mean of e²/s goes back: 10 s.
+const SURPRISE_BLOCKS: f64 = 160.0;
 
 /// Variance of a loss that moves, in steps of its speed.
 const BEHIND: f64 = 3.0;
@@ -36,6 +42,9 @@ pub(super) struct JointFilter {
     n: usize,
     modes: Vec<Mode>,
     probability: [f64; SPEEDS.len()],
+    /// Mean of e²/s over axes and speeds, and the blocks in it.
+    surprise: f64,
+    blocks: f64,
 }
 
 impl JointFilter {
@@ -73,6 +82,8 @@ impl JointFilter {
             n,
             modes: vec![mode; SPEEDS.len()],
             probability: std::array::from_fn(|speed| if speed == 0 { 0.97 } else { 0.01 }),
+            surprise: 1.0,
+            blocks: 0.0,
         }
     }
 
@@ -90,9 +101,14 @@ impl JointFilter {
             .collect();
         self.modes = mixed;
         let mut log_likelihood = [0.0; SPEEDS.len()];
+        let mut surprise = 0.0;
         for speed in 0..SPEEDS.len() {
-            log_likelihood[speed] = self.advance(speed, block, phi, noise);
+            let square;
+            (log_likelihood[speed], square) = self.advance(speed, block, phi, noise);
+            surprise += next[speed] * square / AXES as f64;
         }
+        self.blocks = (self.blocks + 1.0).min(SURPRISE_BLOCKS);
+        self.surprise += (surprise - self.surprise) / self.blocks;
         let most = log_likelihood.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
         for speed in 0..SPEEDS.len() {
             self.probability[speed] = (next[speed] * (log_likelihood[speed] - most).exp()).max(1e-9);
@@ -124,7 +140,14 @@ impl JointFilter {
         out
     }
 
-    fn advance(&mut self, speed: usize, block: &Block, phi: &[[f64; STATES]; AXES], noise: &[Noise; AXES]) -> f64 {
+    /// ln p of the block at a speed, and Σ e²/s over the axes.
+    fn advance(
+        &mut self,
+        speed: usize,
+        block: &Block,
+        phi: &[[f64; STATES]; AXES],
+        noise: &[Noise; AXES],
+    ) -> (f64, f64) {
         let n = self.n;
         let faults = AXES * OWN;
         let walk = SPEEDS[speed].powi(2);
@@ -132,7 +155,7 @@ impl JointFilter {
         for state in faults..n {
             p[state * n + state] += walk;
         }
-        let mut log_likelihood = 0.0;
+        let (mut log_likelihood, mut square) = (0.0, 0.0);
         for axis in 0..AXES {
             let at = OWN * axis;
             let d = at + DEFECT;
@@ -174,8 +197,9 @@ impl JointFilter {
             }
             x[d] -= block.defect[axis];
             log_likelihood += log_density(innovation, variance);
+            square += innovation * innovation / variance;
         }
-        log_likelihood
+        (log_likelihood, square)
     }
 
     /// Lost share of each rotor and its variance.
@@ -196,7 +220,7 @@ impl JointFilter {
                     .zip(SPEEDS)
                     .map(|(p, speed)| p * speed * speed)
                     .sum();
-                [mean, variance + BEHIND * moves]
+                [mean, (variance + BEHIND * moves) * self.surprise.max(1.0)]
             })
             .collect()
     }
