@@ -74,7 +74,7 @@ pub struct Motor {
 }
 
 /// Documents that are built in.
-const BUILT_IN: [(&str, &str); 8] = [
+const BUILT_IN: [(&str, &str); 14] = [
     (
         "ardupilot-hexa-x",
         include_str!("../../../config/autopilots/ardupilot-hexa-x.toml"),
@@ -100,6 +100,27 @@ const BUILT_IN: [(&str, &str); 8] = [
     (
         "betaflight-quadx",
         include_str!("../../../config/autopilots/betaflight-quadx.toml"),
+    ),
+    (
+        "ardupilot-octo-x",
+        include_str!("../../../config/autopilots/ardupilot-octo-x.toml"),
+    ),
+    (
+        "ardupilot-octo-plus",
+        include_str!("../../../config/autopilots/ardupilot-octo-plus.toml"),
+    ),
+    (
+        "ardupilot-octo-cw-x",
+        include_str!("../../../config/autopilots/ardupilot-octo-cw-x.toml"),
+    ),
+    ("px4-octo-x", include_str!("../../../config/autopilots/px4-octo-x.toml")),
+    (
+        "betaflight-octoflatx",
+        include_str!("../../../config/autopilots/betaflight-octoflatx.toml"),
+    ),
+    (
+        "betaflight-octoflatx-reversed",
+        include_str!("../../../config/autopilots/betaflight-octoflatx-reversed.toml"),
     ),
 ];
 

@@ -42,11 +42,55 @@ fn val_channels_of_a_quadrotor_x_are_those_of_the_frames_tables() {
 }
 
 #[test]
+fn val_channels_of_an_octorotor_x_are_those_of_the_frames_tables() {
+    // Rotor 1 front right, then clockwise; ArduPilot's AP_MotorsMatrix, PX4's airframe 8001, Betaflight's mixerOctoFlatX.
+    let expected = [
+        (
+            AutopilotKind::ArduPilot,
+            "octo-x-skids",
+            "ardupilot-octo-x",
+            [1, 5, 2, 4, 8, 6, 7, 3],
+        ),
+        (
+            AutopilotKind::ArduPilot,
+            "octo-x",
+            "ardupilot-octo-cw-x",
+            [1, 2, 3, 4, 5, 6, 7, 8],
+        ),
+        (
+            AutopilotKind::Px4,
+            "octo-x-skids",
+            "px4-octo-x",
+            [1, 5, 2, 4, 8, 6, 7, 3],
+        ),
+        (
+            AutopilotKind::Betaflight,
+            "octo-x",
+            "betaflight-octoflatx",
+            [7, 1, 3, 5, 8, 2, 4, 6],
+        ),
+        (
+            AutopilotKind::Betaflight,
+            "octo-x-skids",
+            "betaflight-octoflatx-reversed",
+            [7, 1, 3, 5, 8, 2, 4, 6],
+        ),
+    ];
+    for (autopilot, name, frame_name, numbers) in expected {
+        let (frame, rotors) = AutopilotFrame::of_vehicle(autopilot, &vehicle(name)).unwrap();
+        let found: Vec<usize> = rotors.iter().map(|rotor| rotor + 1).collect();
+        assert_eq!((frame.name.as_str(), found), (frame_name, numbers.to_vec()));
+    }
+}
+
+#[test]
 fn val_a_vehicle_without_a_frame_is_named() {
+    // Its rotors turn the other way round.
     let sentence = AutopilotFrame::of_vehicle(AutopilotKind::Px4, &vehicle("octo-x")).unwrap_err();
     assert_eq!(
         sentence,
-        "no frame of PX4 fits the vehicle Octo X (px4-hexa-x: it has 6 motors, the vehicle 8; px4-quad-x: it has 4 motors, the vehicle 8)"
+        "no frame of PX4 fits the vehicle Octo X (px4-hexa-x: it has 6 motors, the vehicle 8; px4-quad-x: it has 4 motors, the vehicle 8; \
+         px4-octo-x: its motor 1 turns the other way than the vehicle's rotor 1)"
     );
 }
 

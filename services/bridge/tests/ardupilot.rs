@@ -6,7 +6,7 @@ mod autopilots;
 mod failures;
 mod links;
 
-use autopilots::{Watch, scenario, scenario_of};
+use autopilots::{HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
 use links::{Pilot, channels, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
@@ -222,7 +222,7 @@ fn fly(
     channels: usize,
     pause: Option<(u64, Duration)>,
 ) -> Flown {
-    fly_in(&scenario(duration_s, more), script, channels, pause)
+    fly_in(&scenario_of(HEXAROTOR, duration_s, more), script, channels, pause)
 }
 
 fn fly_in(
@@ -280,6 +280,15 @@ fn scenario_takes_off_holds_and_the_damaged_propeller_is_isolated() {
 fn scenario_a_quadrotor_takes_off_holds_and_the_damaged_propeller_is_isolated() {
     let fault = "[[fault]]\ntime_s = 12.0\nrotor = 2\nthrust_loss_percent = 10.0";
     let flown = fly_in(&scenario_of("quad-x-skids", 18.0, fault), |_| Act::Normal, 16, None);
+    assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
+    assert!(flown.watch.farthest_m < 0.3, "{} m", flown.watch.farthest_m);
+    assert_eq!(flown.watch.verdict, 2);
+}
+
+#[test]
+fn scenario_an_octorotor_takes_off_holds_and_the_damaged_propeller_is_isolated() {
+    let fault = "[[fault]]\ntime_s = 12.0\nrotor = 2\nthrust_loss_percent = 10.0";
+    let flown = fly_in(&scenario_of("octo-x-skids", 18.0, fault), |_| Act::Normal, 16, None);
     assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
     assert!(flown.watch.farthest_m < 0.3, "{} m", flown.watch.farthest_m);
     assert_eq!(flown.watch.verdict, 2);
@@ -349,7 +358,7 @@ fn scenario_a_repeated_packet_that_waited_for_us_is_answered_once() {
 
 #[test]
 fn scenario_a_flood_from_elsewhere_changes_nothing() {
-    let scenario = scenario(3.0, "");
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
     let map = outputs(AutopilotKind::ArduPilot, &scenario);
     let patience = patience();
     let stop = patience.stop.clone();
@@ -411,7 +420,7 @@ fn scenario_restarts() {
 
 #[test]
 fn scenario_the_plant_comes_back_while_the_autopilot_waits() {
-    let scenario = scenario(3.0, "");
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
     let map = outputs(AutopilotKind::ArduPilot, &scenario);
     let first = ArduPilot::listen("127.0.0.1:0".parse().unwrap(), map.clone(), patience()).unwrap();
     let to = first.local_address().unwrap();
@@ -468,7 +477,7 @@ fn scenario_failures_name_peer_and_frame() {
 
 #[test]
 fn scenario_nobody_comes() {
-    let scenario = scenario(3.0, "");
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
     let map = outputs(AutopilotKind::ArduPilot, &scenario);
     let impatient = Patience {
         join: Duration::from_millis(400),
@@ -498,7 +507,7 @@ fn scenario_nobody_comes() {
 #[test]
 fn scenario_never_leaving_the_ground_ends_the_prelude() {
     // It never arms: pulses stay at 1000.
-    let scenario = scenario(3.0, "");
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
     let map = outputs(AutopilotKind::ArduPilot, &scenario);
     let mut link = ArduPilot::listen("127.0.0.1:0".parse().unwrap(), map, patience()).unwrap();
     let mut peer = Peer::new(&scenario, link.local_address().unwrap());
@@ -519,7 +528,7 @@ fn scenario_never_leaving_the_ground_ends_the_prelude() {
 
 /// On the stand, over the link, with the outputs of the autopilot going to the motors of `map`, our rotors from 1.
 fn on_the_stand(map: [usize; 6]) -> SpinReport {
-    let scenario = scenario(5.0, "");
+    let scenario = scenario_of(HEXAROTOR, 5.0, "");
     let outputs = outputs(AutopilotKind::ArduPilot, &scenario);
     let table = outputs.rotor_of_channel.clone();
     let mut link = ArduPilot::listen(([127, 0, 0, 1], 0).into(), outputs, patience()).unwrap();

@@ -4,7 +4,7 @@
 mod autopilots;
 mod failures;
 
-use autopilots::{HEIGHT_M, Watch, scenario};
+use autopilots::{HEIGHT_M, HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
 use rotortwin_bridge::autopilot::address::Protocol;
 use rotortwin_bridge::autopilot::pilot::{Pilot, PilotAddress, Piloted};
@@ -418,7 +418,7 @@ fn fly_it(scenario: &Scenario, autopilot: &mut impl Autopilot, listener: &mut Li
 }
 
 fn piloted(protocol: Protocol, fault: Fault) -> Flown {
-    let scenario = scenario(6.0, "");
+    let scenario = scenario_of(HEXAROTOR, 6.0, "");
     let meet = Duration::from_secs(20);
     let (pilot, line) = match protocol {
         Protocol::ArduPilot => {
@@ -485,7 +485,7 @@ fn flies(protocol: Protocol, version: &str, mode: &str) -> Flown {
     // 50 a second of simulated time, from the climb on.
     assert!(flown.targets >= 6 * 50, "{}", flown.targets);
     // What the pilot did is in the duties: they alone give the same run.
-    let scenario = scenario(6.0, "");
+    let scenario = scenario_of(HEXAROTOR, 6.0, "");
     let again = fly_it(
         &scenario,
         &mut Replay(flown.duties.clone().into_iter()),
@@ -546,7 +546,7 @@ fn scenario_failures_are_told_in_its_words() {
 
 #[test]
 fn scenario_nobody_is_there() {
-    let scenario = scenario(6.0, "");
+    let scenario = scenario_of(HEXAROTOR, 6.0, "");
     let probe = TcpListener::bind("127.0.0.1:0").unwrap();
     let at = probe.local_addr().unwrap();
     drop(probe);

@@ -6,7 +6,7 @@ mod autopilots;
 mod failures;
 mod links;
 
-use autopilots::{Watch, scenario, scenario_of};
+use autopilots::{HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
 use links::{Pilot, channels, flown, outputs, patience};
 use rotortwin_bridge::autopilot::Patience;
@@ -300,7 +300,7 @@ struct Flown {
 }
 
 fn fly(duration_s: f64, more: &str, script: impl Fn(u64) -> Act + Send, pause: Option<(u64, Duration)>) -> Flown {
-    fly_in(&scenario(duration_s, more), script, pause)
+    fly_in(&scenario_of(HEXAROTOR, duration_s, more), script, pause)
 }
 
 fn fly_in(scenario: &Scenario, script: impl Fn(u64) -> Act + Send, pause: Option<(u64, Duration)>) -> Flown {
@@ -342,6 +342,15 @@ fn scenario_takes_off_holds_and_the_damaged_propeller_is_isolated() {
 fn scenario_a_quadrotor_takes_off_holds_and_the_damaged_propeller_is_isolated() {
     let fault = "[[fault]]\ntime_s = 12.0\nrotor = 2\nthrust_loss_percent = 10.0";
     let flown = fly_in(&scenario_of("quad-x-skids", 18.0, fault), |_| Act::Normal, None);
+    assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
+    assert!(flown.watch.farthest_m < 0.6, "{} m", flown.watch.farthest_m);
+    assert_eq!(flown.watch.verdict, 2);
+}
+
+#[test]
+fn scenario_an_octorotor_takes_off_holds_and_the_damaged_propeller_is_isolated() {
+    let fault = "[[fault]]\ntime_s = 12.0\nrotor = 2\nthrust_loss_percent = 10.0";
+    let flown = fly_in(&scenario_of("octo-x-skids", 18.0, fault), |_| Act::Normal, None);
     assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
     assert!(flown.watch.farthest_m < 0.6, "{} m", flown.watch.farthest_m);
     assert_eq!(flown.watch.verdict, 2);
@@ -427,7 +436,7 @@ fn scenario_failures_name_peer_and_sample() {
 
 #[test]
 fn scenario_nobody_comes_or_nobody_answers() {
-    let scenario = scenario(3.0, "");
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
     let map = outputs(AutopilotKind::Px4, &scenario);
     let impatient = Patience {
         join: Duration::from_millis(400),

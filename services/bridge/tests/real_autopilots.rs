@@ -7,7 +7,7 @@ mod autopilots;
 #[expect(unreachable_pub, reason = "it is a module of another crate, too")]
 mod skip;
 
-use autopilots::{HEIGHT_M, Watch, scenario, scenario_of};
+use autopilots::{HEIGHT_M, HEXAROTOR, Watch, scenario_of};
 use rotortwin_bridge::autopilot::address::Protocol;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::betaflight::Betaflight;
@@ -155,6 +155,32 @@ impl FlightObserver for Listener {
     }
 }
 
+/// The vehicle: a hexarotor X, a quadrotor X, or an octorotor X.
+#[derive(Clone, Copy)]
+enum Layout {
+    Hexa,
+    Quad,
+    Octo,
+}
+
+impl Layout {
+    fn of<T>(self, [hexa, quad, octo]: [T; 3]) -> T {
+        match self {
+            Self::Hexa => hexa,
+            Self::Quad => quad,
+            Self::Octo => octo,
+        }
+    }
+
+    fn vehicle(self) -> &'static str {
+        self.of([HEXAROTOR, "quad-x-skids", "octo-x-skids"])
+    }
+
+    fn rotors(self) -> i32 {
+        self.of([6, 4, 8])
+    }
+}
+
 /// One flight to be flown.
 #[derive(Clone, Copy)]
 struct Order {
@@ -163,8 +189,7 @@ struct Order {
     /// Loses 10 % of its thrust at [`FAULT_S`], from 1; 0: none.
     rotor: i32,
     seed: u64,
-    /// A quadrotor X instead of a hexarotor X.
-    quadrotor: bool,
+    layout: Layout,
     chatty: bool,
 }
 
@@ -174,11 +199,7 @@ fn flown<A: Autopilot>(order: Order, open: impl FnOnce(OutputMap, Patience) -> A
         0 => String::new(),
         rotor => format!("[[fault]]\ntime_s = {FAULT_S:?}\nrotor = {rotor}\nthrust_loss_percent = 10.0"),
     };
-    let scenario = if order.quadrotor {
-        scenario_of("quad-x-skids", order.duration_s, &fault)
-    } else {
-        scenario(order.duration_s, &fault)
-    };
+    let scenario = scenario_of(order.layout.vehicle(), order.duration_s, &fault);
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(order.kind, scenario.vehicle()).unwrap();
     let map = OutputMap {
         rotor_of_channel,
@@ -220,7 +241,7 @@ fn third_rotor(kind: AutopilotKind) -> Order {
         duration_s: FLIGHT_S,
         rotor: 3,
         seed: 1,
-        quadrotor: false,
+        layout: Layout::Hexa,
         chatty: true,
     }
 }
@@ -247,16 +268,16 @@ fn hovered_and_the_damage_was_isolated(within_m: f64, (listener, outcome): (List
     );
 }
 
-fn flies_betaflight(quadrotor: bool) {
+fn flies_betaflight(layout: Layout) {
     let Some(program) = program("ROTORTWIN_BETAFLIGHT") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
-    let lines = settings(if quadrotor {
-        "betaflight-quadx.cli.txt"
-    } else {
-        "betaflight-hex6x.cli.txt"
-    });
+    let lines = settings(layout.of([
+        "betaflight-hex6x.cli.txt",
+        "betaflight-quadx.cli.txt",
+        "betaflight-octoflatx.cli.txt",
+    ]));
     drop(
         start(&program, &["--config", lines.to_str().unwrap()], folder.path())
             .0
@@ -265,7 +286,7 @@ fn flies_betaflight(quadrotor: bool) {
     let _running = start(&program, &[], folder.path());
     let address = std::env::var("ROTORTWIN_BETAFLIGHT_ADDRESS").unwrap_or_else(|_| "betaflight".to_owned());
     let order = Order {
-        quadrotor,
+        layout,
         ..third_rotor(AutopilotKind::Betaflight)
     };
     let flight = flown(order, |map, patience| {
@@ -276,12 +297,17 @@ fn flies_betaflight(quadrotor: bool) {
 
 #[test]
 fn scenario_betaflight() {
-    flies_betaflight(false);
+    flies_betaflight(Layout::Hexa);
 }
 
 #[test]
 fn scenario_betaflight_flies_a_quadrotor() {
-    flies_betaflight(true);
+    flies_betaflight(Layout::Quad);
+}
+
+#[test]
+fn scenario_betaflight_flies_an_octorotor() {
+    flies_betaflight(Layout::Octo);
 }
 
 /// `NAME=VALUE` of each line of a file that a shell would read.
@@ -301,11 +327,11 @@ fn with_px4(program: &Path, folder: &Path, order: Order) -> (Running, (Listener,
     let mut running = None;
     let flight = flown(order, |map, patience| {
         let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
-        let environment = environment(&settings(if order.quadrotor {
-            "px4-quad-x.env"
-        } else {
-            "px4-hexa-x.env"
-        }));
+        let environment = environment(&settings(order.layout.of([
+            "px4-hexa-x.env",
+            "px4-quad-x.env",
+            "px4-octo-x.env",
+        ])));
         running = Some(start_with(program, &args, &environment, folder));
         let at = pilot::default_address(Protocol::Px4).unwrap();
         Piloted::new(link, Some(Pilot::new(Protocol::Px4, at, pilot::MEET).unwrap()))
@@ -313,32 +339,37 @@ fn with_px4(program: &Path, folder: &Path, order: Order) -> (Running, (Listener,
     (running.unwrap(), flight)
 }
 
-#[test]
-fn scenario_px4() {
-    let Some(program) = program("ROTORTWIN_PX4") else {
-        return;
-    };
-    let folder = tempfile::tempdir().unwrap();
-    let (_running, flight) = with_px4(&program, folder.path(), third_rotor(AutopilotKind::Px4));
-    hovered_and_the_damage_was_isolated(PX4_WITHIN_M, flight);
-}
-
-#[test]
-fn scenario_px4_flies_a_quadrotor() {
+fn flies_px4(layout: Layout) {
     let Some(program) = program("ROTORTWIN_PX4") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
     let order = Order {
-        quadrotor: true,
+        layout,
         ..third_rotor(AutopilotKind::Px4)
     };
     let (_running, flight) = with_px4(&program, folder.path(), order);
     hovered_and_the_damage_was_isolated(PX4_WITHIN_M, flight);
 }
 
+#[test]
+fn scenario_px4() {
+    flies_px4(Layout::Hexa);
+}
+
+#[test]
+fn scenario_px4_flies_a_quadrotor() {
+    flies_px4(Layout::Quad);
+}
+
+#[test]
+fn scenario_px4_flies_an_octorotor() {
+    flies_px4(Layout::Octo);
+}
+
 /// Each rotor and three seeds; one of them may be wrong.
-fn each_rotor(rotors: i32, quadrotor: bool) {
+fn each_rotor(layout: Layout) {
+    let rotors = layout.rotors();
     let program = program("ROTORTWIN_PX4").expect("asked for by name, it needs the program");
     let mut right = 0;
     eprintln!("rotor seed  isolated after  alarm before  farthest, with the fault  landed  wall");
@@ -347,7 +378,7 @@ fn each_rotor(rotors: i32, quadrotor: bool) {
         let order = Order {
             rotor,
             seed,
-            quadrotor,
+            layout,
             chatty: false,
             ..third_rotor(AutopilotKind::Px4)
         };
@@ -378,13 +409,19 @@ fn each_rotor(rotors: i32, quadrotor: bool) {
 #[test]
 #[ignore = "eighteen flights, some minutes"]
 fn scenario_px4_each_rotor() {
-    each_rotor(6, false);
+    each_rotor(Layout::Hexa);
 }
 
 #[test]
 #[ignore = "twelve flights, some minutes"]
 fn scenario_px4_each_rotor_of_a_quadrotor() {
-    each_rotor(4, true);
+    each_rotor(Layout::Quad);
+}
+
+#[test]
+#[ignore = "twenty-four flights, some minutes"]
+fn scenario_px4_each_rotor_of_an_octorotor() {
+    each_rotor(Layout::Octo);
 }
 
 /// Healthy for `ROTORTWIN_HEALTHY_S` (1800) s.
@@ -415,16 +452,16 @@ fn scenario_px4_healthy() {
     );
 }
 
-fn flies_arducopter(quadrotor: bool) {
+fn flies_arducopter(layout: Layout) {
     let Some(program) = program("ROTORTWIN_ARDUCOPTER") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
-    let lines = settings(if quadrotor {
-        "ardupilot-quad-x.parm"
-    } else {
-        "ardupilot-hexa-x.parm"
-    });
+    let lines = settings(layout.of([
+        "ardupilot-hexa-x.parm",
+        "ardupilot-quad-x.parm",
+        "ardupilot-octo-x.parm",
+    ]));
     let args = [
         "--wipe",
         "--model",
@@ -440,7 +477,7 @@ fn flies_arducopter(quadrotor: bool) {
     ];
     let mut running = None;
     let order = Order {
-        quadrotor,
+        layout,
         ..third_rotor(AutopilotKind::ArduPilot)
     };
     let flight = flown(order, |map, patience| {
@@ -455,10 +492,15 @@ fn flies_arducopter(quadrotor: bool) {
 
 #[test]
 fn scenario_arducopter() {
-    flies_arducopter(false);
+    flies_arducopter(Layout::Hexa);
 }
 
 #[test]
 fn scenario_arducopter_flies_a_quadrotor() {
-    flies_arducopter(true);
+    flies_arducopter(Layout::Quad);
+}
+
+#[test]
+fn scenario_arducopter_flies_an_octorotor() {
+    flies_arducopter(Layout::Octo);
 }

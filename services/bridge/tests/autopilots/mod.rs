@@ -9,10 +9,8 @@ use std::time::Duration;
 /// Height of the hover over the origin, m.
 pub(crate) const HEIGHT_M: f64 = 1.5;
 
-/// [`scenario_of`] a hexarotor X.
-pub(crate) fn scenario(duration_s: f64, more: &str) -> Scenario {
-    scenario_of("f550-skids", duration_s, more)
-}
+/// A vehicle on feet.
+pub(crate) const HEXAROTOR: &str = "f550-skids";
 
 /// A hover of `duration_s` after the hand-over, from the ground, with more lines of the document.
 pub(crate) fn scenario_of(vehicle: &str, duration_s: f64, more: &str) -> Scenario {

@@ -28,6 +28,7 @@ pub(crate) fn outputs(kind: AutopilotKind, scenario: &Scenario) -> OutputMap {
 pub(crate) fn channels(scenario: &Scenario) -> &'static [usize] {
     match scenario.vehicle().rotors.layout.placements().len() {
         4 => &[1, 3, 4, 2],
+        8 => &[1, 5, 2, 4, 8, 6, 7, 3],
         _ => &[2, 5, 6, 3, 1, 4],
     }
 }
