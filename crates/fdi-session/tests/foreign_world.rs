@@ -86,6 +86,7 @@ fn view(window: &Window) -> serde_json::Value {
             .collect::<Vec<u32>>()
     });
     json!({
+        "smallest_loss": window.smallest_loss,
         "time_s": report.stamp.sim_time_ns as f64 * 1e-9,
         "sequential": {
             "code": code,

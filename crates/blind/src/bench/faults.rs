@@ -8,7 +8,7 @@
 //!
 //! Definitions. *Right*: the verdict names the rotors that have lost at least [`SEEN`] of their thrust at that time, all and no others.
 //! *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last window before the end of the
-//! flight, or before the loss ends, that is not right. *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the
+//! flight, or before the loss ends, that is not right. *Announced*: see [`is_announced`]. *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the
 //! end of the flight; *windows inside*, the same over all windows that name the rotors rightly, apart for those in which the loss moves.
 //! *Healthy named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict other
 //! than healthy begins while nothing has happened to any rotor or to the load, nor a quarter of a second before. *End*: the last verdict ([`End`]).
@@ -32,6 +32,8 @@ use std::path::{Path, PathBuf};
 pub const SEEN: f64 = 0.02;
 /// A verdict may be as old as a window and a bit when the truth changes, s.
 const GRACE_S: f64 = 0.25;
+/// A loss is to be found within so many seconds.
+pub(super) const WITHIN_S: f64 = 10.0;
 /// A name with this probability is meant.
 const SURE: f64 = 0.95;
 /// Idling on the ground, s.
@@ -313,6 +315,9 @@ pub struct FaultRow {
     pub recovers: bool,
     /// The last verdict; `None`: there is none.
     pub end: Option<End>,
+    /// Of a single, sudden loss that was not found within [`WITHIN_S`]: that it might be missed was said ([`is_announced`]).
+    #[serde(default)]
+    pub announced: Option<bool>,
     /// While the losses stand still.
     pub still: WindowCount,
     /// While a loss moves.
@@ -329,6 +334,8 @@ struct Window {
     loss: Vec<(usize, f64, f64)>,
     /// Sets that an ambiguous verdict leaves open.
     sets: Vec<Vec<usize>>,
+    /// Smallest lost share of each rotor that would be found; empty where nothing is promised.
+    smallest: Vec<f64>,
 }
 
 impl Window {
@@ -346,6 +353,9 @@ impl Window {
             rotors.collect()
         };
         Some(Self {
+            smallest: value["smallest_loss"]
+                .as_array()
+                .map_or_else(Vec::new, |all| all.iter().filter_map(Value::as_f64).collect()),
             sets: sequential["hypotheses"]
                 .as_array()?
                 .iter()
@@ -421,6 +431,29 @@ fn end_of(case: &FaultCase, windows: &[Window]) -> Option<End> {
     })
 }
 
+/// Whether it was said that a loss of this rotor from `onset_s` on might be missed: the last window before had no verdict, or a smallest loss that
+/// would be found which is above the loss; or most of the windows of [`WITHIN_S`] after it have no verdict.
+fn is_announced(case: &FaultCase, all: &[Window], rotor: usize, onset_s: f64) -> bool {
+    let later = losses(&case.effects, onset_s + WITHIN_S);
+    let lost = later
+        .iter()
+        .find(|(other, _)| *other == rotor)
+        .map_or(0.0, |loss| loss.1);
+    let before = all.iter().rfind(|window| window.time_s < onset_s);
+    let promised = before
+        .filter(|window| window.decided())
+        .and_then(|window| window.smallest.get(rotor - 1));
+    let after = || {
+        let asked = |window: &&Window| (onset_s..onset_s + WITHIN_S).contains(&window.time_s);
+        all.iter().filter(asked)
+    };
+    let decided = after().filter(|window| window.decided()).count();
+    match promised {
+        Some(smallest) => *smallest >= lost || 2 * decided < after().count(),
+        None => before.is_none_or(|window| !window.decided()),
+    }
+}
+
 fn scored(case: &FaultCase, all: &[Window]) -> FaultRow {
     /// s of a window.
     const WINDOW_S: f64 = 0.0625;
@@ -461,6 +494,14 @@ fn scored(case: &FaultCase, all: &[Window]) -> FaultRow {
             .iter()
             .find(|window| right(window))
             .map(|window| window.time_s - onset_s);
+        // A smallest loss is that of a sudden one.
+        let stands = losses(&case.effects, onset_s) == losses(&case.effects, onset_s + WITHIN_S);
+        if let [rotor] = lost(onset_s)[..]
+            && stands
+            && row.first_s.is_none_or(|first_s| first_s > WITHIN_S)
+        {
+            row.announced = Some(is_announced(case, all, rotor, onset_s));
+        }
         // An intermittent loss is not to be right while it is away.
         let asked = |window: &&&Window| !lost(window.time_s).is_empty();
         let judged: Vec<&&Window> = during.iter().filter(asked).collect();
@@ -528,6 +569,7 @@ fn empty(case: &FaultCase, failure: Option<String>) -> FaultRow {
         released_s: None,
         recovers: false,
         end: None,
+        announced: None,
         still: WindowCount::default(),
         moving: WindowCount::default(),
     }
@@ -708,6 +750,7 @@ mod tests {
                     probability,
                     loss,
                     sets: Vec::new(),
+                    smallest: Vec::new(),
                 }
             })
             .collect()
@@ -748,6 +791,26 @@ mod tests {
         );
         assert!((row.first_s.unwrap() - 2.0).abs() < 0.02, "{:?}", row.first_s);
         assert_eq!((row.inside, row.healthy_named), (Some(false), false));
+    }
+
+    #[test]
+    fn val_a_miss_is_announced_where_less_was_promised() {
+        let case = case(vec![fault(2, 0.1, 20.0, None)], Class::Step);
+        let row = |smallest: &[f64], code: i32| {
+            let mut windows = windows(|_| (0, 1.0, 0.0, 0.0));
+            for window in &mut windows {
+                window.smallest = smallest.to_vec();
+                if window.time_s > 20.0 {
+                    window.code = code;
+                }
+            }
+            scored(&case, &windows).announced
+        };
+        assert_eq!(row(&[0.01, 0.11, 0.01], 0), Some(true), "11 % is promised, 10 % lost");
+        assert_eq!(row(&[0.11, 0.01, 0.11], 0), Some(false), "1 % is promised");
+        assert_eq!(row(&[0.11, 0.01, 0.11], -4), Some(true), "it cannot judge then");
+        assert_eq!(row(&[], 0), Some(false), "nothing is said");
+        assert_eq!(row(&[0.01; 3], 2), None, "found");
     }
 
     #[test]

@@ -1,13 +1,10 @@
 //! Rows of [`super::faults`] to tables of at most 80 columns, and to `score.json`.
 
-use super::faults::{Class, End, FaultRow, NAME, WindowCount};
+use super::faults::{Class, End, FaultRow, NAME, WITHIN_S, WindowCount};
 use super::sheet::Share;
 use crate::error::{BlindError, Result};
 use serde::Serialize;
 use std::path::Path;
-
-/// Found within so many seconds.
-const WITHIN_S: f64 = 10.0;
 
 /// Figures of one class.
 #[derive(Debug, Clone, Serialize)]
@@ -32,6 +29,8 @@ pub struct ClassSheet {
     pub healthy_named: Share,
     /// Recoveries that were released within 1 s.
     pub released: Share,
+    /// Single, sudden losses that were not found within 10 s, and were said to be too small to be seen, or "cannot judge".
+    pub announced: Share,
     /// Alarms without a loss.
     pub false_alarms: usize,
     /// Hours with a verdict and without a loss.
@@ -92,6 +91,10 @@ pub fn sum_up(rows: &[FaultRow]) -> Vec<ClassSheet> {
                 released: Share::new(
                     count(&|row| row.released_s.is_some_and(|s| s <= 1.0)),
                     count(&|row| row.recovers && row.first_s.is_some()),
+                ),
+                announced: Share::new(
+                    count(&|row| row.announced == Some(true)),
+                    count(&|row| row.announced.is_some()),
                 ),
                 false_alarms: judged.iter().map(|row| row.false_alarms).sum(),
                 healthy_h: judged.iter().map(|row| row.healthy_s).sum::<f64>() / 3600.0,
@@ -212,6 +215,15 @@ pub fn text(sheets: &[ClassSheet]) -> String {
             share(&sheet.released)
         );
     }
+    let announced = sheets.iter().fold([0, 0], |sum, sheet| {
+        [sum[0] + sheet.announced.count, sum[1] + sheet.announced.of]
+    });
+    if announced[1] > 0 {
+        text += &format!(
+            "Misses announced {} of single steps not found in 10 s\n",
+            share(&Share::new(announced[0], announced[1]))
+        );
+    }
     let failed: usize = sheets.iter().map(|sheet| sheet.failed).sum();
     if failed > 0 {
         text += &format!("No score         {failed} flights: lost by the pilot, or without a report\n");
@@ -246,6 +258,7 @@ mod tests {
             inside: Share::new(100, 100),
             healthy_named: Share::new(100, 100),
             released: Share::new(100, 100),
+            announced: Share::new(99, 100),
             false_alarms: 1234,
             healthy_h: 12.345,
             decided: 0.87,
