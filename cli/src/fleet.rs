@@ -265,7 +265,7 @@ fn text_of(one: &FleetView) -> String {
         "in the order of entry, because not every flight has a date"
     };
     let mut text = format!(
-        "Vehicle      {}, held against {}\nFlights      {}, {order}\n",
+        "Vehicle      {}, compared with {}\nFlights      {}, {order}\n",
         one.vehicle,
         one.model,
         one.flights.len()
@@ -327,7 +327,7 @@ fn rotor_table(one: &FleetView) -> Grid {
         "bias now",
         "loss over flights",
         "per flight",
-        "word",
+        "status",
     ])
     .numbers([0, 1]);
     for rotor in &one.rotors {
