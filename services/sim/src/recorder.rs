@@ -19,7 +19,7 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 const STEPS_PER_CLOCK_READING: u64 = 64;
 
 /// Windows that a rotor has been named in before the size of its loss is told. With realistic mismatch and an onset in a turn the 95 % interval
-/// holds the truth in 43 % of the first windows, and as often as later from the eighth on (docs/detector.md).
+/// holds the truth in 48 of 100 first windows, and from the eighth on as often as it ever does (docs/detector.md).
 const WINDOWS_OF_A_SIZE: u32 = 8;
 
 /// Records a flight and reports on it.

@@ -16,6 +16,7 @@
 
 mod accept;
 mod assemble;
+mod calendar;
 mod checks;
 mod csv;
 mod describe;
