@@ -605,3 +605,38 @@ fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
         );
     }
 }
+
+/// A vehicle that is not quite its document, in slow gusts that turn it: the loss of a rotor is known no better than these. Both draws
+/// had the truth outside of the interval in 15 and 45 % of the windows.
+#[test]
+fn regress_a_loss_is_not_known_better_than_the_disturbance() {
+    let scratch = Scratch::new();
+    let config = repository().join("config");
+    let text = std::fs::read_to_string(config.join("scenarios/waypoints.toml")).expect("it is shipped");
+    let (mut inside, mut of) = (0.0, 0.0);
+    for seed in [6, 11] {
+        let mut scenario: toml::Table = toml::from_str(&text).expect("TOML");
+        let mut mismatch = toml::Table::new();
+        mismatch.insert("preset".into(), "realistic".into());
+        let mut fault = toml::Table::new();
+        fault.insert("time_s".into(), ONSET_S.into());
+        fault.insert("rotor".into(), 3.into());
+        fault.insert("thrust_loss_percent".into(), 10.0.into());
+        let vehicle = config.join("vehicles/f550.toml");
+        scenario.insert("vehicle".into(), path(&vehicle).into());
+        scenario.insert("duration_s".into(), 30.0.into());
+        scenario.insert("seed".into(), seed.into());
+        scenario.insert("mismatch".into(), mismatch.into());
+        scenario.insert("fault".into(), toml::Value::Array(vec![fault.into()]));
+        let name = format!("gusts-{seed}");
+        let scenario = scratch.write(&format!("{name}.toml"), toml::to_string(&scenario).expect("TOML"));
+        let run = Call::fly(&scratch, Link::InProcess, &scenario, &name)
+            .run()
+            .expect_code(0);
+        let truth = scratch.write("truth.csv", format!("time_s,rotor,loss\n{ONSET_S},3,0.1\n"));
+        let judged = judged(&scratch, &[path(run.out()), "--truth", path(&truth)], "f550");
+        inside += number(&judged["score"]["inside"]);
+        of += number(&judged["score"]["inside_of"]);
+    }
+    assert!(of > 200.0 && inside > 0.93 * of, "{inside} of {of} windows");
+}

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::{FlightLog, ReadOptions, checks};
+use super::{FlightLog, ReadOptions, checks, rotor_order};
 use crate::model::content_hash;
 
 impl FlightLog {
@@ -33,11 +33,9 @@ impl FlightLog {
         };
         // Several parts one after the other: `LOG@35:65@order:2-5-6-3-1-4`.
         let log = Self::read_part_with(Path::new(path), options)?;
-        let log = match log.in_stated_order(part) {
-            Ok(log) => return Ok(log),
-            Err((_, Some(sentence))) => return Err(sentence),
-            Err((log, None)) => log,
-        };
+        if let Some(list) = part.strip_prefix(rotor_order::PREFIX) {
+            return log.in_stated_order(list);
+        }
         if let Some(segment) = log.segments.iter().find(|segment| segment.name == part) {
             let (start_s, end_s) = (segment.start_s, segment.end_s);
             return log.part(start_s, end_s);

@@ -4,7 +4,7 @@ use super::{FlightLog, names};
 use crate::model::content_hash;
 
 /// How a part of a log begins that names the order of its rotors.
-const PREFIX: &str = "order:";
+pub(crate) const PREFIX: &str = "order:";
 
 /// Whose numbers the columns of the rotors have.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -47,29 +47,26 @@ impl FlightLog {
         }
     }
 
-    /// The log with the order of rotors that a part `order:2-5-6-3-1-4` names; `None` if the part names none.
+    /// The log with the order of rotors that the list of a part names, as `2-5-6-3-1-4`.
     ///
     /// # Errors
     /// It is no order of this log's rotors: one sentence.
-    pub(crate) fn in_stated_order(mut self, part: &str) -> Result<Self, (Self, Option<String>)> {
-        let Some(list) = part.strip_prefix(PREFIX) else {
-            return Err((self, None));
-        };
+    pub(crate) fn in_stated_order(mut self, list: &str) -> Result<Self, String> {
         let rotors = self.rotor_count();
         let order: Vec<usize> = list.split('-').map(|text| text.trim().parse().unwrap_or(0)).collect();
         let mut sorted = order.clone();
         sorted.sort_unstable();
         if rotors == 0 || !sorted.into_iter().eq(1..=rotors) {
-            let expected = stated((0..rotors).collect::<Vec<_>>().as_slice());
-            let sentence = format!(
-                "{}: expected each of the log's {rotors} rotors once, such as `@{expected}` (the column of rotor 1, of rotor 2, …), got `@{part}`",
-                self.name
-            );
-            return Err((self, Some(sentence)));
+            let own: Vec<usize> = (0..rotors).collect();
+            return Err(format!(
+                "{}: expected each of the log's {rotors} rotors once, such as `@{}` (the column of rotor 1, of rotor 2, …), got `@{PREFIX}{list}`",
+                self.name,
+                stated(&own)
+            ));
         }
         let order: Vec<usize> = order.into_iter().map(|rotor| rotor - 1).collect();
         self.reorder_rotors(&order);
-        self.source.content_hash = content_hash(format!("{}@{part}", self.source.content_hash).as_bytes());
+        self.source.content_hash = content_hash(format!("{}@{PREFIX}{list}", self.source.content_hash).as_bytes());
         self.report.rotor_outputs.clear();
         self.report.rotor_order = RotorOrder::Stated;
         Ok(self)
