@@ -12,10 +12,11 @@ use crate::fdi_service::DetectorArgs;
 use crate::output::{bad_input, failed, line};
 use judged::JudgedLog;
 use rotortwin_page::Report;
-use rotortwin_twin::log::{FlightLog, ReadOptions};
+use rotortwin_twin::identify::read_for;
+use rotortwin_twin::log::ReadOptions;
 use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge};
+use rotortwin_verdicts::score::LogScore;
 use rotortwin_verdicts::view::Obstruction;
-use score::LogScore;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use truth::TruthSource;
@@ -24,7 +25,7 @@ use words::{overview, text_of};
 /// Arguments of `rotortwin fdi-log`.
 #[derive(Debug, clap::Args)]
 pub struct LogArgs {
-    /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment
+    /// Flight logs of any source, or run folders; LOG@35:65 takes only these seconds, LOG@NAME a segment, LOG@order:2-1-… other columns as rotors 1, 2, …
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     #[command(flatten)]
@@ -107,7 +108,7 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
     };
     let every_window = args.windows || source.is_some() || args.series.is_some();
     let judged = |path: &PathBuf| {
-        let log = FlightLog::read_part_with(path, &options)?;
+        let log = read_for(path, &options, &detectors.vehicle().vehicle)?;
         let truth = source
             .as_ref()
             .map(|source| source.of(&log, whole(path), rotor_count))
@@ -117,7 +118,7 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
         report.notes.extend(note.clone());
         Ok(JudgedLog {
             file: path.display().to_string(),
-            score: truth.as_ref().map(|truth| LogScore::of(&report, truth)),
+            score: truth.as_ref().map(|truth| score::score_of(&report, truth)),
             report,
             truth,
         })

@@ -4,7 +4,8 @@ use crate::fdi_service::DetectorArgs;
 use crate::output::{bad_input, failed, fitted, line};
 use rotortwin_page::Report;
 use rotortwin_runner::grid::Grid;
-use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::identify::read_for;
+use rotortwin_twin::log::{ReadOptions, RotorOrder};
 use rotortwin_twin::model::ModelStore;
 use rotortwin_verdicts::fleet::journal::{self, Added, Event, Fleet, MaintenanceEntry};
 use rotortwin_verdicts::fleet::measure;
@@ -46,7 +47,8 @@ struct AddArgs {
     logs: Vec<PathBuf>,
     #[command(flatten)]
     detectors: DetectorArgs,
-    /// When the flight was, UTC, such as 2026-01-31 or 2026-01-31T14:05:00Z; of one log. Without dates the order is that of entry
+    /// When the flight was, UTC, such as 2026-01-31 or 2026-01-31T14:05:00Z; of one log. It goes before the date that the log holds; without
+    /// either the order is that of entry
     #[arg(long, value_name = "DATE", value_parser = journal::date)]
     date: Option<String>,
 }
@@ -116,7 +118,10 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
         line(&format!("Note: {note}"));
     }
     for path in &args.logs {
-        let log = FlightLog::read_part(path).map_err(|error| error.to_string())?;
+        let log = read_for(path, &ReadOptions::default(), &version.vehicle)?;
+        if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
+            line(&format!("Note: {note}"));
+        }
         let known = |place: usize| {
             line(&format!(
                 "{}: is flight {} of {} already, not counted again",
@@ -130,10 +135,17 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
             known(place);
             continue;
         }
-        let (vehicle, flight) = measure(&args.vehicle, (model, &version), &log, &detectors, args.date.clone())?;
+        let stated = args.date.clone().map(|date| (date, "as stated with --date"));
+        let flown = stated.or_else(|| Some((journal::date_of(&log)?, log.report.flown.as_ref()?.from.as_str())));
+        let date = flown.as_ref().map(|(date, _)| date.clone());
+        let when = match &flown {
+            Some((date, from)) => format!("flown {date} ({from})"),
+            None => "when it was flown is not known: the log holds no date, and --date states none".to_owned(),
+        };
+        let (vehicle, flight) = measure(&args.vehicle, (model, &version), &log, &detectors, date)?;
         let seconds = flight.air_s;
         match fleet.add(&vehicle, flight)? {
-            Added::New => line(&format!("{}: {seconds:.0} s in the air", path.display())),
+            Added::New => line(&format!("{}: {seconds:.0} s in the air, {when}", path.display())),
             // Another process was faster.
             Added::Known(place) => known(place),
         }
@@ -253,7 +265,7 @@ fn text_of(one: &FleetView) -> String {
         "in the order of entry, because not every flight has a date"
     };
     let mut text = format!(
-        "Vehicle      {}, held against {}\nFlights      {}, {order}\n",
+        "Vehicle      {}, compared with {}\nFlights      {}, {order}\n",
         one.vehicle,
         one.model,
         one.flights.len()
@@ -315,7 +327,7 @@ fn rotor_table(one: &FleetView) -> Grid {
         "bias now",
         "loss over flights",
         "per flight",
-        "word",
+        "status",
     ])
     .numbers([0, 1]);
     for rotor in &one.rotors {

@@ -731,13 +731,19 @@ fn change_line(change: &Change) -> Option<String> {
             sim_time_s,
             sequential: sequential @ 1..,
             probability,
+            ..
+        } => Some(format!(
+            "t {sim_time_s:7.3} s  sequential  {} (probability {probability:.4})",
+            verdict_text(*sequential)
+        )),
+        Change::Severity {
+            sim_time_s,
+            sequential,
             thrust_loss_n,
             thrust_loss_low_n,
             thrust_loss_high_n,
-            ..
         } => Some(format!(
-            "t {sim_time_s:7.3} s  sequential  {} (probability {probability:.4}, loses {thrust_loss_n:.3} N \
-             [{thrust_loss_low_n:.3}, {thrust_loss_high_n:.3}])",
+            "t {sim_time_s:7.3} s  severity    {}: loses {thrust_loss_n:.3} N [{thrust_loss_low_n:.3}, {thrust_loss_high_n:.3}]",
             verdict_text(*sequential)
         )),
         Change::Verdict {

@@ -5,6 +5,7 @@ use rotortwin_runner::grid::Grid;
 use rotortwin_runner::log_import::{self, Imported, import as import_one, unique_names};
 use rotortwin_twin::identify::known_rotor_places;
 use rotortwin_twin::log::{FlightLog, draft};
+use rotortwin_verdicts::fleet::journal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -233,6 +234,9 @@ fn show(args: &ShowArgs) -> ExitCode {
     let mut text = format!("{}\n", log.headline());
     if let Some(clock) = log.report.clock_start_s {
         text += &format!("Clock        our 0 s is {clock:.3} s of the log's own clock\n");
+    }
+    if let Some((date, flown)) = journal::date_of(&log).zip(log.report.flown.as_ref()) {
+        text += &format!("Flown        {date} ({})\n", flown.from);
     }
     if let Some(vehicle) = &log.vehicle {
         text += &format!("Vehicle      {vehicle}\n");

@@ -291,6 +291,18 @@ impl Server {
         answer.json()["id"].as_str().expect("an id").to_owned()
     }
 
+    /// Asks for a log of the independent simulator (`POST /api/v1/logs/generate`), and waits until it is there: its id.
+    ///
+    /// # Panics
+    /// It is refused, or fails.
+    #[track_caller]
+    pub fn generated(&self, body: &Value) -> String {
+        let id = self.submit_to("logs/generate", body);
+        let job = self.ended_in("logs", &id);
+        assert_eq!(job["status"], "done", "{job}");
+        id
+    }
+
     /// Waits until a run has ended; the run.
     ///
     /// # Panics

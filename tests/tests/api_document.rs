@@ -72,14 +72,7 @@ fn something_of_everything(scratch: &Scratch, server: &Server) -> String {
     }
     let again = server.ask("POST", &format!("/api/v1/runs/{}/verify", runs[0]), &[], "");
     assert_eq!(again.status, 200, "{}", again.json());
-    let example = server.ask(
-        "POST",
-        "/api/v1/logs/generate",
-        &[],
-        r#"{"preset":"healthy","seed":4,"duration_s":60}"#,
-    );
-    let example = example.json()["id"].as_str().expect("an id").to_owned();
-    assert_eq!(server.ended_in("logs", &example)["status"], "done");
+    let example = server.generated(&json!({ "preset": "healthy", "seed": 4, "duration_s": 60 }));
     let own =
         json!({ "name": "mine", "flights": { "logs": [example] }, "mass_kg": 1.55, "arm_m": 0.275, "held_out": true });
     let own = server.submit_to("identifications", &own);

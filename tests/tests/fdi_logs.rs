@@ -4,6 +4,7 @@ use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
 use rotortwin_tests::program::{Call, Ended, Link};
 use rotortwin_tests::scratch::{Scratch, repository};
+use rotortwin_tests::server::Server;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -382,4 +383,260 @@ fn scenario_verdicts_are_scored_against_the_truth() {
     .run()
     .expect_code(2);
     says(&refused, "no column `label` with the truth");
+}
+
+/// A message of a ULog.
+fn message(kind: u8, payload: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(payload.len()).expect("short");
+    [&length.to_le_bytes()[..], &[kind], payload].concat()
+}
+
+/// Definitions put behind the header and the flag bits, with which every ULog begins.
+fn with_definitions(log: &[u8], definitions: &[Vec<u8>]) -> Vec<u8> {
+    const HEADER_BYTES: usize = 16;
+    let length = usize::from(u16::from_le_bytes([log[HEADER_BYTES], log[HEADER_BYTES + 1]]));
+    assert_eq!(log[HEADER_BYTES + 2], b'B', "flag bits come first");
+    let (head, rest) = log.split_at(HEADER_BYTES + 3 + length);
+    [head, &definitions.concat(), rest].concat()
+}
+
+fn parameter(name: &str, value: f32) -> Vec<u8> {
+    let key = format!("float {name}");
+    let length = u8::try_from(key.len()).expect("short");
+    message(b'P', &[&[length], key.as_bytes(), &value.to_le_bytes()].concat())
+}
+
+/// The F550's rotor that is PX4's motor 1, 2, …
+const PX4_HEXA_X: [usize; 6] = [2, 5, 6, 3, 1, 4];
+const ONSET_S: f64 = 20.0;
+
+/// Where the F550's rotors are, from 1: forward and right over the arm, and whether it turns counter-clockwise.
+fn place(rotor: usize) -> (f64, f64, bool) {
+    let azimuth = (60.0 * rotor as f64 - 30.0).to_radians();
+    (azimuth.cos(), azimuth.sin(), rotor % 2 == 1)
+}
+
+/// Waypoints of an F550 whose rotors are numbered as PX4 does, as ULog without parameters; its motor 4, the F550's rotor 3, loses 10 %.
+fn flown_by_px4s_numbers(scratch: &Scratch) -> Vec<u8> {
+    let config = repository().join("config");
+    let text = std::fs::read_to_string(config.join("vehicles/f550.toml")).expect("it is shipped");
+    let mut vehicle: toml::Table = toml::from_str(&text).expect("TOML");
+    let rotors: Vec<toml::Value> = PX4_HEXA_X
+        .iter()
+        .enumerate()
+        .map(|(motor, rotor)| {
+            let (x, y, ccw) = place(*rotor);
+            let spin = if ccw { "ccw" } else { "cw" };
+            let text = format!(
+                "number = {}\nposition_body_m = [{}, {}, 0.0]\nspin = \"{spin}\"\nmoment_ratio_m = 0.016",
+                motor + 1,
+                0.275 * x,
+                0.275 * y
+            );
+            toml::Value::Table(toml::from_str(&text).expect("TOML"))
+        })
+        .collect();
+    let mut layout = toml::Table::new();
+    layout.insert("kind".into(), "list".into());
+    layout.insert("rotor".into(), toml::Value::Array(rotors));
+    let table = vehicle["rotors"].as_table_mut().expect("a table");
+    table.insert("layout".into(), layout.into());
+    let blades = config.join("blades/t9545.toml").display().to_string();
+    table.insert("blades".into(), blades.into());
+    let vehicle = scratch.write("px4s.toml", toml::to_string(&vehicle).expect("TOML"));
+    let text = std::fs::read_to_string(config.join("scenarios/waypoints.toml")).expect("it is shipped");
+    let mut scenario: toml::Table = toml::from_str(&text).expect("TOML");
+    scenario.insert("vehicle".into(), path(&vehicle).into());
+    scenario.insert("duration_s".into(), 30.0.into());
+    let mut fault = toml::Table::new();
+    fault.insert("time_s".into(), ONSET_S.into());
+    fault.insert("rotor".into(), 4.into());
+    fault.insert("thrust_loss_percent".into(), 10.0.into());
+    scenario.insert("fault".into(), toml::Value::Array(vec![fault.into()]));
+    let scenario = scratch.write("square.toml", toml::to_string(&scenario).expect("TOML"));
+    let ended = Call::fly(scratch, Link::InProcess, &scenario, "square")
+        .run()
+        .expect_code(0);
+    // The first size that is told is one to be believed.
+    let told: Vec<&String> = ended.stderr.iter().filter(|line| line.contains(" loses ")).collect();
+    assert_eq!(told.len(), 1, "{:?}", ended.stderr);
+    assert!(
+        told[0].contains("severity") && !told[0].contains("probability"),
+        "{}",
+        told[0]
+    );
+    let file = scratch.path("plain.ulg");
+    let words = ["export", path(ended.out()), "--format", "ulog", "--out", path(&file)];
+    Call::new(scratch, words.map(OsString::from)).run().expect_code(0);
+    std::fs::read(file).expect("it was written")
+}
+
+/// As a PX4 would have said where its motors are.
+fn control_allocation() -> Vec<Vec<u8>> {
+    let mut all = vec![parameter("CA_ROTOR_COUNT", 6.0)];
+    for (motor, rotor) in PX4_HEXA_X.iter().enumerate() {
+        let (x, y, ccw) = place(*rotor);
+        for (name, value) in [
+            ("PX", 0.275 * x),
+            ("PY", 0.275 * y),
+            ("KM", if ccw { 0.05 } else { -0.05 }),
+        ] {
+            all.push(parameter(&format!("CA_ROTOR{motor}_{name}"), value as f32));
+        }
+    }
+    all
+}
+
+#[test]
+fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
+    const READ: &str = "its rotors 1 to 6 are the log's motors 5, 1, 4, 6, 2, 3";
+    let scratch = Scratch::new();
+    let plain = flown_by_px4s_numbers(&scratch);
+    let log = scratch.write("flight.ulg", with_definitions(&plain, &control_allocation()));
+    let report = judged(&scratch, &[path(&log)], "f550");
+    let names_rotor_3 = |report: &Value| {
+        let last = &report["final_window"]["sequential"];
+        assert_eq!(last["rotors"], serde_json::json!([3]), "{report}");
+        let sequential = &report["counts"][2];
+        assert!(number(&sequential["first_alarm_s"]) >= ONSET_S, "{sequential}");
+    };
+    names_rotor_3(&report);
+    let notes = report["notes"].as_array().expect("a list");
+    assert!(notes[0].as_str().is_some_and(|note| note.contains(READ)), "{report}");
+    for command in ["compare", "diagnose"] {
+        let mut words = vec![command, path(&log), "--model", "f550"];
+        if command == "diagnose" {
+            words.extend(["--time-limit", "1"]);
+        }
+        let ended = Call::new(&scratch, words.into_iter().map(OsString::from))
+            .run()
+            .expect_code(0);
+        assert!(ended.stdout.contains(READ), "{command}: {}", ended.stdout);
+    }
+
+    // Without them the motion contradicts the order: one sentence, and what it names is accepted.
+    let log = scratch.path("plain.ulg");
+    let order = "order:5-1-4-6-2-3";
+    for command in ["fdi-log", "compare"] {
+        let words = [command, path(&log), "--model", "f550"].map(OsString::from);
+        let refused = Call::new(&scratch, words).run().expect_code(2);
+        says(
+            &refused,
+            "swapped motors: the vehicle turns as if duty_1 drives rotor 2, duty_2 drives rotor 5",
+        );
+        says(
+            &refused,
+            &format!("`@{order}` behind the log's name reads it in that order"),
+        );
+    }
+    names_rotor_3(&judged(&scratch, &[&format!("{}@{order}", path(&log))], "f550"));
+    // Whoever insists is not refused.
+    judged(&scratch, &[&format!("{}@5:28@order:1-2-3-4-5-6", path(&log))], "f550");
+    let words = [
+        "fdi-log",
+        &format!("{}@order:1-2-3-4-5-5", path(&log)),
+        "--model",
+        "f550",
+    ]
+    .map(OsString::from);
+    says(
+        &Call::new(&scratch, words).run().expect_code(2),
+        "expected each of the log's 6 rotors once, such as `@order:1-2-3-4-5-6`",
+    );
+
+    // The same of a server.
+    let server = Server::start(&scratch.path("data"));
+    let ask = |query: &str, body: &[u8]| {
+        let address = format!("/api/v1/fdi/reports?vehicle=f550{query}");
+        let answer = server.ask_bytes("POST", &address, &[("content-type", "application/octet-stream")], body);
+        (answer.status, answer.json())
+    };
+    let (status, told) = ask("", &with_definitions(&plain, &control_allocation()));
+    assert_eq!(status, 200, "{told}");
+    names_rotor_3(&told);
+    let (status, told) = ask("", &plain);
+    assert_eq!(status, 422, "{told}");
+    assert!(
+        told["detail"].as_str().is_some_and(|detail| detail.contains(order)),
+        "{told}"
+    );
+    let (status, told) = ask(&format!("&part={order}"), &plain);
+    assert_eq!(status, 200, "{told}");
+    names_rotor_3(&told);
+
+    // A receiver's time in the log is the flight's date; --date goes before it.
+    const NOON_US: u64 = 1_772_366_400_000_000;
+    const GPS: u16 = 900;
+    let format = message(b'F', b"sensor_gps:uint64_t timestamp;uint64_t time_utc_usec;");
+    let subscription = message(b'A', &[&[0][..], &GPS.to_le_bytes(), b"sensor_gps"].concat());
+    let mut definitions = control_allocation();
+    definitions.push(format);
+    let mut dated = [with_definitions(&plain, &definitions), subscription].concat();
+    for second in [10, 11, 12_u64] {
+        let stamps = [1_000_000 * second, NOON_US + 1_000_000 * second].map(u64::to_le_bytes);
+        dated.extend(message(b'D', &[&GPS.to_le_bytes()[..], &stamps.concat()].concat()));
+    }
+    let dated = scratch.write("dated.ulg", dated);
+    let undated = scratch.path("flight.ulg");
+    for (log, vehicle, date, words) in [
+        (&dated, "one", None, "flown 2026-03-01T12:00:00Z (GPS time in the log)"),
+        (
+            &dated,
+            "two",
+            Some("2026-02-01"),
+            "flown 2026-02-01T00:00:00Z (as stated with --date)",
+        ),
+        (
+            &undated,
+            "three",
+            None,
+            "when it was flown is not known: the log holds no date, and --date states none",
+        ),
+    ] {
+        let mut add = vec!["fleet", "add", vehicle, path(log), "--model", "f550"];
+        add.extend(date.map(|date| ["--date", date]).into_iter().flatten());
+        let ended = Call::new(&scratch, add.into_iter().map(OsString::from))
+            .run()
+            .expect_code(0);
+        assert!(
+            ended.stdout.contains(words) && ended.stdout.contains(READ),
+            "{}",
+            ended.stdout
+        );
+    }
+}
+
+/// A vehicle that is not quite its document, in slow gusts that turn it: the loss of a rotor is known no better than these. Both draws
+/// had the truth outside of the interval in 15 and 45 % of the windows.
+#[test]
+fn regress_a_loss_is_not_known_better_than_the_disturbance() {
+    let scratch = Scratch::new();
+    let config = repository().join("config");
+    let text = std::fs::read_to_string(config.join("scenarios/waypoints.toml")).expect("it is shipped");
+    let (mut inside, mut of) = (0.0, 0.0);
+    for seed in [6, 11] {
+        let mut scenario: toml::Table = toml::from_str(&text).expect("TOML");
+        let mut mismatch = toml::Table::new();
+        mismatch.insert("preset".into(), "realistic".into());
+        let mut fault = toml::Table::new();
+        fault.insert("time_s".into(), ONSET_S.into());
+        fault.insert("rotor".into(), 3.into());
+        fault.insert("thrust_loss_percent".into(), 10.0.into());
+        let vehicle = config.join("vehicles/f550.toml");
+        scenario.insert("vehicle".into(), path(&vehicle).into());
+        scenario.insert("duration_s".into(), 30.0.into());
+        scenario.insert("seed".into(), seed.into());
+        scenario.insert("mismatch".into(), mismatch.into());
+        scenario.insert("fault".into(), toml::Value::Array(vec![fault.into()]));
+        let name = format!("gusts-{seed}");
+        let scenario = scratch.write(&format!("{name}.toml"), toml::to_string(&scenario).expect("TOML"));
+        let run = Call::fly(&scratch, Link::InProcess, &scenario, &name)
+            .run()
+            .expect_code(0);
+        let truth = scratch.write("truth.csv", format!("time_s,rotor,loss\n{ONSET_S},3,0.1\n"));
+        let judged = judged(&scratch, &[path(run.out()), "--truth", path(&truth)], "f550");
+        inside += number(&judged["score"]["inside"]);
+        of += number(&judged["score"]["inside_of"]);
+    }
+    assert!(of > 200.0 && inside > 0.93 * of, "{inside} of {of} windows");
 }

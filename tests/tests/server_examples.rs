@@ -5,11 +5,8 @@ use rotortwin_tests::server::Server;
 use serde_json::{Value, json};
 
 fn generated(server: &Server, body: &Value) -> (String, Value) {
-    let answer = server.ask("POST", "/api/v1/logs/generate", &[], &body.to_string());
-    assert_eq!(answer.status, 202, "{}", answer.json());
-    let id = answer.json()["id"].as_str().expect("an id").to_owned();
-    let job = server.ended_in("logs", &id);
-    assert_eq!(job["status"], "done", "{job}");
+    let id = server.generated(body);
+    let job = server.get(&format!("/api/v1/logs/{id}"));
     (id, job)
 }
 

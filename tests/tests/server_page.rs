@@ -25,14 +25,7 @@ fn numbers(value: &Value) -> Vec<Option<f64>> {
 fn scenario_what_a_comparison_draws_comes_as_numbers() {
     let scratch = Scratch::new();
     let server = Server::start(&scratch.path("data"));
-    let log = server.ask(
-        "POST",
-        "/api/v1/logs/generate",
-        &[],
-        r#"{"effect":"rotor-drag:drag_n_s_m=0.25","seed":2,"duration_s":40}"#,
-    );
-    let log = log.json()["id"].as_str().expect("an id").to_owned();
-    assert_eq!(server.ended_in("logs", &log)["status"], "done");
+    let log = server.generated(&json!({ "effect": "rotor-drag:drag_n_s_m=0.25", "seed": 2, "duration_s": 40 }));
 
     // The log itself.
     let channels = server.get(&format!("/api/v1/logs/{log}/channels"));
@@ -322,13 +315,10 @@ fn scenario_one_stream_tells_all_jobs_and_goes_on_over_a_killed_server() {
     assert_eq!(opened[0].1, "open");
     let cursor = opened[0].0.clone();
     let run = server.submit(&json!({ "scenario": "short-hover", "link": "in-process", "seed": 5 }));
-    let log = server.ask(
-        "POST",
-        "/api/v1/logs/generate",
-        &[],
-        r#"{"preset":"healthy","seed":1,"duration_s":10}"#,
+    let log = server.submit_to(
+        "logs/generate",
+        &json!({ "preset": "healthy", "seed": 1, "duration_s": 10 }),
     );
-    let log = log.json()["id"].as_str().expect("an id").to_owned();
     let mut all = events(&server, Some(&cursor), |all| ended(all) == 2);
     // Killed in the middle of another run: what comes afterwards follows what was seen.
     let slow = server.submit(&json!({ "scenario": "short-hover", "link": "in-process", "pace": "real-time" }));
@@ -467,14 +457,7 @@ fn scenario_a_browser_signs_in_with_a_cookie_that_its_token_ends() {
 fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
     let scratch = Scratch::new();
     let server = Server::start(&scratch.path("data"));
-    let log = server.ask(
-        "POST",
-        "/api/v1/logs/generate",
-        &[],
-        r#"{"preset":"healthy","seed":4,"duration_s":60}"#,
-    );
-    let log = log.json()["id"].as_str().expect("an id").to_owned();
-    assert_eq!(server.ended_in("logs", &log)["status"], "done");
+    let log = server.generated(&json!({ "preset": "healthy", "seed": 4, "duration_s": 60 }));
     let body = json!({ "name": "mine", "flights": { "logs": [log] }, "mass_kg": 1.55, "arm_m": 0.275 });
     let id = server.submit_to("identifications", &body);
     let job = server.ended_in("identifications", &id);

@@ -1,8 +1,8 @@
 //! A log and what was found in it, as JSON and pages hold it.
 
-use super::score::LogScore;
 use super::truth::Truth;
 use rotortwin_verdicts::log::LogReport;
+use rotortwin_verdicts::score::LogScore;
 
 /// One log, and what was found.
 #[derive(serde::Serialize)]

@@ -11,81 +11,78 @@ use rotortwin_fdi_session::validity::CANNOT_JUDGE;
 use rotortwin_plant::STEP_S;
 use rotortwin_runner::grid::Grid;
 use rotortwin_verdicts::log::LogReport;
+use rotortwin_verdicts::score::{LogScore, ScoreOfDetector};
 use rotortwin_verdicts::view::WindowView;
-use serde::Serialize;
 
 /// Detectors, in the order of a report.
 const DETECTORS: [&str; 3] = ["t_test", "network", "sequential"];
 
-/// Of one log.
-#[derive(Debug, Serialize)]
-pub(super) struct LogScore {
-    /// First damage, s of the log's time.
-    pub(super) onset_s: Option<f64>,
-    /// Each detector.
-    pub(super) detectors: Vec<Named>,
-    /// Windows whose losses all lie inside their intervals.
-    pub(super) inside: u64,
-    /// Of so many.
-    pub(super) inside_of: u64,
-}
-
-/// One detector.
-#[derive(Debug, Serialize)]
-pub(super) struct Named {
-    /// `t_test`, `network` or `sequential`.
-    pub(super) detector: &'static str,
-    /// Counts and delays.
-    #[serde(flatten)]
-    pub(super) score: DetectorScore,
-}
-
-impl LogScore {
-    /// Of a report with all its windows.
-    pub(super) fn of(report: &LogReport, truth: &Truth) -> Self {
-        let window_s = f64::from(report.detectors.window_samples) * STEP_S;
-        let mut scorers = DETECTORS.map(|_| DetectorScorer::new(u64::from(report.detectors.window_samples)));
-        let (mut inside, mut inside_of) = (0, 0);
-        let mut sizes_are_known = true;
-        for window in &report.windows {
-            let end_s = report.log.start_s + window.time_s + STEP_S;
-            let begin_s = end_s - window_s;
-            let damage = truth.at(end_s - 0.5 * window_s);
-            sizes_are_known &= damage.worst().is_finite();
-            let known = WindowTruth {
-                label: damage.label(),
-                faulty_rotors: damage.rotors,
-                touched: truth.touches(begin_s, end_s),
-                loss_share: Some(damage.worst()).filter(|share| share.is_finite()).unwrap_or(0.0),
-                after_onset_steps: truth.onset_s().and_then(|onset_s| after_onset_steps(onset_s, end_s)),
-            };
-            for (scorer, verdict) in scorers.iter_mut().zip(verdicts(window)) {
-                if verdict.code != CANNOT_JUDGE {
-                    scorer.window(&known, verdict);
-                }
-            }
-            let rightly = !window.sequential.thrust_loss.is_empty() && known.is_right(verdicts(window)[2]);
-            if rightly && truth.stands_still(begin_s, end_s) && damage.worst().is_finite() {
-                inside_of += 1;
-                inside += u64::from(window.sequential.thrust_loss.iter().all(|loss| {
-                    let share = damage.loss[loss.rotor as usize - 1];
-                    (f64::from(loss.share_low)..=f64::from(loss.share_high)).contains(&share)
-                }));
+/// Of a report with all its windows.
+pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
+    let window_s = f64::from(report.detectors.window_samples) * STEP_S;
+    let mut scorers = DETECTORS.map(|_| DetectorScorer::new(u64::from(report.detectors.window_samples)));
+    let (mut inside, mut inside_of) = (0, 0);
+    let mut sizes_are_known = true;
+    for window in &report.windows {
+        let end_s = report.log.start_s + window.time_s + STEP_S;
+        let begin_s = end_s - window_s;
+        let damage = truth.at(end_s - 0.5 * window_s);
+        sizes_are_known &= damage.worst().is_finite();
+        let known = WindowTruth {
+            label: damage.label(),
+            faulty_rotors: damage.rotors,
+            touched: truth.touches(begin_s, end_s),
+            loss_share: Some(damage.worst()).filter(|share| share.is_finite()).unwrap_or(0.0),
+            after_onset_steps: truth.onset_s().and_then(|onset_s| after_onset_steps(onset_s, end_s)),
+        };
+        for (scorer, verdict) in scorers.iter_mut().zip(verdicts(window)) {
+            if verdict.code != CANNOT_JUDGE {
+                scorer.window(&known, verdict);
             }
         }
-        let named = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| {
-            let mut score = scorer.finish();
-            if !sizes_are_known {
-                score.by_severity.clear();
-            }
-            Named { detector, score }
-        });
-        Self {
-            onset_s: truth.onset_s(),
-            detectors: named.collect(),
-            inside,
-            inside_of,
+        let rightly = !window.sequential.thrust_loss.is_empty() && known.is_right(verdicts(window)[2]);
+        if rightly && truth.stands_still(begin_s, end_s) && damage.worst().is_finite() {
+            inside_of += 1;
+            inside += u64::from(window.sequential.thrust_loss.iter().all(|loss| {
+                let share = damage.loss[loss.rotor as usize - 1];
+                (f64::from(loss.share_low)..=f64::from(loss.share_high)).contains(&share)
+            }));
         }
+    }
+    let named = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| {
+        let mut score = scorer.finish();
+        if !sizes_are_known {
+            score.by_severity.clear();
+        }
+        wire(detector, score)
+    });
+    LogScore {
+        onset_s: truth.onset_s(),
+        detectors: named.collect(),
+        inside,
+        inside_of,
+    }
+}
+
+/// As a report has it.
+fn wire(detector: &str, score: DetectorScore) -> ScoreOfDetector {
+    ScoreOfDetector {
+        detector: detector.to_owned(),
+        window_steps: score.window_steps,
+        windows: score.windows,
+        right: score.right,
+        missed: score.missed,
+        wrong_rotor: score.wrong_rotor,
+        unclear: score.unclear,
+        healthy_windows: score.healthy_windows,
+        false_alarm_windows: score.false_alarm_windows,
+        false_alarm_events: score.false_alarm_events,
+        detected_after_steps: score.detected_after_steps,
+        isolated_after_steps: score.isolated_after_steps,
+        settled_after_steps: score.settled_after_steps,
+        final_verdict: score.final_verdict,
+        confusion: score.confusion,
+        by_severity: score.by_severity,
     }
 }
 
@@ -125,7 +122,7 @@ pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
     ])
     .numbers_from(1);
     for (name, log) in names.iter().zip(scores) {
-        let score = &log.detectors[2].score;
+        let score = &log.detectors[2];
         table.add_row([
             name.clone(),
             score.windows.to_string(),
@@ -152,21 +149,14 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     .numbers_from(1);
     let damaged = scores.iter().filter(|score| score.onset_s.is_some()).count();
     for (index, detector) in DETECTORS.iter().enumerate() {
-        let of = |number: fn(&DetectorScore) -> u64| {
-            scores
-                .iter()
-                .map(|log| number(&log.detectors[index].score))
-                .sum::<u64>()
-        };
+        let of =
+            |number: fn(&ScoreOfDetector) -> u64| scores.iter().map(|log| number(&log.detectors[index])).sum::<u64>();
         let windows = of(|score| score.windows);
         if windows == 0 {
             continue;
         }
-        let delays = |delay: fn(&DetectorScore) -> Option<f64>| {
-            let mut found: Vec<f64> = scores
-                .iter()
-                .filter_map(|log| delay(&log.detectors[index].score))
-                .collect();
+        let delays = |delay: fn(&ScoreOfDetector) -> Option<f64>| {
+            let mut found: Vec<f64> = scores.iter().filter_map(|log| delay(&log.detectors[index])).collect();
             found.sort_by(f64::total_cmp);
             match found.get(found.len().saturating_sub(1) / 2) {
                 Some(median) => format!("{} of {damaged}, {median:.2} s", found.len()),
@@ -174,11 +164,7 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
             }
         };
         let events = of(|score| score.false_alarm_events);
-        let hours = scores
-            .iter()
-            .map(|log| log.detectors[index].score.healthy_s())
-            .sum::<f64>()
-            / 3600.0;
+        let hours = scores.iter().map(|log| log.detectors[index].healthy_s()).sum::<f64>() / 3600.0;
         let rate = poisson_rate(events, hours).map_or_else(
             || "–".to_owned(),
             |[low, high]| format!("{} [{}, {}]", short(events as f64 / hours), short(low), short(high)),
@@ -187,8 +173,8 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
             (*detector).to_owned(),
             windows.to_string(),
             share(of(|score| score.right), windows),
-            delays(DetectorScore::isolated_after_s),
-            delays(DetectorScore::settled_after_s),
+            delays(ScoreOfDetector::isolated_after_s),
+            delays(ScoreOfDetector::settled_after_s),
             rate,
         ]);
     }

@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use rotortwin_scenario::effect_documents;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::diagnose::Options;
-use rotortwin_twin::identify::files;
+use rotortwin_twin::identify::{files, in_the_order_of};
 use rotortwin_twin::improve::{Request, Unasked};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
@@ -50,7 +50,8 @@ fn read(log: &Log<'_>) -> PyResult<FlightLog> {
 
 /// Reads logs that are to be compared with `model`.
 fn read_for(logs: &[Log<'_>], model: &ModelVersion) -> PyResult<Vec<FlightLog>> {
-    let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
+    let ordered = |log| read(log).map(|log| in_the_order_of(log, &model.vehicle));
+    let logs = logs.iter().map(ordered).collect::<PyResult<Vec<_>>>()?;
     match logs.iter().find_map(|log| log.refusal_before_diagnosis(&model.vehicle)) {
         Some(sentence) => Err(input(sentence)),
         None => Ok(logs),

@@ -3,11 +3,13 @@
 use crate::destination::{ResultFolder, write_text};
 use crate::failure::Failure;
 use crate::grid::Grid;
-use crate::logs::read_logs;
+use crate::logs::read_logs_for;
 use crate::text::significant;
 use rotortwin_jobs::Comparison as Job;
 use rotortwin_twin::compare::{self, ChannelVerdict, Comparison, LogComparison, ModelOnLog, NamedModel};
+use rotortwin_twin::identify::same_rotor_order;
 use rotortwin_twin::improve::report::short;
+use rotortwin_twin::log::RotorOrder;
 use rotortwin_twin::model::ModelStore;
 
 /// Models compared with flights, with the same as text.
@@ -35,8 +37,23 @@ pub fn compare(job: &Job) -> Result<Compared, Failure> {
     for (model, label) in models.iter_mut().zip(&job.label) {
         model.label.clone_from(label);
     }
-    let logs = read_logs(&job.logs)?;
+    let first = models.first().map(|model| model.version.vehicle.clone());
+    let logs = match &first {
+        Some(vehicle) => read_logs_for(&job.logs, vehicle)?,
+        None => Vec::new(),
+    };
     for model in &models {
+        let moved = logs
+            .iter()
+            .find(|log| matches!(log.report.rotor_order, RotorOrder::Vehicle(_)));
+        if let (Some(log), Some(first)) = (moved, &first)
+            && !same_rotor_order(first, &model.version.vehicle)
+        {
+            return Err(Failure::input(format!(
+                "{}: its motors are brought into the rotor order of a vehicle, and '{}' and '{}' have different ones; compare them one at a time",
+                log.name, first.name, model.version.vehicle.name
+            )));
+        }
         if let Some(sentence) = logs.iter().find_map(|log| log.refusal_against(&model.version.vehicle)) {
             return Err(Failure::input(sentence));
         }

@@ -4,7 +4,7 @@ use crate::Tell;
 use crate::destination::ResultFolder;
 use crate::failure::Failure;
 use crate::grid::Grid;
-use crate::logs::{read_logs, refused};
+use crate::logs::{read_logs_for, refused};
 use crate::next_flight;
 use rotortwin_jobs::{Diagnosis as Job, JobEvent, Progress};
 use rotortwin_page::Report;
@@ -43,9 +43,9 @@ pub struct Diagnosed {
 pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Failure> {
     let start = Instant::now();
     let found = ModelStore::new(&job.models).find(&job.model)?;
-    let logs = read_logs(&job.logs)?;
+    let logs = read_logs_for(&job.logs, &found.version.vehicle)?;
     refused(&logs, &found.version.vehicle)?;
-    let baseline = read_logs(&job.baseline)?;
+    let baseline = read_logs_for(&job.baseline, &found.version.vehicle)?;
     refused(&baseline, &found.version.vehicle)?;
     let effects: Result<Vec<EffectDocument>, ConfigError> = job.effects.iter().map(effect_documents::load).collect();
     let effects = effects.map_err(Failure::input)?;

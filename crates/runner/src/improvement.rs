@@ -5,7 +5,7 @@ use crate::destination::{self, ResultFolder, write_text};
 use crate::diagnosis::{TIME_LIMIT_S, share_done};
 use crate::failure::Failure;
 use crate::grid::Grid;
-use crate::logs::{read_logs, refused};
+use crate::logs::{read_logs_for, refused};
 use crate::next_flight;
 use crate::versions::find_or_begin;
 use rotortwin_jobs::Improvement as Job;
@@ -16,6 +16,7 @@ use rotortwin_twin::improve::truth::truth;
 use rotortwin_twin::improve::{
     Guide, ImproveError, Improvement, OnLog, Request, Row, Value, improve as search, report,
 };
+use rotortwin_twin::log::RotorOrder;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use std::time::Instant;
 
@@ -67,10 +68,10 @@ impl Companion for Always {
 /// # Errors
 /// The model or a log cannot be used, the companion cannot be asked, or a file not be written.
 pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Result<Improved, Failure> {
-    let logs = read_logs(&job.logs)?;
-    let held_out = read_logs(&job.held_out)?;
     let store = ModelStore::new(&job.models);
     let (version, branch) = find_or_begin(&store, &job.model)?;
+    let logs = read_logs_for(&job.logs, &version.vehicle)?;
+    let held_out = read_logs_for(&job.held_out, &version.vehicle)?;
     refused(&logs, &version.vehicle)?;
     refused(&held_out, &version.vehicle)?;
     let oracle = job.truth.as_deref().map(|path| truth(path, &version)).transpose();
@@ -108,7 +109,12 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     if let Some(diagnosis) = &improvement.diagnosis {
         improvement.next_flight = next_flight::after(diagnosis, &improvement.model);
     }
-    let text = text(&improvement);
+    let mut text = text(&improvement);
+    for log in logs.iter().chain(&held_out) {
+        if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
+            text += &format!("Note         {note}\n");
+        }
+    }
     folder.map(ResultFolder::keep);
     if let Some(path) = &job.out {
         report::write(path, &improvement)

@@ -3,7 +3,8 @@
 use crate::failure::Failure;
 use rotortwin_jobs::LogImport as Job;
 use rotortwin_scenario::VehicleDocuments;
-use rotortwin_twin::log::{FlightLog, ReadOptions};
+use rotortwin_twin::identify::in_the_order_of;
+use rotortwin_twin::log::{FlightLog, ReadOptions, RotorOrder};
 use std::path::{Path, PathBuf};
 
 /// A log that was imported.
@@ -68,7 +69,14 @@ pub fn read(file: &Path, reading: &Reading<'_>) -> Result<FlightLog, String> {
     };
     let mut log = FlightLog::read_part_with(file, &options)?;
     if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle) {
-        log.report.findings.extend(log.check_against_vehicle(&vehicle.vehicle));
+        // The file keeps the numbers of the autopilot; whoever holds it against a vehicle reads it as this does.
+        let ordered = in_the_order_of(log.clone(), &vehicle.vehicle);
+        log.report
+            .findings
+            .extend(ordered.check_against_vehicle(&vehicle.vehicle));
+        if let RotorOrder::Vehicle(note) = ordered.report.rotor_order {
+            log.report.notes.push(note);
+        }
         log.vehicle = Some(path.display().to_string());
     }
     Ok(log)

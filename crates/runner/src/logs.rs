@@ -2,7 +2,8 @@
 
 use crate::failure::Failure;
 use rotortwin_plant::vehicle::model::VehicleModel;
-use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::identify::read_for;
+use rotortwin_twin::log::{FlightLog, ReadOptions};
 use std::path::PathBuf;
 
 /// The logs at these paths, or parts of them.
@@ -10,6 +11,14 @@ pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, Failure> {
     paths
         .iter()
         .map(|path| FlightLog::read_part(path).map_err(Failure::input))
+        .collect()
+}
+
+/// The same, each in the rotor order of a vehicle that it is to be held against.
+pub(crate) fn read_logs_for(paths: &[PathBuf], vehicle: &VehicleModel) -> Result<Vec<FlightLog>, Failure> {
+    paths
+        .iter()
+        .map(|path| read_for(path, &ReadOptions::default(), vehicle).map_err(Failure::input))
         .collect()
 }
 

@@ -20,7 +20,7 @@ use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
-use rotortwin_twin::log::{FlightLog, names};
+use rotortwin_twin::log::{FlightLog, RotorOrder, names};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -249,7 +249,7 @@ fn without_voltage(log: &FlightLog, detectors: &Detectors) -> (Option<WorkedOutV
 /// * `every_window`: list every window in the report, too
 ///
 /// # Errors
-/// One sentence: it belongs to another vehicle, or is too long.
+/// One sentence: it belongs to another vehicle, its rotors are in another order, or it is too long.
 pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Result<LogReport, LogRefusal> {
     let rotor_count = detectors.vehicle().rotor_count();
     let duties = log.duties().len();
@@ -264,6 +264,10 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
             "the log lasts {:.0} s, expected {LONGEST_S} s at most; judge parts of it",
             log.duration_s()
         )));
+    }
+    let vehicle = &detectors.vehicle().vehicle;
+    if let Some(refusal) = log.refusal_before_detection(vehicle) {
+        return Err(LogRefusal(refusal));
     }
     let mut lacks = lacks(log, detectors);
     let mut voltage = None;
@@ -281,6 +285,9 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
         judge.run(log, rotor_count);
     }
     let mut notes = judge.notes;
+    if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
+        notes.insert(0, note.clone());
+    }
     if resampled {
         notes.insert(0, format!(
             "the log has {rate_hz:.1} Hz and was resampled to 400 Hz (duties held, the rest along straight lines): the detectors were made for \
@@ -292,7 +299,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
         .findings
         .iter()
         .cloned()
-        .chain(log.check_against_vehicle(&detectors.vehicle().vehicle));
+        .chain(log.check_against_vehicle(vehicle));
     Ok(LogReport {
         log: LogView {
             content_hash: log.source.content_hash.clone(),

@@ -76,14 +76,22 @@ pub enum Change {
         sequential: i32,
         /// Probability that it gives to it, fraction.
         probability: f32,
+        /// Bit i set: rotor i (from 0) is or may be concerned.
+        suspect_rotors: u32,
+    },
+    /// How large the loss is that the sequential detector has named: told once, when it has kept to the name for long enough. In the
+    /// first windows the detector does not know when within a window the loss began, and a size of then means little.
+    Severity {
+        /// s.
+        sim_time_s: f64,
+        /// Verdict code.
+        sequential: i32,
         /// Estimated loss of thrust, of a pair the first rotor's, N.
         thrust_loss_n: f32,
         /// Lower end of its 95 % interval, N.
         thrust_loss_low_n: f32,
         /// Upper end, N.
         thrust_loss_high_n: f32,
-        /// Bit i set: rotor i (from 0) is or may be concerned.
-        suspect_rotors: u32,
     },
     /// An autopilot of its own clock has armed, climbed and come to rest at the first point: the flight begins.
     HandOver {

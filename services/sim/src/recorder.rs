@@ -18,6 +18,10 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 /// The wall clock is looked at once every so many steps: reading it costs a tenth of a step.
 const STEPS_PER_CLOCK_READING: u64 = 64;
 
+/// Windows that a rotor has been named in before the size of its loss is told. With realistic mismatch and an onset in a turn the 95 % interval
+/// holds the truth in 48 of 100 first windows, and from the eighth on as often as it ever does (docs/detector.md).
+const WINDOWS_OF_A_SIZE: u32 = 8;
+
 /// Records a flight and reports on it.
 pub struct Recorder<'a> {
     spool: SpoolWriter,
@@ -29,6 +33,8 @@ pub struct Recorder<'a> {
     last_progress: Instant,
     last_label: i32,
     last_sequential: Option<i32>,
+    /// Windows since the verdict has been what it is.
+    named_windows: u32,
     live: Option<LiveSampler>,
     rotor_count: usize,
 }
@@ -52,6 +58,7 @@ impl<'a> Recorder<'a> {
             last_progress: Instant::now(),
             last_label: 0,
             last_sequential: None,
+            named_windows: 0,
             live: None,
             rotor_count: 0,
         }
@@ -86,10 +93,22 @@ impl<'a> Recorder<'a> {
                 sim_time_s,
                 sequential,
                 probability: sample.report.sequential_probability,
-                thrust_loss_n: sample.report.thrust_loss.loss_n,
-                thrust_loss_low_n: sample.report.thrust_loss.low_n,
-                thrust_loss_high_n: sample.report.thrust_loss.high_n,
                 suspect_rotors: sample.report.suspect_rotors,
+            }));
+            self.named_windows = 0;
+        }
+        if sample.report.window_end == 0 || sequential <= 0 {
+            return;
+        }
+        self.named_windows = self.named_windows.saturating_add(1);
+        if self.named_windows == WINDOWS_OF_A_SIZE {
+            let loss = &sample.report.thrust_loss;
+            (self.emit)(RunEvent::Change(Change::Severity {
+                sim_time_s,
+                sequential,
+                thrust_loss_n: loss.loss_n,
+                thrust_loss_low_n: loss.low_n,
+                thrust_loss_high_n: loss.high_n,
             }));
         }
     }

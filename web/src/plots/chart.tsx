@@ -41,6 +41,8 @@ interface Props {
   unit: string;
   x: readonly number[];
   xLabel?: string;
+  /** x counts things: only whole numbers are marked. */
+  xWhole?: boolean;
   xUnit?: string;
   /** x by its logarithm. */
   xLog?: boolean;
@@ -244,7 +246,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
     scales: { x: { time: false, ...(props.xLog ? { distr: 3 as const } : {}) }, y: { range: (_, least, largest) => rangeOf(least, largest) } },
     axes: [
       // Time needs no name, only its unit.
-      { ...axis, ...(props.xLabel ? { label: [xLabel, xUnit].filter(Boolean).join(", "), labelSize: 17, labelGap: 0, labelFont: font } : {}), size: 34, space: 70, values: (_, splits) => splits.map((split, place) => (split === null ? "" : `${tickText(split)}${!props.xLabel && xUnit && place === splits.length - 1 ? ` ${xUnit}` : ""}`)) },
+      { ...axis, ...(props.xWhole ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {}), ...(props.xLabel ? { label: [xLabel, xUnit].filter(Boolean).join(", "), labelSize: 17, labelGap: 0, labelFont: font } : {}), size: 34, space: 70, values: (_, splits) => splits.map((split, place) => (split === null ? "" : `${tickText(split)}${!props.xLabel && xUnit && place === splits.length - 1 ? ` ${xUnit}` : ""}`)) },
       { ...axis, size: 62, space: 34, values: (_, splits) => splits.map(tickText) },
     ],
     cursor: {

@@ -41,10 +41,13 @@ export interface FleetVehicle {
 
 const signed = (share: number, decimals = 1) => `${share < 0 ? "−" : "+"}${Math.abs(100 * share).toFixed(decimals)}`;
 const interval = (one: Share | null | undefined) => (one ? `${signed(one.share)} % [${signed(one.low)}, ${signed(one.high)}]` : "–");
+/** A date as people read it; the time of day where it is known. */
+const day = (date: string) => (date.endsWith("T00:00:00Z") ? date.slice(0, 10) : `${date.slice(0, 10)} ${date.slice(11, 16)} UTC`);
+const DONE: Record<string, string> = { acknowledge: "acknowledged", reset: "replaced" };
 const WORDS = { ok: ["", "ok"], inspect: ["bad", "inspect"], acknowledged: ["warn", "acknowledged"], too_few_flights: ["", "too few flights"] } as const;
 
 export function FleetView(props: { vehicles: readonly FleetVehicle[] }) {
-  return <For each={props.vehicles}>{(one) => <Panel title={one.vehicle} note={`${one.flights.length} flights, held against ${one.model}`}><Vehicle one={one} /></Panel>}</For>;
+  return <For each={props.vehicles}>{(one) => <Panel title={one.vehicle} note={`${one.flights.length} flights, compared with ${one.model}`}><Vehicle one={one} /></Panel>}</For>;
 }
 
 function Vehicle(props: { one: FleetVehicle }) {
@@ -65,26 +68,26 @@ function Vehicle(props: { one: FleetVehicle }) {
       <Show when={courses().length > 0}>
         <Chart
           title="Loss of each rotor against the first flights, if it alone had changed (bands: 95 % by the spread between flights)"
-          unit="%" x={flights()} xLabel="flight" xUnit=""
+          unit="%" x={flights()} xLabel="flight" xUnit="" xWhole
           lines={courses().map((rotor) => ({ label: `rotor ${rotor.rotor}`, values: at(rotor, (one) => one.share), colour: seriesColour(rotor.rotor - 1), ...(rotor.rotor > 8 ? { dash: [6, 3] } : {}) }))}
           bands={courses().filter((rotor) => rotor.reasons.length > 0).map((rotor) => ({ label: `rotor ${rotor.rotor}, 95 %`, low: at(rotor, (one) => one.low), high: at(rotor, (one) => one.high), colour: seriesColour(rotor.rotor - 1) }))}
         />
       </Show>
       <div class="scroll" tabindex="0" role="region" aria-label={`Rotors of ${it().vehicle}`}>
         <table class="small">
-          <thead><tr><th class="r" scope="col">rotor</th><th class="r" scope="col">since flight</th><th class="r" scope="col">bias now</th><th class="r" scope="col">loss over flights</th><th class="r" scope="col">per flight</th><th scope="col">word</th></tr></thead>
-          <tbody><For each={it().rotors}>{(rotor) => <tr><th class="r" scope="row">{rotor.rotor}</th><td class="r">{rotor.since_flight}</td><td class="r">{interval(rotor.bias)}</td><td class="r">{interval(rotor.loss?.lost)}</td><td class="r">{interval(rotor.loss?.per_flight)}</td><td>{WORDS[rotor.status][1]}</td></tr>}</For></tbody>
+          <thead><tr><th class="r" scope="col">rotor</th><th scope="col">status</th><th class="r" scope="col">since flight</th><th class="r" scope="col">bias now</th><th class="r" scope="col">loss over flights</th><th class="r" scope="col">per flight</th></tr></thead>
+          <tbody><For each={it().rotors}>{(rotor) => <tr><th class="r" scope="row">{rotor.rotor}</th><td>{WORDS[rotor.status][1]}</td><td class="r">{rotor.since_flight}</td><td class="r">{interval(rotor.bias)}</td><td class="r">{interval(rotor.loss?.lost)}</td><td class="r">{interval(rotor.loss?.per_flight)}</td></tr>}</For></tbody>
         </table>
       </div>
       <div class="scroll" tabindex="0" role="region" aria-label={`Flights of ${it().vehicle}`}>
         <table class="small">
           <thead><tr><th class="r" scope="col">flight</th><th scope="col">date</th><th scope="col">log</th><th class="r" scope="col">in the air, s</th><th class="r" scope="col">bias of all, %</th><For each={it().rotors}>{(rotor) => <th class="r" scope="col">rotor {rotor.rotor}</th>}</For><th scope="col">within the flight</th></tr></thead>
-          <tbody><For each={it().flights}>{(flight) => <tr><th class="r" scope="row">{flight.flight}</th><td>{flight.date ?? "–"}</td><td class="break">{flight.log}</td><td class="r">{flight.air_s.toFixed(0)}</td><td class="r">{signed(flight.common_bias)}</td><For each={flight.bias}>{(bias) => <td class="r">{signed(bias, 2)}</td>}</For><td>{flight.losses.map((loss) => `rotor ${loss.rotor} lost ${interval(loss)}`).join(", ") || "–"}</td></tr>}</For></tbody>
+          <tbody><For each={it().flights}>{(flight) => <tr><th class="r" scope="row">{flight.flight}</th><td class="num">{flight.date ? day(flight.date) : "–"}</td><td class="break">{flight.log}</td><td class="r">{flight.air_s.toFixed(0)}</td><td class="r">{signed(flight.common_bias)}</td><For each={flight.bias}>{(bias) => <td class="r">{signed(bias, 2)}</td>}</For><td>{flight.losses.map((loss) => `rotor ${loss.rotor} lost ${interval(loss)}`).join(", ") || "–"}</td></tr>}</For></tbody>
         </table>
       </div>
-      <ul class="small"><For each={it().maintenance}>{(one) => <li>{one.event} rotor {one.rotor} after flight {one.after_flight}, {one.date} by {one.by}{one.note ? `: ${one.note}` : ""}</li>}</For></ul>
+      <ul class="small"><For each={it().maintenance}>{(one) => <li>Rotor {one.rotor} {DONE[one.event] ?? one.event} after flight {one.after_flight}, {day(one.date)}, by {one.by}{one.note ? `: ${one.note}` : ""}</li>}</For></ul>
       <p class="small muted">
-        Bias: thrust asked of a rotor over the model's, beside what all rotors have in common. <Show when={it().spread}>{(spread) => <>Spread between flights: {(100 * spread()).toFixed(2)} % of a rotor's thrust, 1 σ. </>}</Show>
+        Bias: thrust asked of a rotor over the model's, beside what all rotors have in common. In the chart, a rotor that seems to gain is the one across from a rotor that loses. <Show when={it().spread}>{(spread) => <>Spread between flights: {(100 * spread()).toFixed(2)} % of a rotor's thrust, 1 σ. </>}</Show>
         {it().by_date ? "Flights by date." : "Flights in the order of entry: not every one has a date."}
       </p>
     </div>

@@ -241,13 +241,25 @@ impl SecondLook {
         (value, variance)
     }
 
-    /// Lost share of each tracked rotor now, and its standard deviation.
+    /// Lost share of each tracked rotor now, and its standard deviation. It is not known better than to the disturbance that the calibration saw:
+    /// a loss that may move follows one that is as slow, whatever the filter says of its own variance.
     fn severity(&self) -> Vec<[f64; 2]> {
-        let lost = self.tracked.first().map_or_else(Vec::new, JointFilter::lost);
-        lost.into_iter()
-            .map(|[share, variance]| {
+        let Some(tracked) = self.tracked.first() else {
+            return Vec::new();
+        };
+        let noise = self.filter.noise();
+        let rotors = (0..self.rotor_count).filter(|rotor| tracked.rotors >> rotor & 1 == 1);
+        tracked
+            .lost()
+            .into_iter()
+            .zip(rotors)
+            .map(|([share, variance], rotor)| {
                 let model = (MODEL_ERROR * share).powi(2) + MODEL_FLOOR.powi(2);
-                [share, (variance + model).sqrt()]
+                let information: f64 = (0..AXES)
+                    .map(|axis| self.column[rotor][axis].powi(2) / noise[axis].gust)
+                    .sum();
+                let disturbance = 1.0 / (information * self.hover_thrust[rotor].powi(2));
+                [share, (variance.max(disturbance) + model).sqrt()]
             })
             .collect()
     }

@@ -16,7 +16,7 @@ use super::wiring::{self, Contradiction, Wiring};
 use super::yaw::{EXPLAINED, Reaction, Yaw};
 use super::{Numbers, Request, slow};
 use crate::log::flight_parts::RotorPlace;
-use crate::log::{FlightLog, SourceKind};
+use crate::log::{FlightLog, RotorOrder, SourceKind};
 use crate::model::constants::Source;
 
 /// What would tell the drag.
@@ -65,8 +65,8 @@ pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
     Ok((1..=log.report.rotor_outputs.len()).collect())
 }
 
-/// Where the rotors are, as far as the log's parameters or its format say it; motion is not asked.
-pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
+/// Frame, places of the motors in their order and how that is known, as far as the log's parameters or its format say it.
+pub(crate) fn stated_places(log: &FlightLog) -> Option<(String, Vec<Place>, String)> {
     let nothing_entered = Request {
         mass_kg: 0.0,
         arm_m: 0.0,
@@ -75,7 +75,13 @@ pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
         capacity_ah: None,
         cells: None,
     };
-    let (_, places, ..) = told(log, &nothing_entered).ok().flatten()?;
+    let (name, places, _, how) = told(log, &nothing_entered).ok().flatten()?;
+    Some((name, places, how))
+}
+
+/// Where the rotors are, as far as the log's parameters or its format say it; motion is not asked.
+pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
+    let (_, places, _) = stated_places(log)?;
     let outputs = rotor_outputs(log).ok()?;
     (outputs.len() == places.len()).then(|| {
         outputs
@@ -219,6 +225,10 @@ fn told(log: &FlightLog, request: &Request) -> Result<Option<Told>, String> {
     if let Some(name) = &request.frame {
         let frame = Frame::named(name).ok_or_else(|| format!("--frame {name}: expected one of {}", frame_names()))?;
         return Ok(of(frame, Source::Entered, "entered".to_owned()));
+    }
+    if log.report.rotor_order != RotorOrder::Logged {
+        // The columns have not the numbers that parameters speak of.
+        return Ok(None);
     }
     if let Some((places, arm)) = frames::of_px4_allocation(&log.parameters) {
         let how = format!("CA_ROTORn_PX, _PY, _KM (their longest arm: {arm:.3} m)");

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::log::rest::{quiet_mean, scale_of};
 use crate::log::{FlightLog, names};
 
 /// m/s².
@@ -210,30 +211,22 @@ impl Grid {
         };
         let idle = self.ground_level();
         let block = self.rows_of(1.0);
+        let rates = self.rates.as_ref().map(|rates| rates.each_ref().map(Vec::as_slice));
         let mut quiet: Vec<(usize, f64)> = Vec::new();
         let mut start = 0;
         while start + block <= self.rows {
             let rows = start..start + block;
-            let still = rows.clone().all(|k| self.mean_duty(k) <= idle);
-            let size = |k: usize| (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt();
-            let (mean, deviation) = mean_deviation(rows.clone().map(size));
-            let turns = self.rates.as_ref().is_some_and(|rates| {
-                rates
-                    .iter()
-                    .any(|rate| mean_deviation(rows.clone().map(|k| rate[k])).1 > 0.03)
-            });
-            if still && deviation < 0.25 && !turns && (7.5..12.5).contains(&mean) {
+            if rows.clone().all(|k| self.mean_duty(k) <= idle)
+                && let Some(mean) = quiet_mean([x, y, z], rates, rows)
+            {
                 quiet.push((start, mean));
             }
             start += block;
         }
-        if quiet.len() < 2 {
+        let Some(scale) = scale_of(quiet.iter().map(|(_, mean)| *mean).collect(), GRAVITY) else {
             return;
-        }
-        let mut means: Vec<f64> = quiet.iter().map(|(_, mean)| *mean).collect();
-        means.sort_by(f64::total_cmp);
+        };
         self.rest = Some(quiet[0].0..quiet[quiet.len() - 1].0 + block);
-        let scale = means[means.len() / 2] / GRAVITY;
         // A tenth of a per cent is what a good calibration leaves.
         if (scale - 1.0).abs() > 0.002 {
             for axis in self.accel.iter_mut().flatten() {

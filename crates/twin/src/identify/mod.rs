@@ -25,6 +25,7 @@ pub mod frames;
 mod grid;
 mod held_out;
 mod observer;
+mod order;
 mod slow;
 mod wiring;
 mod write;
@@ -39,6 +40,7 @@ pub use class::Class;
 pub use estimate::Estimate;
 pub use filters::Band;
 pub use held_out::{HeldOut, Score, held_out, held_out_with};
+pub use order::{in_the_order_of, read_for, same_rotor_order};
 pub use wiring::Wiring;
 pub use write::{Files, files};
 

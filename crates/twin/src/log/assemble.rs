@@ -8,12 +8,12 @@
 //! than the base folds, one that is slower is correlated from row to row; the report says which is which.
 
 use super::mapping::{Frame, Level, MappingFile, Row, Target};
-use super::report::{ImportReport, Stream, UnusedColumn};
+use super::report::{Flown, ImportReport, Stream, UnusedColumn};
 use super::resample::{Between, at_times, median, median_rate_hz};
 use super::sources::{RawStream, SourceLog};
 use super::table::Table;
 use super::units::{self, Dimension};
-use super::{GAP_FACTOR, Origin, names, outputs};
+use super::{GAP_FACTOR, Origin, names, outputs, utc};
 use rotortwin_flight_core::MAX_ROTORS;
 use std::collections::BTreeSet;
 
@@ -64,6 +64,10 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
         ));
     }
     report.clock_start_s = Some(log.clock_s + start_s);
+    report.flown = utc::of_source(log).map(|flown| Flown {
+        unix_s: flown.unix_s + start_s,
+        ..flown
+    });
     let mut table = Table::default();
     table.push(names::TIME, base_s.iter().map(|time| time - start_s).collect());
     let mut origin = None;

@@ -5,14 +5,16 @@
 
 use rotortwin_plant::vehicle::model::VehicleModel;
 
-use super::FlightLog;
 use super::findings::{Finding, FindingKind};
+use super::{FlightLog, RotorOrder};
 
 impl FlightLog {
     /// Findings of this log, also against the vehicle, that must be resolved first.
     pub fn blocking_findings(&self, vehicle: &VehicleModel) -> Vec<Finding> {
         let mut found: Vec<Finding> = self.report.findings.iter().filter(|f| f.blocks()).cloned().collect();
-        for finding in self.check_against_vehicle(vehicle) {
+        let stated = self.report.rotor_order == RotorOrder::Stated;
+        let against = self.check_against_vehicle(vehicle).into_iter();
+        for finding in against.filter(|finding| !(stated && finding.kind == FindingKind::SwappedMotors)) {
             if finding.blocks() && !found.iter().any(|f| f.kind == finding.kind) {
                 found.push(finding);
             }
@@ -29,6 +31,13 @@ impl FlightLog {
     pub fn refusal_before_diagnosis(&self, vehicle: &VehicleModel) -> Option<String> {
         let mut found = self.blocking_findings(vehicle);
         found.retain(|finding| finding.kind != FindingKind::SwappedMotors);
+        self.refusal(&found)
+    }
+
+    /// The same before detectors: of what blocks, only rotors in another order make them see faults that are none; the rest is told beside.
+    pub fn refusal_before_detection(&self, vehicle: &VehicleModel) -> Option<String> {
+        let mut found = self.blocking_findings(vehicle);
+        found.retain(|finding| finding.kind == FindingKind::SwappedMotors);
         self.refusal(&found)
     }
 

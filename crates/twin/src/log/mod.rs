@@ -16,6 +16,7 @@
 
 mod accept;
 mod assemble;
+mod calendar;
 mod checks;
 mod csv;
 mod describe;
@@ -32,6 +33,8 @@ mod part;
 mod remap;
 mod report;
 mod resample;
+pub(crate) mod rest;
+mod rotor_order;
 mod side_file;
 mod simulated;
 mod source_rates;
@@ -40,12 +43,16 @@ mod steps;
 mod stored;
 mod table;
 mod units;
+mod utc;
 
 pub use describe::ColumnRange;
 pub use draft::{Draft, draft};
 pub use error::LogError;
 pub use findings::{Finding, FindingKind};
-pub use report::{ColumnNoise, Delay, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn};
+pub use report::{
+    ColumnNoise, Delay, Flown, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn,
+};
+pub use rotor_order::RotorOrder;
 pub use source_rates::SensorRate;
 pub use stored::ImportAccount;
 
@@ -262,6 +269,7 @@ fn accepted(
     log.origin = log.origin.or(assembled.origin);
     log.parameters = parsed.parameters.clone();
     log.report.clock_start_s = assembled.report.clock_start_s;
+    log.report.flown = assembled.report.flown;
     log.report.rotor_outputs = assembled.report.rotor_outputs;
     log.report.streams = assembled.report.streams;
     log.report.unused_columns.extend(assembled.report.unused_columns);
@@ -385,6 +393,7 @@ impl FlightLog {
         }
         let simulated = simulated::of_columns(&table);
         let mut log = accept::accept(source(kind), table, side)?;
+        log.report.flown = utc::of_times(&log.time_s);
         if let Some(kept) = kept {
             stored::Kept::restore(&kept, &mut log);
         }

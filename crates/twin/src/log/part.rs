@@ -1,15 +1,16 @@
 //! A part of a log: some seconds, or a named segment.
 //!
 //! Written `LOG@35:65` (seconds of the log's own time) or `LOG@climb` (a segment of its side file), so that a flight with a launch by
-//! hand or a crash in it can be used where it is good. Errors state the log's own clock beside ours, where it has one.
+//! hand or a crash in it can be used where it is good. `LOG@order:2-5-6-3-1-4` reads the columns of its rotors in another order: rotor 1 of the
+//! vehicle file is `duty_2`. Parts may follow each other: `LOG@35:65@order:…`. Errors state the log's own clock beside ours, where it has one.
 
 use std::path::Path;
 
-use super::{FlightLog, ReadOptions, checks};
+use super::{FlightLog, ReadOptions, checks, rotor_order};
 use crate::model::content_hash;
 
 impl FlightLog {
-    /// Reads `LOG`, `LOG@FROM:TO` or `LOG@SEGMENT`.
+    /// Reads `LOG`, `LOG@FROM:TO`, `LOG@SEGMENT` or `LOG@order:N-N-…`.
     ///
     /// # Errors
     /// The log is refused, or it has no such part: one sentence.
@@ -30,7 +31,11 @@ impl FlightLog {
         else {
             return whole(text);
         };
-        let log = whole(Path::new(path))?;
+        // Several parts one after the other: `LOG@35:65@order:2-5-6-3-1-4`.
+        let log = Self::read_part_with(Path::new(path), options)?;
+        if let Some(list) = part.strip_prefix(rotor_order::PREFIX) {
+            return log.in_stated_order(list);
+        }
         if let Some(segment) = log.segments.iter().find(|segment| segment.name == part) {
             let (start_s, end_s) = (segment.start_s, segment.end_s);
             return log.part(start_s, end_s);

@@ -1,6 +1,7 @@
 //! What an import did: nothing of an accepted log is dropped silently.
 
 use super::findings::Finding;
+use super::rotor_order::RotorOrder;
 use serde::{Deserialize, Serialize};
 
 /// Account of one import.
@@ -16,6 +17,12 @@ pub struct ImportReport {
     pub rotor_outputs: Vec<usize>,
     /// Intervals without rows, longer than [`GAP_FACTOR`] median intervals.
     pub gaps: Vec<Gap>,
+    /// When it was flown, where the file says so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flown: Option<Flown>,
+    /// Whose numbers the rotors have.
+    #[serde(skip)]
+    pub rotor_order: RotorOrder,
     /// How streams of different rate were put on the time base; empty if the file has one time base.
     pub streams: Vec<Stream>,
     /// Columns that were not read as numbers or stayed without use, with the reason.
@@ -36,6 +43,17 @@ pub struct ImportReport {
     pub conversions: Vec<String>,
     /// Anything else that a reader of the result must know.
     pub notes: Vec<String>,
+}
+
+/// The calendar's time of a log.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = LogFlown)]
+pub struct Flown {
+    /// Seconds since 1970-01-01 UTC at our 0 s.
+    pub unix_s: f64,
+    /// What says so, in words.
+    pub from: String,
 }
 
 /// An interval is a gap when it is longer than this many median intervals.

@@ -1,7 +1,7 @@
 //! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the account of the import `NAME.import.json`.
 
 use super::flight_parts::FlightParts;
-use super::report::{ImportReport, Stream};
+use super::report::{Flown, ImportReport, Stream};
 use super::{FlightLog, LogError, LogSource, Origin, Segment, SourceKind, error, sources};
 use rotortwin_flight_core::MAX_ROTORS;
 use serde::{Deserialize, Serialize};
@@ -20,6 +20,8 @@ const MOST_STREAMS: usize = 4096;
 pub(crate) struct Kept {
     source: SourceKind,
     clock_start_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    flown: Option<Flown>,
     rotor_outputs: Vec<usize>,
     streams: Vec<Stream>,
     parameters: BTreeMap<String, f64>,
@@ -34,6 +36,7 @@ impl Kept {
         let kept = Self {
             source: log.source.kind,
             clock_start_s: log.report.clock_start_s,
+            flown: log.report.flown.clone(),
             rotor_outputs: log.report.rotor_outputs.clone(),
             streams: log.report.streams.clone(),
             parameters: log.parameters.clone(),
@@ -58,6 +61,7 @@ impl Kept {
             Ok(kept) if possible(&kept) => {
                 log.source.kind = kept.source;
                 log.report.clock_start_s = kept.clock_start_s;
+                log.report.flown = kept.flown;
                 log.report.rotor_outputs = kept.rotor_outputs;
                 log.report.streams = kept.streams;
                 log.parameters = kept.parameters;
@@ -75,7 +79,7 @@ impl Kept {
 
 /// `NAME.import.json`: what was read of a file, and what was made of it.
 #[derive(Debug, Serialize, ToSchema)]
-pub struct ImportAccount {
+pub struct ImportAccount<'a> {
     /// For people: channels, rates, gaps, what is missing and what that rules out.
     account: String,
     /// On the ground, in the air, …; and what happened.
@@ -83,9 +87,11 @@ pub struct ImportAccount {
     /// One line.
     headline: String,
     /// The same as `account`, as data.
-    report: ImportReport,
+    #[schema(value_type = ImportReport)]
+    report: &'a ImportReport,
     /// The file.
-    source: LogSource,
+    #[schema(value_type = LogSource)]
+    source: &'a LogSource,
 }
 
 /// The side file as written.
@@ -141,8 +147,8 @@ impl FlightLog {
             account: self.account_with(&parts),
             flight_parts: parts,
             headline: self.headline(),
-            report: self.report.clone(),
-            source: self.source.clone(),
+            report: &self.report,
+            source: &self.source,
         };
         let report_text = serde_json::to_value(&told)
             .and_then(|value| serde_json::to_string_pretty(&value))

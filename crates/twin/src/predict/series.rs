@@ -10,6 +10,8 @@ use rotortwin_plant::Vector3;
 
 use super::channels::{KA, KP, KV, M, V};
 use super::vectors::rotation;
+use crate::log::RotorOrder;
+use crate::log::rest::{quiet_mean, scale_of};
 use crate::log::{FlightLog, SensorRate, names};
 
 /// Whole length of the Hann window, s.
@@ -226,6 +228,9 @@ impl Series {
             return Err(format!("{}: expected a sample rate above 0, got {rate} Hz", log.name));
         }
         let mut notes = Vec::new();
+        if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
+            notes.push(note.clone());
+        }
         let duration = log.duration_s();
         let air = in_the_air(log, &mut notes)?;
         let slow = SlowNoise::of(log, &air, &mut notes);
@@ -418,14 +423,8 @@ const LEAST_SCALE_ERROR: f64 = 0.02;
 /// Mean size of the specific force in the quiet seconds before take-off over gravity, if two seconds or more are quiet and it is off by
 /// more than what sensors ordinarily are. `vehicle from-log` takes out the same, so that its vehicle would be judged by other readings.
 fn rest_scale(log: &FlightLog, take_off_s: f64) -> Option<f64> {
-    let [x, y, z] = log.vector(names::ACCEL)?;
+    let accel = log.vector(names::ACCEL)?;
     let rates = log.vector(names::RATES)?;
-    let mean_deviation = |values: &[f64]| {
-        let count = values.len().max(1) as f64;
-        let mean = values.iter().sum::<f64>() / count;
-        let square = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count;
-        (mean, square.sqrt())
-    };
     let (mut quiet, mut first) = (Vec::new(), 0);
     for (k, &time) in log.time_s.iter().enumerate() {
         if time > take_off_s - BEFORE_TAKE_OFF_S {
@@ -434,23 +433,10 @@ fn rest_scale(log: &FlightLog, take_off_s: f64) -> Option<f64> {
         if time - log.time_s[first] < 1.0 {
             continue;
         }
-        let rows = first..k;
-        let sizes: Vec<f64> = rows
-            .clone()
-            .map(|k| (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt())
-            .collect();
-        let (mean, deviation) = mean_deviation(&sizes);
-        let still = rates.iter().all(|rate| mean_deviation(&rate[rows.clone()]).1 < 0.03);
-        if still && deviation < 0.25 && (7.5..12.5).contains(&mean) {
-            quiet.push(mean);
-        }
+        quiet.extend(quiet_mean(accel, Some(rates), first..k));
         first = k;
     }
-    if quiet.len() < 2 {
-        return None;
-    }
-    quiet.sort_by(f64::total_cmp);
-    let scale = quiet[quiet.len() / 2] / GRAVITY_M_S2;
+    let scale = scale_of(quiet, GRAVITY_M_S2)?;
     ((scale - 1.0).abs() > LEAST_SCALE_ERROR).then_some(scale)
 }
 

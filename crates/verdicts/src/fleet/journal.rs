@@ -10,6 +10,7 @@
 //! its line, and left as it is.
 
 use humantime::{format_rfc3339_seconds, parse_rfc3339_weak};
+use rotortwin_twin::log::FlightLog;
 use rustix::fs::{FlockOperation, flock};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -181,6 +182,13 @@ pub fn date(text: &str) -> Result<String, String> {
         .map_err(|error| {
             format!("expected a date such as 2026-01-31 or 2026-01-31T14:05:00Z (UTC), got {text}: {error}")
         })
+}
+
+/// When a log began, as files have it; `None` where it holds no date.
+pub fn date_of(log: &FlightLog) -> Option<String> {
+    let since_1970_s = log.report.flown.as_ref()?.unix_s + log.time_s.first()?;
+    let since = Duration::try_from_secs_f64(since_1970_s).ok()?;
+    Some(format_rfc3339_seconds(SystemTime::UNIX_EPOCH.checked_add(since)?).to_string())
 }
 
 /// Now, as files have it.

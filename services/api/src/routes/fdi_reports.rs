@@ -9,11 +9,13 @@ use crate::worker::answer::{Patience, answer};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Query, State};
+use axum::extract::{Query, RawQuery, State};
+use axum::http::Uri;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_scenario::DetectorSettings;
 use rotortwin_verdicts::log::LogReport;
+use rotortwin_verdicts::score::LogScore;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::io::Write as _;
@@ -37,6 +39,8 @@ const LONGEST: Duration = Duration::from_secs(120);
 pub(crate) struct Which {
     /// Id of a log that was imported here, or of a run that is done: then there is no body.
     log: Option<String>,
+    /// Part of the log: seconds `FROM:TO`, a segment, or `order:2-5-6-3-1-4` where its columns are those of other rotors.
+    part: Option<String>,
     /// Name of one of the server's vehicles.
     vehicle: String,
     /// Name of one of the server's classifiers; without one the network gives no verdict.
@@ -75,20 +79,10 @@ pub(crate) async fn judge(
     Ok(([(CONTENT_TYPE, "application/json")], report).into_response())
 }
 
-/// Which detectors, and what is true.
-#[derive(Debug, Deserialize, IntoParams)]
+/// What is true; the rest of the query is [`Which`].
+#[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Scored {
-    /// Id of a log that was imported here, or of a run that is done: then there is no body.
-    log: Option<String>,
-    /// Name of one of the server's vehicles.
-    vehicle: String,
-    /// Name of one of the server's classifiers; without one the network gives no verdict.
-    classifier: Option<String>,
-    /// Start of the calibration, s.
-    calibration_start_s: Option<f64>,
-    /// End of the calibration, s; the vehicle is taken for healthy until then.
-    calibration_end_s: Option<f64>,
+pub(crate) struct KnownTruth {
     /// Column of the log with the truth: 0 healthy, the damaged rotor, −1 several; `fault_label` of a run.
     truth_column: Option<String>,
     /// The truth as rows `time_s,rotor,loss`, several with `;` between them, such as `31.2,3,0.08;52,3,0`: from this time of the log on the rotor
@@ -106,62 +100,10 @@ pub(crate) struct ScoredReport {
     score: LogScore,
 }
 
-/// How right the detectors were on one log.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct LogScore {
-    /// First damage, s of the log's time.
-    onset_s: Option<f64>,
-    /// Each detector.
-    detectors: Vec<ScoreOfDetector>,
-    /// Windows of the sequential detector that name the rotors rightly, while the loss stands still, with each loss inside its 95 % interval.
-    inside: u64,
-    /// Of so many.
-    inside_of: u64,
-}
-
-/// Counts of one detector, by the definitions of campaigns.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ScoreOfDetector {
-    /// `t_test`, `network` or `sequential`.
-    detector: String,
-    /// Steps of a window, 2.5 ms each.
-    window_steps: u64,
-    /// Windows with a verdict.
-    windows: u64,
-    /// With the right one.
-    right: u64,
-    /// Faulty windows called healthy.
-    missed: u64,
-    /// Faulty windows that name a healthy rotor.
-    wrong_rotor: u64,
-    /// Faulty windows that are neither right nor missed, and name no healthy rotor.
-    unclear: u64,
-    /// Windows without a fault.
-    healthy_windows: u64,
-    /// Of these, with a verdict other than healthy.
-    false_alarm_windows: u64,
-    /// Rows of them.
-    false_alarm_events: u64,
-    /// Steps from the onset to the end of the first window with any verdict but healthy.
-    detected_after_steps: Option<u64>,
-    /// To the end of the first right window.
-    isolated_after_steps: Option<u64>,
-    /// To the end of the window from which on all are right.
-    settled_after_steps: Option<u64>,
-    /// Verdict of the last window; −2 if it was never ready.
-    final_verdict: i32,
-    /// Truth, verdict, windows.
-    confusion: Vec<(i32, i32, u64)>,
-    /// Bin of severity, faulty windows, of these right; empty where a loss is of unknown size.
-    by_severity: Vec<(usize, u64, u64)>,
-}
-
 /// Judges a flight log whose truth is known, and scores the verdicts of all detectors.
 ///
 /// As `POST /api/v1/fdi/reports`, with either `truth` or `truth_column`; definitions: docs/campaigns.md.
-#[utoipa::path(post, path = "/api/v1/fdi/scores", tag = "fdi", operation_id = "score_log", params(Scored),
+#[utoipa::path(post, path = "/api/v1/fdi/scores", tag = "fdi", operation_id = "score_log", params(Which, KnownTruth),
     request_body(description = "the log, 128 MiB at most", content(
         (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
     responses(
@@ -177,11 +119,11 @@ pub(crate) struct ScoreOfDetector {
 pub(crate) async fn score(
     State(app): State<Arc<App>>,
     caller: Caller,
-    which: Result<Query<Scored>, QueryRejection>,
+    RawQuery(query): RawQuery,
     body: Body,
 ) -> Result<Json<ScoredReport>, Problem> {
-    let Query(scored) = which?;
-    let truth = match (scored.truth, scored.truth_column) {
+    let (which, known) = split(query.as_deref().unwrap_or_default())?;
+    let truth = match (known.truth, known.truth_column) {
         (Some(rows), None) => Truth::Rows(rows),
         (None, Some(column)) => Truth::Column(column),
         (rows, _) => {
@@ -191,18 +133,28 @@ pub(crate) async fn score(
             )));
         }
     };
-    let which = Which {
-        log: scored.log,
-        vehicle: scored.vehicle,
-        classifier: scored.classifier,
-        calibration_start_s: scored.calibration_start_s,
-        calibration_end_s: scored.calibration_end_s,
-    };
     let text = judged(&app, &caller, &which, body, &truth).await?;
     // The name of the file, which is the server's matter, is left out.
     serde_json::from_str(&text)
         .map(Json)
         .map_err(|error| Problem::internal(&error))
+}
+
+/// A query that says which detectors, and what is true. The deserializer of queries cannot put one type into another: it is cut in two.
+fn split(query: &str) -> Result<(Which, KnownTruth), Problem> {
+    let (truth, which): (Vec<&str>, Vec<&str>) = query.split('&').partition(|pair| {
+        let key = pair.split('=').next().unwrap_or_default();
+        matches!(key, "truth" | "truth_column")
+    });
+    Ok((part_of(&which)?, part_of(&truth)?))
+}
+
+/// Pairs of a query as a type.
+fn part_of<T: serde::de::DeserializeOwned>(pairs: &[&str]) -> Result<T, Problem> {
+    let uri = Uri::try_from(format!("/?{}", pairs.join("&")));
+    let uri = uri.map_err(|error| Problem::bad_request(format!("the query is none: {error}")))?;
+    let Query(part) = Query::try_from_uri(&uri)?;
+    Ok(part)
 }
 
 /// What is known of the truth.
@@ -219,6 +171,7 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
         calibration_end_s: which.calibration_end_s,
         ..DetectorSettings::default()
     };
+    let part = which.part.as_deref().map(super::tasks::checked_part).transpose()?;
     let library = app.library(caller).await?;
     // Made here only to be refused: the process that judges makes its own.
     super::fdi::detectors(
@@ -238,7 +191,11 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
             "other logs are being judged; expected a later try",
         ));
     };
-    let mut words: Vec<OsString> = vec!["fdi-log".into(), file.path().into(), "--json".into()];
+    let mut log = file.path().as_os_str().to_owned();
+    if let Some(part) = part {
+        log.push(format!("@{part}"));
+    }
+    let mut words: Vec<OsString> = vec!["fdi-log".into(), log, "--json".into()];
     words.extend(["--most-cells".into(), MOST_CELLS.to_string().into()]);
     words.extend([
         "--model".into(),

@@ -12,8 +12,8 @@ pub(crate) use rotortwin_jobs::Verified as VerificationResult;
 pub(crate) use rotortwin_twin::compare::Comparison as ComparisonResult;
 pub(crate) use rotortwin_twin::diagnose::Diagnosis as DiagnosisResult;
 pub(crate) use rotortwin_twin::improve::Improvement as ImprovementResult;
-pub(crate) use rotortwin_twin::log::ImportAccount as LogResult;
 
+pub(crate) type LogResult = rotortwin_twin::log::ImportAccount<'static>;
 pub(crate) type IdentificationResult = rotortwin_twin::identify::Identification<'static>;
 /// The best manoeuvre first.
 pub(crate) type NextFlightResult = Vec<rotortwin_twin::next_flight::Proposal>;

@@ -194,8 +194,8 @@ fn stem(name: &str) -> &str {
 }
 
 /// Seconds `FROM:TO`, or the name of a segment.
-fn checked_part(part: &str) -> Result<&str, Problem> {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "._-:".contains(c);
+pub(super) fn checked_part(part: &str) -> Result<&str, Problem> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "._-:@".contains(c);
     if !part.is_empty() && part.len() <= 64 && part.chars().all(plain) {
         return Ok(part);
     }

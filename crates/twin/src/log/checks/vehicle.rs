@@ -12,7 +12,7 @@
 use super::kinematics::mean;
 use crate::log::findings::{Finding, FindingKind};
 use crate::log::resample::median_rate_hz;
-use crate::log::{FlightLog, names};
+use crate::log::{FlightLog, names, rotor_order};
 use rotortwin_plant::vehicle::model::VehicleModel;
 
 /// Length of a window, s.
@@ -72,6 +72,12 @@ impl FlightLog {
         if best_score < BELIEVED || best_score - as_is < moments.clearly() {
             return Vec::new();
         }
+        // Columns by rotor, as a reader states them.
+        let own: Vec<usize> = (0..rotors).collect();
+        let columns: Vec<usize> = own
+            .iter()
+            .filter_map(|rotor| best.iter().position(|to| to == rotor))
+            .collect();
         let moved: Vec<String> = best
             .iter()
             .enumerate()
@@ -81,8 +87,11 @@ impl FlightLog {
         vec![Finding {
             kind: FindingKind::SwappedMotors,
             detail: format!(
-                "the vehicle turns as if {} (correlation² {best_score:.2}, in the file's order {as_is:.2})",
-                moved.join(", ")
+                "the vehicle turns as if {} (correlation² {best_score:.2}, in the file's order {as_is:.2}); `@{}` behind the log's name reads it \
+                 in that order, `@{}` as it is",
+                moved.join(", "),
+                rotor_order::stated(&columns),
+                rotor_order::stated(&own)
             ),
         }]
     }

@@ -140,6 +140,8 @@ pub(crate) struct SourceLog {
     pub(crate) unread: Vec<Unread>,
     /// What the file's clock says at 0 s of the streams.
     pub(crate) clock_s: f64,
+    /// Seconds since 1970 UTC at 0 s of the streams, and what says so, where a place of the format is made for it.
+    pub(crate) utc: Option<(f64, &'static str)>,
 }
 
 /// A stream that was not read, and why.

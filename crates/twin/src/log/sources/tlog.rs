@@ -372,7 +372,9 @@ pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
         "a telemetry link: messages come late and some not at all; the log on the vehicle's memory card tells far more"
             .to_owned(),
     );
-    log.streams = streams(&samples);
+    let (streams, unix_s) = streams(&samples);
+    log.streams = streams;
+    log.utc = Some((unix_s, "the ground station's clock"));
     Ok(log)
 }
 
@@ -386,7 +388,8 @@ fn boot_us(sample: &Sample) -> Option<f64> {
     (time > 0.0 && time < LATEST_BOOT_US).then_some(time)
 }
 
-fn streams(samples: &[Sample]) -> Vec<RawStream> {
+/// Streams on the autopilot's clock, and seconds since 1970 at its 0 s.
+fn streams(samples: &[Sample]) -> (Vec<RawStream>, f64) {
     let start = samples.iter().map(|sample| sample.received_us).min().unwrap_or(0);
     let since_start = |sample: &Sample| sample.received_us.saturating_sub(start) as f64;
     // What came with the least delay tells how the clocks stand to each other.
@@ -413,7 +416,7 @@ fn streams(samples: &[Sample]) -> Vec<RawStream> {
             column.push(*value);
         }
     }
-    streams.into_values().collect()
+    (streams.into_values().collect(), 1e-6 * (start as f64 + offset))
 }
 
 #[cfg(test)]

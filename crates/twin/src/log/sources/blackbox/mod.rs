@@ -198,6 +198,9 @@ impl Flight {
                 self.lost_bytes
             ));
         }
+        let begin_s = stream.time_s.first().copied().unwrap_or(0.0);
+        log.utc = crate::log::calendar::of_rfc3339(self.header.text("Log start datetime"))
+            .map(|unix_s| (unix_s - begin_s, "the header line \"Log start datetime\""));
         fields::in_units(&self.header, &mut stream, &mut log);
         log.streams.push(stream);
         log

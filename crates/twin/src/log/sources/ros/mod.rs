@@ -225,6 +225,7 @@ impl<'a> Recording<'a> {
             notes: self.notes,
             unread,
             clock_s,
+            utc: None,
         })
     }
 }
