@@ -65,6 +65,27 @@ impl Database {
         Ok(written > 0)
     }
 
+    /// Gives a part that waits for a place to somebody who has one: with a new ticket, and a claim that nobody holds, so that whoever looks after
+    /// it stops doing so and somebody [adopts](Self::adopt) it. `false`: the claim is lost.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn pass_on(&self, id: &str, token: &str, ticket: &str) -> Result<bool, sqlx::Error> {
+        let written = sqlx::query(self.sql(
+            "UPDATE job SET ticket = $1, claim = $2, claim_until_ms = @NOW - 1 WHERE id = $3 AND claim = $4 AND status = 'running' \
+             AND cancel_requested = 0",
+        ))
+        .bind(ticket)
+        .bind(new_id())
+        .bind(id)
+        .bind(token)
+        .execute(&self.pool)
+        .await?
+        .rows_affected();
+        self.hub.queue.notify_one();
+        Ok(written > 0)
+    }
+
     /// Whoever has looked after parts that are handed over is gone: in a database that one process has, where it begins.
     ///
     /// # Errors

@@ -44,6 +44,9 @@ async fn order(
     headers: HeaderMap,
 ) -> Result<Json<PartOrder>, Problem> {
     let (job, _) = handed::find(&app.shop, &id, attempt, ticket(&headers)?).await?;
+    if let Some(ray) = &app.shop.ray {
+        ray.has_begun(&job.id);
+    }
     let cpus = app.shop.ray.as_ref().map_or(1.0, |ray| ray.config.cpus);
     let threads = NonZeroUsize::new(cpus as usize).unwrap_or(NonZeroUsize::MIN);
     Ok(Json(handed::order(&app.shop, &job, threads).await?))

@@ -8,6 +8,8 @@
 //! ```
 //! * A process that has done its part gets the next one at once, for five minutes: a submission costs Ray a second of processor time. Each part has an
 //!   attempt and a ticket of its own all the same.
+//! * Where nothing is left in the queue, it gets an attempt that waits for a place: two processes do the last eight parts, and nobody waits for six more
+//!   to start.
 //! * The server looks after an attempt: it holds the claim, asks Ray how the submission stands, and begins another attempt where Ray says that
 //!   its node is gone. What comes of it, the node itself delivers to this server ([`super::handed`]).
 //! * A server that was killed finds its attempts in the job table, and by their ids in Ray: nothing is flown twice.
@@ -25,8 +27,9 @@ use crate::jobs::{Job, Outcome, Status};
 use client::{Client, RayError, RayJob, RayStatus};
 use rotortwin_jobs::NextPart;
 use rotortwin_jobs::part::{CA_VARIABLE, TICKET_VARIABLE, URL_VARIABLE};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -42,6 +45,8 @@ const WISHES: Duration = Duration::from_millis(250);
 const START: Duration = Duration::from_secs(10);
 /// Ray may be away for so long before an attempt is given up.
 const AWAY: Duration = Duration::from_secs(600);
+/// Ray says within this whether a submission still waits, while a node waits for the answer.
+const AT_ONCE: Duration = Duration::from_secs(2);
 /// Ray is asked for the end of a submission for so long.
 const STOP: Duration = Duration::from_secs(5);
 /// A node whose process has ended well has delivered before; its answer may be under way for so long.
@@ -61,6 +66,18 @@ pub(crate) struct Ray {
     state: Mutex<State>,
     pending: AtomicUsize,
     running: AtomicUsize,
+    /// Attempts that wait for a place in Ray, by the ids of their parts.
+    waiting: Mutex<BTreeMap<String, Waiting>>,
+}
+
+/// An attempt whose submission has no place yet.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Waiting {
+    /// Where its node would find it.
+    path: String,
+    /// Of whoever looks after it.
+    claim: String,
+    submission: String,
 }
 
 #[derive(Debug, Clone)]
@@ -90,19 +107,29 @@ enum Reason {
     Left,
 }
 
-/// Counts an attempt in one of two states.
+/// Counts an attempt in one of two states, and lists it while it waits.
 struct Counted<'a> {
     ray: &'a Ray,
+    job: &'a Job,
     running: bool,
 }
 
 impl<'a> Counted<'a> {
-    fn new(ray: &'a Ray) -> Self {
+    fn new(ray: &'a Ray, job: &'a Job) -> Self {
         ray.pending.fetch_add(1, Ordering::Relaxed);
-        Self { ray, running: false }
+        Self {
+            ray,
+            job,
+            running: false,
+        }
     }
 
-    fn runs(&mut self, runs: bool) {
+    /// `waits`: how it is listed, if it has never had a place.
+    fn stands(&mut self, runs: bool, waits: Option<Waiting>) {
+        match waits {
+            Some(waiting) => drop(self.ray.waiting().insert(self.job.id.clone(), waiting)),
+            None => self.ray.has_begun(&self.job.id),
+        }
         if runs != self.running {
             self.counter().fetch_sub(1, Ordering::Relaxed);
             self.running = runs;
@@ -122,6 +149,7 @@ impl<'a> Counted<'a> {
 impl Drop for Counted<'_> {
     fn drop(&mut self) {
         self.counter().fetch_sub(1, Ordering::Relaxed);
+        self.ray.has_begun(&self.job.id);
     }
 }
 
@@ -168,6 +196,7 @@ impl Ray {
             state: Mutex::new(State::Up { version }),
             pending: AtomicUsize::new(0),
             running: AtomicUsize::new(0),
+            waiting: Mutex::default(),
         })
     }
 
@@ -215,6 +244,29 @@ impl Ray {
             self.pending.load(Ordering::Relaxed),
             self.running.load(Ordering::Relaxed),
         )
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, BTreeMap<String, Waiting>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A part waits no longer: its node has come, or nobody looks after it here.
+    pub(crate) fn has_begun(&self, part: &str) {
+        self.waiting().remove(part);
+    }
+
+    /// The oldest attempt for which Ray still has no place; it is listed no more.
+    async fn take_waiting(&self) -> Option<(String, Waiting)> {
+        loop {
+            let (part, waiting) = self.waiting().pop_first()?;
+            // It may have been placed since; where Ray does not say, the process that asks need not wait for it.
+            let asked = tokio::time::timeout(AT_ONCE, self.client.job(&waiting.submission)).await;
+            if let Ok(Ok(Some(there))) = asked
+                && there.status == RayStatus::Pending
+            {
+                return Some((part, waiting));
+            }
+        }
     }
 
     /// Of an attempt with which a process begins. The job's id is random enough for clusters that several servers use.
@@ -305,13 +357,13 @@ pub(crate) async fn hand_over(shop: Arc<Workshop>, ray: Arc<Ray>) {
 }
 
 /// The next part for a process in Ray that has delivered one.
-pub(crate) async fn hand_on(shop: &Workshop, ray: &Ray, done: &Ticket) -> Option<NextPart> {
+pub(crate) async fn hand_on(shop: &Workshop, ray: &Arc<Ray>, done: &Ticket) -> Option<NextPart> {
     if *shop.ending.borrow() || done.executor != ray.config.url || !shop.artifacts.has_room() {
         return None;
     }
     let handed = async {
         let Some((job, token)) = shop.database.claim(&shop.name, LEASE, shop.share, Takes::Parts).await? else {
-            return Ok(None);
+            return pass_on(shop, ray, done).await;
         };
         forget_attempts_before(shop, &job).await;
         if let Err(error) = fresh_folder(&shop.artifacts.place(&super::attempt_key(&job))) {
@@ -330,6 +382,28 @@ pub(crate) async fn hand_on(shop: &Workshop, ray: &Ray, done: &Ticket) -> Option
         tracing::error!(%error, "no further part can be handed to a process in Ray");
         None
     })
+}
+
+/// An attempt that waits for a place in Ray, for a process that has one.
+async fn pass_on(shop: &Workshop, ray: &Arc<Ray>, done: &Ticket) -> Result<Option<NextPart>, sqlx::Error> {
+    while let Some((part, waiting)) = ray.take_waiting().await {
+        let ticket = Ticket::new(&ray.config.url, &done.submission);
+        if shop.database.pass_on(&part, &waiting.claim, &ticket.to_json()).await? {
+            tracing::info!(
+                job = part,
+                submission = done.submission,
+                "passed on to a process that has a place"
+            );
+            let (ray, submission) = (Arc::clone(ray), waiting.submission);
+            // Placed all the same, it would find its ticket worth nothing.
+            tokio::spawn(async move { ray.stop(&submission).await });
+            return Ok(Some(NextPart {
+                path: waiting.path,
+                ticket: ticket.secret,
+            }));
+        }
+    }
+    Ok(None)
 }
 
 /// An attempt that nobody looks after, or else the next part of the queue.
@@ -376,7 +450,7 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
     let submission = &ticket.submission;
     let span = shop.traces.attempt(job, &format!("{} {submission}", ray.config.name()));
     let ended = tokio::select! {
-        ended = follow(ray, job, &ticket) => ended,
+        ended = follow(ray, job, token, &ticket) => ended,
         reason = hold(shop, job, token) => match reason {
             Reason::Left => Ended::Left,
             Reason::Gone => {
@@ -437,12 +511,12 @@ async fn hold(shop: &Workshop, job: &Job, token: &str) -> Reason {
 }
 
 /// Submits an attempt unless it is there, and asks how it stands until that says that nothing more will come.
-async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
+async fn follow(ray: &Ray, job: &Job, token: &str, ticket: &Ticket) -> Ended {
     let (name, submission) = (ray.config.name(), ticket.submission.as_str());
     // One that did another part before is there, or will not come back.
     let own = submission == Ray::submission(job);
     let limit = Duration::from_millis(u64::try_from(job.new.wall_limit_ms).unwrap_or(0)) + BEYOND_LIMIT;
-    let (mut seen, mut counted) = (false, Counted::new(ray));
+    let (mut seen, mut counted) = (false, Counted::new(ray, job));
     let (mut away, mut running, mut over) = (None::<Instant>, None::<Instant>, None::<Instant>);
     loop {
         let asked = match ray.client.job(submission).await {
@@ -473,7 +547,15 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
             Ok(None) => away = None,
             Ok(Some(there)) => {
                 (seen, away) = (true, None);
-                counted.runs(there.status == RayStatus::Running);
+                let waits = own && there.status == RayStatus::Pending;
+                counted.stands(
+                    there.status == RayStatus::Running,
+                    waits.then(|| Waiting {
+                        path: handed::path(job),
+                        claim: token.to_owned(),
+                        submission: submission.to_owned(),
+                    }),
+                );
                 match there.status {
                     RayStatus::Pending => {}
                     RayStatus::Running => {
@@ -574,7 +656,7 @@ mod tests {
     use axum::routing::{get, post};
     use axum::{Json, Router};
     use serde_json::{Value, json};
-    use std::collections::{BTreeMap, VecDeque};
+    use std::collections::VecDeque;
 
     /// A cluster that says what it was told to say.
     #[derive(Default)]
@@ -711,7 +793,7 @@ mod tests {
     async fn follow_own(ray: &Ray) -> Ended {
         let job = part();
         let ticket = Ticket::new(&ray.config.url, &Ray::submission(&job));
-        follow(ray, &job, &ticket).await
+        follow(ray, &job, "claim", &ticket).await
     }
 
     fn words(ended: &Ended) -> (&'static str, &str) {
@@ -767,6 +849,44 @@ mod tests {
         assert_eq!(ray.parts(), (0, 0));
     }
 
+    /// What waits for a place can be had by a process that has one, until Ray has found a place or a node has come.
+    #[tokio::test]
+    async fn regress_an_attempt_that_waits_is_listed_as_long_as_it_waits() {
+        let pending = || (200, json!({ "status": "PENDING" }));
+        let (fake, ray) = start(Fake {
+            says: Mutex::new([pending()].into()),
+            ..Fake::default()
+        })
+        .await;
+        let following = follow_own(&ray);
+        tokio::pin!(following);
+        let seen = async {
+            while ray.waiting().is_empty() {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        };
+        tokio::select! {
+            ended = &mut following => panic!("{:?}", words(&ended)),
+            () = seen => {}
+            () = tokio::time::sleep(Duration::from_secs(60)) => panic!("it is not listed"),
+        }
+        let listed = ray.waiting().clone();
+        let waiting = Waiting {
+            path: "/executor/v1/parts/id/2".to_owned(),
+            claim: "claim".to_owned(),
+            submission: "rotortwin-id-2".to_owned(),
+        };
+        assert_eq!(ray.take_waiting().await, Some(("id".to_owned(), waiting)));
+        assert_eq!(ray.take_waiting().await, None);
+        // Placed meanwhile, it is left alone.
+        *fake.says.lock().unwrap() = [(200, json!({ "status": "RUNNING" }))].into();
+        ray.waiting().clone_from(&listed);
+        assert_eq!(ray.take_waiting().await, None);
+        ray.waiting().clone_from(&listed);
+        ray.has_begun("id");
+        assert!(ray.waiting().is_empty());
+    }
+
     #[tokio::test]
     async fn val_what_ray_says_of_an_end_is_one_sentence() {
         let says = |message: &str, error_type: &str, code: Option<i32>| {
@@ -819,10 +939,10 @@ mod tests {
             id: "next".to_owned(),
             ..part()
         };
-        assert_eq!(words(&follow(&ray, &next, &ticket).await).0, "released");
+        assert_eq!(words(&follow(&ray, &next, "claim", &ticket).await).0, "released");
         fake.submitted.lock().unwrap().clear();
         assert!(
-            words(&follow(&ray, &next, &ticket).await)
+            words(&follow(&ray, &next, "claim", &ticket).await)
                 .1
                 .contains("knows nothing of submission rotortwin-id-2")
         );
