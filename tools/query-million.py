@@ -1,12 +1,15 @@
-"""How long a server takes to answer SQL over a campaign of 1,000,000 flights, and how much memory: over HTTP, and with the Python client.
+"""How long SQL over the rows of 1,000,000 flights takes, and how much memory: by the command, over HTTP, with the Python client, in Python.
 
     cargo build --release --locked -p rotortwin-network
     cargo test --release --locked -p rotortwin-tests --test server_query        # makes the environment with DuckDB
-    target/python-client/bin/python tools/query-million.py [ROWS [TURNS]]
+    target/python-client/bin/python tools/query-million.py [ROWS [TURNS [CAMPAIGNS]]]
 
-A campaign of 320 flights is flown by a server of its own. Its `campaign.parquet` is then made a million rows long: each row of it many times, with a
-flight number, a run hash and noise on every number of its own (DuckDB, seed 0.5), so that it packs no better than real rows. The rows are
-not flown; the file is what is asked. Memory is the largest sum over the server's child processes, looked up every 5 ms.
+A server of its own flies CAMPAIGNS (20) campaigns of 320 flights. The `campaign.parquet` of each is then made longer, so that there are a
+million rows in all: each row of it many times, with a flight number, a run hash and noise on every measure of its own (DuckDB, seed
+0.5), so that it packs no better than real rows. These rows were not flown; the files are what is asked, all of them by each query: the command and
+Python in the folder where the server keeps them, HTTP and the client by the ids of the campaigns. In each turn every way has one query after the other.
+
+Memory is the largest sum over the processes that answer, looked up every 5 ms: children of the server, or the command or Python with theirs.
 """
 
 import json
@@ -19,6 +22,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 
 import duckdb
@@ -32,18 +36,46 @@ DOCUMENT = """
 name = "million"
 description = "rows to ask"
 scenario = "../scenarios/short-hover.toml"
-seed = 5
+seed = {seed}
 flights = 320
+
+[set]
+duration_s = 20.0
+fault = [{{ time_s = 12.0, rotor = 1, thrust_loss_percent = 5.0 }}]
 
 [[axis]]
 name = "charge"
 key = "initial.state_of_charge"
 uniform = [0.5, 1.0]
+
+[[axis]]
+name = "rotor"
+key = "fault[0].rotor"
+rotors = true
+pick = "any"
+
+[[axis]]
+name = "loss_percent"
+key = "fault[0].thrust_loss_percent"
+log_uniform = [1.0, 30.0]
+
+[[axis]]
+name = "onset_s"
+key = "fault[0].time_s"
+uniform = [11.0, 15.0]
+
+[[axis]]
+name = "gust_force_n"
+key = "mismatch.disturbance_force_rms_n"
+uniform = [0.0, 1.5]
 """
 QUERIES = {
-    "by group": "SELECT round(charge, 1) AS charge, count(*) AS flights, avg(sequential_isolated_after_s) AS isolated_after_s FROM campaign GROUP BY 1 ORDER BY 1",
+    "by group": (
+        "SELECT rotor, round(charge, 1) AS charge, count(*) AS flights, avg(sequential_isolated_after_s) AS delay_s, "
+        "quantile_cont(loss_percent, 0.9) AS loss_percent FROM campaign GROUP BY 1, 2 ORDER BY 1, 2"
+    ),
     "distinct": "SELECT count(DISTINCT run_hash) AS hashes FROM campaign",
-    "worst": "SELECT * FROM campaign ORDER BY charge DESC LIMIT 100",
+    "worst": "SELECT * FROM campaign ORDER BY sequential_isolated_after_s DESC NULLS LAST LIMIT 100",
 }
 
 
@@ -57,7 +89,7 @@ def ask(url: str, body: object = None) -> dict:
         sys.exit(f"{url}: {error.code} {error.read().decode()}")
 
 
-def lengthen(file: Path, rows: int) -> None:
+def lengthen(file: Path, rows: int) -> int:
     query = duckdb.connect()
     query.execute("SELECT setseed(0.5)")
     columns = query.execute(f"DESCRIBE SELECT * FROM '{file}'").fetchall()
@@ -67,7 +99,7 @@ def lengthen(file: Path, rows: int) -> None:
             picks.append(f'CAST(row_number() OVER () - 1 AS {kind}) AS "{name}"')
         elif name == "run_hash":
             picks.append(f'md5(CAST(n AS VARCHAR) || "{name}") AS "{name}"')
-        elif kind in ("DOUBLE", "FLOAT"):
+        elif kind in ("DOUBLE", "FLOAT") and name != "rotor":
             picks.append(f'"{name}" * (1.0 + 0.01 * random()) AS "{name}"')
         else:
             picks.append(f'"{name}"')
@@ -75,11 +107,11 @@ def lengthen(file: Path, rows: int) -> None:
     source = f"'{file}', range({-(-rows // 320)}) AS t(n)"
     query.execute(f"COPY (SELECT {', '.join(picks)} FROM {source} LIMIT {rows}) TO '{longer}' (FORMAT parquet)")
     longer.replace(file)
-    print(f"{rows} rows of {len(columns)} columns, {file.stat().st_size / 1e6:.0f} MB", flush=True)
+    return len(columns)
 
 
-def resident(parent: int) -> int:
-    """Bytes of all descendants of a process."""
+def resident(parent: int, with_itself: bool) -> int:
+    """Bytes of all descendants of a process, and of itself."""
     parents, sizes = {}, {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -88,7 +120,7 @@ def resident(parent: int) -> int:
             except OSError:
                 continue
             parents[int(entry.name)], sizes[int(entry.name)] = int(fields[1]), int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
-    total = 0
+    total = sizes.get(parent, 0) if with_itself else 0
     for child in parents:
         above = parents[child]
         while above not in (0, parent):
@@ -97,41 +129,89 @@ def resident(parent: int) -> int:
     return total
 
 
+class Peak:
+    """The largest memory of a process and its descendants; of the server, of its descendants alone."""
+
+    def __init__(self, server: int) -> None:
+        self.server, self.pid, self.bytes = server, server, 0
+        self.stop = threading.Event()
+        self.thread = threading.Thread(target=self.look, daemon=True)
+        self.thread.start()
+
+    def watches(self, pid: int) -> None:
+        self.pid = pid
+
+    def look(self) -> None:
+        while not self.stop.wait(0.005):
+            self.bytes = max(self.bytes, resident(self.pid, with_itself=self.pid != self.server))
+
+    def ends(self) -> None:
+        self.stop.set()
+        self.thread.join()
+
+
+def asked_by(url: str, jobs: list[str], folder: str) -> dict[str, Callable[[str, Peak], None]]:
+    """Each way to ask, by its name."""
+    client = rotortwin.Client(url)
+    environment = os.environ | {"ROTORTWIN_PYTHON": sys.executable, "PYTHONPATH": str(ROOT / "clients/python/src")}
+
+    def process(peak: Peak, words: list[str]) -> None:
+        child = subprocess.Popen(words, stdout=subprocess.PIPE, env=environment)
+        peak.watches(child.pid)
+        assert child.stdout is not None
+        answer = child.stdout.read()
+        assert child.wait() == 0 and answer, words
+
+    def command(sql: str, peak: Peak) -> None:
+        process(peak, [PROGRAM, "query", "--json", sql, folder])
+
+    def python(sql: str, peak: Peak) -> None:
+        process(peak, [sys.executable, "-c", "import rotortwin, sys; print(rotortwin.query(*sys.argv[1:]).num_rows)", sql, folder])
+
+    return {
+        "command": command,
+        "HTTP": lambda sql, peak: (ask(f"{url}/api/v1/queries", {"sql": sql, "campaigns": jobs}), None)[1],
+        "client": lambda sql, peak: (client.query(sql, campaigns=jobs), None)[1],
+        "python": python,
+    }
+
+
 def main() -> None:
-    rows, turns = (int(word) for word in (sys.argv[1:] + ["1000000", "5"][len(sys.argv) - 1 :]))
+    rows, turns, campaigns = (int(word) for word in (sys.argv[1:] + ["1000000", "5", "20"][len(sys.argv) - 1 :]))
     with tempfile.TemporaryDirectory() as data:
         command = [PROGRAM, "serve", "--listen", "127.0.0.1:0", "--data", data, "--library", str(ROOT / "config")]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"ROTORTWIN_PYTHON": sys.executable})
         try:
             assert server.stdout is not None
             url = server.stdout.readline().split()[-1]
-            job = ask(f"{url}/api/v1/campaigns", {"text": DOCUMENT})["id"]
-            while ask(f"{url}/api/v1/campaigns/{job}")["status"] != "done":
-                time.sleep(0.2)
-            lengthen(next(Path(data).glob(f"jobs/{job}/*/out/campaign.parquet")), rows)
-            peak, stop = [0], threading.Event()
-
-            def watch() -> None:
-                while not stop.wait(0.005):
-                    peak[0] = max(peak[0], resident(server.pid))
-
-            watcher = threading.Thread(target=watch)
-            watcher.start()
-            print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores, {turns} turns")
-            with rotortwin.Client(url) as client:
+            jobs = [ask(f"{url}/api/v1/campaigns", {"text": DOCUMENT.format(seed=5 + n)})["id"] for n in range(campaigns)]
+            for job in jobs:
+                while ask(f"{url}/api/v1/campaigns/{job}")["status"] != "done":
+                    time.sleep(0.2)
+            size = 0
+            for n, job in enumerate(jobs):
+                file = next(Path(data).glob(f"jobs/{job}/*/out/campaign.parquet"))
+                columns = lengthen(file, rows // campaigns + (n < rows % campaigns))
+                size += file.stat().st_size
+            print(f"{rows} rows of {columns} columns in {campaigns} files, {size / 1e6:.0f} MB", flush=True)
+            print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores, {turns} turns", flush=True)
+            counted = ask(f"{url}/api/v1/queries", {"sql": "SELECT count(*), count(DISTINCT run_hash) FROM campaign", "campaigns": jobs})["rows"]
+            assert counted == [[rows, rows]], counted
+            ways = asked_by(url, jobs, data)
+            found: dict[tuple[str, str], list[tuple[float, int]]] = {}
+            for _ in range(turns):
                 for name, sql in QUERIES.items():
-                    for way, query in (
-                        ("HTTP", lambda sql=sql: ask(f"{url}/api/v1/queries", {"sql": sql, "campaigns": [job]})),
-                        ("client", lambda sql=sql: client.query(sql, campaigns=[job])),
-                    ):
-                        peak[0], times = 0, []
-                        for _ in range(turns):
-                            begun = time.monotonic()
-                            query()
-                            times.append(time.monotonic() - begun)
-                        print(f"{name:9} {way:7} median {statistics.median(times):.2f} s, at most {max(times):.2f} s, memory {peak[0] / 2**20:.0f} MiB", flush=True)
-            stop.set()
-            watcher.join()
+                    for way, query in ways.items():
+                        peak, begun = Peak(server.pid), time.monotonic()
+                        query(sql, peak)
+                        seconds = time.monotonic() - begun
+                        peak.ends()
+                        found.setdefault((name, way), []).append((seconds, peak.bytes))
+            for (name, way), values in found.items():
+                times = [seconds for seconds, _ in values]
+                memory = max(peak for _, peak in values) / 2**20
+                print(f"{name:9} {way:8} median {statistics.median(times):.2f} s, at most {max(times):.2f} s, memory {memory:.0f} MiB")
+            print(f"load {os.getloadavg()[0]:.1f} at the end")
         finally:
             server.kill()
             server.wait()

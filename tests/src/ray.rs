@@ -5,6 +5,7 @@ use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Python with Ray, Dask and what the client's tests of executors need. `None`: it cannot be made here, and a line says why.
 pub fn executors_environment() -> Option<PathBuf> {
@@ -18,6 +19,12 @@ pub fn executors_environment() -> Option<PathBuf> {
         "pytest>=8",
     ];
     environment("executors-environment", &packages)
+}
+
+/// For a test that has a cluster, as long as it has one: with two clusters on one host, neither began parts any more (seen with Ray 2.60; why was not found).
+pub fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The cluster; it ends when this is dropped.
@@ -35,10 +42,20 @@ impl RayCluster {
     /// # Panics
     /// It does not start.
     pub fn start() -> Option<Self> {
+        Self::start_with(&[], None)
+    }
+
+    /// [`start`](Self::start) with environment variables, and a port for its dashboard.
+    ///
+    /// # Panics
+    /// It does not start.
+    pub fn start_with(environment: &[(&str, &str)], port: Option<u16>) -> Option<Self> {
         let programs = executors_environment()?;
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/ray_cluster.py");
         let mut child = Command::new(programs.join("python"))
             .arg(script)
+            .args(port.map(|port| port.to_string()))
+            .envs(environment.iter().copied())
             .env("RAY_USAGE_STATS_ENABLED", "0")
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .stdin(Stdio::piped())
@@ -78,6 +95,11 @@ impl RayCluster {
     pub fn port(&self) -> u16 {
         let port = self.dashboard.rsplit(':').next().and_then(|port| port.parse().ok());
         port.expect("a port")
+    }
+
+    /// Where its dashboard is.
+    pub fn url(&self) -> &str {
+        &self.dashboard
     }
 
     /// `kill -9` of the raylet of a node, 0 or 1.

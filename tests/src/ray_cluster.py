@@ -1,7 +1,8 @@
 """A Ray cluster of this machine for the tests: a head that does nothing and two nodes of one CPU each.
 
 Says as a line of JSON where its dashboard is, then takes commands, one a line: `kill N` kills the raylet of a node with -9, and all that it has
-started, as where a machine dies. Ends with its standard input.
+started, as where a machine dies. Ends with its standard input. An argument is the port of the dashboard; without one it is a free one. With RAY_AUTH_MODE=token
+in the environment it asks for the token RAY_AUTH_TOKEN.
 """
 
 import json
@@ -59,7 +60,7 @@ def kill(cluster: Cluster, node: object) -> None:
 
 
 def main() -> None:
-    port = free_port()
+    port = int(sys.argv[1]) if len(sys.argv) > 1 else free_port()
     url = f"http://127.0.0.1:{port}"
     head = {"num_cpus": 0, "include_dashboard": True, "dashboard_port": port, "object_store_memory": 100 << 20, "_system_config": QUICK}
     cluster = Cluster(initialize_head=True, head_node_args=head)
@@ -68,7 +69,8 @@ def main() -> None:
         end = time.monotonic() + 60.0
         while True:
             try:
-                urllib.request.urlopen(f"{url}/api/jobs/", timeout=5).read()
+                headers = {"authorization": f"Bearer {os.environ.get('RAY_AUTH_TOKEN', '')}"}
+                urllib.request.urlopen(urllib.request.Request(f"{url}/api/jobs/", headers=headers), timeout=5).read()
                 break
             except (urllib.error.URLError, TimeoutError):
                 if time.monotonic() > end:

@@ -39,6 +39,8 @@ impl Answer {
 pub struct Server {
     child: Child,
     address: String,
+    /// `https` where it was started with a certificate: then it can be asked by programs only.
+    scheme: &'static str,
 }
 
 fn library() -> std::path::PathBuf {
@@ -156,9 +158,14 @@ impl Server {
                 .arg(library())
                 .envs(environment.iter().copied()),
         );
-        let address = line.trim().rsplit("http://").next().unwrap_or_default().to_owned();
+        let (before, address) = line.trim().rsplit_once("://").unwrap_or_default();
         assert!(address.starts_with("127.0.0.1:"), "{line}");
-        Self { child, address }
+        let scheme = if before.ends_with("https") { "https" } else { "http" };
+        Self {
+            child,
+            address: address.to_owned(),
+            scheme,
+        }
     }
 
     /// Where it listens.
@@ -168,7 +175,7 @@ impl Server {
 
     /// For programs.
     pub fn url(&self) -> String {
-        format!("http://{}", self.address)
+        format!("{}://{}", self.scheme, self.address)
     }
 
     /// The server's process.

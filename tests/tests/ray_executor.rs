@@ -1,9 +1,10 @@
 //! A server whose campaigns are flown by a Ray cluster of this machine: nodes, server and the way between them die.
 
 use rotortwin_tests::cable::Cable;
+use rotortwin_tests::certificates::certificates;
 use rotortwin_tests::process::wait_until;
-use rotortwin_tests::program::{Call, program};
-use rotortwin_tests::ray::{RayCluster, executors_environment};
+use rotortwin_tests::program::{Call, program, read_json};
+use rotortwin_tests::ray::{RayCluster, alone, executors_environment};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use serde_json::{Value, json};
@@ -146,6 +147,7 @@ fn tickets_are_worth_one_attempt(server: &Server, submission: &Value) {
 
 #[test]
 fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
+    let _alone = alone();
     let Some(mut cluster) = RayCluster::start() else { return };
     let programs = executors_environment().expect("it was there a moment ago");
     let scratch = Scratch::new();
@@ -228,6 +230,13 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
     let path = url.strip_prefix(&server.url()).expect("of this server");
     assert_eq!(server.ask("GET", path, &[("authorization", &ticket)], "").status, 410);
 
+    let over = ["SUCCEEDED", "FAILED", "STOPPED"];
+    let ended = || {
+        let all = submissions(port);
+        all.iter().all(|job| over.iter().any(|over| job["status"] == *over))
+    };
+    wait_for("Ray has ended the first campaign", ended);
+
     // A cancel ends what Ray does, and what waits there.
     let id = server.submit_to("campaigns", &json!({ "text": campaign("long", 4, 3000.0) }));
     wait_for("a part runs", || running(port) > 0);
@@ -242,11 +251,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
     );
     let canceled = server.ended_in("campaigns", &id);
     assert_eq!(canceled["status"], "canceled", "{canceled}");
-    let over = ["SUCCEEDED", "FAILED", "STOPPED"];
-    wait_for("Ray has ended all of it", || {
-        let all = submissions(cluster.port());
-        all.iter().all(|job| over.iter().any(|over| job["status"] == *over))
-    });
+    wait_for("Ray has ended all of it", ended);
     wait_for("no part is looked after", || {
         let metrics = text(&server, "/metrics");
         metrics.contains("rotortwin_ray_parts{state=\"pending\"} 0\n")
@@ -273,6 +278,159 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
             && error.contains("(3 attempts)"),
         "{failed}"
     );
+}
+
+/// The rows of a bench, in order, without the wall time.
+fn rows_of(score: &Value) -> Vec<Value> {
+    let mut rows = score["rows"].as_array().expect("rows").clone();
+    for row in &mut rows {
+        assert!(row.as_object_mut().expect("an object").remove("seconds").is_some());
+    }
+    rows
+}
+
+fn file_there(server: &Server, job: &str, file: &str) -> Vec<u8> {
+    let answer = server.ask("GET", &format!("/api/v1/{job}/artifacts/{file}"), &[], "");
+    assert_eq!(answer.status, 200, "{job}: {file}");
+    answer.body
+}
+
+#[test]
+fn scenario_ray_with_tokens_that_is_started_afresh_does_campaigns_and_blind_benches_over_tls_as_well() {
+    let _alone = alone();
+    let token = "hush-hush-0123456789abcdef0123456789abcdef";
+    let with_token = [("RAY_AUTH_MODE", "token"), ("RAY_AUTH_TOKEN", token)];
+    let Some(cluster) = RayCluster::start_with(&with_token, None) else {
+        return;
+    };
+    let port = cluster.port();
+    let scratch = Scratch::new();
+    let executor = format!("ray={}", cluster.url());
+    let program = program().display().to_string();
+    let words = ["--workers", "1", "--executor", &executor, "--ray-program", &program];
+
+    // Without a token, or with another one, it does not begin.
+    for token in ["", "of-somebody-else"] {
+        let call = ["serve", "--data", "none", "--listen", "127.0.0.1:0"];
+        let said = Call::new(&scratch, call)
+            .with(words)
+            .behind(["env".into(), format!("ROTORTWIN_RAY_TOKEN={token}").into()])
+            .run()
+            .expect_code(2)
+            .stderr
+            .join("\n");
+        assert!(
+            said.contains("Ray at http://127.0.0.1:")
+                && (said.contains("401") || said.contains("403"))
+                && said.contains("expected a token of this cluster in ROTORTWIN_RAY_TOKEN"),
+            "{said}"
+        );
+    }
+
+    // The cluster dies while it flies, and another one is started where it was.
+    let document = campaign("afresh", 4, 300.0);
+    let here = on_one_machine(&scratch, &document);
+    let bench = |out: &str| {
+        let words = [
+            "blind",
+            "--preset",
+            "mixed",
+            "--n",
+            "2",
+            "--duration-s",
+            "20",
+            "--out",
+            out,
+        ];
+        Call::new(&scratch, words)
+    };
+    bench("bench").run().expect_code(0);
+    let ray_token = [("ROTORTWIN_RAY_TOKEN", token)];
+    let data = scratch.path("data");
+    let mut server = Server::start_in(&ray_token, "127.0.0.1:0", &data, &words);
+    let flown = server.submit_to("campaigns", &json!({ "text": document }));
+    wait_for("parts run", || {
+        !text(&server, "/metrics").contains("rotortwin_ray_parts{state=\"running\"} 0\n")
+    });
+    let judged = server.submit_to(
+        "blind-benches",
+        &json!({ "presets": ["mixed"], "n": 2, "duration_s": 20 }),
+    );
+    drop(cluster);
+    wait_for("readyz names Ray and what waits", || {
+        let ready = text(&server, "/readyz");
+        ready.contains("Ray at http://127.0.0.1:") && ready.contains("parts of campaigns and blind benches wait for it")
+    });
+    // A cancel needs no Ray.
+    let unwanted = server.submit_to("campaigns", &json!({ "text": campaign("unwanted", 2, 3000.0) }));
+    let cancel = format!("/api/v1/campaigns/{unwanted}/cancel");
+    assert_eq!(server.ask("POST", &cancel, &[], "").status, 202);
+    assert_eq!(server.ended_in("campaigns", &unwanted)["status"], "canceled");
+    let cluster = RayCluster::start_with(&with_token, Some(port)).expect("it was there a moment ago");
+    let whole = server.ended_in("campaigns", &flown);
+    assert_eq!(whole["status"], "done", "{whole}");
+    let flown = format!("campaigns/{flown}");
+    for file in ["campaign.parquet", "campaign.csv"] {
+        let same = file_there(&server, &flown, file) == std::fs::read(here.join(file)).expect("it is there");
+        assert!(same, "{file} differs");
+    }
+    let programs = executors_environment().expect("it was there a moment ago");
+    let (_, why) = attempts(&programs, &data);
+    assert!(
+        !why.is_empty() && why.iter().all(|why| why.contains("Ray at http://127.0.0.1:")),
+        "{why:?}"
+    );
+    let whole = server.ended_in("blind-benches", &judged);
+    assert_eq!(whole["status"], "done", "{whole}");
+    let judged = format!("blind-benches/{judged}");
+    let there = serde_json::from_slice(&file_there(&server, &judged, "score.json")).expect("JSON");
+    assert_eq!(rows_of(&there), rows_of(&read_json(&scratch.path("bench/score.json"))));
+    for file in ["truth/00000.json", "truth/00001.json"] {
+        let own = std::fs::read(scratch.path("bench").join(file)).expect("it is there");
+        assert!(file_there(&server, &judged, file) == own, "{file} differs");
+    }
+    assert_eq!(server.stop(), Some(0));
+
+    // A server with HTTPS and tokens, whose nodes know it by the certificate of its authority.
+    let Some(folder) = certificates(&scratch, "certificates", &["bench,127.0.0.1"]) else {
+        return;
+    };
+    let (cert, key, ca) = (
+        folder.join("bench.pem").display().to_string(),
+        folder.join("bench-key.pem").display().to_string(),
+        folder.join("ca.pem").display().to_string(),
+    );
+    let data = scratch.path("secured");
+    let made = Call::new(
+        &scratch,
+        [
+            "token".into(),
+            "create".into(),
+            "--data".into(),
+            data.clone().into_os_string(),
+        ],
+    )
+    .with(["department"])
+    .run()
+    .expect_code(0);
+    std::fs::write(scratch.path("token"), made.stdout).expect("written");
+    let secured = ["--tls-cert", &cert, "--tls-key", &key, "--ray-ca", &ca];
+    let more: Vec<&str> = words.iter().chain(&secured).copied().collect();
+    let mut server = Server::start_in(&ray_token, "127.0.0.1:0", &data, &more);
+    let url = server.url();
+    assert!(url.starts_with("https://"), "{url}");
+    let ended = bench("there")
+        .with(["--server", &url, "--ca", &ca, "--token-file", "token"])
+        .run()
+        .expect_code(0);
+    assert_eq!(
+        rows_of(&read_json(&scratch.path("there/score.json"))),
+        rows_of(&read_json(&scratch.path("bench/score.json"))),
+        "{:?}",
+        ended.stdout
+    );
+    assert_eq!(server.stop(), Some(0));
+    drop(cluster);
 }
 
 #[test]

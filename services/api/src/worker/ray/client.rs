@@ -137,6 +137,11 @@ impl Client {
             (StatusCode::OK | StatusCode::NOT_FOUND | StatusCode::METHOD_NOT_ALLOWED, _) => Err(RayError::Refused(
                 "what answers there is not the dashboard of a Ray cluster; expected an address such as http://HEAD:8265".to_owned(),
             )),
+            // Waiting does not help here, and this is asked when a server starts.
+            (StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN, _) => Err(RayError::Refused(format!(
+                "{}; expected a token of this cluster in ROTORTWIN_RAY_TOKEN",
+                told(status, &text)
+            ))),
             _ => Err(unexpected(status, &text)),
         }
     }
@@ -188,7 +193,8 @@ impl Client {
     }
 }
 
-fn unexpected(status: StatusCode, text: &str) -> RayError {
+/// What an answer says, in short.
+fn told(status: StatusCode, text: &str) -> String {
     // The last line of a traceback says what it is.
     let why: String = text
         .lines()
@@ -198,7 +204,11 @@ fn unexpected(status: StatusCode, text: &str) -> RayError {
         .chars()
         .take(300)
         .collect();
-    let told = format!("it answered {} ({why})", status.as_u16());
+    format!("it answered {} ({why})", status.as_u16())
+}
+
+fn unexpected(status: StatusCode, text: &str) -> RayError {
+    let told = told(status, text);
     let token = matches!(status, StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN);
     if token || status.is_server_error() && !text.contains("status code 400") {
         RayError::Away(told)
