@@ -273,6 +273,25 @@ fn scenario_one_server_a_folder_and_no_strangers() {
 }
 
 #[test]
+fn val_parameters_of_a_path_are_in_it() {
+    let scratch = Scratch::new();
+    let now = Call::new(&scratch, ["serve", "--openapi"]).run().expect_code(0).stdout;
+    let document: Value = serde_json::from_str(&now).expect("JSON");
+    let mut wrong = Vec::new();
+    for (path, operations) in document["paths"].as_object().expect("paths") {
+        for (method, operation) in operations.as_object().expect("operations") {
+            for parameter in operation["parameters"].as_array().into_iter().flatten() {
+                let name = parameter["name"].as_str().expect("a name");
+                if parameter["in"] == "path" && !path.contains(&format!("{{{name}}}")) {
+                    wrong.push(format!("{method} {path}: {name}"));
+                }
+            }
+        }
+    }
+    assert_eq!(wrong, Vec::<String>::new());
+}
+
+#[test]
 fn regress_openapi_document() {
     let scratch = Scratch::new();
     let now = Call::new(&scratch, ["serve", "--openapi"]).run().expect_code(0).stdout;

@@ -327,6 +327,7 @@ pub(crate) async fn close(
 
 /// Where a chunk belongs.
 #[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Place {
     /// Step of the chunk's first sample; each chunk goes on where the one before ended.

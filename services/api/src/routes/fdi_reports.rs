@@ -35,6 +35,7 @@ const LONGEST: Duration = Duration::from_secs(120);
 
 /// Which detectors.
 #[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Which {
     /// Id of a log that was imported here, or of a run that is done: then there is no body.
@@ -81,6 +82,7 @@ pub(crate) async fn judge(
 
 /// What is true; the rest of the query is [`Which`].
 #[derive(Debug, Default, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct KnownTruth {
     /// Column of the log with the truth: 0 healthy, the damaged rotor, −1 several; `fault_label` of a run.

@@ -105,6 +105,7 @@ pub(crate) async fn limits(State(app): State<Arc<App>>, caller: Caller) -> Resul
 
 /// What is counted beside the rest.
 #[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Counted {
     /// Open jobs by account, too; for tokens that see everybody's jobs.
