@@ -10,6 +10,12 @@ fn vehicle(name: &str) -> VehicleModel {
     toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
+/// Name of the frame that fits a vehicle, and our rotor, from 1, of each of its channels.
+fn channels(autopilot: AutopilotKind, name: &str) -> (String, Vec<usize>) {
+    let (frame, rotors) = AutopilotFrame::of_vehicle(autopilot, &vehicle(name)).unwrap();
+    (frame.name, rotors.iter().map(|rotor| rotor + 1).collect())
+}
+
 #[test]
 fn val_channels_of_a_hexarotor_x_are_those_observed_in_flight() {
     let expected = [
@@ -18,9 +24,8 @@ fn val_channels_of_a_hexarotor_x_are_those_observed_in_flight() {
         (AutopilotKind::Betaflight, [3, 1, 4, 6, 2, 5]),
     ];
     for (autopilot, numbers) in expected {
-        let (frame, rotors) = AutopilotFrame::of_vehicle(autopilot, &vehicle("f550")).unwrap();
-        let found: Vec<usize> = rotors.iter().map(|rotor| rotor + 1).collect();
-        assert_eq!(found, numbers, "{}", frame.name);
+        let (frame, found) = channels(autopilot, "f550");
+        assert_eq!(found, numbers, "{frame}");
     }
 }
 
@@ -34,9 +39,8 @@ fn val_channels_of_a_quadrotor_x_are_those_of_the_frames_tables() {
     ];
     for (autopilot, numbers) in expected {
         for name in ["quad-x", "quad-x-skids"] {
-            let (frame, rotors) = AutopilotFrame::of_vehicle(autopilot, &vehicle(name)).unwrap();
-            let found: Vec<usize> = rotors.iter().map(|rotor| rotor + 1).collect();
-            assert_eq!(found, numbers, "{}", frame.name);
+            let (frame, found) = channels(autopilot, name);
+            assert_eq!(found, numbers, "{frame}");
         }
     }
 }
@@ -77,9 +81,7 @@ fn val_channels_of_an_octorotor_x_are_those_of_the_frames_tables() {
         ),
     ];
     for (autopilot, name, frame_name, numbers) in expected {
-        let (frame, rotors) = AutopilotFrame::of_vehicle(autopilot, &vehicle(name)).unwrap();
-        let found: Vec<usize> = rotors.iter().map(|rotor| rotor + 1).collect();
-        assert_eq!((frame.name.as_str(), found), (frame_name, numbers.to_vec()));
+        assert_eq!(channels(autopilot, name), (frame_name.to_owned(), numbers.to_vec()));
     }
 }
 

@@ -255,13 +255,18 @@ impl SecondLook {
             .zip(rotors)
             .map(|([share, variance], rotor)| {
                 let model = (MODEL_ERROR * share).powi(2) + MODEL_FLOOR.powi(2);
-                let information: f64 = (0..AXES)
-                    .map(|axis| self.column[rotor][axis].powi(2) / noise[axis].gust)
-                    .sum();
+                let information = self.information(rotor, &std::array::from_fn(|axis| noise[axis].gust));
                 let disturbance = 1.0 / (information * self.hover_thrust[rotor].powi(2));
                 [share, (variance.max(disturbance) + model).sqrt()]
             })
             .collect()
+    }
+
+    /// Of wrenches with a variance on each axis on the lost thrust of a rotor, 1/N²: Σ F_ai²/V_a.
+    fn information(&self, rotor: usize, variance: &[f64; AXES]) -> f64 {
+        (0..AXES)
+            .map(|axis| self.column[rotor][axis].powi(2) / variance[axis])
+            .sum()
     }
 
     /// Smallest lost share of each rotor that would be found within ten seconds now; empty while there is no verdict, or something is wrong.
@@ -272,9 +277,7 @@ impl SecondLook {
         let variance = self.filter.variance_of_a_sudden_loss();
         (0..self.rotor_count)
             .map(|rotor| {
-                let information: f64 = (0..AXES)
-                    .map(|axis| self.column[rotor][axis].powi(2) / variance[axis])
-                    .sum();
+                let information = self.information(rotor, &variance);
                 let seen = (SEEN_SIGMAS / information.sqrt()).max(self.settling.size()[rotor]);
                 (seen / self.hover_thrust[rotor]) as f32
             })
