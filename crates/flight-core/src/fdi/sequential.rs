@@ -169,14 +169,16 @@ impl KnownFault {
     };
 }
 
-/// See the module.
+/// What the configuration and the vehicle fix for a whole flight.
 #[derive(Clone, Copy, Debug)]
-pub struct SequentialDetector {
+struct Tuning {
     config: SequentialConfig,
     rotor_count: usize,
     block_period: f32,
     /// Of the gusts, from block to block.
     correlation: f32,
+    /// 1 − e^(−block/τ).
+    lag_weight: f32,
     /// Mean hover thrust of a rotor, N.
     mean_hover_thrust: f32,
     hover_thrust: [f32; MAX_ROTORS],
@@ -191,24 +193,113 @@ pub struct SequentialDetector {
     ambiguity_windows: u16,
     /// Age from which a pair may be named: the vertical force, which tells it from a mere torque, is known late.
     pair_blocks: u32,
+}
 
-    phase: Phase,
-    samples: u32,
-    meter: DefectMeter,
+impl Tuning {
+    const BLANK: Self = Self {
+        config: SequentialConfig::BLANK,
+        rotor_count: 0,
+        block_period: 0.0,
+        correlation: 0.0,
+        lag_weight: 0.0,
+        mean_hover_thrust: 0.0,
+        hover_thrust: [0.0; MAX_ROTORS],
+        column: [[0.0; AXES]; MAX_ROTORS],
+        arm: [0.0; AXES],
+        mass: 0.0,
+        noise_from: 0,
+        calibration_from: 0,
+        watch_from: 0,
+        settling_blocks: 0,
+        ambiguity_windows: 0,
+        pair_blocks: 0,
+    };
+
+    fn new(config: &SequentialConfig, geometry: &Geometry, body: &RigidBody, period: f32, window_len: u16) -> Self {
+        let rotor_count = geometry.rotor_count();
+        let f = geometry.effectiveness();
+        let weight = body.mass * body.gravity;
+        let mean_hover_thrust = weight / rotor_count as f32;
+        // Rotors that hardly carry anything in hover get a tenth of the mean, so that shares of them stay meaningful.
+        let hover_thrust = geometry.allocate([-weight, 0.0, 0.0, 0.0]);
+        let hover_thrust = hover_thrust.map(|thrust| thrust.max(0.1 * mean_hover_thrust));
+        let mut arm = [0.0f32; AXES];
+        for axis in 0..AXES {
+            for i in 0..rotor_count {
+                arm[axis] = arm[axis].max(f[axis][i].abs());
+            }
+        }
+        let mut column = [[0.0; AXES]; MAX_ROTORS];
+        for i in 0..rotor_count {
+            for axis in 0..AXES {
+                column[i][axis] = f[axis][i] / arm[axis];
+            }
+        }
+        let window_period = period * f32::from(window_len);
+        let block_period = window_period / f32::from(config.updates_per_window);
+        let count = |time: f32, unit: f32| libm::roundf(time / unit) as u32;
+        Self {
+            config: *config,
+            rotor_count,
+            block_period,
+            correlation: libm::expf(-block_period / config.disturbance_correlation_time),
+            lag_weight: 1.0 - libm::expf(-block_period / config.rotor_time_constant),
+            mean_hover_thrust,
+            hover_thrust,
+            column,
+            arm,
+            mass: body.mass,
+            noise_from: count(NOISE_SKIP * config.calibration_start, period),
+            calibration_from: count(config.calibration_start, period),
+            watch_from: count(config.calibration_end, period),
+            settling_blocks: count(config.settling_time, block_period),
+            ambiguity_windows: count(config.ambiguity_time, window_period) as u16,
+            pair_blocks: count(config.ambiguity_time, block_period),
+        }
+    }
+}
+
+/// What competes during the calibration, and what it finds of the rotors.
+#[derive(Clone, Copy, Debug)]
+struct Calibration {
     contender: [[Contender; LEVELS]; AXES],
-    axis: [Axis; AXES],
+    /// Of the share by which rotors differ.
     rotor_gain_variance: f32,
+}
+
+impl Calibration {
+    const BLANK: Self = Self {
+        contender: [[Contender::BLANK; LEVELS]; AXES],
+        rotor_gain_variance: 0.0,
+    };
+
+    /// In place, see [`SequentialDetector::configure`].
+    fn clear(&mut self, tuning: &Tuning) {
+        // Taken apart, so that no field is forgotten.
+        let Self {
+            contender,
+            rotor_gain_variance,
+        } = self;
+        for level in contender.as_flattened_mut() {
+            *level = Contender::BLANK;
+        }
+        *rotor_gain_variance = tuning.config.excursion_in_calibration;
+    }
+}
+
+/// What is followed once the calibration has ended.
+#[derive(Clone, Copy, Debug)]
+struct Watch {
+    axis: [Axis; AXES],
     onset: OnsetHypotheses,
     /// Averaged static thrust of every rotor, N; held while something stands out, so that it is the thrust at an onset.
     thrust: [f32; MAX_ROTORS],
-    /// The one with the most evidence at the last window's end.
-    leading_rotor: usize,
-    /// See [`Self::follow_demand`].
-    extra_demand: f32,
-    /// 1 − e^(−block/τ).
-    lag_weight: f32,
     /// The same over the last block.
     recent_thrust: [f32; MAX_ROTORS],
+    /// The one with the most evidence at the last window's end.
+    leading_rotor: usize,
+    /// See [`SequentialDetector::follow_demand`].
+    extra_demand: f32,
     /// Nothing stands out.
     quiet: bool,
     /// A fault stands out so far that the level of gusts waits for it to be absorbed.
@@ -221,6 +312,78 @@ pub struct SequentialDetector {
     /// As the meter wants it.
     loss_fraction: [f32; MAX_ROTORS],
     decision: SequentialDecision,
+}
+
+impl Watch {
+    const BLANK: Self = Self {
+        axis: [Axis::BLANK; AXES],
+        onset: OnsetHypotheses::BLANK,
+        thrust: [0.0; MAX_ROTORS],
+        recent_thrust: [0.0; MAX_ROTORS],
+        leading_rotor: 0,
+        extra_demand: 0.0,
+        quiet: false,
+        pending: false,
+        ambiguous_windows: 0,
+        known: [KnownFault::BLANK; MAX_ROTORS],
+        gain: [0.0; AXES],
+        gain_variance: [0.0; AXES],
+        loss_fraction: [0.0; MAX_ROTORS],
+        decision: SequentialDecision::NONE,
+    };
+
+    /// In place, see [`SequentialDetector::configure`].
+    fn clear(&mut self, tuning: &Tuning) {
+        // Taken apart, so that no field is forgotten.
+        let Self {
+            axis,
+            onset,
+            thrust,
+            recent_thrust,
+            leading_rotor,
+            extra_demand,
+            quiet,
+            pending,
+            ambiguous_windows,
+            known,
+            gain,
+            gain_variance,
+            loss_fraction,
+            decision,
+        } = self;
+        let config = &tuning.config;
+        *axis = [Axis::BLANK; AXES];
+        for i in 0..tuning.rotor_count.min(MAX_ROTORS) {
+            for a in 0..AXES {
+                axis[a].column_square += tuning.column[i][a] * tuning.column[i][a] / tuning.rotor_count as f32;
+                axis[a].surprise = 1.0;
+            }
+        }
+        onset.configure(tuning.block_period, config.rotor_time_constant);
+        *thrust = tuning.hover_thrust;
+        *recent_thrust = tuning.hover_thrust;
+        *leading_rotor = 0;
+        *extra_demand = 0.0;
+        *quiet = true;
+        *pending = false;
+        *ambiguous_windows = 0;
+        *known = [KnownFault::BLANK; MAX_ROTORS];
+        *gain = [0.0; AXES];
+        *gain_variance = [config.gain_spread * config.gain_spread; AXES];
+        *loss_fraction = [0.0; MAX_ROTORS];
+        *decision = SequentialDecision::NONE;
+    }
+}
+
+/// See the module.
+#[derive(Clone, Copy, Debug)]
+pub struct SequentialDetector {
+    tuning: Tuning,
+    phase: Phase,
+    samples: u32,
+    meter: DefectMeter,
+    calibration: Calibration,
+    watch: Watch,
 }
 
 /// The index of a rotor, in a form whose bound the compiler sees: no way into a panic is left in the step.
@@ -244,41 +407,12 @@ fn limited(value: f32, low: f32, high: f32) -> f32 {
 impl SequentialDetector {
     /// Before [`SequentialDetector::configure`].
     pub(crate) const BLANK: Self = Self {
-        config: SequentialConfig::BLANK,
-        rotor_count: 0,
-        block_period: 0.0,
-        correlation: 0.0,
-        mean_hover_thrust: 0.0,
-        hover_thrust: [0.0; MAX_ROTORS],
-        column: [[0.0; AXES]; MAX_ROTORS],
-        arm: [0.0; AXES],
-        mass: 0.0,
-        noise_from: 0,
-        calibration_from: 0,
-        watch_from: 0,
-        settling_blocks: 0,
-        ambiguity_windows: 0,
-        pair_blocks: 0,
+        tuning: Tuning::BLANK,
         phase: Phase::WarmUp,
         samples: 0,
         meter: DefectMeter::BLANK,
-        contender: [[Contender::BLANK; LEVELS]; AXES],
-        axis: [Axis::BLANK; AXES],
-        rotor_gain_variance: 0.0,
-        onset: OnsetHypotheses::BLANK,
-        thrust: [0.0; MAX_ROTORS],
-        leading_rotor: 0,
-        extra_demand: 0.0,
-        lag_weight: 0.0,
-        recent_thrust: [0.0; MAX_ROTORS],
-        quiet: false,
-        pending: false,
-        ambiguous_windows: 0,
-        known: [KnownFault::BLANK; MAX_ROTORS],
-        gain: [0.0; AXES],
-        gain_variance: [0.0; AXES],
-        loss_fraction: [0.0; MAX_ROTORS],
-        decision: SequentialDecision::NONE,
+        calibration: Calibration::BLANK,
+        watch: Watch::BLANK,
     };
 
     /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`, and starts afresh; in place,
@@ -293,125 +427,41 @@ impl SequentialDetector {
         period: f32,
         window_len: u16,
     ) {
-        let rotor_count = geometry.rotor_count();
-        let f = geometry.effectiveness();
-        let weight = body.mass * body.gravity;
-        let mean_hover_thrust = weight / rotor_count as f32;
-        // Rotors that hardly carry anything in hover get a tenth of the mean, so that shares of them stay meaningful.
-        let hover_thrust = geometry.allocate([-weight, 0.0, 0.0, 0.0]);
-        let hover_thrust = hover_thrust.map(|thrust| thrust.max(0.1 * mean_hover_thrust));
-        let mut arm = [0.0f32; AXES];
-        for axis in 0..AXES {
-            for i in 0..rotor_count {
-                arm[axis] = arm[axis].max(f[axis][i].abs());
-            }
-        }
-        let window_period = period * f32::from(window_len);
-        let block_period = window_period / f32::from(config.updates_per_window);
-        let count = |time: f32, unit: f32| libm::roundf(time / unit) as u32;
-
         // Taken apart, so that no field is forgotten.
         let Self {
-            config: own_config,
-            rotor_count: own_rotor_count,
-            block_period: own_block_period,
-            correlation,
-            mean_hover_thrust: own_mean_hover_thrust,
-            hover_thrust: own_hover_thrust,
-            column,
-            arm: own_arm,
-            mass,
-            noise_from,
-            calibration_from,
-            watch_from,
-            settling_blocks,
-            ambiguity_windows,
-            pair_blocks,
+            tuning,
             phase,
             samples,
             meter,
-            contender,
-            axis,
-            rotor_gain_variance,
-            onset,
-            thrust,
-            leading_rotor,
-            extra_demand,
-            lag_weight,
-            recent_thrust,
-            quiet,
-            pending,
-            ambiguous_windows,
-            known,
-            gain,
-            gain_variance,
-            loss_fraction,
-            decision,
+            calibration,
+            watch,
         } = self;
-        *own_config = *config;
-        *own_rotor_count = rotor_count;
-        *own_block_period = block_period;
-        *correlation = libm::expf(-block_period / config.disturbance_correlation_time);
-        *own_mean_hover_thrust = mean_hover_thrust;
-        *own_hover_thrust = hover_thrust;
-        *column = [[0.0; AXES]; MAX_ROTORS];
-        *axis = [Axis::BLANK; AXES];
-        for i in 0..rotor_count {
-            for a in 0..AXES {
-                column[i][a] = f[a][i] / arm[a];
-                axis[a].column_square += column[i][a] * column[i][a] / rotor_count as f32;
-                axis[a].surprise = 1.0;
-            }
-        }
-        *own_arm = arm;
-        *mass = body.mass;
-        *noise_from = count(NOISE_SKIP * config.calibration_start, period);
-        *calibration_from = count(config.calibration_start, period);
-        *watch_from = count(config.calibration_end, period);
-        *settling_blocks = count(config.settling_time, block_period);
-        *ambiguity_windows = count(config.ambiguity_time, window_period) as u16;
-        *pair_blocks = count(config.ambiguity_time, block_period);
+        *tuning = Tuning::new(config, geometry, body, period, window_len);
         *phase = Phase::WarmUp;
         *samples = 0;
         *meter = DefectMeter::new(
             geometry,
-            weight,
+            body.mass * body.gravity,
             body.inertia_body,
-            arm,
-            hover_thrust,
+            tuning.arm,
+            tuning.hover_thrust,
             config.rotor_time_constant,
             period,
         );
-        for level in contender.as_flattened_mut() {
-            *level = Contender::BLANK;
-        }
-        *rotor_gain_variance = config.excursion_in_calibration;
-        onset.configure(block_period, config.rotor_time_constant);
-        *thrust = hover_thrust;
-        *leading_rotor = 0;
-        *extra_demand = 0.0;
-        *lag_weight = 1.0 - libm::expf(-block_period / config.rotor_time_constant);
-        *recent_thrust = hover_thrust;
-        *quiet = true;
-        *pending = false;
-        *ambiguous_windows = 0;
-        *known = [KnownFault::BLANK; MAX_ROTORS];
-        *gain = [0.0; AXES];
-        *gain_variance = [config.gain_spread * config.gain_spread; AXES];
-        *loss_fraction = [0.0; MAX_ROTORS];
-        *decision = SequentialDecision::NONE;
+        calibration.clear(tuning);
+        watch.clear(tuning);
     }
 
     /// n_a, in a form whose bound the compiler sees.
     #[inline(always)]
     fn rotors(&self) -> usize {
-        self.rotor_count.min(MAX_ROTORS)
+        self.tuning.rotor_count.min(MAX_ROTORS)
     }
 
     /// The last decision.
     #[inline]
     pub const fn decision(&self) -> &SequentialDecision {
-        &self.decision
+        &self.watch.decision
     }
 
     /// Takes in one sample.
@@ -419,15 +469,20 @@ impl SequentialDetector {
     /// * `static_wrench`, `static_thrust`: what healthy rotors would settle at, N and N·m
     #[inline]
     pub fn step(&mut self, body: &BodyMomentum, static_wrench: &[f32; AXES], static_thrust: &[f32; MAX_ROTORS]) {
-        let learn_noise = self.phase == Phase::WarmUp && self.samples >= self.noise_from;
-        self.meter
-            .step(body, static_wrench, static_thrust, &self.loss_fraction, learn_noise);
+        let learn_noise = self.phase == Phase::WarmUp && self.samples >= self.tuning.noise_from;
+        self.meter.step(
+            body,
+            static_wrench,
+            static_thrust,
+            &self.watch.loss_fraction,
+            learn_noise,
+        );
         self.samples = self.samples.saturating_add(1);
     }
 
     /// Puts what samples change into a lane; returns the samples so far.
     pub(super) fn seat_meter<const N: usize, const L: usize>(&self, lane: usize, rows: &mut MeterRows<N, L>) -> u32 {
-        rows.seat(lane, &self.meter, &self.loss_fraction);
+        rows.seat(lane, &self.meter, &self.watch.loss_fraction);
         self.samples
     }
 
@@ -463,7 +518,7 @@ impl SequentialDetector {
     /// Sample from which on differences count for the noise.
     #[inline(always)]
     pub(super) fn noise_from(&self) -> u32 {
-        self.noise_from
+        self.tuning.noise_from
     }
 
     /// Lets one step pass without a sample.
@@ -477,22 +532,22 @@ impl SequentialDetector {
         let Some(block) = self.meter.close_block() else {
             return;
         };
-        self.recent_thrust = block.thrust;
-        if self.quiet {
-            let weight = (self.block_period / THRUST_TIME).min(1.0);
+        self.watch.recent_thrust = block.thrust;
+        if self.watch.quiet {
+            let weight = (self.tuning.block_period / THRUST_TIME).min(1.0);
             for i in 0..self.rotors() {
-                self.thrust[i] += (block.thrust[i] - self.thrust[i]) * weight;
+                self.watch.thrust[i] += (block.thrust[i] - self.watch.thrust[i]) * weight;
             }
         }
         match self.phase {
             Phase::WarmUp => {
-                if self.samples >= self.calibration_from {
+                if self.samples >= self.tuning.calibration_from {
                     self.start_calibration();
                 }
             }
             Phase::Calibration => {
                 self.calibrate(&block);
-                if self.samples >= self.watch_from {
+                if self.samples >= self.tuning.watch_from {
                     self.start_watch();
                 }
             }
@@ -503,13 +558,13 @@ impl SequentialDetector {
     /// By how much more than before anything stood out the leading rotor is asked for, share, through the lag. A rotor that loses a share
     /// of its thrust is asked for more at once, and loses the same share of that: the lost thrust grows with it.
     fn follow_demand(&mut self, block: &Block) {
-        if self.quiet {
-            self.extra_demand = 0.0;
+        if self.watch.quiet {
+            self.watch.extra_demand = 0.0;
             return;
         }
-        let rotor = within(self.leading_rotor);
-        let extra = block.thrust[rotor] / self.thrust[rotor].max(0.1 * self.mean_hover_thrust) - 1.0;
-        self.extra_demand += (extra.clamp(-0.5, 1.0) - self.extra_demand) * self.lag_weight;
+        let rotor = within(self.watch.leading_rotor);
+        let extra = block.thrust[rotor] / self.watch.thrust[rotor].max(0.1 * self.tuning.mean_hover_thrust) - 1.0;
+        self.watch.extra_demand += (extra.clamp(-0.5, 1.0) - self.watch.extra_demand) * self.tuning.lag_weight;
     }
 
     /// φ of one axis, see [`axis_filter`].
@@ -519,7 +574,7 @@ impl SequentialDetector {
             block.vertical_path
         } else {
             // Force over lever: the parameter is a length over the longest lever.
-            block.wrench[0] * self.arm[1].max(self.arm[2]) / self.arm[axis]
+            block.wrench[0] * self.tuning.arm[1].max(self.tuning.arm[2]) / self.tuning.arm[axis]
         };
         [
             0.0,
@@ -535,13 +590,14 @@ impl SequentialDetector {
     /// What the filters assume about one axis over this block.
     #[inline]
     fn disturbance(&self, axis: usize, variance: f32, block: &Block) -> Disturbance {
-        let measurement = self.axis[axis].noise / block.samples;
-        let excursion = self.rotor_gain_variance * block.excursion * self.axis[axis].column_square;
+        let measurement = self.watch.axis[axis].noise / block.samples;
+        let excursion = self.calibration.rotor_gain_variance * block.excursion * self.watch.axis[axis].column_square;
         Disturbance {
-            correlation: self.correlation,
+            correlation: self.tuning.correlation,
             variance,
-            momentum_noise: self.config.momentum_noise_share * measurement + excursion * block.elapsed * block.elapsed,
-            drift: self.config.drift_share * variance * self.block_period,
+            momentum_noise: self.tuning.config.momentum_noise_share * measurement
+                + excursion * block.elapsed * block.elapsed,
+            drift: self.tuning.config.drift_share * variance * self.tuning.block_period,
             measurement,
         }
     }
@@ -550,19 +606,19 @@ impl SequentialDetector {
         let Some(noise) = self.meter.noise_variance() else {
             return;
         };
-        let c = &self.config;
+        let c = &self.tuning.config;
         self.meter
             .set_spike_limit(noise.map(|variance| c.spike_sigma * libm::sqrtf(2.0 * variance)));
-        let floor = c.disturbance_floor * self.mean_hover_thrust;
+        let floor = c.disturbance_floor * self.tuning.mean_hover_thrust;
         let ratio = libm::powf(c.disturbance_ceiling / c.disturbance_floor, 1.0 / (LEVELS - 1) as f32);
-        let bias = c.bias_spread * self.mean_hover_thrust;
+        let bias = c.bias_spread * self.tuning.mean_hover_thrust;
         for axis in 0..AXES {
-            self.axis[axis].noise = noise[axis];
+            self.watch.axis[axis].noise = noise[axis];
             let second = match axis {
-                0 => c.drag_spread * self.mass,
+                0 => c.drag_spread * self.tuning.mass,
                 1 | 2 => c.centre_of_mass_spread,
                 // Not the centre of mass, but rotors that are not quite alike do to the yaw torque what it does to the others.
-                _ => c.centre_of_mass_spread * self.arm[3] / self.arm[1].max(self.arm[2]),
+                _ => c.centre_of_mass_spread * self.tuning.arm[3] / self.tuning.arm[1].max(self.tuning.arm[2]),
             };
             let mut prior = [
                 2.0 * noise[axis],
@@ -574,7 +630,7 @@ impl SequentialDetector {
                 if axis == 0 { 0.0 } else { c.gain_spread * c.gain_spread },
             ];
             let mut level = floor;
-            for contender in &mut self.contender[axis] {
+            for contender in &mut self.calibration.contender[axis] {
                 prior[GUST] = level * level;
                 *contender = Contender {
                     filter: AxisFilter::new(&prior),
@@ -591,9 +647,9 @@ impl SequentialDetector {
         for axis in 0..AXES {
             let phi = self.phi(axis, block);
             for level in 0..LEVELS {
-                let variance = self.contender[axis][level].variance;
+                let variance = self.calibration.contender[axis][level].variance;
                 let disturbance = self.disturbance(axis, variance, block);
-                let contender = &mut self.contender[axis][level];
+                let contender = &mut self.calibration.contender[axis][level];
                 contender.filter.predict(&phi, &disturbance);
                 let innovation = contender.filter.update(block.defect[axis], disturbance.measurement);
                 contender.log_likelihood += innovation.log_likelihood();
@@ -604,32 +660,35 @@ impl SequentialDetector {
     fn start_watch(&mut self) {
         let mut gain_variance = 0.0;
         for axis in 0..AXES {
-            let contenders = &self.contender[axis];
+            let contenders = &self.calibration.contender[axis];
             let mut chosen = &contenders[0];
             let mut best = chosen.log_likelihood;
             for contender in contenders {
                 best = best.max(contender.log_likelihood);
             }
             for contender in contenders {
-                if contender.log_likelihood > best - self.config.level_margin {
+                if contender.log_likelihood > best - self.tuning.config.level_margin {
                     chosen = contender;
                 }
             }
-            let state = &mut self.axis[axis];
+            let state = &mut self.watch.axis[axis];
             state.filter = chosen.filter;
             state.variance = chosen.variance;
             state.probe = [LevelProbe::new(&chosen.filter); 2];
             // Independent errors of gain ε on n rotors make a bias of variance ε² f² n · mean(F²).
-            let unit = self.mean_hover_thrust * self.mean_hover_thrust * state.column_square * self.rotor_count as f32;
+            let unit = self.tuning.mean_hover_thrust
+                * self.tuning.mean_hover_thrust
+                * state.column_square
+                * self.tuning.rotor_count as f32;
             let bias = chosen.filter.state[BIAS];
             gain_variance += bias * bias / unit / AXES as f32;
         }
-        let least = self.config.rotor_gain_spread * self.config.rotor_gain_spread;
-        self.rotor_gain_variance = (self.config.bias_factor * gain_variance).max(least);
-        self.onset.clear();
+        let least = self.tuning.config.rotor_gain_spread * self.tuning.config.rotor_gain_spread;
+        self.calibration.rotor_gain_variance = (self.tuning.config.bias_factor * gain_variance).max(least);
+        self.watch.onset.clear();
         self.phase = Phase::Watch;
-        self.decision.verdict = FaultVerdict::Healthy;
-        self.decision.probability = 1.0;
+        self.watch.decision.verdict = FaultVerdict::Healthy;
+        self.watch.decision.probability = 1.0;
     }
 
     fn watch(&mut self, block: &Block) {
@@ -638,32 +697,32 @@ impl SequentialDetector {
         let mut evidence = [0.0; AXES];
         for axis in 0..AXES {
             phi[axis] = self.phi(axis, block);
-            let disturbance = self.disturbance(axis, self.axis[axis].variance, block);
-            let state = &mut self.axis[axis];
+            let disturbance = self.disturbance(axis, self.watch.axis[axis].variance, block);
+            let state = &mut self.watch.axis[axis];
             let (known, known_variance) = state.filter.parameter_effect(&phi[axis]);
             state.filter.predict(&phi[axis], &disturbance);
             innovation[axis] = state.filter.update(block.defect[axis], disturbance.measurement);
 
-            state.surprise += (innovation[axis].surprise() - state.surprise) * self.config.surprise_weight;
+            state.surprise += (innovation[axis].surprise() - state.surprise) * self.tuning.config.surprise_weight;
             evidence[axis] = innovation[axis].information / state.surprise.max(1.0);
 
             self.follow_level(axis, block, known, known_variance, &disturbance);
         }
         self.follow_demand(block);
-        self.onset.update(
+        self.watch.onset.update(
             &phi,
             &innovation,
             &evidence,
-            self.correlation,
+            self.tuning.correlation,
             block.elapsed,
-            self.extra_demand,
+            self.watch.extra_demand,
         );
     }
 
     /// Moves the level of gusts of one axis towards the likelier of the two probes.
     fn follow_level(&mut self, axis: usize, block: &Block, known: f32, known_variance: f32, disturbance: &Disturbance) {
-        let c = &self.config;
-        let state = &mut self.axis[axis];
+        let c = &self.tuning.config;
+        let state = &mut self.watch.axis[axis];
         let mut log_likelihood = [0.0; 2];
         for (side, factor) in [c.level_ratio, 1.0 / c.level_ratio].into_iter().enumerate() {
             let mut assumed = *disturbance;
@@ -672,12 +731,12 @@ impl SequentialDetector {
             assumed.momentum_noise += known_variance;
             log_likelihood[side] = state.probe[side].step(block.elapsed, known, &assumed, block.defect[axis]);
         }
-        if self.pending {
+        if self.watch.pending {
             return;
         }
         let step = limited(log_likelihood[0] - log_likelihood[1], -c.level_clip, c.level_clip) * c.level_gain;
-        let floor = c.disturbance_floor * self.mean_hover_thrust;
-        let ceiling = c.disturbance_ceiling * self.mean_hover_thrust;
+        let floor = c.disturbance_floor * self.tuning.mean_hover_thrust;
+        let ceiling = c.disturbance_ceiling * self.tuning.mean_hover_thrust;
         state.variance = limited(state.variance * (1.0 + step), floor * floor, ceiling * ceiling);
     }
 }

@@ -52,12 +52,12 @@ struct Finding {
 impl SequentialDetector {
     /// Lost thrust of a fault that is part of the model, at hover, N.
     fn known_loss(&self, rotor: usize) -> f32 {
-        self.known[within(rotor)].fraction * self.hover_thrust[within(rotor)]
+        self.watch.known[within(rotor)].fraction * self.tuning.hover_thrust[within(rotor)]
     }
 
     /// Bit i set: rotor i has a loss in the model.
     fn known_rotors(&self) -> u32 {
-        let least = 0.5 * self.config.smallest_loss * self.mean_hover_thrust;
+        let least = 0.5 * self.tuning.config.smallest_loss * self.tuning.mean_hover_thrust;
         (0..self.rotors())
             .filter(|&rotor| self.known_loss(rotor) > least)
             .fold(0, |mask, rotor| mask | 1 << rotor)
@@ -65,7 +65,7 @@ impl SequentialDetector {
 
     /// A rotor can get back what it lost; what it can lose is left open, as thrusts move.
     fn least_change(&self, rotor: usize) -> f32 {
-        -self.known[within(rotor)].fraction * self.thrust[within(rotor)]
+        -self.watch.known[within(rotor)].fraction * self.watch.thrust[within(rotor)]
     }
 
     /// A propeller that broke once goes on changing. That it heals altogether is no likelier than that an opposite one fails alike,
@@ -80,9 +80,9 @@ impl SequentialDetector {
         let groups = evidence.as_chunks_mut::<ABREAST>().0.iter_mut();
         for (group, place) in groups.enumerate().take(self.rotors().div_ceil(ABREAST)) {
             let rotor = |k: usize| within(group * ABREAST + k);
-            let column = core::array::from_fn(|axis| core::array::from_fn(|k| self.column[rotor(k)][axis]));
+            let column = core::array::from_fn(|axis| core::array::from_fn(|k| self.tuning.column[rotor(k)][axis]));
             let least = core::array::from_fn(|k| self.least_change(rotor(k)));
-            *place = self.onset.evidence(&column, &least);
+            *place = self.watch.onset.evidence(&column, &least);
         }
         evidence
     }
@@ -92,7 +92,7 @@ impl SequentialDetector {
         if self.phase != Phase::Watch {
             return;
         }
-        let c = self.config;
+        let c = self.tuning.config;
         let known = self.known_rotors();
         let mut first = 0;
         let mut log_likelihood = [0.0; MAX_ROTORS];
@@ -110,30 +110,31 @@ impl SequentialDetector {
             }
         }
         let first = within(first);
-        let jump = self.onset.jump_evidence();
-        let push = self.onset.push_evidence();
-        self.onset.set_leading(&leading, &jump, &push);
-        self.leading_rotor = first;
+        let jump = self.watch.onset.jump_evidence();
+        let push = self.watch.onset.push_evidence();
+        self.watch.onset.set_leading(&leading, &jump, &push);
+        self.watch.leading_rotor = first;
         let head_start = if self.goes_on(first, leading.loss) {
             c.repeat_bonus
         } else {
             0.0
         };
         let fit = self
+            .watch
             .onset
-            .fit(&leading, &self.column[first], &jump, &push, c.margin_to_isolate);
+            .fit(&leading, &self.tuning.column[first], &jump, &push, c.margin_to_isolate);
         let supported = head_start + fit.explained;
         let fits = fit.unexplained <= UNEXPLAINED_NATS.max(c.unexplained_share * fit.explained);
         let finding = self.weigh(known, first, &log_likelihood, &leading, &jump, &push, supported, fits);
 
         let unclear = 0.5 * c.evidence_to_isolate;
-        self.ambiguous_windows = if finding.relevant && finding.named.is_none() {
-            self.ambiguous_windows.saturating_add(1)
+        self.watch.ambiguous_windows = if finding.relevant && finding.named.is_none() {
+            self.watch.ambiguous_windows.saturating_add(1)
         } else {
             0
         };
-        let undecided = self.ambiguous_windows > self.ambiguity_windows;
-        match (&finding.named, self.decision.verdict) {
+        let undecided = self.watch.ambiguous_windows > self.tuning.ambiguity_windows;
+        match (&finding.named, self.watch.decision.verdict) {
             (Some(set), _) => self.report(known, Some(set), finding.probability),
             (None, _) if undecided && let Some(open) = finding.open => {
                 self.report_open(known, open, finding.probability_of_any);
@@ -152,30 +153,30 @@ impl SequentialDetector {
             (None, _) => self.report_none(FaultVerdict::Healthy, 1.0 - finding.probability_of_any),
         }
         if supported < unclear
-            && self.decision.verdict == FaultVerdict::Healthy
+            && self.watch.decision.verdict == FaultVerdict::Healthy
             && jump.log_likelihood > c.evidence_to_isolate
-            && self.onset.jump_age(&jump) >= self.settling_blocks
+            && self.watch.onset.jump_age(&jump) >= self.tuning.settling_blocks
         {
             self.absorb_jump(&jump);
             return;
         }
-        self.quiet = finding.best < unclear;
-        if self.quiet {
+        self.watch.quiet = finding.best < unclear;
+        if self.watch.quiet {
             self.adopt_time_constants();
             for axis in 0..AXES {
-                self.gain[axis] = self.axis[axis].filter.state[GAIN];
-                self.gain_variance[axis] = self.axis[axis].filter.covariance[GAIN][GAIN] + MODEL_VARIANCE;
+                self.watch.gain[axis] = self.watch.axis[axis].filter.state[GAIN];
+                self.watch.gain_variance[axis] = self.watch.axis[axis].filter.covariance[GAIN][GAIN] + MODEL_VARIANCE;
             }
         }
         let strong = finding.best > c.evidence_to_absorb;
-        self.pending = strong && (finding.named.is_some() || finding.open.is_some() && undecided);
+        self.watch.pending = strong && (finding.named.is_some() || finding.open.is_some() && undecided);
         if let Some(set) = finding.named.filter(|_| strong) {
-            let age = self.onset.age(set.index);
+            let age = self.watch.onset.age(set.index);
             let grows = set.loss[0] > 0.0;
             let rivalled = finding.gain_of_second > UNDISPUTED_NATS || finding.lead < 0.0;
             let disputed = !set.is_pair() && grows && rivalled;
             let settlings = if disputed { DISPUTED_SETTLINGS } else { 1 };
-            if age >= settlings * self.settling_blocks {
+            if age >= settlings * self.tuning.settling_blocks {
                 self.absorb(&set, finding.probability);
             }
         }
@@ -194,7 +195,7 @@ impl SequentialDetector {
         supported: f32,
         fits: bool,
     ) -> Finding {
-        let c = &self.config;
+        let c = &self.tuning.config;
         let best = log_likelihood[within(first)];
         let mut next = 0.0f32;
         for rotor in 0..self.rotors() {
@@ -202,7 +203,7 @@ impl SequentialDetector {
                 next = next.max(log_likelihood[rotor]);
             }
         }
-        let smallest_loss = c.smallest_loss * self.mean_hover_thrust;
+        let smallest_loss = c.smallest_loss * self.tuning.mean_hover_thrust;
         let relevant = supported > c.evidence_to_isolate
             && (leading.loss > smallest_loss || (known >> first & 1 == 1 && leading.loss < 0.0));
         // Of any fault, and of this one.
@@ -239,7 +240,13 @@ impl SequentialDetector {
         let count = if moments[0] == moments[1] { 1 } else { 2 };
         let observations = moments.map(|index| (index, self.observation(index, jump, push)));
         let least = core::array::from_fn(|rotor| self.least_change(rotor));
-        let sets = Sets::weigh(&observations[..count], self.rotors(), &self.column, &least, &demands);
+        let sets = Sets::weigh(
+            &observations[..count],
+            self.rotors(),
+            &self.tuning.column,
+            &least,
+            &demands,
+        );
 
         let gain_of_second = sets.gain_of_second(first);
         let lead = sets.lead_over_other_pairs(first);
@@ -266,7 +273,7 @@ impl SequentialDetector {
             && pair.unexplained <= UNEXPLAINED_BY_PAIR_NATS;
         finding.relevant |= pair_relevant;
         let open = sets.open();
-        let settled = self.onset.age(pair.index) >= self.pair_blocks;
+        let settled = self.watch.onset.age(pair.index) >= self.tuning.pair_blocks;
         if pair_relevant && settled && open.hypothesis_count == 1 && open.rotors == pair.mask() {
             finding.probability = 1.0 / (1.0 + odds_of_none);
             finding.named = Some(pair);
@@ -278,20 +285,20 @@ impl SequentialDetector {
 
     /// The lost wrench as seen since one moment, without the axes that a jump explains better.
     fn observation(&self, index: usize, jump: &FreeEvidence, push: &FreeEvidence) -> Observation {
-        let mut observation = self.onset.observation(index);
-        let of_any = self.onset.free_fit(index);
+        let mut observation = self.watch.onset.observation(index);
+        let of_any = self.watch.onset.free_fit(index);
         for axis in 0..AXES {
             let jumped = jump.axis[axis] > push.axis[axis];
-            if jumped && jump.axis[axis] > of_any[axis] + self.config.margin_to_isolate {
+            if jumped && jump.axis[axis] > of_any[axis] + self.tuning.config.margin_to_isolate {
                 observation.forget(axis);
             }
         }
-        let centre = self.config.centre_of_mass_spread;
-        observation.tolerant(&self.gain, &self.gain_variance, centre * centre)
+        let centre = self.tuning.config.centre_of_mass_spread;
+        observation.tolerant(&self.watch.gain, &self.watch.gain_variance, centre * centre)
     }
 
     fn report_none(&mut self, verdict: FaultVerdict, probability: f32) {
-        self.decision = SequentialDecision {
+        self.watch.decision = SequentialDecision {
             verdict,
             probability,
             thrust_loss: [LossEstimate::default(); 2],
@@ -308,11 +315,11 @@ impl SequentialDetector {
         let count = mask.count_ones();
         for (place, rotor) in members.enumerate() {
             let rotor = within(rotor);
-            let fault = &self.known[rotor];
+            let fault = &self.watch.known[rotor];
             if known >> rotor & 1 == 1 {
                 probability = probability.min(fault.probability);
             }
-            let scale = self.hover_thrust[rotor] / self.working_thrust(rotor);
+            let scale = self.tuning.hover_thrust[rotor] / self.working_thrust(rotor);
             let mut loss = self.known_loss(rotor);
             let mut variance = fault.deviation * fault.deviation;
             if let Some(set) = change
@@ -323,7 +330,7 @@ impl SequentialDetector {
                 variance += deviation * deviation;
             }
             if let Some(estimate) = estimates.get_mut(place).filter(|_| count <= 2) {
-                *estimate = LossEstimate::new(loss, variance, self.hover_thrust[rotor]);
+                *estimate = LossEstimate::new(loss, variance, self.tuning.hover_thrust[rotor]);
             }
         }
         let first = mask.trailing_zeros() as u8;
@@ -338,7 +345,7 @@ impl SequentialDetector {
             ),
             _ => (FaultVerdict::Ambiguous, Suspects::one_set(mask)),
         };
-        self.decision = SequentialDecision {
+        self.watch.decision = SequentialDecision {
             verdict,
             probability,
             thrust_loss: estimates,
@@ -347,7 +354,7 @@ impl SequentialDetector {
     }
 
     fn report_open(&mut self, known: u32, open: Suspects, probability: f32) {
-        self.decision = SequentialDecision {
+        self.watch.decision = SequentialDecision {
             verdict: FaultVerdict::Ambiguous,
             probability,
             thrust_loss: [LossEstimate::default(); 2],
@@ -357,14 +364,14 @@ impl SequentialDetector {
 
     /// Averaged thrust of a rotor, N, not so small that shares of it lose their meaning.
     fn working_thrust(&self, rotor: usize) -> f32 {
-        self.thrust[within(rotor)].max(0.1 * self.mean_hover_thrust)
+        self.watch.thrust[within(rotor)].max(0.1 * self.tuning.mean_hover_thrust)
     }
 
     /// Undoes what a jump of the momentum has done to the filters.
     fn absorb_jump(&mut self, jump: &FreeEvidence) {
         for axis in 0..AXES {
-            let (size, error) = self.onset.jump(jump, axis);
-            let state = &mut self.axis[axis];
+            let (size, error) = self.watch.onset.jump(jump, axis);
+            let state = &mut self.watch.axis[axis];
             for i in 0..STATES {
                 state.filter.state[i] += size * error[i];
             }
@@ -376,14 +383,14 @@ impl SequentialDetector {
     /// Makes a change part of the model; changes from now on are sought against it. What the losses do not explain of the lasting wrench
     /// goes on as a bias.
     fn absorb(&mut self, set: &SetFit, probability: f32) {
-        let seen = self.onset.observation(set.index);
-        let errors = self.onset.error(set.index);
+        let seen = self.watch.onset.observation(set.index);
+        let errors = self.watch.onset.error(set.index);
         for axis in 0..AXES {
             let explained: f32 = set
                 .members()
-                .map(|(rotor, loss)| -self.column[within(rotor)][axis] * loss)
+                .map(|(rotor, loss)| -self.tuning.column[within(rotor)][axis] * loss)
                 .sum();
-            let state = &mut self.axis[axis];
+            let state = &mut self.watch.axis[axis];
             let error = &errors[axis];
             // An axis that says nothing keeps its state but for what the losses explain.
             let informed = seen.variance[axis] < 1.0;
@@ -408,8 +415,8 @@ impl SequentialDetector {
         for (rotor, loss) in set.members() {
             let rotor = within(rotor);
             let thrust = self.working_thrust(rotor);
-            let deviation = set.deviation(rotor) * self.hover_thrust[rotor] / thrust;
-            let known = &mut self.known[rotor];
+            let deviation = set.deviation(rotor) * self.tuning.hover_thrust[rotor] / thrust;
+            let known = &mut self.watch.known[rotor];
             let before = known.fraction;
             let mut fraction = (before + loss / thrust).clamp(0.0, 1.0);
             if fraction < HEALED_SHARE * before {
@@ -421,26 +428,27 @@ impl SequentialDetector {
                 deviation: libm::sqrtf(earlier * earlier + deviation * deviation),
                 probability,
             };
-            self.loss_fraction[rotor] = fraction;
-            let removed = (fraction - before) * self.recent_thrust[rotor];
-            let column = &self.column[rotor];
-            self.meter
-                .remove_wrench(&core::array::from_fn(|axis| removed * column[axis] * self.arm[axis]));
+            self.watch.loss_fraction[rotor] = fraction;
+            let removed = (fraction - before) * self.watch.recent_thrust[rotor];
+            let column = &self.tuning.column[rotor];
+            self.meter.remove_wrench(&core::array::from_fn(|axis| {
+                removed * column[axis] * self.tuning.arm[axis]
+            }));
         }
         self.start_afresh();
     }
 
     fn start_afresh(&mut self) {
-        self.onset.clear();
-        self.pending = false;
-        self.quiet = true;
+        self.watch.onset.clear();
+        self.watch.pending = false;
+        self.watch.quiet = true;
     }
 
     /// Moves the time constants to their estimates. Only while nothing stands out: what the filters make of a fault is undone
     /// exactly by [`super::onset`], but only as long as the model stays the same.
     fn adopt_time_constants(&mut self) {
         for axis in 0..AXES {
-            let state = &mut self.axis[axis].filter.state;
+            let state = &mut self.watch.axis[axis].filter.state;
             self.meter.shift_time_constant(axis, state[LAG]);
             state[LAG] = 0.0;
         }
