@@ -30,6 +30,8 @@ pub mod frames;
 pub mod geometry;
 mod linear_algebra;
 pub mod signals;
+#[cfg(test)]
+mod test_plant;
 pub mod thrust_map;
 
 /// Most rotors that any vehicle may have. All per-rotor arrays have this length; entries past the vehicle's rotor count are zero.

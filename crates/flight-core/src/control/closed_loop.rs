@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::frames::Vec3;
+use crate::test_plant::FreeBody;
 use core::f32::consts::FRAC_PI_6;
 use core::f64::consts::TAU;
 use proptest::prelude::*;
@@ -91,34 +92,25 @@ impl Plant {
     }
 
     fn derivative(&self, x: &[f64; STATES], duty: &[f64; N]) -> [f64; STATES] {
-        let (m, g, l) = (self.number("m"), self.number("g"), self.number("l"));
+        let l = self.number("l");
         let (kappa, tau) = (self.number("kappa"), self.number("tau"));
-        let j: [f64; 3] = core::array::from_fn(|k| self.params["J"][k].as_f64().expect("number"));
-        let (sphi, cphi) = x[6].sin_cos();
-        let (sth, cth) = x[7].sin_cos();
-        let (spsi, cpsi) = x[8].sin_cos();
-        let (p, q, r) = (x[9], x[10], x[11]);
-        let mut thrust = 0.0;
-        let mut torque = [0.0; 3];
+        let mut wrench = [0.0; 4];
         for i in 0..N {
             let f = x[12 + i];
             let (s, c) = (TAU / 12.0 + TAU * i as f64 / N as f64).sin_cos();
-            thrust += f;
-            torque[0] -= l * s * f;
-            torque[1] += l * c * f;
-            torque[2] += if i % 2 == 0 { kappa * f } else { -kappa * f };
+            wrench[0] -= f;
+            wrench[1] -= l * s * f;
+            wrench[2] += l * c * f;
+            wrench[3] += if i % 2 == 0 { kappa * f } else { -kappa * f };
         }
         let mut dx = [0.0; STATES];
-        dx[..3].copy_from_slice(&x[3..6]);
-        dx[3] = -(sphi * spsi + cphi * cpsi * sth) * thrust / m;
-        dx[4] = -(cphi * spsi * sth - cpsi * sphi) * thrust / m;
-        dx[5] = g - cphi * cth * thrust / m;
-        dx[6] = p + (sphi * q + cphi * r) * sth / cth;
-        dx[7] = cphi * q - sphi * r;
-        dx[8] = (sphi * q + cphi * r) / cth;
-        dx[9] = (torque[0] - (j[2] - j[1]) * q * r) / j[0];
-        dx[10] = (torque[1] - (j[0] - j[2]) * r * p) / j[1];
-        dx[11] = (torque[2] - (j[1] - j[0]) * p * q) / j[2];
+        let rigid = FreeBody {
+            mass: self.number("m"),
+            gravity: self.number("g"),
+            inertia: core::array::from_fn(|k| self.params["J"][k].as_f64().expect("number")),
+        };
+        let body: &[f64; 12] = x.first_chunk().expect("the first twelve states");
+        dx[..12].copy_from_slice(&rigid.rates(body, &wrench, &[0.0; 6]));
         let voltage = self.voltage(x);
         for i in 0..N {
             dx[12 + i] = (Self::lift(&self.blade[i], duty[i], voltage) - x[12 + i]) / tau;

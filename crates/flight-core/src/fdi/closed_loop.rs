@@ -6,6 +6,7 @@ use super::*;
 use crate::control::{Controller, ControllerConfig, PidGains, ThrustToDuty};
 use crate::frames::{EulerAngles, Vec3};
 use crate::signals::{MotorCommand, NavState, Reference};
+use crate::test_plant::FreeBody;
 use proptest::prelude::*;
 use std::sync::OnceLock;
 use std::vec::Vec;
@@ -131,6 +132,11 @@ fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
     let geometry = geometry(n);
     let map = blade_a();
     let f = geometry.effectiveness();
+    let rigid = FreeBody {
+        mass: f64::from(body().mass),
+        gravity: f64::from(body().gravity),
+        inertia: body().inertia_body.map(f64::from),
+    };
     let mut noise = Noise(c.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
     let bias: Vec<f64> = (0..n).map(|_| 0.010_756 * (2.0 * noise.uniform() - 1.0)).collect();
     let mut controller = controller(n);
@@ -195,9 +201,9 @@ fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
             })
             .collect();
         // Midpoint rule, with the thrust of the lag in closed form.
-        let half = rates(&x, &wrench_after(&settled, &thrust, 0.0, f, c), &push);
+        let half = rigid.rates(&x, &wrench_after(&settled, &thrust, 0.0, f, c), &push);
         let middle: [f64; 12] = core::array::from_fn(|i| x[i] + 0.5 * dt * half[i]);
-        let full = rates(&middle, &wrench_after(&settled, &thrust, 0.5 * dt, f, c), &push);
+        let full = rigid.rates(&middle, &wrench_after(&settled, &thrust, 0.5 * dt, f, c), &push);
         for i in 0..12 {
             x[i] += dt * full[i];
         }
@@ -216,36 +222,6 @@ fn wrench_after(settled: &[f64], start: &[f64], after: f64, f: &[[f32; MAX_ROTOR
             .map(|i| f64::from(f[axis][i]) * (settled[i] + (start[i] - settled[i]) * decay))
             .sum()
     })
-}
-
-/// Eq. 1 without drag; state p, v, η, ω.
-fn rates(x: &[f64; 12], wrench: &[f64; 4], gust: &[f64; 6]) -> [f64; 12] {
-    let (m, g) = (f64::from(body().mass), f64::from(body().gravity));
-    let j = body().inertia_body.map(f64::from);
-    let (sin_roll, cos_roll) = (libm::sin(x[6]), libm::cos(x[6]));
-    let (sin_pitch, cos_pitch) = (libm::sin(x[7]), libm::cos(x[7]));
-    let (sin_yaw, cos_yaw) = (libm::sin(x[8]), libm::cos(x[8]));
-    let (p, q, r) = (x[9], x[10], x[11]);
-    let down = [
-        sin_roll * sin_yaw + cos_roll * cos_yaw * sin_pitch,
-        cos_roll * sin_yaw * sin_pitch - cos_yaw * sin_roll,
-        cos_roll * cos_pitch,
-    ];
-    let turn = q * sin_roll + r * cos_roll;
-    [
-        x[3],
-        x[4],
-        x[5],
-        (down[0] * wrench[0] + gust[0]) / m,
-        (down[1] * wrench[0] + gust[1]) / m,
-        (down[2] * wrench[0] + gust[2]) / m + g,
-        p + turn * sin_pitch / cos_pitch,
-        q * cos_roll - r * sin_roll,
-        turn / cos_pitch,
-        (wrench[1] + gust[3] + (j[1] - j[2]) * q * r) / j[0],
-        (wrench[2] + gust[4] + (j[2] - j[0]) * r * p) / j[1],
-        (wrench[3] + gust[5] + (j[0] - j[1]) * p * q) / j[2],
-    ]
 }
 
 /// When the sequential detector first said what, s.
