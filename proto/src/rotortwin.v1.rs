@@ -588,6 +588,9 @@ pub struct FdiSetup {
     pub network: ::core::option::Option<NetworkSetup>,
     #[prost(message, optional, tag = "12")]
     pub sequential: ::core::option::Option<SequentialSetup>,
+    /// There is a ground that carries the vehicle: no verdict is given on it, and the calibration counts from 2 s after leaving it.
+    #[prost(bool, tag = "13")]
+    pub ground_contact: bool,
     /// How the nominal thrust follows the duty in the residual generators of T-test and network.
     #[prost(oneof = "fdi_setup::NominalThrust", tags = "5, 6, 7")]
     pub nominal_thrust: ::core::option::Option<fdi_setup::NominalThrust>,

@@ -25,7 +25,7 @@ pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> R
         model_hash: model_hash(scenario),
         step_count: scenario.duration_steps(),
         controller: setup::controller_setup(&scenario.controller_config(), trim),
-        fdi: setup::fdi_setup(&scenario.fdi_config(), network),
+        fdi: setup::fdi_setup(&scenario.fdi_config(), network, scenario.has_ground_contact()),
     }
 }
 

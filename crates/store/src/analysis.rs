@@ -249,9 +249,10 @@ impl Analysis {
         let window_end = at(self.places.window_end) > 0.5;
         open.interval.windows += u64::from(window_end);
         let suspects = at(self.places.suspects) as u64;
-        if window_end {
+        let sequential = at(self.places.verdicts[Evaluator::Sequential as usize]) as i32;
+        if window_end && sequential != NOT_READY {
             open.interval.severity = severity(
-                at(self.places.verdicts[Evaluator::Sequential as usize]) as i32,
+                sequential,
                 suspects,
                 at(self.places.hypothesis_count) as u32,
                 self.places.losses.map(|first| core::array::from_fn(|i| at(first + i))),
@@ -262,8 +263,11 @@ impl Analysis {
             let right = is_right(verdict, suspects, &open.interval);
             let pair = pair_code(&open.interval.faulty_rotors);
             let score = open.interval.scores.of_mut(evaluator);
-            score.verdict_at_end = verdict;
-            score.right_at_end = right;
+            // A vehicle that has landed is not judged any more: what was said in the air stands.
+            if verdict != NOT_READY || open.rows == 0 {
+                score.verdict_at_end = verdict;
+                score.right_at_end = right;
+            }
             if !window_end {
                 continue;
             }

@@ -4,7 +4,11 @@ use crate::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
 use crate::link::{ControllerPeer, FdiPeer};
 use crate::setup;
 use rotortwin_flight_core::control::Controller;
-use rotortwin_flight_core::fdi::{self, FdiEngine};
+#[cfg(doc)]
+use rotortwin_flight_core::fdi::flight_watch;
+use rotortwin_flight_core::fdi::flight_watch::{FlightPhase, FlightWatch};
+use rotortwin_flight_core::fdi::{self, FdiConfig, FdiConfigError, FdiEngine, FdiOutput};
+use rotortwin_flight_core::signals::Measurement;
 use rotortwin_proto::{ControllerSetup, FdiSetup};
 
 /// The cascaded PID controller of `flight-core` (Table 5).
@@ -46,16 +50,81 @@ impl ControllerPeer for PidPeer {
     }
 }
 
+/// An FDI engine that judges in the air only, where there is a ground that carries the vehicle.
+///
+/// On the ground, and within [`flight_watch::CLEAR_TIME`] of leaving it, its output has no verdict; then the engine is as new, so that its
+/// calibration counts from there.
+pub struct AirborneEngine {
+    engine: Box<FdiEngine>,
+    landing: Option<Landing>,
+}
+
+struct Landing {
+    watch: FlightWatch,
+    /// The engine before its first sample.
+    fresh: Box<FdiEngine>,
+    /// Samples of the window that passes without a verdict; absent in the air.
+    waited: Option<u16>,
+}
+
+impl AirborneEngine {
+    /// * `ground_contact`: there is a ground that carries the vehicle
+    pub fn new(config: FdiConfig, ground_contact: bool) -> Result<Self, FdiConfigError> {
+        let engine = Box::new(FdiEngine::new(config)?);
+        let landing = ground_contact.then(|| Landing {
+            watch: FlightWatch::new(&config),
+            fresh: engine.clone(),
+            waited: None,
+        });
+        Ok(Self { engine, landing })
+    }
+
+    /// Takes in one sample.
+    #[inline]
+    pub fn step(&mut self, input: &Measurement) -> FdiOutput {
+        match &mut self.landing {
+            Some(landing) => landing.step(&mut self.engine, input),
+            None => self.engine.step(input),
+        }
+    }
+}
+
+impl Landing {
+    fn step(&mut self, engine: &mut FdiEngine, input: &Measurement) -> FdiOutput {
+        if !matches!(
+            self.watch.step(input),
+            FlightPhase::Ground { .. } | FlightPhase::TakeOff
+        ) {
+            self.waited = None;
+            return engine.step(input);
+        }
+        let waited = self.waited.get_or_insert_with(|| {
+            engine.clone_from(&self.fresh);
+            0
+        });
+        *waited += 1;
+        let window_end = *waited == engine.config().window_len;
+        if window_end {
+            *waited = 0;
+        }
+        FdiOutput {
+            window_end,
+            ..*engine.output()
+        }
+    }
+}
+
 /// Residual generators, T-test, network and sequential detector of `flight-core`.
 #[derive(Default)]
 pub struct FdiEnginePeer {
-    engine: Option<Box<FdiEngine>>,
+    engine: Option<AirborneEngine>,
 }
 
 impl FdiPeer for FdiEnginePeer {
     fn setup(&mut self, parameters: &FdiSetup) -> Result<(), String> {
         let config = setup::fdi_config(parameters)?;
-        self.engine = Some(Box::new(FdiEngine::new(config).map_err(|error| error.to_string())?));
+        let engine = AirborneEngine::new(config, parameters.ground_contact).map_err(|error| error.to_string())?;
+        self.engine = Some(engine);
         Ok(())
     }
 
@@ -71,7 +140,7 @@ impl FdiPeer for FdiEnginePeer {
 
 /// What the engine says of the step `stamp`, as a message.
 #[inline]
-pub fn report(stamp: Stamp, output: &fdi::FdiOutput) -> FdiReport {
+pub fn report(stamp: Stamp, output: &FdiOutput) -> FdiReport {
     FdiReport {
         stamp,
         residuals_nms: output.residuals.component,

@@ -194,7 +194,8 @@ pub fn controller_config(setup: &proto::ControllerSetup) -> Result<(ControllerCo
 ///
 /// * `network`: the weights behind `config.network`, which keeps them only in a form of its own; checked by
 ///   [`fdi_config`] on the other side
-pub fn fdi_setup(config: &FdiConfig, network: Option<proto::NetworkSetup>) -> proto::FdiSetup {
+/// * `ground_contact`: there is a ground that carries the vehicle
+pub fn fdi_setup(config: &FdiConfig, network: Option<proto::NetworkSetup>, ground_contact: bool) -> proto::FdiSetup {
     proto::FdiSetup {
         rotors: rotors_to_proto(&config.geometry),
         body: Some(proto::RigidBody {
@@ -223,6 +224,7 @@ pub fn fdi_setup(config: &FdiConfig, network: Option<proto::NetworkSetup>) -> pr
         sequential: Some(proto::SequentialSetup {
             parameters: sequential_to_map(&config.sequential),
         }),
+        ground_contact,
     }
 }
 

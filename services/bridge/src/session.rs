@@ -351,6 +351,13 @@ impl<L: Line> PlantLink for BoardLink<L> {
             return Err(self.nonsense("a board counts up to 2^32 steps"));
         }
         self.geometry = Some(setup::fdi_config(&setup.fdi).map_err(refused(Role::Fdi))?.geometry);
+        if self.options.board.fdi && setup.fdi.ground_contact {
+            return Err(refused(Role::Fdi)(
+                "a board's detectors calibrate by its clock, also on the ground, which this scenario has: --fdi host judges on this \
+                 computer, in the air only"
+                    .to_owned(),
+            ));
+        }
         if !self.options.board.fdi {
             self.host_fdi.setup(&setup.fdi).map_err(refused(Role::Fdi))?;
         }

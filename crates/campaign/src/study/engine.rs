@@ -16,7 +16,6 @@ use rotortwin_flight::pace::Pace;
 use rotortwin_flight::sample::Sample;
 use rotortwin_flight::setup::run_setup;
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_flight_core::fdi::FdiEngine;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_plant::batch::LANES;
 use rotortwin_plant::nearest_step;
@@ -24,7 +23,7 @@ use rotortwin_plant::vector_units::Dispatch;
 use rotortwin_scenario::Scenario;
 use rotortwin_wire::frames::LossEstimate;
 use rotortwin_wire::link::in_process::InProcessLink;
-use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
+use rotortwin_wire::peers::{AirborneEngine, FdiEnginePeer, PidPeer};
 
 /// How a flight went, besides its score.
 #[derive(Clone, Debug, PartialEq)]
@@ -153,7 +152,7 @@ pub struct FlightScorer {
     faulty_rotors: u32,
     detectors: [DetectorScorer; DETECTORS.len()],
     /// Engine, its verdict, its score.
-    curve: Vec<(Box<FdiEngine>, Verdict, DetectorScorer)>,
+    curve: Vec<(AirborneEngine, Verdict, DetectorScorer)>,
     /// Of the last window.
     verdict: i32,
     thrust_loss: LossEstimate,
@@ -178,12 +177,9 @@ impl FlightScorer {
             config.sequential.evidence_to_absorb = level + reserve;
             // Neither decides on this curve.
             config.network = None;
-            let engine = FdiEngine::new(config).map_err(|error| error.to_string())?;
-            curve.push((
-                Box::new(engine),
-                Verdict::of_code(NOT_READY),
-                DetectorScorer::new(window_steps),
-            ));
+            let engine =
+                AirborneEngine::new(config, scenario.has_ground_contact()).map_err(|error| error.to_string())?;
+            curve.push((engine, Verdict::of_code(NOT_READY), DetectorScorer::new(window_steps)));
         }
         Ok(Self {
             rotor_count,
