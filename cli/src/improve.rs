@@ -5,6 +5,7 @@ use crate::progress::Progress;
 use clap::Parser;
 use rotortwin_runner::improvement::{self, Companion};
 use rotortwin_runner::text::significant;
+use rotortwin_twin::Z95;
 use rotortwin_twin::diagnose::{Diagnosis, Finding};
 use rotortwin_twin::improve::Row;
 use rotortwin_twin::improve::report::{QUANTITIES, short};
@@ -158,7 +159,7 @@ impl Companion for Terminal<'_> {
                 .iter()
                 .map(|(name, value)| {
                     let deviation = effect.deviations.get(name).copied().unwrap_or(0.0);
-                    format!("{name} = {} ± {}", significant(*value), significant(1.96 * deviation))
+                    format!("{name} = {} ± {}", significant(*value), significant(Z95 * deviation))
                 })
                 .collect();
             self.say(&format!("Proposed     {}: {}", finding.label, values.join(", ")));

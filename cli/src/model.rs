@@ -7,6 +7,7 @@ use rotortwin_runner::grid::Grid;
 use rotortwin_runner::text::significant;
 use rotortwin_runner::versions::{Head, model_and_branch};
 use rotortwin_scenario::effect_documents;
+use rotortwin_twin::Z95;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::model::difference::{ParameterChange, Value};
 use rotortwin_twin::model::specification::effect_by_hand;
@@ -94,8 +95,8 @@ struct Add {
     /// Effect of the catalogue, such as rotor-drag
     #[arg(required_unless_present = "from")]
     effect: Option<String>,
-    /// Its parameters: name=value or name=value±deviation
-    #[arg(value_name = "PARAMETER=VALUE±SD")]
+    /// Its parameters: name=value, or name=value±half of its 95 % interval
+    #[arg(value_name = "PARAMETER=VALUE[±HALF]")]
     parameters: Vec<String>,
     /// Take the effects that a diagnosis found, from the JSON of 'rotortwin diagnose --json'
     #[arg(long, value_name = "FILE", conflicts_with_all = ["effect", "rotor", "onset"])]
@@ -193,13 +194,13 @@ fn show(found: &Found, json: bool) {
         println!("no effects: the vehicle as documented");
         return;
     }
-    let mut table = Grid::new(["effect", "parameter", "value", "± 1 sigma", "from"]);
+    let mut table = Grid::new(["effect", "parameter", "value", "± 95 %", "from"]);
     for effect in &version.effect {
         for (line, (name, value)) in effect.parameters.iter().enumerate() {
             let deviation = effect
                 .deviations
                 .get(name)
-                .map_or_else(|| "–".to_owned(), |d| significant(*d));
+                .map_or_else(|| "–".to_owned(), |d| significant(Z95 * d));
             let (label, from) = if line == 0 {
                 (effect.label(), source(effect))
             } else {
@@ -349,9 +350,9 @@ fn print_changes(difference: &Difference) {
         Some(Value {
             value,
             deviation: Some(d),
-        }) => format!("{} ± {}", significant(value), significant(d)),
+        }) => format!("{} ± {}", significant(value), significant(Z95 * d)),
     };
-    let mut table = Grid::new(["what", "key", "before", "after"]);
+    let mut table = Grid::new(["what", "key", "before", "after, ± 95 %"]);
     for ParameterChange {
         effect,
         parameter,

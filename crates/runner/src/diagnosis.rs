@@ -236,6 +236,10 @@ fn text(diagnosis: &Diagnosis) -> String {
         text += &format!("Note         {note}\n");
     }
     text += &format!(
+        "Model        {}, hash {}: what is found belongs to no other\n",
+        diagnosis.model.name, diagnosis.model.hash
+    );
+    text += &format!(
         "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",
         diagnosis.threshold
     );

@@ -31,3 +31,6 @@ pub mod next_flight;
 pub mod predict;
 pub mod propose;
 mod schema;
+
+/// Half of a 95 % interval of a normal distribution, in standard deviations: what stands behind every `±`.
+pub const Z95: f64 = 1.96;

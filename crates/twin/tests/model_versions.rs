@@ -245,8 +245,14 @@ fn val_a_bad_document_is_refused_with_file_and_key() {
 
 #[test]
 fn val_a_parameter_on_the_command_line() {
-    assert_eq!(parse_parameter("kd=0.25±0.01"), Ok(("kd".into(), 0.25, Some(0.01))));
-    assert_eq!(parse_parameter("kd=-1e-3+/-2e-4"), Ok(("kd".into(), -1e-3, Some(2e-4))));
+    assert_eq!(
+        parse_parameter("kd=0.25±0.01"),
+        Ok(("kd".into(), 0.25, Some(0.01 / 1.96)))
+    );
+    assert_eq!(
+        parse_parameter("kd=-1e-3+/-2e-4"),
+        Ok(("kd".into(), -1e-3, Some(2e-4 / 1.96)))
+    );
     assert_eq!(parse_parameter("kd=1+-0"), Ok(("kd".into(), 1.0, Some(0.0))));
     assert_eq!(parse_parameter("kd=1"), Ok(("kd".into(), 1.0, None)));
     for wrong in ["kd", "=1", "kd=x", "kd=inf", "kd=1±", "kd=1±-1", "kd=nan"] {

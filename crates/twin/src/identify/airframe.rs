@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::bench::{About, together};
 use super::class::{self, Class};
-use super::estimate::{Estimate, Z95};
+use super::estimate::Estimate;
 use super::excitation::Excitation;
 use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
 use super::frames::{self, Frame, Place};
@@ -15,6 +15,7 @@ use super::slow::Drag;
 use super::wiring::{self, Contradiction, Wiring};
 use super::yaw::{EXPLAINED, Reaction, Yaw};
 use super::{Numbers, Request, slow};
+use crate::Z95;
 use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, RotorOrder, SourceKind};
 use crate::model::constants::Source;

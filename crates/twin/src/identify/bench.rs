@@ -14,10 +14,11 @@ use std::path::PathBuf;
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
+use super::IdentifyError;
 use super::class::{self, Class};
 use super::fit::{ALPHA, BETA, Fitted, ShapePrior};
 use super::grid::mean_deviation;
-use super::{IdentifyError, estimate::Z95};
+use crate::Z95;
 use crate::bench_fit::thrust::fit_thrust;
 use crate::bench_fit::{Mapping, Table, table::Role};
 

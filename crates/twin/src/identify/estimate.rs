@@ -1,5 +1,6 @@
 //! One identified quantity: value, interval, where it came from.
 
+use crate::Z95;
 use crate::model::constants::Source;
 use serde::Serialize;
 
@@ -26,9 +27,6 @@ pub struct Estimate {
     /// What would make it better; empty where nothing is needed.
     pub better: String,
 }
-
-/// 95 % of a normal distribution lie within this many deviations.
-pub(crate) const Z95: f64 = 1.96;
 
 impl Estimate {
     /// A value with a deviation.

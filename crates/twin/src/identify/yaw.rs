@@ -7,12 +7,12 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::class;
-use super::estimate::Z95;
 use super::filters::Band;
 use super::fit::{Fitted, Series};
 use super::frames::Place;
 use super::grid::Grid;
 use super::observer::{Gains, neighbour_correlation, rate_errors, rate_grid, rate_input_errors};
+use crate::Z95;
 
 /// What yaw tells.
 #[derive(Debug, Clone, Copy)]

@@ -5,8 +5,11 @@ use std::collections::BTreeMap;
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
 
 use super::{ModelEffect, Provenance};
+use crate::Z95;
 
-/// Reads `name=value` or `name=value±deviation` (also `+-` and `+/-`).
+/// Reads `name=value` or `name=value±half` (also `+-` and `+/-`), where `half` is half of the 95 % interval, as everywhere behind a `±`.
+///
+/// Returns the name, the value and its standard deviation.
 ///
 /// # Errors
 /// One sentence with the text and what was expected.
@@ -14,18 +17,19 @@ pub fn parse_parameter(text: &str) -> Result<(String, f64, Option<f64>), String>
     let refuse = |what: &str| format!("expected {what}, such as drag=0.25±0.01, got `{text}`");
     let (name, rest) = text
         .split_once('=')
-        .ok_or_else(|| refuse("parameter=value or parameter=value±deviation"))?;
-    let (value, deviation) = ["±", "+/-", "+-"]
+        .ok_or_else(|| refuse("parameter=value or parameter=value±half of its 95 % interval"))?;
+    let (value, half) = ["±", "+/-", "+-"]
         .iter()
         .find_map(|sign| rest.split_once(sign))
-        .map_or((rest, None), |(value, deviation)| (value, Some(deviation)));
+        .map_or((rest, None), |(value, half)| (value, Some(half)));
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
     let value = number(value).ok_or_else(|| refuse("a finite number after `=`"))?;
-    let deviation = match deviation {
+    let deviation = match half {
         Some(text) => Some(
             number(text)
-                .filter(|d| *d >= 0.0)
-                .ok_or_else(|| refuse("a deviation of 0 or more after `±`"))?,
+                .filter(|half| *half >= 0.0)
+                .map(|half| half / Z95)
+                .ok_or_else(|| refuse("half of a 95 % interval, 0 or more, after `±`"))?,
         ),
         None => None,
     };

@@ -23,6 +23,7 @@ use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance, Parame
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::Z95;
 use crate::estimation::parameters::number;
 use crate::estimation::unseen::HeldOutError;
 use crate::log::FlightLog;
@@ -220,7 +221,7 @@ fn gloss(term: &ProposedTerm) -> Option<String> {
 
 /// `0.0298 ± 0.0002 N·m`, 95 %.
 fn value(term: &ProposedTerm) -> String {
-    let interval = 1.96 * term.deviation;
+    let interval = Z95 * term.deviation;
     let unit = if term.unit.is_empty() {
         String::new()
     } else {
