@@ -42,6 +42,7 @@ pub mod scratch;
 pub mod server;
 mod skip;
 pub mod slurm;
+pub mod telemetry;
 pub mod websocket;
 
 pub use skip::skip;
