@@ -1,8 +1,18 @@
 //! The link to Betaflight against a scripted peer, written from docs/autopilots.md alone: pace, switches, and what can go wrong.
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
+mod autopilots;
+mod failures;
+mod links;
+
+use autopilots::{HEXAROTOR, Watch, scenario_of};
+use failures::sentence;
+use links::{flown, outputs};
 use rotortwin_bridge::autopilot::betaflight::Betaflight;
 use rotortwin_bridge::autopilot::{OutputMap, Patience};
+use rotortwin_flight::autopilot::AutopilotOutcome;
+use rotortwin_flight::lockstep::FlightEnd;
+use rotortwin_scenario::autopilot_frame::AutopilotKind;
 use rotortwin_wire::autopilot::{Autopilot, Readings};
 use std::net::UdpSocket;
 use std::sync::Arc;
@@ -194,4 +204,168 @@ fn scenario_nobody_comes_or_the_port_is_taken() {
         "{busy}"
     );
     drop(states);
+}
+
+/// Where the motors of HEX6X sit, degrees clockwise from the nose, and whether they turn clockwise, by channel: docs/autopilots.md.
+const HEX6X: [(f64, bool); 6] = [
+    (150.0, false),
+    (30.0, false),
+    (-150.0, true),
+    (-30.0, true),
+    (90.0, true),
+    (-90.0, false),
+];
+
+/// A Betaflight that levels itself: sticks to tilts and a rate of yaw, these to rates, rates to motors.
+#[derive(Default)]
+struct Leveller {
+    sticks: Option<[u16; 16]>,
+}
+
+impl Leveller {
+    /// Pulses, µs, for one packet of state.
+    fn pulses(&self, state: &[u8]) -> [f32; 6] {
+        let number = |i: usize| f64::from_le_bytes(state[8 * i..8 * i + 8].try_into().unwrap());
+        let Some(sticks) = self.sticks.filter(|sticks| sticks[4] > 1500) else {
+            return [1000.0; 6];
+        };
+        let stick = |i: usize| (f64::from(sticks[i]) - 1500.0) / 500.0;
+        let (p, q, r) = (number(1), number(2), -number(3));
+        let [roll, pitch] = tilt([7, 8, 9, 10].map(number));
+        let (full_tilt, full_yaw) = (60f64.to_radians(), 100f64.to_radians());
+        let wanted = [
+            5.0 * (full_tilt * stick(0) - roll),
+            5.0 * (-full_tilt * stick(1) - pitch),
+            full_yaw * stick(3),
+        ];
+        let torque = [0.03 * (wanted[0] - p), 0.03 * (wanted[1] - q), 0.2 * (wanted[2] - r)];
+        let throttle = (f64::from(sticks[2]) - 1000.0) / 1000.0;
+        HEX6X.map(|(degrees, clockwise)| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let turn = if clockwise { -torque[2] } else { torque[2] };
+            let share = throttle - torque[0] * sin + torque[1] * cos + turn;
+            (1000.0 + 1000.0 * share).clamp(1055.0, 2000.0) as f32
+        })
+    }
+}
+
+/// Roll and pitch, rad, from the quaternion from which its compass is made: back by a quarter turn, and half a turn about x on both sides.
+fn tilt([a, b, c, d]: [f64; 4]) -> [f64; 2] {
+    let k = std::f64::consts::SQRT_2;
+    let [a, b, c, d] = [a, b, c, d].map(|x| k * x);
+    let (w, x, y, z) = ((a - d) / 2.0, (b + c) / 2.0, (b - c) / 2.0, (a + d) / 2.0);
+    let (y, z) = (-y, -z);
+    [
+        (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y)),
+        (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin(),
+    ]
+}
+
+/// What happens to the answer to a state.
+#[derive(Clone, Copy, PartialEq)]
+enum Answer {
+    Sent,
+    Twice,
+    Lost,
+    /// After the next one.
+    Late,
+    /// Behind a thousand datagrams that are no motors.
+    Flooded,
+    /// From here on nothing.
+    Gone,
+}
+
+/// Flies a scenario with a peer that levels itself, four times as fast as the wall clock where the machine can.
+fn fly(duration_s: f64, more: &str, happens: fn(u64) -> Answer) -> (AutopilotOutcome, Watch) {
+    let scenario = scenario_of(HEXAROTOR, duration_s, more);
+    let (port, states, sticks) = ports();
+    let mut link = Betaflight::listen(
+        &format!("betaflight:{port}@4").parse().unwrap(),
+        true,
+        outputs(AutopilotKind::Betaflight, &scenario),
+        patience(),
+    )
+    .unwrap();
+    let mut watch = Watch::default();
+    let stop = Arc::new(AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        let stopped = stop.clone();
+        let peer = scope.spawn(move || {
+            let mut leveller = Leveller::default();
+            let mut held: Option<Vec<u8>> = None;
+            states.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+            sticks.set_nonblocking(true).unwrap();
+            let mut buffer = [0; 256];
+            let mut count = 0;
+            while !stopped.load(Ordering::Relaxed) {
+                while let Ok(length) = sticks.recv(&mut buffer) {
+                    assert_eq!(length, 40);
+                    let channel = |i: usize| u16::from_le_bytes([buffer[8 + 2 * i], buffer[9 + 2 * i]]);
+                    leveller.sticks = Some(std::array::from_fn(channel));
+                }
+                let Ok((_, from)) = states.recv_from(&mut buffer) else { continue };
+                let answer = motors(leveller.pulses(&buffer));
+                let send = |bytes: &[u8]| states.send_to(bytes, from).unwrap();
+                match happens(count) {
+                    Answer::Gone => return,
+                    Answer::Lost => {}
+                    Answer::Late => held = Some(answer),
+                    happens => {
+                        if happens == Answer::Flooded {
+                            (0..1000).for_each(|_| drop(send(&[7; 16])));
+                        }
+                        send(&answer);
+                        if happens == Answer::Twice {
+                            send(&answer);
+                        }
+                        if let Some(held) = held.take() {
+                            send(&held);
+                        }
+                    }
+                }
+                count += 1;
+            }
+        });
+        let outcome = flown(&scenario, &mut link, &mut watch);
+        stop.store(true, Ordering::Relaxed);
+        drop(link);
+        peer.join().unwrap();
+        (outcome, watch)
+    })
+}
+
+#[test]
+fn scenario_takes_off_holds_lands_and_the_damaged_propeller_is_isolated() {
+    let fault = "[[fault]]\ntime_s = 12.0\nrotor = 3\nthrust_loss_percent = 10.0";
+    let (outcome, watch) = fly(18.0, fault, |_| Answer::Sent);
+    assert_eq!(outcome.flight.end, FlightEnd::Done, "{:?}", outcome.flight.end);
+    assert_eq!(outcome.flight.steps, 7200);
+    assert!(watch.farthest_m < 0.6, "{} m", watch.farthest_m);
+    assert_eq!(watch.verdict, 3);
+}
+
+/// Not lockstep: motors that are lost or late leave those before them in force, and the vehicle flies on.
+#[test]
+fn scenario_lost_late_doubled_and_flooded_motors_are_flown_with() {
+    let scripts: [(&str, fn(u64) -> Answer); 4] = [
+        ("twice", |n| if n % 7 == 3 { Answer::Twice } else { Answer::Sent }),
+        ("lost", |n| if n % 5 == 3 { Answer::Lost } else { Answer::Sent }),
+        ("out of order", |n| if n % 6 == 3 { Answer::Late } else { Answer::Sent }),
+        ("flood", |n| if n % 500 == 499 { Answer::Flooded } else { Answer::Sent }),
+    ];
+    for (name, script) in scripts {
+        let (outcome, watch) = fly(5.0, "", script);
+        assert_eq!(outcome.flight.end, FlightEnd::Done, "{name}: {:?}", outcome.flight.end);
+        assert!(watch.farthest_m < 0.8, "{name}: {} m", watch.farthest_m);
+    }
+}
+
+#[test]
+fn scenario_a_peer_that_goes_away_in_flight_is_named() {
+    let (outcome, _) = fly(30.0, "", |n| if n < 9000 { Answer::Sent } else { Answer::Gone });
+    let said = sentence(&outcome);
+    assert!(
+        said.starts_with("Betaflight at 127.0.0.1:") && said.contains("sent no motors after state "),
+        "{said}"
+    );
 }
