@@ -588,9 +588,9 @@ pub struct FdiSetup {
     pub network: ::core::option::Option<NetworkSetup>,
     #[prost(message, optional, tag = "12")]
     pub sequential: ::core::option::Option<SequentialSetup>,
-    /// There is a ground that carries the vehicle: no verdict is given on it, and the calibration counts from 2 s after leaving it.
-    #[prost(bool, tag = "13")]
-    pub ground_contact: bool,
+    /// A ground that carries the vehicle: no verdict is given on it, and the calibration counts from 2 s after leaving it. Absent: none.
+    #[prost(message, optional, tag = "13")]
+    pub ground: ::core::option::Option<Ground>,
     /// How the nominal thrust follows the duty in the residual generators of T-test and network.
     #[prost(oneof = "fdi_setup::NominalThrust", tags = "5, 6, 7")]
     pub nominal_thrust: ::core::option::Option<fdi_setup::NominalThrust>,
@@ -610,6 +610,20 @@ pub mod fdi_setup {
         #[prost(float, tag = "7")]
         LinearFullThrustN(f32),
     }
+}
+/// A plane: z = down + slope_north n + slope_east e, NED.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct Ground {
+    /// \[m\]
+    #[prost(float, tag = "1")]
+    pub down_m: f32,
+    #[prost(float, tag = "2")]
+    pub slope_north: f32,
+    #[prost(float, tag = "3")]
+    pub slope_east: f32,
+    /// Height of the vehicle's origin over it when it stands. \[m\]
+    #[prost(float, tag = "4")]
+    pub standing_height_m: f32,
 }
 /// Parameters of the T-test (section 5.3).
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

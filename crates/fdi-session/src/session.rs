@@ -21,9 +21,8 @@
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
 use super::second_look::{SecondLook, with_sequential};
-use super::validity::{ModelCheck, Obstacle};
+use super::validity::{FlightWatch, MOST_TILT, ModelCheck, Obstacle};
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_flight_core::fdi::flight_watch::{FlightWatch, MOST_TILT};
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_flight_core::fdi::window::{Baseline, WrenchStatistics};
 use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError, FdiEngine, FdiOutput, Residuals};
@@ -626,7 +625,7 @@ impl FdiSession {
     #[inline]
     fn step(&mut self, sample: &Sample, notes: &mut Vec<String>) -> Option<Window> {
         let measurement = sample.measurement();
-        match Obstacle::of_flight(self.flight.step(&measurement)) {
+        match self.flight.step(&measurement) {
             // Tilted further soon, at these rates. Most often it is a sharp turn: the engine goes on, and begins again only if it was an upset.
             Some(obstacle @ Obstacle::Upset { tilt }) if tilt < MOST_TILT && self.paused.is_none() => {
                 self.turning = Some(obstacle);

@@ -7,20 +7,57 @@
 //! Beside the engine, not in it: an engine says what its model makes of any input, and a board has no room to spare. Nothing here knows what
 //! comes later.
 //!
-//! * *Ground* and *upset*: [`rotortwin_flight_core::fdi::flight_watch`].
+//! * *Ground.* What carries the weight beside the rotors, as a share of it: s = (g − T cos φ cos θ / m − v̇_D) / g, both accelerations through
+//!   the same low-pass ([`SUPPORT_TIME`]). In flight s is an error of the model; on the ground it is the share that the ground carries.
+//!   A rotor that loses thrust makes s negative, so that a fault never looks like the ground.
+//! * *Upset.* Tilt, and where it will be in [`LOOK_AHEAD`] at the present rates, beyond 70°: thrust curve and lag were found in calm air.
 //! * *Model.* The wrench that lagged healthy rotors do not explain ([`super::second_look::SecondLook::unexplained`]), less its mean in the
 //!   calibration, less the best loss of one or two rotors, each from 0 to all of its present thrust. What is left is compared with the thrust of a rotor in hover and
 //!   with what was left in the calibration.
 //! * *Severity.* A loss whose whole interval is above all of the rotor's thrust is no loss of a rotor.
 //!
-//! Limits: gusts that rise and fall with the speed of the calibration's are never too much: what they hide is not said here.
+//! Limits: a vehicle that stands with its rotors carrying more than three quarters of the weight looks as if it flew after
+//! [`LONGEST_LIGHT`]; one whose thrust is below 60 % of what the model says looks as if it stood. Gusts that rise and fall with the speed of
+//! the calibration's are never too much: what they hide is not said here.
 
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_flight_core::fdi::flight_watch::{CLEAR_TIME, FlightPhase};
+use rotortwin_flight_core::fdi::nominal_thrust::{FirstOrderLag, static_thrust};
 #[cfg(doc)]
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_flight_core::fdi::{FdiConfig, FdiOutput, LossEstimate};
+use rotortwin_flight_core::frames::{BodyToNed, Vec3};
+use rotortwin_flight_core::signals::Measurement;
 
+/// Low-pass of accelerations and thrusts, s: a few blocks of a noisy velocity.
+const SUPPORT_TIME: f32 = 0.25;
+/// Share of the weight that something else carries, from which on the vehicle stands …
+const STANDS_SUPPORT: f32 = 0.35;
+/// … where its rotors carry less than this …
+const STANDS_THRUST: f32 = 0.65;
+/// … for so long, s.
+const STANDS_TIME: f32 = 0.2;
+/// … after an upset, s.
+const STANDS_TIME_UPSET: f32 = 1.0;
+/// It flies where the rotors carry more than this, and nothing else more than [`FLIES_SUPPORT`], for [`FLIES_TIME`].
+const FLIES_THRUST: f32 = 0.75;
+const FLIES_SUPPORT: f32 = 0.25;
+const FLIES_TIME: f32 = 0.5;
+/// Climb that shows that the ground is left, m/s; without it [`LONGEST_LIGHT`] is waited for.
+const CLIMBS: f32 = 0.2;
+/// Longest time on the ground with rotors that carry the vehicle, s.
+const LONGEST_LIGHT: f32 = 5.0;
+/// In the air before a calibration begins, s: ground effect and the transient of the take-off.
+const CLEAR_TIME: f32 = 2.0;
+/// Tilt beyond which the model is not judged by, rad: 70°, as for the parts of a log.
+pub(super) const MOST_TILT: f32 = 1.22;
+/// Tilt of a flight that goes on, rad: 60°.
+const GOOD_TILT: f32 = 1.05;
+/// A tilt is foreseen at the present rates over this time, s.
+const LOOK_AHEAD: f32 = 0.25;
+/// A reading beyond the tilt for fewer samples is a spike.
+const UPSET_SAMPLES: u16 = 5;
+/// Upright for so long, an upset is over, s.
+const UPRIGHT_TIME: f32 = 0.7;
 /// Yaw counts less: rotors that change their speed and the air drag of blades twist the vehicle beyond the model.
 const YAW_WEIGHT: f32 = 1.0 / 3.0;
 /// What may be left after the best loss: so many deviations of the calibration's remainders.
@@ -71,18 +108,6 @@ pub enum Obstacle {
     },
 }
 
-impl Obstacle {
-    /// What a phase of flight puts in the way.
-    pub fn of_flight(phase: FlightPhase) -> Option<Self> {
-        match phase {
-            FlightPhase::Air => None,
-            FlightPhase::Ground { carried } => Some(Self::Ground { carried }),
-            FlightPhase::TakeOff => Some(Self::TakeOff),
-            FlightPhase::Upset { tilt } => Some(Self::Upset { tilt }),
-        }
-    }
-}
-
 impl std::fmt::Display for Obstacle {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match *self {
@@ -120,6 +145,139 @@ impl std::fmt::Display for Obstacle {
                 100.0 * share
             ),
         }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Flight {
+    Air,
+    Ground,
+    /// Samples left.
+    TakeOff(u32),
+    /// Samples upright so far; largest tilt, rad.
+    Upset(u32, f32),
+}
+
+/// Tells the air from the ground and from an upset, sample by sample. In the air until the first samples say otherwise.
+#[derive(Clone, Debug)]
+pub struct FlightWatch {
+    config: FdiConfig,
+    lag: FirstOrderLag<MAX_ROTORS>,
+    thrust: [f32; MAX_ROTORS],
+    /// Low-passed: speed down, m/s; acceleration that the rotors make, m/s²; thrust over weight.
+    filtered: Option<[f32; 3]>,
+    /// Samples so far.
+    seen: u32,
+    flight: Flight,
+    /// Samples in a row: standing, flying, tilted.
+    standing: u32,
+    flying: u32,
+    tilted: u16,
+    climbed: bool,
+    carried: f32,
+}
+
+impl FlightWatch {
+    /// For the vehicle of an engine that has taken this configuration.
+    pub fn new(config: &FdiConfig) -> Self {
+        Self {
+            config: *config,
+            lag: FirstOrderLag::new(config.sequential.rotor_time_constant, config.period),
+            thrust: [0.0; MAX_ROTORS],
+            filtered: None,
+            seen: 0,
+            flight: Flight::Air,
+            standing: 0,
+            flying: 0,
+            tilted: 0,
+            climbed: false,
+            carried: 0.0,
+        }
+    }
+
+    /// Begins again, after a gap.
+    pub fn restart(&mut self) {
+        *self = Self::new(&self.config);
+    }
+
+    /// Lagged thrust of every healthy rotor at the last sample, N.
+    pub fn thrust(&self) -> &[f32; MAX_ROTORS] {
+        &self.thrust
+    }
+
+    /// Takes in one sample; what stands in the way of a verdict on it. A sample that the engine would reject changes nothing.
+    pub fn step(&mut self, input: &Measurement) -> Option<Obstacle> {
+        let config = &self.config;
+        let rotor_count = config.geometry.rotor_count();
+        if is_plausible(input) {
+            self.thrust = self.lag.step(&static_thrust(&config.thrust_map, rotor_count, input));
+            let force_z = config.geometry.wrench_from_thrust(&self.thrust)[0];
+            // cos φ cos θ.
+            let cosine = BodyToNed::from_euler(input.nav.attitude)
+                .to_ned(Vec3::new(0.0, 0.0, 1.0))
+                .z;
+            let speed = input.nav.velocity_ned.z;
+            let weight = config.mass * config.gravity;
+            let now = [
+                speed,
+                config.gravity + force_z * cosine / config.mass,
+                -force_z / weight,
+            ];
+            let filtered = self.filtered.get_or_insert(now);
+            // The low-pass of a derivative is the distance to the low-pass, over its time.
+            let acceleration = (speed - filtered[0]) / SUPPORT_TIME;
+            let support = (filtered[1] - acceleration) / config.gravity;
+            for (old, new) in filtered.iter_mut().zip(now) {
+                *old += (new - *old) * (config.period / SUPPORT_TIME);
+            }
+            self.carried = filtered[2];
+            let [p, q, _] = input.nav.body_rates.to_array();
+            let tilt = limited(cosine, -1.0, 1.0).acos();
+            let ahead = tilt + LOOK_AHEAD * (p * p + q * q).sqrt();
+            self.move_on(support, speed, tilt, ahead);
+        }
+        match self.flight {
+            Flight::Air => None,
+            Flight::Ground => Some(Obstacle::Ground { carried: self.carried }),
+            Flight::TakeOff(_) => Some(Obstacle::TakeOff),
+            Flight::Upset(_, tilt) => Some(Obstacle::Upset { tilt }),
+        }
+    }
+
+    fn move_on(&mut self, support: f32, speed_down: f32, tilt: f32, ahead: f32) {
+        let samples = |seconds: f32| (seconds / self.config.period).round() as u32;
+        let count = |condition: bool, so_far: u32| if condition { so_far.saturating_add(1) } else { 0 };
+        self.seen = self.seen.saturating_add(1);
+        // The low-passes begin with no acceleration.
+        let settled = self.seen > samples(2.0 * SUPPORT_TIME);
+        let stands = support > STANDS_SUPPORT && self.carried < STANDS_THRUST;
+        self.standing = count(settled && stands, self.standing);
+        self.flying = count(
+            self.carried > FLIES_THRUST && support.abs() < FLIES_SUPPORT,
+            self.flying,
+        );
+        self.climbed = self.flying > 0 && (self.climbed || speed_down < -CLIMBS);
+        self.tilted = if ahead > MOST_TILT {
+            self.tilted.saturating_add(1)
+        } else {
+            0
+        };
+        let upset = self.tilted >= UPSET_SAMPLES;
+        // In a tumble speeds come late, and rotors are idle: only what lasts is the ground.
+        let upset_now = matches!(self.flight, Flight::Upset(..));
+        let stands = self.standing >= samples(if upset_now { STANDS_TIME_UPSET } else { STANDS_TIME });
+        let flies = self.flying >= samples(if self.climbed { FLIES_TIME } else { LONGEST_LIGHT });
+        self.flight = match self.flight {
+            _ if stands => Flight::Ground,
+            Flight::Ground if flies => Flight::TakeOff(samples(CLEAR_TIME)),
+            Flight::Ground => Flight::Ground,
+            Flight::Upset(_, most) if ahead > GOOD_TILT => Flight::Upset(0, most.max(tilt)),
+            Flight::Upset(upright, _) if upright >= samples(UPRIGHT_TIME) => Flight::Air,
+            Flight::Upset(upright, most) => Flight::Upset(upright + 1, most),
+            _ if upset => Flight::Upset(0, tilt),
+            Flight::TakeOff(0) | Flight::Air => Flight::Air,
+            Flight::TakeOff(left) => Flight::TakeOff(left - 1),
+        };
     }
 }
 
@@ -268,6 +426,23 @@ fn impossible(output: &FdiOutput) -> Option<Obstacle> {
     })
 }
 
+/// No number that spoils a filter; the engine's own limits are the same or tighter.
+fn is_plausible(input: &Measurement) -> bool {
+    let nav = &input.nav;
+    let [roll, pitch, yaw] = [nav.attitude.roll, nav.attitude.pitch, nav.attitude.yaw];
+    let numbers = [
+        nav.velocity_ned.to_array(),
+        nav.body_rates.to_array(),
+        [roll, pitch, yaw],
+    ];
+    numbers
+        .as_flattened()
+        .iter()
+        .chain([&input.battery_voltage])
+        .all(|x| x.abs() <= 1e3)
+        && input.command.duty.iter().all(|duty| duty.is_finite())
+}
+
 fn norm(wrench: &[f32; 4]) -> f32 {
     wrench.iter().map(|x| x * x).sum::<f32>().sqrt()
 }
@@ -279,9 +454,8 @@ fn limited(value: f32, low: f32, high: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rotortwin_flight_core::fdi::flight_watch::FlightWatch;
-    use rotortwin_flight_core::frames::{EulerAngles, Vec3};
-    use rotortwin_flight_core::signals::{Measurement, MotorCommand, NavState};
+    use rotortwin_flight_core::frames::EulerAngles;
+    use rotortwin_flight_core::signals::{MotorCommand, NavState};
     use rotortwin_scenario::Scenario;
 
     fn config() -> FdiConfig {
@@ -332,7 +506,7 @@ mod tests {
         let mut last = None;
         for step in 0..(seconds / config.period).round() as u32 {
             let (share, speed, roll) = at(step as f32 * config.period);
-            last = Obstacle::of_flight(watch.step(&sample(config, share, speed, roll)));
+            last = watch.step(&sample(config, share, speed, roll));
         }
         last
     }
@@ -383,7 +557,7 @@ mod tests {
             let t = step as f32 * config.period;
             let mut tilted = sample(&config, 1.0, 0.0, roll_rate * t);
             tilted.nav.body_rates = Vec3::new(roll_rate, 0.0, 0.0);
-            if began.is_none() && watch.step(&tilted) != FlightPhase::Air {
+            if began.is_none() && watch.step(&tilted).is_some() {
                 began = Some(roll_rate * t);
             }
         }

@@ -2,6 +2,7 @@
 
 use crate::run_hash::model_hash;
 use rotortwin_plant::Simulation;
+use rotortwin_proto::Ground;
 use rotortwin_scenario::Scenario;
 use rotortwin_wire::link::RunSetup;
 use rotortwin_wire::setup::{self, Trim};
@@ -25,8 +26,24 @@ pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> R
         model_hash: model_hash(scenario),
         step_count: scenario.duration_steps(),
         controller: setup::controller_setup(&scenario.controller_config(), trim),
-        fdi: setup::fdi_setup(&scenario.fdi_config(), network, scenario.has_ground_contact()),
+        fdi: setup::fdi_setup(&scenario.fdi_config(), network, ground(scenario)),
     }
+}
+
+/// The ground that carries the vehicle, for detectors, which judge in the air only.
+pub fn ground(scenario: &Scenario) -> Option<Ground> {
+    let config = scenario.simulation_config();
+    let (contact, down) = (config.ground_contact.as_ref()?, config.ground_down_m?);
+    let gear = config.vehicle.landing_gear.as_ref()?;
+    let at = |north: f64, east: f64| contact.height(down, [north, east, 0.0]);
+    let deepest = gear.feet_body_m.iter().fold(0.0, |most: f64, foot| most.max(foot[2]));
+    Some(Ground {
+        down_m: at(0.0, 0.0) as f32,
+        slope_north: (at(1.0, 0.0) - at(0.0, 0.0)) as f32,
+        slope_east: (at(0.0, 1.0) - at(0.0, 0.0)) as f32,
+        // Its feet stand on the slope: their height is along the normal.
+        standing_height_m: (deepest / contact.slope_deg.to_radians().cos()) as f32,
+    })
 }
 
 #[cfg(test)]

@@ -332,11 +332,6 @@ impl Scenario {
         self.simulation.starts_trimmed
     }
 
-    /// Whether there is a ground that carries the vehicle.
-    pub fn has_ground_contact(&self) -> bool {
-        self.simulation.ground_contact.is_some()
-    }
-
     /// The flight without its documents.
     pub fn simulation_config(&self) -> &SimulationConfig {
         &self.simulation

@@ -4,12 +4,9 @@ use crate::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
 use crate::link::{ControllerPeer, FdiPeer};
 use crate::setup;
 use rotortwin_flight_core::control::Controller;
-#[cfg(doc)]
-use rotortwin_flight_core::fdi::flight_watch;
-use rotortwin_flight_core::fdi::flight_watch::{FlightPhase, FlightWatch};
 use rotortwin_flight_core::fdi::{self, FdiConfig, FdiConfigError, FdiEngine, FdiOutput};
 use rotortwin_flight_core::signals::Measurement;
-use rotortwin_proto::{ControllerSetup, FdiSetup};
+use rotortwin_proto::{ControllerSetup, FdiSetup, Ground};
 
 /// The cascaded PID controller of `flight-core` (Table 5).
 #[derive(Default)]
@@ -50,31 +47,41 @@ impl ControllerPeer for PidPeer {
     }
 }
 
+/// Closer to where it stands than this, a vehicle counts as standing, m: its rotors still carry a part of it then, and the ground the rest.
+const STANDS_WITHIN: f32 = 0.1;
+/// In the air before a calibration begins, s: the transient of the take-off.
+const CLEAR_TIME: f32 = 2.0;
+
 /// An FDI engine that judges in the air only, where there is a ground that carries the vehicle.
 ///
-/// On the ground, and within [`flight_watch::CLEAR_TIME`] of leaving it, its output has no verdict; then the engine is as new, so that its
-/// calibration counts from there.
+/// Below [`STANDS_WITHIN`], by the measured position, and for [`CLEAR_TIME`] after that, its output has no verdict; then the engine is as
+/// new, so that its calibration counts from there.
 pub struct AirborneEngine {
     engine: Box<FdiEngine>,
     landing: Option<Landing>,
 }
 
 struct Landing {
-    watch: FlightWatch,
+    ground: Ground,
     /// The engine before its first sample.
     fresh: Box<FdiEngine>,
-    /// Samples of the window that passes without a verdict; absent in the air.
-    waited: Option<u16>,
+    clear_samples: u32,
+    /// Samples until the engine takes some.
+    wait: u32,
+    /// Of the window that passes without a verdict.
+    samples: u16,
 }
 
 impl AirborneEngine {
-    /// * `ground_contact`: there is a ground that carries the vehicle
-    pub fn new(config: FdiConfig, ground_contact: bool) -> Result<Self, FdiConfigError> {
+    /// * `ground`: what carries the vehicle
+    pub fn new(config: FdiConfig, ground: Option<Ground>) -> Result<Self, FdiConfigError> {
         let engine = Box::new(FdiEngine::new(config)?);
-        let landing = ground_contact.then(|| Landing {
-            watch: FlightWatch::new(&config),
+        let landing = ground.map(|ground| Landing {
+            ground,
             fresh: engine.clone(),
-            waited: None,
+            clear_samples: (CLEAR_TIME / config.period).round() as u32,
+            wait: 0,
+            samples: 0,
         });
         Ok(Self { engine, landing })
     }
@@ -91,21 +98,24 @@ impl AirborneEngine {
 
 impl Landing {
     fn step(&mut self, engine: &mut FdiEngine, input: &Measurement) -> FdiOutput {
-        if !matches!(
-            self.watch.step(input),
-            FlightPhase::Ground { .. } | FlightPhase::TakeOff
-        ) {
-            self.waited = None;
+        let [north, east, down] = input.nav.position_ned.to_array();
+        let ground = &self.ground;
+        let height = ground.down_m + ground.slope_north * north + ground.slope_east * east - down;
+        if height < ground.standing_height_m + STANDS_WITHIN {
+            if self.wait == 0 {
+                engine.clone_from(&self.fresh);
+                self.samples = 0;
+            }
+            self.wait = self.clear_samples;
+        } else if self.wait == 0 {
             return engine.step(input);
+        } else {
+            self.wait -= 1;
         }
-        let waited = self.waited.get_or_insert_with(|| {
-            engine.clone_from(&self.fresh);
-            0
-        });
-        *waited += 1;
-        let window_end = *waited == engine.config().window_len;
+        self.samples += 1;
+        let window_end = self.samples == engine.config().window_len;
         if window_end {
-            *waited = 0;
+            self.samples = 0;
         }
         FdiOutput {
             window_end,
@@ -123,7 +133,7 @@ pub struct FdiEnginePeer {
 impl FdiPeer for FdiEnginePeer {
     fn setup(&mut self, parameters: &FdiSetup) -> Result<(), String> {
         let config = setup::fdi_config(parameters)?;
-        let engine = AirborneEngine::new(config, parameters.ground_contact).map_err(|error| error.to_string())?;
+        let engine = AirborneEngine::new(config, parameters.ground).map_err(|error| error.to_string())?;
         self.engine = Some(engine);
         Ok(())
     }

@@ -194,8 +194,12 @@ pub fn controller_config(setup: &proto::ControllerSetup) -> Result<(ControllerCo
 ///
 /// * `network`: the weights behind `config.network`, which keeps them only in a form of its own; checked by
 ///   [`fdi_config`] on the other side
-/// * `ground_contact`: there is a ground that carries the vehicle
-pub fn fdi_setup(config: &FdiConfig, network: Option<proto::NetworkSetup>, ground_contact: bool) -> proto::FdiSetup {
+/// * `ground`: what carries the vehicle
+pub fn fdi_setup(
+    config: &FdiConfig,
+    network: Option<proto::NetworkSetup>,
+    ground: Option<proto::Ground>,
+) -> proto::FdiSetup {
     proto::FdiSetup {
         rotors: rotors_to_proto(&config.geometry),
         body: Some(proto::RigidBody {
@@ -224,7 +228,7 @@ pub fn fdi_setup(config: &FdiConfig, network: Option<proto::NetworkSetup>, groun
         sequential: Some(proto::SequentialSetup {
             parameters: sequential_to_map(&config.sequential),
         }),
-        ground_contact,
+        ground,
     }
 }
 

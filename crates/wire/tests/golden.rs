@@ -284,7 +284,7 @@ fn regress_golden_hand_shake() {
         sequential: Some(SequentialSetup {
             parameters: parameters.map(|(name, value)| (name.to_owned(), value)).into(),
         }),
-        ground_contact: false,
+        ground: None,
     };
     check("Setup-fdi", &setup(Role::Fdi, setup::Parameters::Fdi(fdi.clone())));
     let with_network = FdiSetup {

@@ -102,7 +102,7 @@ proptest! {
         config.t_test.alpha_detect = alpha.0;
         config.t_test.alpha_isolate = alpha.1;
         config.sequential.calibration_end = x[0];
-        let back = fdi_config(&through_bytes(&fdi_setup(&config, None, false)));
+        let back = fdi_config(&through_bytes(&fdi_setup(&config, None, None)));
         prop_assert_eq!(back, Ok(config));
     }
 }
@@ -129,7 +129,7 @@ fn val_a_network_comes_back_the_same() {
             network: Some(network),
             ..fdi(NominalThrust::Static)
         };
-        let setup = fdi_setup(&config, Some(network_setup(6, &weights, self_calibrated)), false);
+        let setup = fdi_setup(&config, Some(network_setup(6, &weights, self_calibrated)), None);
         assert_eq!(fdi_config(&through_bytes(&setup)), Ok(config));
 
         let mut wrong = setup.clone();
@@ -146,7 +146,7 @@ fn refused_controller(change: impl FnOnce(&mut proto::ControllerSetup)) -> Strin
 }
 
 fn refused_fdi(change: impl FnOnce(&mut proto::FdiSetup)) -> String {
-    let mut setup = fdi_setup(&fdi(NominalThrust::Static), None, false);
+    let mut setup = fdi_setup(&fdi(NominalThrust::Static), None, None);
     change(&mut setup);
     fdi_config(&setup).expect_err("it must be refused")
 }

@@ -351,7 +351,7 @@ impl<L: Line> PlantLink for BoardLink<L> {
             return Err(self.nonsense("a board counts up to 2^32 steps"));
         }
         self.geometry = Some(setup::fdi_config(&setup.fdi).map_err(refused(Role::Fdi))?.geometry);
-        if self.options.board.fdi && setup.fdi.ground_contact {
+        if self.options.board.fdi && setup.fdi.ground.is_some() {
             return Err(refused(Role::Fdi)(
                 "a board's detectors calibrate by its clock, also on the ground, which this scenario has: --fdi host judges on this \
                  computer, in the air only"

@@ -4,11 +4,13 @@
 
 mod autopilots;
 mod failures;
+mod inside;
 mod links;
 
 use autopilots::{HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
-use links::{Pilot, channels, flown, outputs, patience};
+use inside::{Pilot, channels, patience};
+use links::{flown, outputs};
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
 use rotortwin_bridge::autopilot::servo_packet::ServoPacket;

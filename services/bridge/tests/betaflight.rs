@@ -303,7 +303,9 @@ fn fly(duration_s: f64, more: &str, happens: fn(u64) -> Answer) -> (AutopilotOut
                     let channel = |i: usize| u16::from_le_bytes([buffer[8 + 2 * i], buffer[9 + 2 * i]]);
                     leveller.sticks = Some(std::array::from_fn(channel));
                 }
-                let Ok((_, from)) = states.recv_from(&mut buffer) else { continue };
+                let Ok((_, from)) = states.recv_from(&mut buffer) else {
+                    continue;
+                };
                 let answer = motors(leveller.pulses(&buffer));
                 let send = |bytes: &[u8]| states.send_to(bytes, from).unwrap();
                 match happens(count) {
@@ -312,7 +314,9 @@ fn fly(duration_s: f64, more: &str, happens: fn(u64) -> Answer) -> (AutopilotOut
                     Answer::Late => held = Some(answer),
                     happens => {
                         if happens == Answer::Flooded {
-                            (0..1000).for_each(|_| drop(send(&[7; 16])));
+                            for _ in 0..1000 {
+                                send(&[7; 16]);
+                            }
                         }
                         send(&answer);
                         if happens == Answer::Twice {

@@ -14,7 +14,7 @@ use rotortwin_flight::batch::{self, BatchFlight};
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, FlightOutcome, StopReason};
 use rotortwin_flight::pace::Pace;
 use rotortwin_flight::sample::Sample;
-use rotortwin_flight::setup::run_setup;
+use rotortwin_flight::setup::{ground, run_setup};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_plant::batch::LANES;
@@ -177,8 +177,7 @@ impl FlightScorer {
             config.sequential.evidence_to_absorb = level + reserve;
             // Neither decides on this curve.
             config.network = None;
-            let engine =
-                AirborneEngine::new(config, scenario.has_ground_contact()).map_err(|error| error.to_string())?;
+            let engine = AirborneEngine::new(config, ground(scenario)).map_err(|error| error.to_string())?;
             curve.push((engine, Verdict::of_code(NOT_READY), DetectorScorer::new(window_steps)));
         }
         Ok(Self {

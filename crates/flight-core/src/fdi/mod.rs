@@ -19,7 +19,6 @@
 //! Glossary: *fault* is damage to a propeller, *failure* the loss of a rotor; *detect* says that something is wrong, *isolate*
 //! names the rotor; *baseline* is the healthy mean of a residual.
 
-pub mod flight_watch;
 pub mod lanes;
 pub mod network;
 pub mod nominal_thrust;
