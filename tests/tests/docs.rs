@@ -284,7 +284,7 @@ impl Reader {
 /// Runs a page from its first to its last command.
 fn follow(page: &'static str) {
     if Command::new("curl").arg("--version").output().is_err() {
-        skip::skip(&format!("docs/{page}: expected curl"));
+        skip(&format!("docs/{page}: expected curl"));
         return;
     }
     let text = read(page);
@@ -385,6 +385,33 @@ fn regress_columns_of_the_telemetry() {
     let schema = parquet::file::reader::FileReader::metadata(&telemetry).file_metadata().schema_descr();
     let sentence = format!("36000 rows and {} columns", schema.num_columns());
     assert!(read("run-folder.md").contains(&sentence), "docs/run-folder.md: expected '{sentence}'");
+}
+
+/// The page on usual changes counts the files of its examples.
+#[test]
+fn regress_where_to_change() {
+    let git = |words: &str| {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", words]).current_dir(repository()).output()
+    };
+    if !git("git rev-parse --is-inside-work-tree").is_ok_and(|answer| answer.status.success()) {
+        skip("docs/where-to-change.md: expected a checkout by git");
+        return;
+    }
+    let page = read("where-to-change.md");
+    let mut rows = 0;
+    for row in page.lines().filter(|line| line.contains("| `git ")) {
+        let cells: Vec<&str> = row.split(" | ").collect();
+        let [what, count, _, command] = cells[..] else {
+            panic!("expected four cells: {row}")
+        };
+        let command = command.trim_end_matches(" |").trim_matches('`');
+        let listed = git(command).expect("sh starts");
+        let files = String::from_utf8_lossy(&listed.stdout);
+        assert_eq!(count, files.lines().count().to_string(), "{what}: {command}\n{files}");
+        rows += 1;
+    }
+    assert_eq!(rows, 11, "rows with a command");
 }
 
 #[test]
