@@ -31,7 +31,10 @@ const START_PAGES: [(&str, &[&str]); 5] = [
     ),
     (
         "start-pixhawk.md",
-        &["rotortwin board list", "rotortwin fly autopilot-hover-quad --controller px4"],
+        &[
+            "rotortwin board list",
+            "rotortwin fly autopilot-hover-quad --controller px4",
+        ],
     ),
 ];
 
@@ -188,7 +191,9 @@ impl Reader {
         let mut rest = text;
         while let Some(at) = rest.find(HOST) {
             let (before, after) = rest.split_at(at + HOST.len());
-            let digits = after.find(|letter: char| !letter.is_ascii_digit()).unwrap_or(after.len());
+            let digits = after
+                .find(|letter: char| !letter.is_ascii_digit())
+                .unwrap_or(after.len());
             let (port, after) = after.split_at(digits);
             changed.push_str(before);
             changed.push_str(self.ports.entry(port.to_owned()).or_insert_with(|| {
@@ -332,14 +337,70 @@ fn val_start_pages_are_short_linked_and_run() {
         let text = read(page);
         let lines: usize = text.lines().map(|line| line.chars().count().div_ceil(100).max(1)).sum();
         assert!(lines <= LINES_OF_A_PAGE, "docs/{page}: {lines} printed lines");
-        assert!(front.contains(&format!("(docs/{page})")), "README.md: no link to docs/{page}");
-        assert!(index.contains(&format!("({page})")), "docs/README.md: no link to {page}");
+        assert!(
+            front.contains(&format!("(docs/{page})")),
+            "README.md: no link to docs/{page}"
+        );
+        assert!(
+            index.contains(&format!("({page})")),
+            "docs/README.md: no link to {page}"
+        );
         let skipped: Vec<String> = blocks(&text)
             .into_iter()
             .filter(|block| !block.is_run)
             .map(|block| block.commands[0].command.clone())
             .collect();
         assert_eq!(skipped, not_run, "docs/{page}: blocks that are {NOT_RUN}");
+    }
+}
+
+/// Limits that the front page states, as the program shows them today.
+#[test]
+fn regress_limits_of_the_front_page() {
+    let early = "fault=[{time_s=5.0, rotor=3, thrust_loss_percent=10.0}]";
+    let opposite =
+        "fault=[{time_s=20.0, rotor=2, thrust_loss_percent=10.0}, {time_s=20.0, rotor=5, thrust_loss_percent=10.0}]";
+    let hover = [
+        "fly",
+        "hover",
+        "--link",
+        "in-process",
+        "--set",
+        "duration_s=30",
+        "--set",
+    ];
+    let limits = [
+        (
+            "takes a fault of the first 10 s for the vehicle's own bias. `fly` and `campaign` warn of that",
+            [&hover[..], &[early]].concat(),
+            0,
+            &[
+                "before the calibration of the detectors ends at 10 s",
+                "Sequential detector healthy 0.0 %",
+            ][..],
+        ),
+        (
+            "Equal losses of opposite rotors at once cannot be distinguished from other such pairs",
+            [&hover[..], &[opposite]].concat(),
+            0,
+            &["ambiguous: among rotors 1, 2, 3, 4, 5, 6"],
+        ),
+        (
+            "listens on its own machine only until it has a certificate and a token",
+            vec!["serve", "--listen", "0.0.0.0:0"],
+            2,
+            &["expected --tls-cert and --tls-key, or a loopback address"],
+        ),
+    ];
+    let page = words(&std::fs::read_to_string(repository().join("README.md")).expect("it is there"));
+    for (sentence, command, code, shown) in limits {
+        assert!(page.contains(sentence), "README.md does not say: {sentence}");
+        let scratch = Scratch::new();
+        let ended = Call::new(&scratch, command).run().expect_code(code);
+        let printed = words(&format!("{} {}", ended.stdout, ended.stderr.join(" ")));
+        for line in shown {
+            assert!(printed.contains(line), "{sentence}: expected '{line}' in {printed}");
+        }
     }
 }
 
@@ -382,9 +443,14 @@ fn regress_columns_of_the_telemetry() {
     let call = Call::fly(&scratch, Link::InProcess, &shipped_scenario("short-hover"), "flown");
     let file = File::open(call.run().expect_code(0).out().join("telemetry.parquet")).expect("it was written");
     let telemetry = parquet::file::serialized_reader::SerializedFileReader::new(file).expect("it is Parquet");
-    let schema = parquet::file::reader::FileReader::metadata(&telemetry).file_metadata().schema_descr();
+    let schema = parquet::file::reader::FileReader::metadata(&telemetry)
+        .file_metadata()
+        .schema_descr();
     let sentence = format!("36000 rows and {} columns", schema.num_columns());
-    assert!(read("run-folder.md").contains(&sentence), "docs/run-folder.md: expected '{sentence}'");
+    assert!(
+        read("run-folder.md").contains(&sentence),
+        "docs/run-folder.md: expected '{sentence}'"
+    );
 }
 
 /// The page on usual changes counts the files of its examples.
@@ -418,10 +484,22 @@ fn regress_where_to_change() {
 fn val_shown_lines_are_compared_with_printed_ones() {
     let shown = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
     let printed = "one\n\ntwo  2.5 s\nthree\n";
-    for same in ["one\ntwo 2.5 s\nthree", "one\n…", "…\nthree", "one\ntwo … s\n…", "…\ntwo …\nthree"] {
+    for same in [
+        "one\ntwo 2.5 s\nthree",
+        "one\n…",
+        "…\nthree",
+        "one\ntwo … s\n…",
+        "…\ntwo …\nthree",
+    ] {
         assert_eq!(difference(&shown(same), printed), None, "{same}");
     }
-    for other in ["one\ntwo 2.6 s\nthree", "one", "…\nfour\n…", "one\nthree", "…\nthree\ntwo …"] {
+    for other in [
+        "one\ntwo 2.6 s\nthree",
+        "one",
+        "…\nfour\n…",
+        "one\nthree",
+        "…\nthree\ntwo …",
+    ] {
         assert!(difference(&shown(other), printed).is_some(), "{other}");
     }
     let page = "text\n```console\n$ a b\nc\n$ d\n```\nThis is not run by the tests:\n\n```console\n$ e\n```\n";

@@ -88,7 +88,9 @@ mod tests {
         let place = std::env::temp_dir().join(format!("figures-{}", std::process::id()));
         std::fs::create_dir_all(place.join("docs")).unwrap();
         let page = |alarms: &str, figure: &str| {
-            format!("## A hundred flights\n| T-test | {alarms} |\n## The paper's tables\nTable 6: {figure} %\n## Speed\n9.9\n")
+            format!(
+                "## A hundred flights\n| T-test | {alarms} |\n## The paper's tables\nTable 6: {figure} %\n## Speed\n9.9\n"
+            )
         };
         std::fs::write(
             place.join("docs/figures.md"),

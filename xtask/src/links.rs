@@ -158,8 +158,14 @@ fn names(line: &str) -> impl Iterator<Item = String> {
     });
     let spans = line.split('`').skip(1).step_by(2).filter(|span| {
         // A name without a folder may be that of another project's script.
-        let endings = if span.contains('/') { &SOURCES[..] } else { &SOURCES[..1] };
-        let is_source = endings.iter().any(|ending| span.len() > ending.len() && span.ends_with(ending));
+        let endings = if span.contains('/') {
+            &SOURCES[..]
+        } else {
+            &SOURCES[..1]
+        };
+        let is_source = endings
+            .iter()
+            .any(|ending| span.len() > ending.len() && span.ends_with(ending));
         let is_plain = span.chars().all(|c| c.is_alphanumeric() || "_-./{},".contains(c)) && !span.starts_with('/');
         // What begins with a folder of the root is among the paths.
         let is_path = span.split_once('/').is_some_and(|(first, _)| FOLDERS.contains(&first));
