@@ -33,7 +33,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Sub {
-    /// Fly once in the foreign simulator: the log, and the truth apart
+    /// Fly once in the independent simulator: a log, and the truth in a file of its own
     Generate(command::GenerateArgs),
     /// List what can be hidden: ids, parameters, typical sizes
     Effects {
@@ -68,7 +68,7 @@ pub struct BenchArgs {
     /// Length of a flight, s
     #[arg(long, default_value_t = 90.0)]
     pub duration_s: f64,
-    /// Folder of the results; a bench that was stopped goes on there
+    /// Folder of the results; a bench that was stopped is resumed there
     #[arg(long, default_value = "runs/blind")]
     pub out: PathBuf,
     /// Processes at a time [default: 1]

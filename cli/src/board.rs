@@ -27,7 +27,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Serial ports of this host, and the boards that there is a program for
+    /// Serial ports of this host, and the boards that have a program
     List,
     /// Identity and status of a board
     Info {

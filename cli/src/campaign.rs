@@ -72,7 +72,7 @@ pub struct FlightArgs {
     /// Threads [default: as many as this process may use]
     #[arg(long = "jobs", alias = "threads", value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
-    /// Stop after about so many flights of the campaign; without it, the same command goes on
+    /// Stop after about this many flights of the campaign; the same command without it resumes
     #[arg(long, value_name = "FLIGHTS", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
     /// Fly only this flight, and leave a whole run folder [default of --out: runs/NAME-FLIGHT, with a number if that exists]

@@ -29,7 +29,7 @@ pub struct Args {
     /// be empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Seconds after which the search begins nothing further, and answers with what it has proved until then
+    /// Seconds after which the search starts nothing new, and reports what it has proved so far
     #[arg(long, value_name = "SECONDS", default_value_t = diagnosis::TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     pub time_limit: u32,
     /// Print the diagnosis as JSON, nothing else

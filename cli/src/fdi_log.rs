@@ -45,7 +45,7 @@ pub struct LogArgs {
     /// Write every window of all detectors into this Parquet file, or CSV by its ending
     #[arg(long, value_name = "FILE")]
     series: Option<PathBuf>,
-    /// Write a page that stands alone into this file
+    /// Write a self-contained page into this file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Cells of the log's table, at most: what a server takes from strangers

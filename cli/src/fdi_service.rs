@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Which detectors.
 #[derive(Debug, clap::Args)]
 pub struct DetectorArgs {
-    /// What the detectors take for healthy: a vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file, with what the detectors can hold of its
+    /// What the detectors take for healthy: a vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file, with what the detectors can represent of its
     /// effects
     #[arg(long, alias = "vehicle", value_name = "MODEL")]
     model: String,

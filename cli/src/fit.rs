@@ -67,7 +67,7 @@ struct Input {
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Report with plots to write (.html, stands alone)
+    /// Report with plots to write (.html, self-contained)
     #[arg(long)]
     report: Option<PathBuf>,
 }

@@ -31,7 +31,7 @@ enum Action {
     Add(Box<AddArgs>),
     /// Each rotor over the flights: bias, loss, what to look at; without a name all vehicles
     Show(ShowArgs),
-    /// Somebody has looked at rotors: what was known by then asks for no inspection any more
+    /// Acknowledge that rotors have been inspected: what was known by then needs no inspection any more
     Acknowledge(MaintainArgs),
     /// Propellers were replaced: the history of these rotors begins here; nothing is deleted
     Reset(MaintainArgs),
@@ -61,7 +61,7 @@ struct ShowArgs {
     /// Print everything as JSON; of all vehicles a list
     #[arg(long)]
     json: bool,
-    /// Write a page that stands alone into this file
+    /// Write a self-contained page into this file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 }

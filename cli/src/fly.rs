@@ -90,7 +90,7 @@ pub struct Args {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub models: PathBuf,
-    /// A flight board stands where controller and FDI engine stand: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
+    /// A flight board takes the place of controller and FDI engine: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
     /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build flies, which is waited for: ardupilot[:ADDR], px4[:ADDR],
     /// betaflight[:ADDR][@SPEED]
     #[arg(long, value_name = "BOARD|AUTOPILOT", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
@@ -99,7 +99,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", conflicts_with_all = ["controller", "link", "pace"])]
     pub autopilot: Option<String>,
     /// With an autopilot: where it takes commands over MAVLink, tcp:IP:PORT or udp:IP:PORT; there it is armed, flown and landed. none:
-    /// somebody else does that. Betaflight: none, or nothing: we hold its sticks [default: ardupilot tcp:127.0.0.1:5760, px4
+    /// another program does that. Betaflight: none, or nothing: we hold its sticks [default: ardupilot tcp:127.0.0.1:5760, px4
     /// udp:127.0.0.1:14540]
     #[arg(long, value_name = "ADDR|none", requires = "controller")]
     pub pilot: Option<PilotChoice>,
@@ -120,7 +120,7 @@ pub struct Args {
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub json: bool,
-    /// SCENARIO holds all documents of a run, as its summary does
+    /// SCENARIO contains all documents of a run, as its summary does
     #[arg(long, conflicts_with_all = ["model", "fdi_model"])]
     pub documents: bool,
     /// Print each event of the run as a JSON line, nothing else; end when the standard input does

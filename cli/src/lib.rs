@@ -77,7 +77,7 @@ use std::process::ExitCode;
 struct Cli {
     #[command(flatten)]
     server: network::remote::ServerArgs,
-    /// End when the standard input does: whoever started this holds it open
+    /// End when the standard input does, which whoever started this keeps open
     #[arg(long, hide = true)]
     end_with_stdin: bool,
     #[command(subcommand)]
@@ -99,13 +99,13 @@ pub enum Command {
     /// Write a whole run as one file: ULog, MCAP, Parquet, CSV
     #[command(after_help = examples::EXPORT)]
     Export(export::Args),
-    /// Import flight logs, and show what they hold
+    /// Import flight logs, and show what they contain
     #[command(after_help = examples::LOG)]
     Log(log::Args),
     /// Run the detectors over a flight log: verdicts over time, severity, what the log lacks
     #[command(after_help = examples::FDI_LOG)]
     FdiLog(fdi_log::LogArgs),
-    /// The flights of one vehicle: what each rotor loses over them, and which propeller to look at
+    /// The flights of one vehicle: what each rotor loses over them, and which propeller to inspect
     #[command(after_help = examples::FLEET)]
     Fleet(fleet::Args),
     /// Run the detectors on measurements that come over zenoh, verdicts back
@@ -113,10 +113,10 @@ pub enum Command {
     /// Check a scenario and the files it names; prints every setting in effect
     #[command(after_help = examples::CHECK)]
     Check(show::CheckArgs),
-    /// Reproduce the paper's tables and figures, its numbers beside ours
+    /// Reproduce the paper's tables and figures, with its numbers and ours
     #[command(after_help = examples::REPRODUCE)]
     Reproduce(reproduce::Args),
-    /// Hold models against flight logs: where, when and how much they disagree
+    /// Compare models with flight logs: where, when and by how much they disagree
     #[command(after_help = examples::COMPARE)]
     Compare(compare::Args),
     /// Name the physical effect that a model lacks on flight logs, with evidence
@@ -125,7 +125,7 @@ pub enum Command {
     /// Compare, diagnose, add what is missing, compare again: until the model agrees, or the reason why it does not is known
     #[command(after_help = examples::IMPROVE)]
     Improve(improve::Args),
-    /// The manoeuvre that would tell two effects apart, as a scenario, with the evidence that is expected of it
+    /// The manoeuvre that would distinguish two effects, as a scenario, with the evidence expected from it
     #[command(after_help = examples::NEXT_FLIGHT)]
     NextFlight(next_flight::Args),
     /// The effects that a model may lack: list, equation, parameters; your own with --effects
@@ -137,7 +137,7 @@ pub enum Command {
     /// Fly a campaign: many flights of grids and random draws, with statistics of the detectors
     #[command(after_help = examples::CAMPAIGN)]
     Campaign(campaign::Args),
-    /// SQL over results: every Parquet file below folders, or of an object store, is a row of a table
+    /// SQL over results: the Parquet files in folders or in an object store, as tables
     #[command(after_help = examples::QUERY)]
     Query(query::Args),
     /// Vehicle constants from bench measurements: thrust, battery, motor lag
@@ -146,22 +146,22 @@ pub enum Command {
     /// A vehicle of your own: from a flight log, its mass and its arm
     #[command(after_help = examples::VEHICLE)]
     Vehicle(vehicle::Args),
-    /// Blind bench of the diagnosis: logs with hidden effects from a foreign simulator, and the score sheet
+    /// Blind bench of the diagnosis: logs with hidden effects from an independent simulator, and the score sheet
     #[command(after_help = examples::BLIND)]
     Blind(Box<blind::Args>),
     /// Flight boards: list, info, doctor, measure (Table 11)
     #[command(after_help = examples::BOARD)]
     Board(board::Args),
-    /// Play the plant to a third-party controller, and name what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
+    /// Play the plant to a third-party controller, and report what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
     #[command(after_help = examples::CONFORM)]
     Conform(conform::Args),
-    /// Fly one scenario with several controllers, or take flights that were flown, and compare them in one table
+    /// Fly one scenario with several controllers, or take recorded flights, and compare them in one table
     #[command(after_help = examples::CONTROLLERS)]
     Controllers(controllers::Args),
     /// Put an autopilot's simulator build on a stand, rock it, and say which of its motors is swapped or reversed
     #[command(after_help = examples::SPIN_TEST)]
     SpinTest(spin_test::Args),
-    /// Do one job of any kind that a file holds as JSON: what a worker does for a server
+    /// Do one job of any kind, described as JSON in a file, as a worker does for a server
     #[command(after_help = examples::JOB)]
     Job(job::Args),
     /// A zenoh router where the processes of runs meet, with access control
@@ -172,27 +172,27 @@ pub enum Command {
     /// Runs of a server: list, get, events, cancel, delete, fetch
     #[command(after_help = examples::RUNS)]
     Runs(network::remote::JobArgs),
-    /// Campaigns of a server: as runs
+    /// Campaigns of a server: the same as for runs
     Campaigns(network::remote::JobArgs),
-    /// Blind benches of a server: as runs
+    /// Blind benches of a server: the same as for runs
     BlindBenches(network::remote::JobArgs),
-    /// Does a server or router answer, does a worker go on? Exit code 0 if so
+    /// Check that a server or router answers, or that a worker is alive: exit code 0 if so
     Health(network::health::Args),
     /// Manage access tokens: create, list, revoke
     Token(network::token::Args),
     /// Do jobs for the servers that share a Postgres database, on this or another host
     Worker(network::serve::WorkerArgs),
-    /// Do a part of a campaign or blind bench that a server has handed to a Ray cluster: started by Ray, which is told where the part is
+    /// Do a part of a campaign or blind bench that a server has passed to a Ray cluster; started by Ray
     Part(network::part::Args),
     /// Scenarios, vehicles, campaigns … that can be named wherever a file is expected
     #[command(after_help = examples::LIST)]
     List(configuration::ListArgs),
-    /// A document of your own, begun as a copy of one that there is
+    /// A document of your own, as a copy of an existing one
     #[command(after_help = examples::NEW)]
     New(configuration::NewArgs),
     /// Where documents are looked for by name, in order
     Config,
-    /// Print what a shell needs to complete this command's words
+    /// Print the completion script of a shell
     #[command(after_help = examples::COMPLETIONS)]
     Completions(manual::CompletionsArgs),
     /// Print a manual page, or write all of them

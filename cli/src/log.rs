@@ -9,7 +9,7 @@ use rotortwin_verdicts::fleet::journal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Import flight logs, and show what they hold.
+/// Import flight logs, and show what they contain.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// What is done.
@@ -24,7 +24,7 @@ pub enum Command {
     Import(ImportArgs),
     /// Print columns, ranges, rate, gaps, and what a log can and cannot test
     Show(ShowArgs),
-    /// Draft the mapping of a CSV that another program wrote, for `log import --mapping`, and ask what its columns do not say
+    /// Draft the mapping of a CSV that another program wrote, for `log import --mapping`, and ask for what its columns do not state
     Map(MapArgs),
     /// Write an example: a flight with something hidden in it, by the independent simulator of the blind bench, and the truth apart
     Example(crate::log_example::Args),
@@ -39,7 +39,7 @@ pub struct Reading {
     /// Of a simulated run, take the truth instead of what was sensed
     #[arg(long)]
     truth: bool,
-    /// Vehicle file to hold the log against: number and order of the rotors
+    /// Vehicle file to check the log against: number and order of the rotors
     #[arg(long = "model", alias = "vehicle", value_name = "VEHICLE", value_parser = crate::named::vehicle())]
     vehicle: Option<PathBuf>,
     /// Take what can be read of a file whose checksum is wrong

@@ -39,7 +39,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Print the versions of a model, oldest first, and where its branches stand
+    /// Print the versions of a model, oldest first, and the version of each branch
     Log {
         /// MODEL
         model: String,

@@ -71,10 +71,10 @@ pub struct Args {
     /// Threads [default: as many as this process may use]
     #[arg(long = "jobs", value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// The Python whose DuckDB is asked [default: python3 beside this program, or else on the search path]
+    /// The Python with DuckDB [default: python3 in the folder of this program, or else on the search path]
     #[arg(long, value_name = "PROGRAM", env = "ROTORTWIN_PYTHON")]
     python: Option<PathBuf>,
-    /// Longest answer, bytes
+    /// Largest result, bytes
     #[arg(long, value_name = "BYTES", hide = true)]
     most_bytes: Option<u64>,
     /// Most that is put into the temporary folder, MB

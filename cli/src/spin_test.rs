@@ -20,7 +20,7 @@ pub struct Args {
     /// Scenario whose vehicle is put on the stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
     #[arg(long, value_parser = crate::named::scenario(), default_value = "autopilot-hover")]
     scenario: PathBuf,
-    /// Where the autopilot takes commands over MAVLink, as with 'rotortwin fly'; none: somebody else has it climb to the first point
+    /// Where the autopilot takes commands over MAVLink, as with 'rotortwin fly'; none: another program has it climb to the first point
     #[arg(long, value_name = "ADDR|none")]
     pilot: Option<PilotChoice>,
     #[command(flatten)]

@@ -15,7 +15,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Identify a vehicle from flight logs; what no log holds is its mass and its arm
+    /// Identify a vehicle from flight logs, its mass and its arm, which no log contains
     FromLog(FromLog),
 }
 
@@ -49,7 +49,7 @@ struct FromLog {
     /// Write NAME.toml, NAME.blades.toml, NAME.intervals.toml and NAME.report.html; must not exist
     #[arg(long, value_name = "NAME.toml")]
     out: Option<PathBuf>,
-    /// Fit each half of each flight and score it on the other: R² beside the class default
+    /// Fit each half of each flight and score it on the other: R², and that of the class default
     #[arg(long)]
     held_out: bool,
     /// Print JSON, nothing else

@@ -1,8 +1,9 @@
 //! Links and file names in Markdown that lead nowhere.
 //!
-//! Checked: relative links `[text](target)`, with the heading if the target has one; and, wherever they stand, paths that begin with
-//! a folder of the root (`crates/plant/src/vector.rs`) and names of Rust files in code spans (`vector.rs`). Not checked: addresses of
-//! the web; names with wildcards or placeholders; file names in `CHANGELOG.md`, which tells of files that are gone.
+//! Checked: relative links `[text](target)`, with the heading if the target has one; paths anywhere in the text that begin with
+//! a folder of the root (`crates/plant/src/vector.rs`); and, in code spans, names of Rust files (`vector.rs`) and ends of paths of
+//! source files (`src/vector.rs`). Not checked: addresses of the web; names with wildcards or placeholders; file names in
+//! `CHANGELOG.md`, which names files that are gone.
 
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
@@ -94,17 +95,17 @@ impl Tree {
         }
     }
 
-    /// True if a name in the text of a file is that of a file or folder: from the root, from the file's folder, or a file anywhere.
+    /// True if a name in the text of a file is that of a file or folder: from the root, from the file's folder, or, if it begins with
+    /// no folder of the root, the end of the path of a file anywhere.
     fn has_name(&self, file: &Path, name: &str) -> bool {
         if NO_FILES.iter().any(|none| Path::new(name).starts_with(none)) {
             return true;
         }
-        if !name.contains('/') {
-            return self.files.iter().any(|path| path.ends_with(name));
-        }
+        let is_from_root = name.split_once('/').is_some_and(|(first, _)| FOLDERS.contains(&first));
         expanded(name).iter().all(|name| {
             let name = name.trim_end_matches('/');
-            self.has(Path::new(name)) || self.has(&joined(file, name))
+            let is_end_of_path = || !is_from_root && self.files.iter().any(|path| path.ends_with(name));
+            self.has(Path::new(name)) || self.has(&joined(file, name)) || is_end_of_path()
         })
     }
 }
@@ -119,7 +120,7 @@ fn links(line: &str) -> impl Iterator<Item = String> {
 }
 
 /// Folders of the root that names of files begin with.
-const FOLDERS: [&str; 15] = [
+const FOLDERS: [&str; 16] = [
     "cli",
     "clients",
     "config",
@@ -134,10 +135,14 @@ const FOLDERS: [&str; 15] = [
     "tests",
     "third_party",
     "tools",
+    "web",
     "xtask",
 ];
 
-/// File names of a line: paths from the root, and Rust files in code spans.
+/// Endings of the source files whose path a code span names.
+const SOURCES: [&str; 5] = [".rs", ".proto", ".py", ".ts", ".tsx"];
+
+/// File names of a line: paths from the root, and source files in code spans.
 fn names(line: &str) -> impl Iterator<Item = String> {
     let is_part = |c: char| c.is_alphanumeric() || "_-./{},*<>…$".contains(c);
     let paths = line.split(move |c| !is_part(c)).filter_map(|word| {
@@ -152,7 +157,19 @@ fn names(line: &str) -> impl Iterator<Item = String> {
         (FOLDERS.contains(&first) && is_plain && !rest.split('/').any(is_placeholder)).then(|| word.to_owned())
     });
     let spans = line.split('`').skip(1).step_by(2).filter(|span| {
-        span.ends_with(".rs") && span.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '.') && *span != ".rs"
+        // A name without a folder may be that of another project's script.
+        let endings = if span.contains('/') {
+            &SOURCES[..]
+        } else {
+            &SOURCES[..1]
+        };
+        let is_source = endings
+            .iter()
+            .any(|ending| span.len() > ending.len() && span.ends_with(ending));
+        let is_plain = span.chars().all(|c| c.is_alphanumeric() || "_-./{},".contains(c)) && !span.starts_with('/');
+        // What begins with a folder of the root is among the paths.
+        let is_path = span.split_once('/').is_some_and(|(first, _)| FOLDERS.contains(&first));
+        is_source && is_plain && !is_path
     });
     paths.chain(spans.map(str::to_owned))
 }
@@ -207,6 +224,8 @@ mod tests {
             names(line).collect::<Vec<_>>(),
             ["crates/p/{a,b}.rs", "tests/x", "c.rs"]
         );
+        let spans = "`link/{a,b}.rs`, `x y.rs`, `/root/c.py`, `.rs`, `d.py`, `e/d.py`, `found/e.json`";
+        assert_eq!(names(spans).collect::<Vec<_>>(), ["link/{a,b}.rs", "e/d.py"]);
         assert_eq!(expanded("a/{b,c}.rs"), ["a/b.rs", "a/c.rs"]);
     }
 
@@ -222,15 +241,24 @@ mod tests {
         .unwrap();
         std::fs::write(
             &other,
-            "[gone](docs/gone.md) [heading](docs/page.md#b) `gone.rs`\ndocs/gone.toml",
+            "[gone](docs/gone.md) [heading](docs/page.md#b) `gone.rs`\ndocs/gone.toml\n`old/here.rs` `now/here.rs` `here.rs`",
         )
         .unwrap();
-        let complaints = check(&root, &[page, other]).unwrap_err().to_string();
+        std::fs::create_dir_all(root.join("docs/now")).unwrap();
+        let source = root.join("docs/now/here.rs");
+        std::fs::write(&source, "").unwrap();
+        let complaints = check(&root, &[page, other, source]).unwrap_err().to_string();
         std::fs::remove_dir_all(&root).unwrap();
         let dead: Vec<&str> = complaints.lines().skip(1).map(str::trim).collect();
         let expected = ["docs/gone.md", "docs/page.md#b", "docs/gone.md", "gone.rs"]
             .map(|name| format!("README.md:1: {name} leads nowhere"));
         assert_eq!(dead[..4], expected);
-        assert_eq!(dead[4..], ["README.md:2: docs/gone.toml leads nowhere"]);
+        assert_eq!(
+            dead[4..],
+            [
+                "README.md:2: docs/gone.toml leads nowhere",
+                "README.md:3: old/here.rs leads nowhere"
+            ]
+        );
     }
 }

@@ -12,7 +12,7 @@ pub struct Args {
     /// worker:DATA: it has given a sign of life within this time, s
     #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(4..=86_400))]
     pub silence: u64,
-    /// https: certificates that are believed (PEM)
+    /// https: trusted certificates (PEM)
     #[arg(long, value_name = "FILE")]
     pub ca: Option<PathBuf>,
 }

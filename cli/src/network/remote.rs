@@ -56,7 +56,7 @@ pub enum Verb {
         #[arg(long, value_name = "NUMBER", default_value_t = 0)]
         after: u64,
     },
-    /// Ask it to end; what it has done so far is kept
+    /// Cancel it; what it has done so far is kept
     Cancel {
         /// Its id
         id: String,

@@ -104,7 +104,7 @@ fn cpus(text: &str) -> Result<f64, String> {
 /// What parts take of a Ray cluster, and how its nodes find rotortwin and this server.
 #[derive(Debug, Parser)]
 pub struct RayArgs {
-    /// Ray: parts that are handed over at the same time; what waits there is what makes a cluster grow
+    /// Ray: parts that are submitted at the same time; what waits there is what makes a cluster grow
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub ray_parts: u16,
     /// Ray: CPUs of a part, and its threads
@@ -151,7 +151,7 @@ pub struct Args {
     /// Longest flight that is taken, s of simulated time
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub longest_flight: u32,
-    /// Name by which the server may be called, beside localhost, e.g. bench.example [default: any, if it listens to other hosts]
+    /// Name by which the server may be called, in addition to localhost, e.g. bench.example [default: any, if it listens to other hosts]
     #[arg(long, value_name = "NAME")]
     pub allow_host: Vec<String>,
     /// Pages of this origin may use the API from a browser, e.g. https://bench.example

@@ -85,10 +85,10 @@ pub(crate) struct Entry {
     topic: Mutex<Option<TopicService>>,
 }
 
-/// A session as it stands.
+/// A session and its state.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SessionView {
-    /// To be used in addresses; nobody can guess it.
+    /// To be used in addresses; it cannot be guessed.
     id: String,
     /// The detectors in effect.
     detectors: DetectorsView,
@@ -116,7 +116,7 @@ pub(crate) struct SessionView {
     last: Option<WindowView>,
     /// Verdicts of the sequential detector, each time that it changed; the latest 1000.
     changes: Vec<ChangeView>,
-    /// The session ends when nothing is asked of it for so long, s.
+    /// The session ends when it has been idle for so long, s.
     idle_limit_s: f64,
 }
 

@@ -24,7 +24,7 @@ use utoipa::ToSchema;
 /// Whose job it is where nobody has named himself.
 pub(crate) const LOCAL_TENANT: &str = "local";
 
-/// How a job stands.
+/// State of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Status {
@@ -195,7 +195,7 @@ pub(crate) struct NewJob {
 pub(crate) struct Job {
     /// Time-ordered: later jobs have larger ids.
     pub(crate) id: String,
-    /// How it stands.
+    /// Its state.
     pub(crate) status: Status,
     /// As submitted; `parts` is empty.
     pub(crate) new: NewJob,
@@ -215,7 +215,7 @@ pub(crate) struct Job {
     pub(crate) failures: i64,
     /// Who has or had it.
     pub(crate) worker: Option<String>,
-    /// Somebody wants it stopped.
+    /// A cancellation has been requested.
     pub(crate) cancel_requested: bool,
     /// JSON: how peers from outside join.
     pub(crate) ticket: Option<String>,

@@ -81,7 +81,7 @@ pub(super) async fn of(app: &App, job: &Job) -> Result<Json<Artifacts>, Problem>
         (status = 304, description = "unchanged"),
         (status = 400, description = "no path", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "no such run or file", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "there is no such range")
+        (status = 416, description = "range not satisfiable")
     ))]
 pub(crate) async fn get(
     app: Shared,

@@ -50,7 +50,7 @@ const USUAL_VEHICLE: &str = "f550";
 pub(crate) struct BenchVehicle {
     /// Name of one of the server's vehicles, or with `text`: what to call it.
     vehicle: String,
-    /// A vehicle document (TOML), as it would stand in the library's `vehicles`.
+    /// A vehicle document (TOML), as it would be in the library's `vehicles`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     text: Option<String>,
     /// With `text`: its blade document (TOML), instead of the one of the library that it names.
@@ -58,7 +58,7 @@ pub(crate) struct BenchVehicle {
     blades: Option<String>,
 }
 
-/// Logs with hidden effects from a foreign simulator, each diagnosed, and the answers scored.
+/// Logs with hidden effects from an independent simulator, each diagnosed, and the answers scored.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct BlindBenchSubmission {

@@ -41,7 +41,7 @@ pub(crate) struct CampaignSubmission {
     /// Name of one of the server's campaigns; or give `text`.
     #[serde(default)]
     campaign: Option<String>,
-    /// A campaign document (TOML), as it would stand in the library's `campaigns`.
+    /// A campaign document (TOML), as it would be in the library's `campaigns`.
     #[serde(default)]
     text: Option<String>,
     /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of the scenario's.

@@ -49,7 +49,7 @@ macro_rules! collection {
 
             #[doc = concat!("One ", $word, " with its result.")]
             #[utoipa::path(get, path = $one, summary = concat!("One ", $word, " with its result."), tag = stringify!($module), operation_id = concat!("get_", stringify!($module)), params(("id" = String, Path)), responses(
-                (status = 200, description = "how it stands", body = JobWithResult<$result>),
+                (status = 200, description = "its state", body = JobWithResult<$result>),
                 (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")
             ))]
@@ -135,7 +135,7 @@ macro_rules! collection {
                 (status = 304, description = "unchanged"),
                 (status = 400, description = "no path", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "no such job or file", body = Problem, content_type = "application/problem+json"),
-                (status = 416, description = "there is no such range")
+                (status = 416, description = "range not satisfiable")
             ))]
             pub(crate) async fn file(
                 app: Shared,

@@ -35,7 +35,7 @@ pub(crate) struct ComparedControllers {
     within_m: f64,
     /// In the order in which the runs were named.
     rows: Vec<ControllerRow>,
-    /// In what the runs differ beside their controllers, one sentence each; empty: they can be compared.
+    /// In what the runs differ apart from their controllers, one sentence each; empty: they can be compared.
     differences: Vec<String>,
 }
 

@@ -217,11 +217,11 @@ macro_rules! documents {
                 documents::get(&app, &caller, KIND, &name).await
             }
 
-            #[doc = concat!("Leaves a ", $word, " in the library, on one's own account.")]
+            #[doc = concat!("Stores a ", $word, " in the library, for your tenant.")]
             ///
-            /// It is checked as if it stood there already. One's own hides the server's of the same name. `If-None-Match: *` only creates,
+            /// It is checked as if it were there already. Your own hides the server's of the same name. `If-None-Match: *` only creates,
             /// `If-Match: ETAG` only replaces what one has seen.
-            #[utoipa::path(put, path = $one, summary = concat!("Leaves a ", $word, " in the library, on one's own account."), tag = "library", operation_id = concat!("put_", stringify!($module)),
+            #[utoipa::path(put, path = $one, summary = concat!("Stores a ", $word, " in the library, for your tenant."), tag = "library", operation_id = concat!("put_", stringify!($module)),
                 params(("name" = String, Path), ("If-Match" = Option<String>, Header), ("If-None-Match" = Option<String>, Header)),
                 request_body(content = String, content_type = "application/toml"), responses(
                 (status = 201, description = "created", body = StoredDocument, headers(("Location" = String, description = "its address"), ("ETag" = String, description = "changes with the text"))),
@@ -245,11 +245,11 @@ macro_rules! documents {
                 documents::put(&app, &caller, KIND, &name, &headers, &text?).await
             }
 
-            #[doc = concat!("Takes a ", $word, " of one's own out of the library.")]
-            #[utoipa::path(delete, path = $one, summary = concat!("Takes a ", $word, " of one's own out of the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
+            #[doc = concat!("Removes a ", $word, " of your own from the library.")]
+            #[utoipa::path(delete, path = $one, summary = concat!("Removes a ", $word, " of your own from the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
                 (status = 204, description = "deleted"),
                 (status = 400, description = "no name", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none of one's own", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "you have no document of this name", body = Problem, content_type = "application/problem+json"),
                 (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn delete(

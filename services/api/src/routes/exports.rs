@@ -80,7 +80,7 @@ impl Drop for Unnamed {
     (status = 400, description = "no such format", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
-    (status = 416, description = "there is no such range"),
+    (status = 416, description = "range not satisfiable"),
     (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn export(

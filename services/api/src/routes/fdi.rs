@@ -84,7 +84,7 @@ pub(crate) struct SessionBody {
     /// Name of one of the server's vehicles; or give `vehicle_text`.
     #[serde(default)]
     vehicle: Option<String>,
-    /// A vehicle document (TOML), as it would stand in the library's `vehicles`.
+    /// A vehicle document (TOML), as it would be in the library's `vehicles`.
     #[serde(default)]
     vehicle_text: Option<String>,
     /// Name of one of the server's classifiers; without one the network gives no verdict.
@@ -156,14 +156,14 @@ const FIELDS: [FieldView; 7] = [
     },
 ];
 
-/// What a session wants to be fed with, and where.
+/// What a session requires as input, and where.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct FeedView {
     /// POST chunks here with `?first_step=N`.
     measurements: String,
     /// WebSocket.
     stream: String,
-    /// zenoh topic for `FdiMeasurements` (proto/rotortwin/v1/fdi_service.proto), if asked for.
+    /// zenoh topic for `FdiMeasurements` (proto/rotortwin/v1/fdi_service.proto), if requested.
     measurement_topic: Option<String>,
     /// zenoh topic of `FdiVerdicts`.
     report_topic: Option<String>,
@@ -180,7 +180,7 @@ pub(crate) struct FeedView {
 /// A session that was opened.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct OpenedSession {
-    /// As it stands.
+    /// Its state.
     session: SessionView,
     /// What to send.
     feed: FeedView,
@@ -210,7 +210,7 @@ pub(crate) fn detectors(
 
 /// Opens a session.
 #[utoipa::path(post, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "open_fdi_session", request_body = SessionBody, responses(
-    (status = 201, description = "open, until nothing is asked of it for its idle time or the server ends", body = OpenedSession,
+    (status = 201, description = "open, until it has been idle for its idle time or the server ends", body = OpenedSession,
      headers(("Location" = String, description = "address of the session"))),
     (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such vehicle or classifier", body = Problem, content_type = "application/problem+json"),
@@ -280,7 +280,7 @@ pub(crate) struct OpenSessions {
     items: Vec<SessionView>,
 }
 
-/// One's own sessions that are open, as they stand. Looking at them keeps none alive.
+/// Your open sessions. Reading them keeps none alive.
 #[utoipa::path(get, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "list_fdi_sessions", responses(
     (status = 200, description = "the sessions", body = OpenSessions)
 ))]
@@ -290,7 +290,7 @@ pub(crate) async fn list(State(app): State<Arc<App>>, caller: Caller) -> Json<Op
     })
 }
 
-/// A session as it stands.
+/// A session and its state.
 #[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}", tag = "fdi", operation_id = "get_fdi_session", params(("id" = String, Path)), responses(
     (status = 200, description = "the session", body = SessionView),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
@@ -330,7 +330,7 @@ pub(crate) async fn close(
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Place {
-    /// Step of the chunk's first sample; each chunk goes on where the one before ended.
+    /// Step of the chunk's first sample; each chunk continues where the one before ended.
     first_step: u64,
     /// The steps between the last chunk and this one are lost for good. Without it a gap is refused.
     #[serde(default)]

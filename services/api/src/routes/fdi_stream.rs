@@ -28,7 +28,7 @@ const LARGEST_MESSAGE: usize = 2 << 20;
 /// `{"refusal": "...", "next_step": N}`. Binary: `FdiMeasurements`, answered with `FdiVerdicts` (proto/rotortwin/v1/fdi_service.proto).
 #[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}/stream", tag = "fdi", operation_id = "stream_fdi_session", params(("id" = String, Path)), responses(
     (status = 101, description = "WebSocket"),
-    (status = 400, description = "no WebSocket was asked for", body = Problem, content_type = "application/problem+json"),
+    (status = 400, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json"),
     (status = 403, description = "the token does not allow this", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json"),
     (status = 426, description = "this connection cannot be upgraded", body = Problem, content_type = "application/problem+json")

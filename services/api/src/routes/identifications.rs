@@ -215,7 +215,7 @@ struct Texts {
     blades: String,
 }
 
-/// Leaves the identified vehicle and its blades in the library, on one's own account; an earlier one of the same name is replaced.
+/// Stores the identified vehicle and its blades in the library, for your tenant; an earlier one of the same name is replaced.
 #[utoipa::path(post, path = "/api/v1/identifications/{id}/keep", tag = "identifications", operation_id = "keep_identification",
     params(("id" = String, Path)), responses(
     (status = 201, description = "left there", body = KeptVehicle, headers(("Location" = String, description = "address of the vehicle"))),

@@ -35,11 +35,11 @@ pub(crate) struct JobView {
     name: String,
     /// On whose account.
     tenant: String,
-    /// How it stands.
+    /// Its state.
     status: Status,
     /// Larger goes first among the jobs of a tenant.
     priority: i64,
-    /// What was asked for, in short.
+    /// The request, in short.
     #[schema(value_type = Object)]
     facts: serde_json::Value,
     /// The job that it was made from.
@@ -56,7 +56,7 @@ pub(crate) struct JobView {
     attempts: i64,
     /// Who has or had it.
     worker: Option<String>,
-    /// Somebody wants it stopped.
+    /// A cancellation has been requested.
     cancel_requested: bool,
     /// Bytes of its files.
     bytes: i64,

@@ -53,7 +53,7 @@ super::documents!(
 pub(crate) struct ToValidate {
     /// Name of one of the server's scenarios.
     scenario: Option<String>,
-    /// A scenario document (TOML), as it would stand in the library's `scenarios`.
+    /// A scenario document (TOML), as it would be in the library's `scenarios`.
     text: Option<String>,
     /// Keys to set on the named scenario, `key=value`.
     #[serde(default)]

@@ -60,7 +60,7 @@ pub(crate) struct Subscription {
     from_s: Option<f64>,
 }
 
-/// What comes: JSON text messages, told apart by `type`.
+/// What comes: JSON text messages, distinguished by `type`.
 #[derive(Serialize, ToSchema)]
 #[serde(tag = "type", rename_all = "lowercase")]
 #[expect(dead_code, reason = "for the OpenAPI document: the messages are written by hand")]
@@ -69,7 +69,7 @@ pub(crate) enum LiveMessage {
     Start {
         /// Id.
         run: String,
-        /// How the run stands.
+        /// State of the run.
         status: String,
         /// `name` and `unit` of each channel.
         #[schema(value_type = Vec<Object>)]
@@ -77,7 +77,7 @@ pub(crate) enum LiveMessage {
         /// Most samples a second of wall clock.
         rate_hz: f64,
     },
-    /// What was before, some rows at a time; `sample` goes on after it without a hole.
+    /// What was before, some rows at a time; `sample` continues after it without a gap.
     History {
         /// Simulated time of each row.
         time_s: Vec<f64>,
@@ -111,7 +111,7 @@ pub(crate) enum LiveMessage {
     },
     /// Nothing more will come.
     End {
-        /// How the run stands.
+        /// State of the run.
         status: String,
         /// Samples that were sent.
         samples: u64,
@@ -198,10 +198,10 @@ impl Selection {
 /// Live telemetry by WebSocket: `start`, then `sample` while the run flies, then `end`. A client that is too slow gets `lost`.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/live", tag = "telemetry", operation_id = "run_live", params(("id" = String, Path), Subscription), responses(
     (status = 101, description = "a WebSocket on which JSON text messages come", body = LiveMessage),
-    (status = 400, description = "no WebSocket was asked for, or a parameter is none", body = Problem, content_type = "application/problem+json"),
+    (status = 400, description = "not a WebSocket request, or an invalid parameter", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "no such channel, no such rate", body = Problem, content_type = "application/problem+json"),
-    (status = 426, description = "no WebSocket was asked for", body = Problem, content_type = "application/problem+json")
+    (status = 426, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn live(
     State(app): State<Arc<App>>,

@@ -160,7 +160,7 @@ pub(crate) struct HiddenTruth {
 #[utoipa::path(get, path = "/api/v1/logs/{id}/truth", tag = "logs", operation_id = "log_truth", params(("id" = String, Path)), responses(
     (status = 200, description = "the truth", body = HiddenTruth),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such log, or nobody knows its truth", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such log, or its truth is not known", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn truth(

@@ -89,7 +89,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "identifications", description = "A vehicle from flight logs, mass and arm"),
         (name = "models", description = "Models that grow: versions, additions, undo, branches, differences"),
         (name = "fdi", description = "Fault detection as a service: sessions that are fed with measurements, and logs that are judged"),
-        (name = "library", description = "Scenarios, vehicles, blades, effects and models that can be named: the server's, and one's own"),
+        (name = "library", description = "Scenarios, vehicles, blades, effects and models that can be named: the server's, and your own"),
         (name = "verifications", description = "Runs that are flown again, to compare their hashes"),
         (name = "server", description = "How the server is")
     ),
@@ -104,7 +104,7 @@ struct SignIn;
 impl Modify for SignIn {
     fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
         let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-            "A token of `rotortwin token create`; without any token ever made, nobody is asked",
+            "A token of `rotortwin token create`; not needed as long as no token has ever been made",
         ));
         let session = ApiKeyValue::with_description(
             crate::sessions::COOKIE,
@@ -248,7 +248,7 @@ fn add_refusals_of_access(api: &mut utoipa::openapi::OpenApi) {
                 ("401", "no token, or one that is worth nothing"),
                 (
                     "403",
-                    "the token does not allow this, or a web page of somebody else asks",
+                    "the token does not allow this, or the request comes from a web page of another origin",
                 ),
                 ("421", "this server does not go by that name"),
                 ("429", "more than is allowed"),

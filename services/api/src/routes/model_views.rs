@@ -29,7 +29,7 @@ pub(crate) struct ModelHistory {
 pub(crate) struct BranchView {
     /// `main`, or its own name.
     name: String,
-    /// The version that it stands at.
+    /// Its version.
     version: u32,
     /// Content hash of that version: `If-Match` of what is to come after it.
     hash: String,
@@ -157,7 +157,7 @@ pub(crate) struct KeyChangeView {
 pub(crate) struct AddedVersion {
     /// Name of the model.
     pub(crate) model: String,
-    /// Branch that stands at the version now.
+    /// Branch that is at the version now.
     pub(crate) branch: String,
     /// The new version.
     pub(crate) version: VersionView,
@@ -174,7 +174,7 @@ pub(crate) struct UndoneVersion {
     pub(crate) branch: String,
     /// Number of the version that it stood at.
     pub(crate) left: u32,
-    /// The version that it stands at now.
+    /// Its present version.
     pub(crate) version: VersionView,
 }
 

@@ -42,7 +42,7 @@ pub(crate) struct NewModel {
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Addition {
-    /// Which branch goes on; `main` without it.
+    /// Which branch is continued; `main` without it.
     branch: Option<String>,
     /// Id of a diagnosis that was made on this model: all the effects that it found.
     diagnosis: Option<String>,
@@ -60,7 +60,7 @@ pub(crate) struct Addition {
     note: String,
 }
 
-/// An effect with values that somebody gives.
+/// An effect with given values.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct HandEffect {
@@ -191,7 +191,7 @@ pub(crate) async fn history(
     (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such model, branch or diagnosis", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "the diagnosis is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 412, description = "the branch stands elsewhere", body = Problem, content_type = "application/problem+json"),
+    (status = 412, description = "the branch is at another version", body = Problem, content_type = "application/problem+json"),
     (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "it cannot be added: nothing was found, it was found on another model, or the values make no vehicle", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "the disk is full, or there are too many", body = Problem, content_type = "application/problem+json")
@@ -258,11 +258,11 @@ pub(crate) async fn add(
 /// Puts a branch back to the version before. No version goes: a branch can be made at the one that was left.
 #[utoipa::path(post, path = "/api/v1/models/{name}/undo", tag = "models", operation_id = "undo_model", request_body = Undo,
     params(("name" = String, Path), ("If-Match" = Option<String>, Header, description = "content hash of the head of the branch")), responses(
-    (status = 200, description = "put back", body = UndoneVersion, headers(("ETag" = String, description = "content hash of the version that it stands at now"))),
+    (status = 200, description = "put back", body = UndoneVersion, headers(("ETag" = String, description = "content hash of its present version"))),
     (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such model or branch", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it stands at the first version", body = Problem, content_type = "application/problem+json"),
-    (status = 412, description = "the branch stands elsewhere", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it is at the first version", body = Problem, content_type = "application/problem+json"),
+    (status = 412, description = "the branch is at another version", body = Problem, content_type = "application/problem+json"),
     (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "the body makes no sense", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")

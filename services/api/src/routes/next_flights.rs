@@ -35,13 +35,13 @@ const MODELS: &str = "models";
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NextFlightSubmission {
-    /// The model as it stands.
+    /// The present model.
     model: ModelChoice,
     /// Ids in the catalogue; with the rotor where an effect has one: `rotor-thrust-scale#3`.
     between: [String; 2],
 }
 
-/// Asks for the manoeuvre that would tell two effects apart.
+/// Submits a search for the manoeuvre that would distinguish two effects.
 ///
 /// The result lists manoeuvres, the best one first; `artifacts/next-flight.toml` is the best one as a scenario.
 #[utoipa::path(post, path = "/api/v1/next-flights", tag = "next_flights", operation_id = "submit_next_flight", request_body = NextFlightSubmission,

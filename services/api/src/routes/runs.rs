@@ -42,7 +42,7 @@ pub(crate) struct Run {
     vehicle: String,
     /// On whose account.
     tenant: String,
-    /// How it stands.
+    /// Its state.
     status: Status,
     /// Of all noise.
     seed: u64,
@@ -68,9 +68,9 @@ pub(crate) struct Run {
     attempts: i64,
     /// Who has or had it.
     worker: Option<String>,
-    /// What the run waits for in the queue, beside a free worker: its autopilot is busy or away. Not in lists.
+    /// What the run waits for in the queue, apart from a free worker: its autopilot is busy or away. Not in lists.
     waits_because: Option<String>,
-    /// Somebody wants it stopped.
+    /// A cancellation has been requested.
     cancel_requested: bool,
     /// Bytes of its files.
     bytes: i64,
@@ -243,7 +243,7 @@ pub(crate) struct Tickets {
     (status = 200, description = "how they join", body = Tickets),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "nobody is waited for, or not yet", body = Problem, content_type = "application/problem+json")
+    (status = 409, description = "the run waits for no peer, or not yet", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn ticket(
     app: Shared,

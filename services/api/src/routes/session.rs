@@ -27,7 +27,7 @@ pub(crate) struct SignIn {
 pub(crate) struct SignedIn {
     /// Everybody needs a token.
     needs_token: bool,
-    /// It is known who asks.
+    /// The caller is known.
     signed_in: bool,
     /// On whose account.
     tenant: Option<String>,
@@ -65,9 +65,9 @@ impl SignedIn {
     }
 }
 
-/// Who asks, and whether a token is needed: the one address that tells it to everybody.
+/// Identity of the caller, and whether a token is needed; open to all.
 #[utoipa::path(get, path = "/api/v1/session", tag = "server", operation_id = "get_session", responses(
-    (status = 200, description = "who asks", body = SignedIn)
+    (status = 200, description = "the caller", body = SignedIn)
 ))]
 pub(crate) async fn get(app: Shared, headers: HeaderMap) -> Result<Json<SignedIn>, Problem> {
     if !app.database.has_tokens().await? {
@@ -103,7 +103,7 @@ pub(crate) async fn sign_in(app: Shared, body: Result<JsonObject<SignIn>, Proble
 
 /// Signs out: the session is over, here and in the browser.
 #[utoipa::path(delete, path = "/api/v1/session", tag = "server", operation_id = "sign_out", responses(
-    (status = 204, description = "nobody is signed in")
+    (status = 204, description = "no one is signed in")
 ))]
 pub(crate) async fn sign_out(app: Shared, headers: HeaderMap) -> Result<Response, Problem> {
     if let Some(secret) = secret(&headers) {

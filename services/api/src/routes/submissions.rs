@@ -30,7 +30,7 @@ pub(crate) struct Submission {
     /// Name of one of the server's scenarios; or give `text`.
     #[serde(default)]
     scenario: Option<String>,
-    /// A scenario document (TOML), as it would stand in the library's `scenarios`.
+    /// A scenario document (TOML), as it would be in the library's `scenarios`.
     #[serde(default)]
     text: Option<String>,
     /// All documents of a flight (TOML), as the summary of a run holds them: nothing is looked up in the library.
@@ -61,14 +61,14 @@ pub(crate) struct Submission {
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// Who flies: ours beside the plant, ours on a worker that offers it, somebody else's that joins with the run's ticket, or an autopilot
+    /// Who flies: ours with the plant, ours on a worker that offers it, a third-party one that joins with the run's ticket, or an autopilot
     /// by its name.
     #[serde(default)]
     controller: Controller,
     /// Who detects: as for the controller.
     #[serde(default)]
     fdi: Place,
-    /// Parts that are not beside the plant are waited for this long, ms.
+    /// Parts that are not with the plant are awaited this long, ms.
     #[serde(default = "join_timeout")]
     #[schema(minimum = 1, maximum = 3_600_000)]
     join_timeout_ms: u64,

@@ -59,7 +59,7 @@ pub(crate) struct Table {
     rows: Vec<Vec<Value>>,
 }
 
-/// Compares runs: a row for each, with the numbers of its summary that are asked for.
+/// Compares runs: a row for each, with the requested numbers of its summary.
 #[utoipa::path(get, path = "/api/v1/table", tag = "runs", operation_id = "compare_runs", params(TableQuery), responses(
     (status = 200, description = "the table; without `columns`, one row: the names of the columns of the latest runs", body = Table),
     (status = 400, description = "a query that is none", body = Problem, content_type = "application/problem+json")

@@ -64,7 +64,7 @@ pub(crate) struct ChannelInfo {
     unit: String,
     /// What it means.
     description: String,
-    /// `f64`, `f32`, `i32`, `i64`, `bool`; `text` and `other` cannot be asked for.
+    /// `f64`, `f32`, `i32`, `i64`, `bool`; `text` and `other` cannot be requested.
     #[schema(value_type = String)]
     kind: ChannelKind,
 }

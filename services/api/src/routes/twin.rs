@@ -70,7 +70,7 @@ pub(crate) struct TwinSubmission {
     more_models: Vec<ModelChoice>,
     /// Which flights; all of one vehicle.
     flights: Flights,
-    /// Diagnosis: effects of one's own that may be named, too (TOML).
+    /// Diagnosis: your own effects that may be named, too (TOML).
     #[serde(default)]
     effects: Vec<String>,
     /// Diagnosis: names of effect documents of the library that may be named, too.

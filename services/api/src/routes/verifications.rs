@@ -63,7 +63,7 @@ pub(crate) struct Verification {
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "it was not done", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "this version cannot fly it", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "it has not ended within 10 minutes, or the server is ending; the job goes on", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "it has not ended within 10 minutes, or the server is shutting down; the job continues", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn verify(

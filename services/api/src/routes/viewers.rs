@@ -31,10 +31,10 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// A run live in Foxglove and Lichtblick, by Foxglove's WebSocket protocol.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/foxglove", tag = "telemetry", operation_id = "run_foxglove", params(("id" = String, Path)), responses(
     (status = 101, description = "a WebSocket of the protocol foxglove.sdk.v1 or foxglove.websocket.v1"),
-    (status = 400, description = "no WebSocket of that protocol was asked for", body = Problem, content_type = "application/problem+json"),
+    (status = 400, description = "not a WebSocket request of that protocol", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "the run cannot be shown by this version", body = Problem, content_type = "application/problem+json"),
-    (status = 426, description = "no WebSocket was asked for", body = Problem, content_type = "application/problem+json")
+    (status = 426, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn view(
     State(app): State<Arc<App>>,
