@@ -1,7 +1,7 @@
 //! The same scenario and seed give the same run, bit for bit: over every link, however the processes are scheduled, and again.
 
 use rotortwin_tests::process::wait_until;
-use rotortwin_tests::program::{Call, Link, PATIENCE, Run, number, text, whole};
+use rotortwin_tests::program::{Call, Link, PATIENCE, Run, number, whole};
 use rotortwin_tests::random::Random;
 use rotortwin_tests::scratch::{SHORT_FLIGHT_STEPS, Scratch, repository, shipped_scenario, short_flight};
 use rotortwin_tests::telemetry::columns;
