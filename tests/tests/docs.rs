@@ -436,7 +436,22 @@ fn regress_run_hashes_in_the_book() {
     assert!(stale.is_empty(), "no flight of {flown:?}:\n{}", stale.join("\n"));
 }
 
-/// The page on the run folder says how many columns there are.
+/// `a_{b,c}_N` → `a_b_1`, `a_b_2`, …, `a_c_6`.
+fn expanded(name: &str, rotors: usize) -> Vec<String> {
+    if let Some((before, rest)) = name.split_once('{') {
+        let (choices, after) = rest.split_once('}').expect("a brace that opens closes");
+        return choices
+            .split(',')
+            .flat_map(|choice| expanded(&format!("{before}{choice}{after}"), rotors))
+            .collect();
+    }
+    match name.split_once("_N") {
+        Some((before, after)) => (1..=rotors).map(|rotor| format!("{before}_{rotor}{after}")).collect(),
+        None => vec![name.to_owned()],
+    }
+}
+
+/// The page on the run folder says how many columns there are, and names each.
 #[test]
 fn regress_columns_of_the_telemetry() {
     let scratch = Scratch::new();
@@ -446,10 +461,28 @@ fn regress_columns_of_the_telemetry() {
     let schema = parquet::file::reader::FileReader::metadata(&telemetry)
         .file_metadata()
         .schema_descr();
+    let page = read("run-folder.md");
     let sentence = format!("36000 rows and {} columns", schema.num_columns());
-    assert!(
-        read("run-folder.md").contains(&sentence),
-        "docs/run-folder.md: expected '{sentence}'"
+    assert!(page.contains(&sentence), "docs/run-folder.md: expected '{sentence}'");
+
+    let (_, section) = page.split_once("## `telemetry.parquet`").expect("its section");
+    let (section, _) = section.split_once("\n## ").unwrap_or((section, ""));
+    let named: BTreeSet<String> = section
+        .lines()
+        .filter_map(|line| line.strip_prefix("| `")?.split(" | ").next())
+        .flat_map(|cell| cell.split('`').step_by(2))
+        .flat_map(|name| expanded(name, 6))
+        .collect();
+    let written: BTreeSet<String> = schema.columns().iter().map(|column| column.name().to_owned()).collect();
+    assert_eq!(
+        written.difference(&named).collect::<Vec<_>>(),
+        [""; 0],
+        "columns that the page does not name"
+    );
+    assert_eq!(
+        named.difference(&written).collect::<Vec<_>>(),
+        [""; 0],
+        "columns that only the page names"
     );
 }
 
