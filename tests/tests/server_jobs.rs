@@ -108,10 +108,11 @@ seed = 9
 flights = 70
 
 [set]
-fault = [{ time_s = 2.5, rotor = 2, thrust_loss_percent = 9.0 }]
+duration_s = 8.0
+fault = [{ time_s = 5.5, rotor = 2, thrust_loss_percent = 9.0 }]
 [set.fdi]
 calibration_start_s = 0.75
-calibration_end_s = 1.75
+calibration_end_s = 4.75
 
 [[axis]]
 name = "charge"
@@ -454,11 +455,19 @@ fn scenario_runs_are_filtered_by_vehicle_time_and_verdict() {
     let scratch = Scratch::new();
     let server = Server::start(&scratch.path("data"));
     let fly = |more: &[&str]| {
-        let set = [&["fdi.calibration_start_s=0.75", "fdi.calibration_end_s=1.75"], more].concat();
+        let set = [
+            &[
+                "duration_s=8.0",
+                "fdi.calibration_start_s=0.75",
+                "fdi.calibration_end_s=4.75",
+            ],
+            more,
+        ]
+        .concat();
         server.ended(&server.submit(&json!({ "scenario": "short-hover", "set": set, "link": "in-process" })))
     };
     let healthy = fly(&[]);
-    let damaged = fly(&["fault=[{time_s=2.0, rotor=3, thrust_loss_percent=9.0}]"]);
+    let damaged = fly(&["fault=[{time_s=5.5, rotor=3, thrust_loss_percent=9.0}]"]);
     assert_eq!(
         (&healthy["verdict"], &damaged["verdict"]),
         (&json!(0), &json!(3)),
