@@ -170,6 +170,11 @@ description = "eight flights"
 scenario = "../scenarios/short-hover.toml"
 seed = 5
 flights = 8
+[set]
+duration_s = 6.0
+[set.fdi]
+calibration_start_s = 0.75
+calibration_end_s = 4.75
 [[axis]]
 name = "charge"
 key = "initial.state_of_charge"

@@ -56,10 +56,10 @@ export function CampaignFlights(props: { id: string; look: Look }) {
           <table class="small">
             <thead>
               <tr>
-                <th class="r" scope="col">Flight</th>
+                <th class="r" scope="col">Flight</th><th scope="col">Run</th>
                 <For each={axes()}>{(axis) => <th scope="col">{axis}</th>}</For>
                 <th scope="col">Faulty</th><th class="r" scope="col">windows in this cell</th><th scope="col">verdict at end</th>
-                <th class="r" scope="col">detected after, s</th><th class="r" scope="col">isolated after, s</th><th class="r" scope="col">false alarms</th><th scope="col">Run hash</th><th scope="col">Run</th>
+                <th class="r" scope="col">detected after, s</th><th class="r" scope="col">isolated after, s</th><th class="r" scope="col">false alarms</th><th scope="col">Run hash</th>
               </tr>
             </thead>
             <tbody>
@@ -67,6 +67,13 @@ export function CampaignFlights(props: { id: string; look: Look }) {
                 {(one) => (
                   <tr>
                     <td class="r">{one.flight}</td>
+                    <td>
+                      <Show when={one.status !== "refused"} fallback="cannot be flown">
+                        <button type="button" disabled={opening() !== undefined} aria-label={`Open flight ${one.flight} as a run`} onClick={() => void open(one.flight)}>
+                          {opening() === one.flight ? "Opening …" : one.run ? "Open" : "Fly and open"}
+                        </button>
+                      </Show>
+                    </td>
                     <For each={one.parameters}>{(parameter) => <td class="num">{typeof parameter.value === "number" && !Number.isInteger(parameter.value) ? short(parameter.value, 4) : String(parameter.value)}</td>}</For>
                     <td>{one.faulty_rotors.length === 0 ? "–" : `rotor ${one.faulty_rotors.join(", ")}${typeof one.fault_onset_s === "number" ? ` from ${short(one.fault_onset_s)} s` : ""}`}</td>
                     <td class="r">{one.windows.toLocaleString("en")}</td>
@@ -75,13 +82,6 @@ export function CampaignFlights(props: { id: string; look: Look }) {
                     <td class="r">{short(one.isolated_after_s)}</td>
                     <td class="r">{one.false_alarm_events}</td>
                     <td class="mono">{one.run_hash.slice(0, 8)}</td>
-                    <td>
-                      <Show when={one.status !== "refused"} fallback="cannot be flown">
-                        <button type="button" disabled={opening() !== undefined} aria-label={`Open flight ${one.flight} as a run`} onClick={() => void open(one.flight)}>
-                          {opening() === one.flight ? "Opening …" : one.run ? "Open" : "Fly and open"}
-                        </button>
-                      </Show>
-                    </td>
                   </tr>
                 )}
               </For>

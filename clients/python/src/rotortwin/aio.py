@@ -72,7 +72,6 @@ class AsyncCampaigns(AsyncResource[Job]):
         body |= {} if classifier is None else {"classifier": classifier}
         return await self._do(self._operations.submit(body, idempotency_key))
 
-
     async def flights(
         self,
         id: str,

@@ -74,7 +74,6 @@ class Campaigns(Resource[Job]):
         body |= {} if classifier is None else {"classifier": classifier}
         return self._do(self._operations.submit(body, idempotency_key))
 
-
     def flights(
         self,
         id: str,
