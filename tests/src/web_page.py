@@ -1062,7 +1062,6 @@ def cells(browser: Browser) -> None:
     assert rows.count() == len(flights) and cell.get_attribute("aria-pressed") == "true", "the address says what is looked at"
     number = rows.nth(1).locator("td").first.inner_text()
     rows.nth(1).get_by_role("button", name=f"Open flight {number} as a run").click()
-    page.locator("h1 + .tag", has_text="done").wait_for()
     page.get_by_text("the same samples as there").wait_for()
     run = page.url.split("/runs/")[1].split("?")[0]
     flight = api(f"/campaigns/{job}/flights?cursor={number}&limit=1")["items"][0]
@@ -1071,7 +1070,7 @@ def cells(browser: Browser) -> None:
     page.go_back()
     rows.first.locator("button").wait_for()
     page.get_by_role("button", name=f"Open flight {number} as a run").filter(has_text=re.compile("^Open$")).click()
-    page.locator("h1 + .tag", has_text="done").wait_for()
+    page.get_by_text("the same samples as there").wait_for()
     assert page.url.split("/runs/")[1].split("?")[0] == run
     page.get_by_role("link", name="a campaign").click()
     cell.click()
