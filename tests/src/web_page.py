@@ -165,7 +165,7 @@ def loop(browser: Browser) -> None:
     assert abs(float(shown[1]) - parameter["value"]) < 0.51e-4 and abs(float(shown[2]) - parameter["interval_95"]) < 0.51e-4, shown[0]
     same_as_the_command(diagnosis, "drag.parquet")
     labels = page.locator("#step-6 h3", has_text="Error of each version").all_inner_texts()
-    assert len(labels) == 2 and "drag.parquet, fitted" in labels[0].replace("drag,", "drag.parquet,") and "held out" in labels[1], labels
+    assert len(labels) == 2 and "on drag, fitted" in labels[0] and "on drag-again, held out" in labels[1], labels
     before, held_out = force_ratios(page), force_ratios(page, 1)
     assert len(before) == 1 and before[0] > 5 and held_out[0] > 5, (before, held_out)
     add.click()

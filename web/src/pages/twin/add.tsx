@@ -40,7 +40,7 @@ export function Add(props: { twin: Twin }) {
       }));
   const label = (place: number) => {
     const name = logs()[place]?.log.name ?? "";
-    return logs().length === 1 ? `on ${name}` : place < Math.max(1, props.twin.logs().length) ? `${name}, fitted` : `${name}, held out`;
+    return `on ${name}${logs().length === 1 ? "" : place < Math.max(1, props.twin.logs().length) ? ", fitted" : ", held out"}`;
   };
   return (
     <Step
