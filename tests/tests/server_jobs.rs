@@ -99,6 +99,135 @@ fn scenario_a_campaign_in_parts_is_the_campaign_of_the_command_line() {
     }
 }
 
+/// Losses that a detector with little data does not always see.
+const CELLS: &str = r#"
+name = "cells"
+description = "some rotors lose a little, some much"
+scenario = "../scenarios/short-hover.toml"
+seed = 9
+flights = 70
+
+[set]
+duration_s = 8.0
+fault = [{ time_s = 5.5, rotor = 2, thrust_loss_percent = 9.0 }]
+[set.fdi]
+calibration_start_s = 0.75
+calibration_end_s = 4.75
+
+[[axis]]
+name = "charge"
+key = "initial.state_of_charge"
+uniform = [0.5, 1.0]
+
+[[axis]]
+name = "rotor"
+key = "fault[0].rotor"
+values = [2, 5]
+pick = "any"
+
+[[axis]]
+name = "loss"
+key = "fault[0].thrust_loss_percent"
+values = [0.1, 9.0]
+pick = "any"
+"#;
+
+#[test]
+fn scenario_flights_of_a_cell_are_listed_and_each_is_the_same_run() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let id = server.submit_to("campaigns", &json!({ "text": CELLS }));
+    let address = format!("/api/v1/campaigns/{id}/flights");
+    let campaign = server.ended_in("campaigns", &id);
+    assert_eq!(campaign["status"], "done", "{campaign}");
+
+    // Each cell of the matrix has as many windows as its flights together, page by page.
+    let all = |query: &str| {
+        let (mut flights, mut cursor) = (Vec::new(), String::new());
+        loop {
+            let page = server.get(&format!("{address}?limit=20{cursor}{query}"));
+            flights.extend(page["items"].as_array().expect("flights").clone());
+            match page["next"].as_str() {
+                Some(next) => cursor = format!("&cursor={next}"),
+                None => return flights,
+            }
+        }
+    };
+    let windows = |flights: &[Value]| flights.iter().filter_map(|one| one["windows"].as_u64()).sum::<u64>();
+    for detector in ["sequential", "t_test"] {
+        let score = &campaign["result"]["detectors"][detector];
+        let cells = score["confusion_truth_verdict_windows"].as_array().expect("a matrix");
+        assert!(cells.len() > 3, "{cells:?}");
+        for cell in cells {
+            let (truth, verdict) = (&cell[0], &cell[1]);
+            let flights = all(&format!("&detector={detector}&truth={truth}&verdict={verdict}"));
+            assert_eq!(json!(windows(&flights)), cell[2], "{detector}: {cell}");
+            assert!(flights.iter().all(|one| one["windows"] != 0), "{flights:?}");
+        }
+    }
+    let every = all("");
+    let numbers: Vec<u64> = every.iter().filter_map(|one| one["flight"].as_u64()).collect();
+    assert_eq!(numbers, (0..70).collect::<Vec<u64>>());
+    assert_eq!(
+        json!(windows(&every)),
+        campaign["result"]["detectors"]["sequential"]["windows"]
+    );
+    assert_eq!(all("&status=failed").len(), 0);
+    let two_verdicts = windows(&all("&truth=5&verdict=5,0"));
+    assert_eq!(
+        two_verdicts,
+        windows(&all("&truth=5&verdict=5")) + windows(&all("&truth=5&verdict=0"))
+    );
+
+    // A flight of a cell, as a run: the same seed, the same samples; asked for again, the same run.
+    let flight = all("&truth=5&verdict=5").remove(1);
+    assert_eq!(
+        flight["parameters"][1],
+        json!({ "axis": "damage", "value": "large" }),
+        "{flight}"
+    );
+    assert_eq!((&flight["faulty_rotors"], &flight["run"]), (&json!([5]), &Value::Null));
+    let fly = format!("{address}/{}/run", flight["flight"]);
+    let first = server.ask("POST", &fly, &[], "");
+    assert_eq!(first.status, 202, "{}", first.json());
+    let run = server.ended(first.json()["id"].as_str().expect("an id"));
+    assert_eq!(run["run_hash"], flight["run_hash"], "{run}");
+    assert_eq!(
+        (run["seed"].to_string(), &run["parent"]),
+        (flight["seed"].as_str().expect("digits").to_owned(), &json!(id))
+    );
+    let second = server.ask("POST", &fly, &[], "");
+    assert_eq!((second.status, &second.json()["id"]), (200, &run["id"]));
+    let there = all("&truth=5&verdict=5").remove(1);
+    assert_eq!(there["run"], run["id"]);
+    assert_eq!(
+        server.get(&format!("/api/v1/runs?parent={id}"))["items"]
+            .as_array()
+            .map(Vec::len),
+        Some(1)
+    );
+
+    let status = |method: &str, path: &str| server.ask(method, path, &[], "").status;
+    assert_eq!(status("POST", &format!("{address}/70/run")), 404);
+    assert_eq!(status("POST", &format!("{address}/x/run")), 400);
+    assert_eq!(status("POST", "/api/v1/campaigns/none/flights/0/run"), 404);
+    assert_eq!(status("GET", "/api/v1/campaigns/none/flights"), 404);
+    for query in [
+        "verdict=x",
+        "truth=x",
+        "detector=none",
+        "limit=0",
+        "limit=1001",
+        "cursor=-1",
+        "status=lost",
+    ] {
+        assert_eq!(status("GET", &format!("{address}?{query}")), 400, "{query}");
+    }
+    let idle = server.submit_to("campaigns", &json!({ "text": CELLS.replace("seed = 9", "seed = 8") }));
+    let early = server.ask("GET", &format!("/api/v1/campaigns/{idle}/flights"), &[], "");
+    assert!([200, 409].contains(&early.status), "{}", early.json());
+}
+
 #[test]
 fn scenario_a_canceled_campaign_takes_its_parts_along() {
     let scratch = Scratch::new();
@@ -162,6 +291,13 @@ fn scenario_parts_of_a_run_on_other_workers_give_the_same_run() {
     assert_eq!(run["status"], "done", "{run}");
     let here = Call::fly(&scratch, Link::InProcess, &shipped_scenario("short-hover"), "here").with(["--seed", "7"]);
     assert_eq!(run["run_hash"], here.run().expect_code(0).run_hash());
+    let count = |query: &str| {
+        server.get(&format!("/api/v1/runs?{query}"))["items"]
+            .as_array()
+            .map(Vec::len)
+    };
+    // It is over before the detectors are calibrated.
+    assert_eq!((count("verdict=-2"), count("verdict=3")), (Some(1), Some(0)), "{run}");
 }
 
 #[test]
@@ -312,6 +448,51 @@ fn copy_folder(from: &Path, to: &Path) {
             std::fs::copy(&path, target).expect("copied");
         }
     }
+}
+
+#[test]
+fn scenario_runs_are_filtered_by_vehicle_time_and_verdict() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let fly = |more: &[&str]| {
+        let set = [
+            &[
+                "duration_s=8.0",
+                "fdi.calibration_start_s=0.75",
+                "fdi.calibration_end_s=4.75",
+            ],
+            more,
+        ]
+        .concat();
+        server.ended(&server.submit(&json!({ "scenario": "short-hover", "set": set, "link": "in-process" })))
+    };
+    let healthy = fly(&[]);
+    let damaged = fly(&["fault=[{time_s=5.5, rotor=3, thrust_loss_percent=9.0}]"]);
+    assert_eq!(
+        (&healthy["verdict"], &damaged["verdict"]),
+        (&json!(0), &json!(3)),
+        "{damaged}"
+    );
+    let ids = |query: &str| {
+        let page = server.get(&format!("/api/v1/runs?{query}"));
+        let items = page["items"].as_array().expect("runs").clone();
+        items.iter().map(|run| run["id"].clone()).collect::<Vec<Value>>()
+    };
+    assert_eq!(ids("verdict=3"), [damaged["id"].clone()]);
+    assert_eq!(ids("verdict=0"), [healthy["id"].clone()]);
+    assert_eq!(ids("verdict=4"), [Value::Null; 0]);
+    let at = damaged["submitted_ms"].as_i64().expect("a time");
+    assert_eq!(
+        ids(&format!("vehicle=DJI%20F550&from_ms={at}")),
+        [damaged["id"].clone()]
+    );
+    assert_eq!(
+        ids(&format!("vehicle=DJI%20F550&to_ms={at}&verdict=0")),
+        [healthy["id"].clone()]
+    );
+    // Lists show it, too.
+    assert_eq!(server.get("/api/v1/runs")["items"][0]["verdict"], 3);
+    assert_eq!(server.ask("GET", "/api/v1/runs?verdict=x", &[], "").status, 400);
 }
 
 #[test]

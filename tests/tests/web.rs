@@ -34,8 +34,9 @@ fn chromium() -> Option<PathBuf> {
 fn logs(scratch: &Scratch, wanted: &[&str]) {
     let vehicle = repository().join("config/vehicles/f550.toml").display().to_string();
     // A short flight at one speed cannot tell one kind of drag from another.
-    let kinds: [(&str, &str, &[&str]); 4] = [
+    let kinds: [(&str, &str, &[&str]); 5] = [
         ("drag", "excitation/2/60", &["--effect", "rotor-drag"]),
+        ("drag-again", "excitation/3/60", &["--effect", "rotor-drag"]),
         ("healthy", "excitation/2/60", &[]),
         (
             "two",
@@ -52,8 +53,7 @@ fn logs(scratch: &Scratch, wanted: &[&str]) {
             words.extend([option, parts.next().expect("three parts")]);
         }
         words.extend(more);
-        let output = Command::new(program()).args(&words).output().expect("it starts");
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        made(name, &words);
     }
     std::fs::write(scratch.path("picture.csv"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01").expect("it can be written");
 }
@@ -95,6 +95,16 @@ fn passes(scenario: &str, wanted: &[&str]) {
     print!("{}", words.concat());
 }
 
+/// Runs a command that must do what it is for.
+fn made(what: &str, words: &[&str]) {
+    let output = Command::new(program()).args(words).output().expect("it starts");
+    assert!(
+        output.status.success(),
+        "{what}: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
 /// Makes every kind of report, each in a folder with its name, with what it must say beside it.
 fn reports(scratch: &Scratch) {
     let at = |name: &str| scratch.path(name).display().to_string();
@@ -117,7 +127,98 @@ fn reports(scratch: &Scratch) {
     type Kind<'a> = (&'a str, Vec<&'a str>, usize, &'a [&'a str], &'a str);
     let identified = at("identification/mine.toml");
     std::fs::create_dir(scratch.path("identification")).expect("it can be made");
-    let kinds: [Kind<'_>; 8] = [
+    // Three healthy flights, and one with a propeller that has lost some of its thrust.
+    let flights = [1, 2, 3, 4].map(|flight| at(&format!("flight-{flight}.parquet")));
+    for (seed, out) in (1..).zip(&flights) {
+        let seed = seed.to_string();
+        let mut words = vec![
+            "blind",
+            "generate",
+            "--duration-s",
+            "40",
+            "--flight",
+            "waypoint",
+            "--seed",
+            &seed,
+        ];
+        words.extend(["--out", out]);
+        if seed == "4" {
+            words.extend(["--effect", "rotor-thrust-scale:rotor=4,share=-0.06"]);
+        }
+        made("a flight", &words);
+    }
+    let [first_healthy, second_healthy, third_healthy, worn] = flights.each_ref();
+    for folder in ["fdi-log", "fleet"] {
+        std::fs::create_dir(scratch.path(folder)).expect("it can be made");
+    }
+    let (judged, shown, fleet) = (at("fdi-log/report.html"), at("fleet/report.html"), at("vehicles"));
+    let all = [
+        &["fleet", "add", "hexa", "--fleet", &fleet, "--model", &vehicle],
+        flights.each_ref().map(String::as_str).as_slice(),
+    ]
+    .concat();
+    made("fleet add", &all);
+    let kinds: [Kind<'_>; 12] = [
+        (
+            "baseline",
+            vec![
+                "diagnose",
+                worn,
+                "--model",
+                &vehicle,
+                "--baseline",
+                first_healthy,
+                second_healthy,
+                third_healthy,
+            ],
+            1,
+            &[
+                "Against the healthy flights",
+                "Thrust asked of the rotors over the healthy mean",
+                "(rotor 4)",
+                "could not be considered",
+            ],
+            "healthy flights vary by",
+        ),
+        (
+            "fdi-log",
+            vec!["fdi-log", worn, first_healthy, "--model", &vehicle, "--report", &judged],
+            0,
+            &[
+                "flight-4.parquet",
+                "flight-1.parquet",
+                "At the end:",
+                "Verdicts of the sequential detector",
+                "windows decided",
+                "no classifier was named",
+            ],
+            "Judged",
+        ),
+        (
+            "fleet",
+            vec!["fleet", "show", "hexa", "--fleet", &fleet, "--report", &shown],
+            1,
+            &[
+                "4 flights",
+                "No rotor stands out",
+                "Loss of each rotor against the first flights",
+                "loss over flights",
+                "flight-4.parquet",
+            ],
+            "hexa",
+        ),
+        (
+            "reproduce",
+            vec!["reproduce", "--table", "1", "--table", "3", "--figure", "7"],
+            0,
+            &[
+                "Table 1: lift of the blades",
+                "Table 3: fault signatures",
+                "Choices the paper leaves open",
+                "paper, Figure 7",
+            ],
+            "Table 1: lift of the blades",
+        ),
         (
             "identification",
             vec![
@@ -228,15 +329,10 @@ fn reports(scratch: &Scratch) {
     ];
     for (name, mut words, plots, says, summary) in kinds {
         let out = at(name);
-        if !["fit", "identification"].contains(&name) {
+        if !["fit", "identification", "fdi-log", "fleet"].contains(&name) {
             words.extend(["--out", &out]);
         }
-        let output = Command::new(program()).args(&words).output().expect("it starts");
-        assert!(
-            output.status.success(),
-            "{name}: {}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        made(name, &words);
         if name == "identification" {
             let beside = Path::new(&identified).with_extension("report.html");
             std::fs::rename(beside, scratch.path("identification/report.html")).expect("it was written");
@@ -269,7 +365,32 @@ fn scenario_every_report_opens_from_the_disk_and_prints() {
 
 #[test]
 fn scenario_a_hidden_effect_is_named_added_and_undone_by_mouse() {
-    passes("loop", &["drag"]);
+    passes("loop", &["drag", "drag-again"]);
+}
+
+#[test]
+fn scenario_a_cell_of_a_campaign_leads_to_its_flights_and_a_flight_to_its_run() {
+    passes("cells", &[]);
+}
+
+#[test]
+fn scenario_runs_are_found_by_vehicle_verdict_and_day() {
+    passes("filters", &[]);
+}
+
+#[test]
+fn scenario_a_branch_of_a_model_is_begun_left_and_taken_up_again() {
+    passes("branches", &["drag"]);
+}
+
+#[test]
+fn scenario_a_run_is_forked_verified_and_compared_and_a_log_is_judged() {
+    passes("clicks", &[]);
+}
+
+#[test]
+fn scenario_pages_with_content_are_accessible_and_fit_a_telephone() {
+    passes("filled", &["drag"]);
 }
 
 #[test]

@@ -170,6 +170,11 @@ description = "eight flights"
 scenario = "../scenarios/short-hover.toml"
 seed = 5
 flights = 8
+[set]
+duration_s = 6.0
+[set.fdi]
+calibration_start_s = 0.75
+calibration_end_s = 4.75
 [[axis]]
 name = "charge"
 key = "initial.state_of_charge"
@@ -190,10 +195,24 @@ def test_scenario_a_campaign_is_flown(client: Client, server: Server, tmp_path: 
     with pytest.raises(Conflict, match="beside"):
         client.runs.ticket(client.runs.submit("short-hover", link="in-process").id)
 
+    healthy = list(client.campaigns.flights(done.id, truth=0, verdict=[0, 3], page_size=3))
+    windows = done.result["detectors"]["sequential"]["confusion_truth_verdict_windows"]
+    assert sum(one.windows for one in healthy) == sum(count for truth, verdict, count in windows if truth == 0 and verdict in (0, 3))
+    assert not list(client.campaigns.flights(done.id, detector="t_test", truth=4))
+    assert 0.5 <= healthy[3].parameters["charge"] <= 1.0 and healthy[3].run is None
+    run = client.runs.wait(client.campaigns.fly(done.id, 3).id, check=True)
+    assert (run.run_hash, run.seed, run.parent, run.verdict) == (healthy[3].run_hash, healthy[3].seed, done.id, healthy[3].verdict_at_end)
+    assert [one.run for one in client.campaigns.flights(done.id)][3] == run.id
+    assert [one.id for one in client.runs.list(parent=done.id, verdict=run.verdict)] == [run.id]
+    with pytest.raises(NotFound, match="expected 0 to 7"):
+        client.campaigns.fly(done.id, 8)
+
     async def again() -> None:
         async with AsyncClient(server.url) as other:
             twin = await other.campaigns.submit(text=CAMPAIGN)
             assert (await other.campaigns.wait(twin.id)).result["hash"] == done.result["hash"]
+            assert [one.flight async for one in other.campaigns.flights(done.id, page_size=3)] == list(range(8))
+            assert (await other.campaigns.fly(done.id, 3)).id == run.id
 
     asyncio.run(again())
 

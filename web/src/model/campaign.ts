@@ -21,7 +21,8 @@ export function verdictConfusion(counts: readonly VerdictCount[]): Confusion {
   const sorted = (codes: readonly number[], name: (code: number) => string) => [...new Set([...codes].sort((a, b) => place(a) - place(b)).map(name))];
   const [truths, names] = [sorted(counts.map(([code]) => code), truth), sorted(counts.map(([, code]) => code), verdict)];
   const windows = truths.map((one) => names.map((other) => counts.filter(([a, b]) => truth(a) === one && verdict(b) === other).reduce((sum, [, , count]) => sum + count, 0)));
-  return { truths, names, counts: windows };
+  const codes = (all: readonly number[], words: readonly string[], name: (code: number) => string) => words.map((word) => [...new Set(all)].filter((code) => name(code) === word).sort((a, b) => a - b));
+  return { truths, names, counts: windows, codes: { truths: codes(counts.map(([code]) => code), truths, truth), names: codes(counts.map(([, code]) => code), names, verdict) } };
 }
 
 export interface Points {

@@ -6,6 +6,8 @@ export interface Confusion {
   /** What was named. */
   names: string[];
   counts: number[][];
+  /** Codes that each row and each column stands for, where they are codes. */
+  codes?: { truths: number[][]; names: number[][] };
 }
 
 /** Rows and columns in one order, so that the diagonal is what was right; largest rows first. */

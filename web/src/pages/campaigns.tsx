@@ -4,8 +4,9 @@ import { type Schemas, ask } from "../api/client";
 import { createLoad } from "../api/load";
 import { ApiError, sentenceOf } from "../api/problem";
 import { Panel, Problem } from "../parts/bits";
-import { navigate } from "../router";
-import { type CampaignResult, CampaignView } from "../shown/campaign";
+import { navigate, route, setQuery } from "../router";
+import { type CampaignResult, CampaignView, DETECTORS, type Look } from "../shown/campaign";
+import { CampaignFlights } from "./campaign-flights";
 import { JobList, JobPage } from "./jobs";
 
 export default function Campaigns(props: { id: string | undefined }) {
@@ -13,12 +14,21 @@ export default function Campaigns(props: { id: string | undefined }) {
     <Show when={props.id} fallback={<JobList collection="campaigns" path="/campaigns" title="Campaigns" form={(reload) => <NewCampaign onSubmitted={reload} />} />} keyed>
       {(id) => (
         <JobPage<CampaignResult> collection="campaigns" path="/campaigns" id={id} counted="part" total={(facts) => facts["parts"] as number | undefined}>
-          {(result) => <CampaignView result={result} />}
+          {(result) => <CampaignView result={result} look={look()} choose={choose} flights={<CampaignFlights id={id} look={look()} />} />}
         </JobPage>
       )}
     </Show>
   );
 }
+
+/** What is looked at stands in the address. */
+function look(): Look {
+  const query = route().query;
+  const detector = DETECTORS.map(([key]) => key).find((key) => key === query.get("detector")) ?? "sequential";
+  const [truth, verdicts] = [query.get("truth"), query.get("verdict")];
+  return { detector, ...(truth !== null && verdicts !== null ? { truth: Number(truth), verdicts: verdicts.split(",").map(Number) } : {}) };
+}
+const choose = (look: Look) => setQuery({ detector: look.detector, truth: look.truth?.toString(), verdict: look.verdicts?.join(",") });
 
 interface Known {
   name: string;

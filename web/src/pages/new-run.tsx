@@ -123,14 +123,14 @@ export function NewRun(props: { onSubmitted: () => void }) {
             Model
             <select value={model()} onChange={(event) => setModel(event.currentTarget.value)}>
               <option value="">the scenario's vehicle</option>
-              <For each={names.data()?.models ?? []}>{(name) => <option value={name} selected={name === model()}>{name}</option>}</For>
+              <For each={withLinked(names.data()?.models, model())}>{(name) => <option value={name} selected={name === model()}>{name}</option>}</For>
             </select>
           </label>
           <label class="field">
             The detectors assume
             <select value={fdiModel()} onChange={(event) => setFdiModel(event.currentTarget.value)}>
               <option value="">the scenario's vehicle</option>
-              <For each={names.data()?.models ?? []}>{(name) => <option value={name} selected={name === fdiModel()}>{name}</option>}</For>
+              <For each={withLinked(names.data()?.models, fdiModel())}>{(name) => <option value={name} selected={name === fdiModel()}>{name}</option>}</For>
             </select>
           </label>
         </div>
@@ -175,4 +175,10 @@ export function NewRun(props: { onSubmitted: () => void }) {
       </form>
     </Panel>
   );
+}
+
+/** The names, and `NAME@v1` where a link came with it. */
+function withLinked(names: readonly string[] | undefined, linked: string): readonly string[] {
+  const all = names ?? [];
+  return linked.includes("@") && !all.includes(linked) ? [...all, linked] : all;
 }

@@ -1,6 +1,6 @@
 /** One run, live and afterwards: summary, 3-D, verdicts over the truth, residuals, duties, battery; one cursor for all. */
 import { For, Show, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
-import { type Schemas, ask, remove } from "../api/client";
+import { type Schemas, ask, get, remove } from "../api/client";
 import { createLoad } from "../api/load";
 import { hasEnded, watchJob } from "../api/news";
 import { sentenceOf } from "../api/problem";
@@ -45,6 +45,10 @@ export default function RunPage(props: { id: string }) {
     ({ range }, signal) => samplesOf(id, "*", PLOT_POINTS, range, signal),
   );
   const motion = createLoad(recorded, (run, signal) => samplesOf(run, MOTION_CHANNELS, MOTION_POINTS, undefined, signal));
+  const flight = createMemo(() => {
+    const [campaign, number] = [route().query.get("campaign"), route().query.get("flight")];
+    return campaign && number !== null ? { campaign, flight: Number(number) } : undefined;
+  }, undefined, { equals: (a, b) => a?.campaign === b?.campaign && a?.flight === b?.flight });
   const others = () => (route().query.get("with") ?? "").split(",").filter(Boolean);
   const ghost = createLoad(() => others()[0], (other, signal) => samplesOf(other, MOTION_CHANNELS, MOTION_POINTS, undefined, signal));
 
@@ -113,6 +117,7 @@ export default function RunPage(props: { id: string }) {
           </div>
         )}
       </Show>
+      <Show when={flight()} keyed>{(from) => <SameAsFlight campaign={from.campaign} flight={from.flight} run={run()} />}</Show>
       <Show when={run()?.error}><div class="say bad">{run()?.error}</div></Show>
       <For each={run()?.warnings ?? []}>{(warning) => <div class="say warn">{warning}</div>}</For>
       <Show when={run() && !ended()}>
@@ -154,3 +159,22 @@ export default function RunPage(props: { id: string }) {
 }
 
 const verificationOf = (value: Schemas["Verification"] | "running" | undefined) => (value === "running" ? undefined : value);
+
+/** Whether this run, a flight of a campaign, has the samples that the campaign has judged. */
+function SameAsFlight(props: { campaign: string; flight: number; run: Run | undefined }) {
+  const row = createLoad(
+    () => props,
+    async ({ campaign, flight }, signal) => (await get("/api/v1/campaigns/{id}/flights", { path: { id: campaign }, query: { cursor: flight, limit: 1 }, signal })).items[0],
+  );
+  const there = () => row.data()?.run_hash;
+  const same = () => (there() && props.run?.run_hash ? there() === props.run.run_hash : undefined);
+  return (
+    <>
+      <Problem sentence={row.error() && `The campaign of this flight: ${row.error()}`} />
+      <div class={`say ${same() === undefined ? "" : same() ? "good" : "bad"}`} role="status">
+        Flight {props.flight} of <a href={`/campaigns/${props.campaign}`}>a campaign</a>
+        {same() === undefined ? "." : same() ? `: the same samples as there, run hash ${there()}.` : `: not the samples of the campaign, which has run hash ${there()}; another version of the program has flown it.`}
+      </div>
+    </>
+  );
+}

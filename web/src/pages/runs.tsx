@@ -4,7 +4,7 @@ import { type Schemas, ask, get } from "../api/client";
 import { createLoad } from "../api/load";
 import { newsRefusal, onNews } from "../api/news";
 import { sentenceOf } from "../api/problem";
-import { duration, moment } from "../format";
+import { duration, moment, verdictText } from "../format";
 import { Panel, Problem, StatusTag } from "../parts/bits";
 import { route, setQuery } from "../router";
 import { NewRun } from "./new-run";
@@ -12,6 +12,8 @@ import { NewRun } from "./new-run";
 type Run = Schemas["Run"];
 const PAGE = 50;
 const STATES = ["queued", "running", "done", "failed", "canceled"] as const;
+/** Verdicts that can be chosen: healthy, what names no rotor, the rotors of the largest vehicles; a pair by a link. */
+const VERDICTS = [0, -1, -3, -2, ...Array.from({ length: 8 }, (_, k) => k + 1)];
 /** News in quick succession reload the list once. */
 const SETTLE_MS = 400;
 
@@ -21,7 +23,14 @@ export default function Runs() {
     status: (query().get("status") ?? undefined) as Run["status"] | undefined,
     name: query().get("name") ?? undefined,
     parent: query().get("parent") ?? undefined,
+    vehicle: query().get("vehicle") ?? undefined,
+    verdict: numberOf(query().get("verdict")),
+    from_ms: dayStart(query().get("from")),
+    // The whole of the last day.
+    to_ms: dayStart(query().get("to"), 1),
   });
+  const isFiltered = () => Object.values(filter()).some((value) => value !== undefined);
+  const verdicts = () => [...new Set([...VERDICTS, ...(filter().verdict === undefined ? [] : [filter().verdict as number])])];
   const [more, setMore] = createSignal<Run[]>([]);
   const [next, setNext] = createSignal<string | null>();
   const [problem, setProblem] = createSignal<string>();
@@ -103,8 +112,31 @@ export default function Runs() {
             Scenario
             <input type="search" value={filter().name ?? ""} placeholder="exact name" onChange={(event) => setQuery({ name: event.currentTarget.value.trim() || undefined })} />
           </label>
+          <label class="field">
+            Vehicle
+            <input type="search" list="vehicles" value={filter().vehicle ?? ""} placeholder="exact name" onChange={(event) => setQuery({ vehicle: event.currentTarget.value.trim() || undefined })} />
+            <datalist id="vehicles"><For each={[...new Set(rows().map((run) => run.vehicle))]}>{(name) => <option value={name} />}</For></datalist>
+          </label>
+          <label class="field">
+            Verdict at the end
+            <select value={query().get("verdict") ?? ""} onChange={(event) => setQuery({ verdict: event.currentTarget.value || undefined })}>
+              <option value="">any</option>
+              <For each={verdicts()}>{(code) => <option value={code} selected={filter().verdict === code}>{verdictText(code)}</option>}</For>
+            </select>
+          </label>
+          <label class="field">
+            From day
+            <input type="date" value={query().get("from") ?? ""} onChange={(event) => setQuery({ from: event.currentTarget.value || undefined })} />
+          </label>
+          <label class="field">
+            To day
+            <input type="date" value={query().get("to") ?? ""} onChange={(event) => setQuery({ to: event.currentTarget.value || undefined })} />
+          </label>
+          <Show when={isFiltered()}>
+            <button type="button" onClick={() => setQuery({ status: undefined, name: undefined, parent: undefined, vehicle: undefined, verdict: undefined, from: undefined, to: undefined })}>Show all runs</button>
+          </Show>
           <Show when={filter().parent}>
-            <button type="button" onClick={() => setQuery({ parent: undefined })}>Only forks of {filter().parent?.slice(0, 8)} … : show all</button>
+            <button type="button" onClick={() => setQuery({ parent: undefined })}>Only those made from {filter().parent?.slice(0, 8)} … : show all</button>
           </Show>
         </div>
         <Problem sentence={problem() ?? page.error()} retry={page.reload} />
@@ -120,6 +152,7 @@ export default function Runs() {
                 <th scope="col">Vehicle</th>
                 <th class="r" scope="col">Seed</th>
                 <th scope="col">State</th>
+                <th scope="col">Verdict</th>
                 <th scope="col">Submitted</th>
                 <th class="r" scope="col">Took</th>
                 <th scope="col">Run hash or reason</th>
@@ -127,7 +160,7 @@ export default function Runs() {
               </tr>
             </thead>
             <tbody>
-              <For each={rows()} fallback={<tr><td colspan="9" class="muted">{page.loading() ? "Loading …" : "No run of this kind. Begin with “New run”."}</td></tr>}>
+              <For each={rows()} fallback={<tr><td colspan="10" class="muted">{page.loading() ? "Loading …" : isFiltered() ? "No run matches these filters." : "No run yet. Begin with “New run”."}</td></tr>}>
                 {(run) => (
                   <tr>
                     <td>
@@ -144,6 +177,7 @@ export default function Runs() {
                     <td>{run.vehicle}</td>
                     <td class="r">{run.seed}</td>
                     <td><StatusTag status={run.status} /></td>
+                    <td>{run.verdict === null || run.verdict === undefined ? "" : verdictText(run.verdict)}</td>
                     <td class="num">{moment(run.submitted_ms)}</td>
                     <td class="r">{took(run)}</td>
                     <td class="small break">{run.error ? run.error : <code>{run.run_hash?.slice(0, 16) ?? ""}</code>}</td>
@@ -172,4 +206,15 @@ export default function Runs() {
 function took(run: Run): string {
   if (!run.started_ms) return "–";
   return run.finished_ms ? duration((run.finished_ms - run.started_ms) / 1000) : "";
+}
+
+function numberOf(text: string | null): number | undefined {
+  return text !== null && /^-?\d+$/.test(text) ? Number(text) : undefined;
+}
+
+/** When a day of the reader's clock begins, ms since 1970; `later` days after it. */
+function dayStart(text: string | null, later = 0): number | undefined {
+  const [year, month, day] = (text ?? "").split("-").map(Number);
+  const at = year && month && day ? new Date(year, month - 1, day + later).getTime() : Number.NaN;
+  return Number.isFinite(at) ? at : undefined;
 }

@@ -1,9 +1,20 @@
-/** A confusion matrix as a table. */
-import { For } from "solid-js";
+/** A confusion matrix as a table; its cells can be chosen where there is more to see of them. */
+import { For, type JSX, Show } from "solid-js";
 import { percent } from "../format";
 import type { Confusion } from "../model/confusion";
 
-export function ConfusionTable(props: { confusion: Confusion; corner: string; /** Shares of each row instead of counts. */ shares?: boolean }) {
+export function ConfusionTable(props: {
+  confusion: Confusion;
+  corner: string;
+  /** Shares of each row instead of counts. */
+  shares?: boolean;
+  /** Of a cell that counts something. */
+  choose?: (row: number, column: number) => void;
+  /** Row and column. */
+  chosen?: readonly [number, number] | undefined;
+  /** What a cell counts: "windows". */
+  what?: string;
+}) {
   const total = (row: number) => props.confusion.counts[row]?.reduce((sum, count) => sum + count, 0) ?? 0;
   const most = () => Math.max(1, ...props.confusion.counts.flat());
   const depth = (count: number, row: number) => count / (props.shares ? Math.max(1, total(row)) : most());
@@ -26,7 +37,15 @@ export function ConfusionTable(props: { confusion: Confusion; corner: string; /*
                 <For each={props.confusion.names}>
                   {(name, column) => {
                     const count = () => props.confusion.counts[row()]?.[column()] ?? 0;
-                    return <td class="r" style={{ "background-color": wash(count(), row(), truth === name) }} title={`${count()} of ${total(row())}`}>{count() === 0 ? "·" : props.shares ? percent(count() / total(row())) : count().toLocaleString("en")}</td>;
+                    const text = () => (count() === 0 ? "·" : props.shares ? percent(count() / total(row())) : count().toLocaleString("en"));
+                    const isChosen = () => props.chosen?.[0] === row() && props.chosen[1] === column();
+                    return (
+                      <td class="r" style={{ "background-color": wash(count(), row(), truth === name) }} title={`${count()} of ${total(row())}`}>
+                        <Show when={props.choose && count() > 0} fallback={text()}>
+                          <Cell chosen={isChosen()} label={`${count().toLocaleString("en")} ${props.what ?? ""}: ${props.corner.replace(" / ", ` ${truth}, `)} ${name}`} onClick={() => props.choose?.(row(), column())}>{text()}</Cell>
+                        </Show>
+                      </td>
+                    );
                   }}
                 </For>
                 {props.shares && <td class="r muted">{total(row()).toLocaleString("en")}</td>}
@@ -37,4 +56,8 @@ export function ConfusionTable(props: { confusion: Confusion; corner: string; /*
       </table>
     </div>
   );
+}
+
+function Cell(props: { chosen: boolean; label: string; onClick: () => void; children: JSX.Element }) {
+  return <button type="button" class="cell" aria-pressed={props.chosen} aria-label={props.label} onClick={() => props.onClick()}>{props.children}</button>;
 }

@@ -1,5 +1,5 @@
 /** A campaign: many flights with statistics of the detectors. */
-import { For, Show, createSignal } from "solid-js";
+import { For, type JSX, Show, createMemo } from "solid-js";
 import { duration, percent, short } from "../format";
 import { type Points, type VerdictCount, cumulativeOn, seriesOn, verdictConfusion as confusionOfVerdicts } from "../model/campaign";
 import { Figures, Panel } from "../parts/bits";
@@ -28,14 +28,32 @@ export interface CampaignResult {
   detectors: Scores;
   axes: { axis: string; groups: { value: unknown; flights: number; failed: number; detectors: Scores }[] }[];
 }
-const DETECTORS = [["sequential", "sequential"], ["t_test", "T-test"], ["network", "network"]] as const;
+export type DetectorName = keyof Scores;
+export const DETECTORS = [["sequential", "sequential"], ["t_test", "T-test"], ["network", "network"]] as const;
 
 
 const verdictConfusion = (score: Score) => confusionOfVerdicts(score.confusion_truth_verdict_windows ?? []);
 
-export function CampaignView(props: { result: CampaignResult }) {
+/** What is looked at: a detector, and a cell of its confusion matrix by the codes of its truth and verdicts. */
+export interface Look {
+  detector: DetectorName;
+  truth?: number | undefined;
+  verdicts?: readonly number[] | undefined;
+}
+
+export function CampaignView(props: { result: CampaignResult; look: Look; choose: (look: Look) => void; /** Of the cell that was chosen. */ flights?: JSX.Element }) {
   const it = () => props.result;
-  const [detector, setDetector] = createSignal<keyof Scores>("sequential");
+  const confusion = createMemo(() => verdictConfusion(it().detectors[props.look.detector]));
+  const chosen = (): [number, number] | undefined => {
+    const codes = confusion().codes;
+    const row = codes?.truths.findIndex((all) => all[0] === props.look.truth) ?? -1;
+    const column = codes?.names.findIndex((all) => all.join() === props.look.verdicts?.join()) ?? -1;
+    return row < 0 || column < 0 ? undefined : [row, column];
+  };
+  const choose = (row: number, column: number) => {
+    const again = chosen()?.[0] === row && chosen()?.[1] === column;
+    props.choose({ detector: props.look.detector, ...(again ? {} : { truth: confusion().codes?.truths[row]?.[0], verdicts: confusion().codes?.names[column] }) });
+  };
   return (
     <>
       <Panel title="Detectors over all flights">
@@ -44,9 +62,10 @@ export function CampaignView(props: { result: CampaignResult }) {
           <ScoreTable rows={[{ name: "all", scores: it().detectors }]} head="" />
         </div>
       </Panel>
-      <Panel title="Confusion matrix" note="windows; row: true fault; column: verdict" actions={<Choice value={detector()} choose={setDetector} />}>
-        <ConfusionTable confusion={verdictConfusion(it().detectors[detector()])} corner="truth / verdict" />
+      <Panel title="Confusion matrix" note="windows; row: true fault; column: verdict; a click on a cell lists its flights" actions={<Choice value={props.look.detector} choose={(detector) => props.choose({ detector })} />}>
+        <ConfusionTable confusion={confusion()} corner="truth / verdict" what="windows" choose={choose} chosen={chosen()} />
       </Panel>
+      {props.flights}
       <For each={it().axes}>
         {(axis) => (
           <Panel title={`By ${axis.axis}`}>

@@ -22,8 +22,10 @@ export function ReproductionView(props: { result: Reproduction }) {
   const it = () => props.result;
   return (
     <>
-      <p class="muted">{it().vehicle} · {it().rotor_count} rotors · {it().world} · seeds {it().seeds.join(", ")}</p>
-      <Panel title="What was flown"><Figures items={[["seeds (noise, lift biases, splits, initial weights)", String(it().seeds.length)], ["flights", it().flights.toLocaleString("en")], ["hours of flight", it().hours.toFixed(1)]]} /></Panel>
+      <p class="muted">{it().vehicle} · {it().rotor_count} rotors · {it().world}{it().seeds.length > 0 ? ` · seeds ${it().seeds.join(", ")}` : ""}</p>
+      <Show when={it().flights > 0}>
+        <Panel title="What was flown"><Figures items={[["seeds (noise, lift biases, splits, initial weights)", String(it().seeds.length)], ["flights", it().flights.toLocaleString("en")], ["hours of flight", it().hours.toFixed(1)]]} /></Panel>
+      </Show>
       <ResultTables tables={it().tables} />
       <Panel title="Choices the paper leaves open">
         <div class="scroll" tabindex="0" role="region" aria-label="Choices">

@@ -42,6 +42,7 @@ from .fdi import Fdi, FdiSession
 from .models import (
     Artifact,
     Autopilot,
+    CampaignFlight,
     Channel,
     Complaint,
     Event,
@@ -102,6 +103,7 @@ __all__ = [
     "AsyncRuns",
     "AsyncScenarios",
     "Autopilot",
+    "CampaignFlight",
     "BadRequest",
     "BlindBenches",
     "CampaignFailed",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, Union
 from ._exchange import Operation, Settings
 from ._stream import in_path
 from .errors import JobFailed, RotortwinError, UnexpectedAnswer
-from .models import Artifact, Autopilot, Channel, Event, Job, Json, QueryAnswer, Run, Ticket, Validation, Verification, read
+from .models import Artifact, Autopilot, CampaignFlight, Channel, Event, Job, Json, QueryAnswer, Run, Ticket, Validation, Verification, read
 
 if TYPE_CHECKING:
     import pandas
@@ -104,6 +104,36 @@ def query_files(
     # 30 s in the server unless its operator allows more, and as long until it is its turn.
     answer = yield from settings.call("POST", "/api/v1/queries", json=body, timeout_s=max(90.0, settings.timeout_s))
     return read(QueryAnswer, answer.json())
+
+
+class CampaignOperations(JobOperations[Job]):
+    """What only campaigns have."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, "campaigns", lambda data: read(Job, data))
+
+    def flights(self, id: str, filters: Mapping[str, Any], cursor: str | None) -> Operation[tuple[list[CampaignFlight], str | None]]:
+        answer = yield from self.settings.call("GET", self.path(id, "flights"), params={**filters, "cursor": cursor})
+        body = answer.json()
+        return [campaign_flight(item) for item in body["items"]], body.get("next")
+
+    def fly(self, id: str, flight: int) -> Operation[Run]:
+        # The address says which: asked twice, it is the same run.
+        answer = yield from self.settings.call("POST", self.path(id, "flights", str(flight), "run"))
+        return read(Run, answer.json())
+
+
+def campaign_flight(item: Json) -> CampaignFlight:
+    """A row of the flights of a campaign."""
+    parameters = {one["axis"]: one["value"] for one in item["parameters"]}
+    return read(CampaignFlight, {**item, "seed": int(item["seed"]), "parameters": parameters})
+
+
+def verdict_codes(verdict: int | Sequence[int] | None) -> str | None:
+    """Codes as a filter has them."""
+    if verdict is None:
+        return None
+    return ",".join(str(code) for code in ([verdict] if isinstance(verdict, int) else verdict))
 
 
 class RunOperations(JobOperations[Run]):

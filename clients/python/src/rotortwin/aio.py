@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,6 +13,7 @@ from ._aio_resource import AsyncResource
 from ._exchange import Operation, Settings, drive_async
 from ._models import MAIN, ModelOperations
 from ._operations import (
+    CampaignOperations,
     LibraryOperations,
     RunOperations,
     as_frame,
@@ -23,11 +24,12 @@ from ._operations import (
     job_operations,
     query_files,
     scenario_body,
+    verdict_codes,
 )
 from ._transport import AsyncTransport
 from .aio_fdi import AsyncFdi
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .models import Autopilot, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
+from .models import Autopilot, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
@@ -47,6 +49,11 @@ class AsyncJobs(AsyncResource[Job]):
 class AsyncCampaigns(AsyncResource[Job]):
     """Many flights: grids and random draws, with statistics of the detectors."""
 
+    _operations: CampaignOperations
+
+    def __init__(self, transport: AsyncTransport) -> None:
+        super().__init__(transport, CampaignOperations(transport.settings))
+
     async def submit(
         self,
         campaign: str | Path | None = None,
@@ -64,6 +71,34 @@ class AsyncCampaigns(AsyncResource[Job]):
         body = campaign_body(campaign, text) | {"priority": priority, "max_wall_s": max_wall_s}
         body |= {} if classifier is None else {"classifier": classifier}
         return await self._do(self._operations.submit(body, idempotency_key))
+
+    async def flights(
+        self,
+        id: str,
+        *,
+        detector: str = "sequential",
+        truth: int | None = None,
+        verdict: int | Sequence[int] | None = None,
+        status: str | None = None,
+        page_size: int = 100,
+    ) -> AsyncIterator[CampaignFlight]:
+        """Its flights, or those with windows in a cell of a detector's confusion matrix, page by page as they are asked for.
+
+        detector: `sequential`, `network`, `t_test`. truth: 0 healthy, a rotor from 1, -1 several. verdict: a code, or several: 0 healthy, a
+        rotor from 1, 100 i + j two rotors, -1 unknown fault, -3 ambiguous. status: `done`, `failed`, `refused`.
+        """
+        filters = {"detector": detector, "truth": truth, "verdict": verdict_codes(verdict), "status": status, "limit": page_size}
+        cursor: str | None = None
+        while True:
+            items, cursor = await self._do(self._operations.flights(id, filters, cursor))
+            for item in items:
+                yield item
+            if cursor is None:
+                return
+
+    async def fly(self, id: str, flight: int) -> Run:
+        """One of its flights as a run, with the seed and scenario of that flight: the same run hash. Asked for again, the same run."""
+        return await self._do(self._operations.fly(id, flight))
 
 
 class AsyncBlindBenches(AsyncResource[Job]):
@@ -328,7 +363,7 @@ class AsyncClient:
         transport = AsyncTransport(settings, httpx.AsyncClient(verify=settings.verify()))
         self._transport = transport
         self.runs = AsyncRuns(transport)
-        self.campaigns = AsyncCampaigns(transport, job_operations(settings, "campaigns"))
+        self.campaigns = AsyncCampaigns(transport)
         self.blind_benches = AsyncBlindBenches(transport, job_operations(settings, "blind-benches"))
         self.logs = AsyncLogs(transport)
         self.comparisons = AsyncComparisons(transport)

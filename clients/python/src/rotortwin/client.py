@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -15,6 +15,7 @@ from ._resource import Resource
 from ._exchange import Operation, Settings, drive
 from ._models import MAIN, ModelOperations
 from ._operations import (
+    CampaignOperations,
     LibraryOperations,
     RunOperations,
     as_frame,
@@ -25,11 +26,12 @@ from ._operations import (
     job_operations,
     query_files,
     scenario_body,
+    verdict_codes,
 )
 from ._transport import Transport
 from .fdi import Fdi
 from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
-from .models import Autopilot, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
+from .models import Autopilot, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
@@ -49,6 +51,11 @@ class Jobs(Resource[Job]):
 class Campaigns(Resource[Job]):
     """Many flights: grids and random draws, with statistics of the detectors."""
 
+    _operations: CampaignOperations
+
+    def __init__(self, transport: Transport) -> None:
+        super().__init__(transport, CampaignOperations(transport.settings))
+
     def submit(
         self,
         campaign: str | Path | None = None,
@@ -66,6 +73,34 @@ class Campaigns(Resource[Job]):
         body = campaign_body(campaign, text) | {"priority": priority, "max_wall_s": max_wall_s}
         body |= {} if classifier is None else {"classifier": classifier}
         return self._do(self._operations.submit(body, idempotency_key))
+
+    def flights(
+        self,
+        id: str,
+        *,
+        detector: str = "sequential",
+        truth: int | None = None,
+        verdict: int | Sequence[int] | None = None,
+        status: str | None = None,
+        page_size: int = 100,
+    ) -> Iterator[CampaignFlight]:
+        """Its flights, or those with windows in a cell of a detector's confusion matrix, page by page as they are asked for.
+
+        detector: `sequential`, `network`, `t_test`. truth: 0 healthy, a rotor from 1, -1 several. verdict: a code, or several: 0 healthy, a
+        rotor from 1, 100 i + j two rotors, -1 unknown fault, -3 ambiguous. status: `done`, `failed`, `refused`.
+        """
+        filters = {"detector": detector, "truth": truth, "verdict": verdict_codes(verdict), "status": status, "limit": page_size}
+        cursor: str | None = None
+        while True:
+            items, cursor = self._do(self._operations.flights(id, filters, cursor))
+            for item in items:
+                yield item
+            if cursor is None:
+                return
+
+    def fly(self, id: str, flight: int) -> Run:
+        """One of its flights as a run, with the seed and scenario of that flight: the same run hash. Asked for again, the same run."""
+        return self._do(self._operations.fly(id, flight))
 
 
 class BlindBenches(Resource[Job]):
@@ -330,7 +365,7 @@ class Client:
         transport = Transport(settings, httpx.Client(verify=settings.verify()))
         self._transport = transport
         self.runs = Runs(transport)
-        self.campaigns = Campaigns(transport, job_operations(settings, "campaigns"))
+        self.campaigns = Campaigns(transport)
         self.blind_benches = BlindBenches(transport, job_operations(settings, "blind-benches"))
         self.logs = Logs(transport)
         self.comparisons = Comparisons(transport)

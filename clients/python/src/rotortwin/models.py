@@ -98,7 +98,7 @@ class Run:
     #: Who flies, who detects: `beside` the plant, on a `worker`, `external`; `{"autopilot": NAME}`.
     controller: str | Mapping[str, str] = "beside"
     fdi: str = "beside"
-    #: The run that it was forked from.
+    #: The run that it was forked from, or the campaign whose flight it is.
     parent: str | None = None
     #: Who has or had it.
     worker: str | None = None
@@ -108,6 +108,9 @@ class Run:
     bytes: int = 0
     started_ms: int | None = None
     finished_ms: int | None = None
+    #: What the sequential detector said at the end: 0 healthy, a rotor from 1, 100 i + j two rotors, -1 unknown fault, -2 not ready,
+    #: -3 ambiguous.
+    verdict: int | None = None
     #: Equal for equal scenario, seed and program, whatever the link.
     run_hash: str | None = None
     #: Why it failed, one sentence.
@@ -163,6 +166,39 @@ class Job:
     def ended(self) -> bool:
         """It is done, failed or canceled."""
         return self.status in FINAL
+
+
+@dataclass(frozen=True)
+class CampaignFlight:
+    """A flight of a campaign, as one detector saw it."""
+
+    #: From 0.
+    flight: int
+    #: Of all noise.
+    seed: int
+    #: `done`, `failed`, `refused`.
+    status: str
+    #: That of the run of the same flight.
+    run_hash: str
+    #: Windows with the truth and verdict that were asked for.
+    windows: int
+    #: Its verdict at the end; -2 if it was never ready.
+    verdict_at_end: int
+    #: Rows of windows with a false alarm.
+    false_alarm_events: int
+    #: What was set on each axis.
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    #: Rotors that were ever faulty, from 1.
+    faulty_rotors: Sequence[int] = ()
+    #: Why it was not flown to its end.
+    reason: str | None = None
+    #: First onset of a fault, s.
+    fault_onset_s: float | None = None
+    #: From the onset to the first verdict other than healthy, and to the first right one, s.
+    detected_after_s: float | None = None
+    isolated_after_s: float | None = None
+    #: Id of the run that it was flown as.
+    run: str | None = None
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ pub const FIXED_COLUMNS: [&str; 16] = [
 ];
 
 /// A value in a table.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = AxisValue)]
 #[serde(untagged)]
 pub enum Cell {
     /// A whole number.

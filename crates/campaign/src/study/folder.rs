@@ -278,21 +278,7 @@ impl CampaignFolder {
     }
 
     fn records(&self, shard: u64, file: impl ChunkReader + 'static) -> Result<Vec<FlightRecord>, String> {
-        let reader = SerializedFileReader::new(file).map_err(|error| format!("not a whole Parquet file: {error}"))?;
-        let schema = reader.metadata().file_metadata().schema();
-        let place = schema
-            .get_fields()
-            .iter()
-            .position(|field| field.name() == "record")
-            .ok_or("has no column `record`")?;
-        let rows = reader.get_row_iter(None).map_err(|error| error.to_string())?;
-        let records: Vec<FlightRecord> = rows
-            .map(|row| {
-                let row = row.map_err(|error| error.to_string())?;
-                let text = row.get_string(place).map_err(|error| error.to_string())?;
-                serde_json::from_str(text).map_err(|error| format!("a record cannot be read: {error}"))
-            })
-            .collect::<Result<_, String>>()?;
+        let records = read_records(file)?;
         let range = self.shard_range(shard);
         if !records.iter().map(|record| record.flight).eq(range.clone()) {
             return Err(format!(
@@ -303,6 +289,27 @@ impl CampaignFolder {
         }
         Ok(records)
     }
+}
+
+/// The records of a shard's file, in the order of the flights.
+///
+/// # Errors
+/// It is no shard of a campaign: a part of a sentence, without the file's name.
+pub fn read_records(file: impl ChunkReader + 'static) -> Result<Vec<FlightRecord>, String> {
+    let reader = SerializedFileReader::new(file).map_err(|error| format!("not a whole Parquet file: {error}"))?;
+    let schema = reader.metadata().file_metadata().schema();
+    let place = schema
+        .get_fields()
+        .iter()
+        .position(|field| field.name() == "record")
+        .ok_or("has no column `record`")?;
+    let rows = reader.get_row_iter(None).map_err(|error| error.to_string())?;
+    rows.map(|row| {
+        let row = row.map_err(|error| error.to_string())?;
+        let text = row.get_string(place).map_err(|error| error.to_string())?;
+        serde_json::from_str(text).map_err(|error| format!("a record cannot be read: {error}"))
+    })
+    .collect()
 }
 
 /// Writes a file under a temporary name and renames it.

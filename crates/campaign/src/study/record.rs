@@ -9,7 +9,8 @@ use crate::table_file::{TableFile, Values};
 use serde::{Deserialize, Serialize};
 
 /// How a flight of a campaign ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = CampaignFlightStatus)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlightStatus {
     /// All steps were flown.

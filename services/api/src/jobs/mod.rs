@@ -231,6 +231,8 @@ pub(crate) struct Job {
     pub(crate) result: Option<String>,
     /// JSON: the numbers of the result, flat.
     pub(crate) metrics: Option<String>,
+    /// What the sequential detector of a run said at the end; only in lists.
+    pub(crate) verdict: Option<i32>,
 }
 
 /// One event of a job.

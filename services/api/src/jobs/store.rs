@@ -20,6 +20,8 @@ pub(crate) struct Filter<'a> {
     pub(crate) parent: Option<&'a str>,
     /// Only of this vehicle.
     pub(crate) vehicle: Option<&'a str>,
+    /// Only runs that the sequential detector ended with this verdict.
+    pub(crate) verdict: Option<i32>,
     /// Only those submitted then or later, ms since 1970.
     pub(crate) from_ms: Option<i64>,
     /// Only those submitted before, ms since 1970.
@@ -60,7 +62,8 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn list(&self, filter: &Filter<'_>, limit: i64) -> Result<Vec<Job>, sqlx::Error> {
-        self.select(SHORT, filter, limit).await?.iter().map(job_of).collect()
+        let columns = format!("{SHORT}, @VERDICT AS verdict");
+        self.select(&columns, filter, limit).await?.iter().map(job_of).collect()
     }
 
     /// Jobs, latest first, with the numbers of their results.
@@ -84,6 +87,7 @@ impl Database {
         // Numbers need no place of their own.
         conditions.extend(filter.from_ms.map(|at| format!("submitted_ms >= {at}")));
         conditions.extend(filter.to_ms.map(|at| format!("submitted_ms < {at}")));
+        conditions.extend(filter.verdict.map(|code| format!("@VERDICT = {code}")));
         for (condition, value) in [
             ("kind =", filter.kind.map(JobKind::as_str)),
             ("tenant =", filter.tenant),

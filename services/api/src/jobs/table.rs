@@ -48,6 +48,12 @@ pub(super) fn job_of(row: &AnyRow) -> Result<Job, sqlx::Error> {
         error: row.try_get("error")?,
         result: row.try_get("result")?,
         metrics: row.try_get("metrics")?,
+        // Only lists ask for it.
+        verdict: match row.try_get::<Option<i64>, _>("verdict") {
+            Ok(code) => code.and_then(|code| i32::try_from(code).ok()),
+            Err(sqlx::Error::ColumnNotFound(_)) => None,
+            Err(error) => return Err(error),
+        },
     })
 }
 

@@ -109,10 +109,13 @@ pub(crate) struct ListQuery {
     pub(super) status: Option<Status>,
     /// Only those of this name.
     pub(super) name: Option<String>,
-    /// Only those made from this one.
+    /// Only those made from this one: forks of a run, flights of a campaign, …
     pub(super) parent: Option<String>,
     /// Only those of this vehicle: runs by its name, logs by the name that was given when they were submitted.
     pub(super) vehicle: Option<String>,
+    /// Only runs that the sequential detector ended with this verdict: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown fault,
+    /// −2 not ready, −3 ambiguous.
+    pub(super) verdict: Option<i32>,
     /// Only those submitted then or later, ms since 1970, UTC.
     pub(super) from_ms: Option<i64>,
     /// Only those submitted before, ms since 1970, UTC.
@@ -133,6 +136,7 @@ impl ListQuery {
             name: self.name.as_deref(),
             parent: self.parent.as_deref(),
             vehicle: self.vehicle.as_deref(),
+            verdict: self.verdict,
             from_ms: self.from_ms,
             to_ms: self.to_ms,
             before: self.cursor.as_deref(),

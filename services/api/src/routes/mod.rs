@@ -4,6 +4,7 @@ mod all_events;
 mod artifacts;
 mod autopilots;
 mod blind_benches;
+mod campaign_flights;
 mod campaigns;
 mod classifiers;
 mod collection;
@@ -140,6 +141,8 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(viewers::view))
         .routes(routes!(campaigns::submit))
         .merge(campaigns::campaigns::routes())
+        .routes(routes!(campaign_flights::list))
+        .routes(routes!(campaign_flights::fly))
         .routes(routes!(blind_benches::submit))
         .merge(blind_benches::blind_benches::routes())
         .routes(routes!(classifiers::submit))

@@ -56,7 +56,7 @@ pub(crate) struct Run {
     fdi: Place,
     /// Larger goes first.
     priority: i64,
-    /// The run that it was forked from.
+    /// The run that it was forked from, or the campaign whose flight it is.
     parent: Option<String>,
     /// ms since 1970, UTC.
     submitted_ms: i64,
@@ -74,6 +74,9 @@ pub(crate) struct Run {
     cancel_requested: bool,
     /// Bytes of its files.
     bytes: i64,
+    /// Verdict of the sequential detector at the end: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown fault, −2 not ready,
+    /// −3 ambiguous. Absent before the end.
+    verdict: Option<i32>,
     /// Over all samples: equal for equal scenario, seed and program, whatever the link.
     run_hash: Option<String>,
     /// Why it failed, one sentence.
@@ -88,7 +91,9 @@ pub(crate) struct Run {
 impl From<Job> for Run {
     fn from(job: Job) -> Self {
         let facts: Facts = serde_json::from_str(&job.new.facts).unwrap_or_default();
+        let summary: Option<serde_json::Value> = job.result.and_then(|text| serde_json::from_str(&text).ok());
         Self {
+            verdict: job.verdict.or_else(|| verdict_of(summary.as_ref()?)),
             id: job.id,
             name: job.new.name,
             vehicle: facts.vehicle,
@@ -112,9 +117,16 @@ impl From<Job> for Run {
             run_hash: job.run_hash,
             error: job.error,
             warnings: facts.warnings,
-            summary: job.result.and_then(|text| serde_json::from_str(&text).ok()),
+            summary,
         }
     }
+}
+
+/// What the sequential detector said at the end, of a summary; [`Database::sql`](crate::jobs::database::Database::sql) has the same as `@VERDICT`.
+fn verdict_of(summary: &serde_json::Value) -> Option<i32> {
+    let last = summary["intervals"].as_array()?.last()?;
+    let code = last["scores"]["sequential"]["verdict_at_end"].as_i64()?;
+    i32::try_from(code).ok()
 }
 
 /// A page of runs, latest first.

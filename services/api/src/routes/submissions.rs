@@ -81,6 +81,30 @@ pub(crate) struct Submission {
     max_sim_s: Option<f64>,
 }
 
+impl Submission {
+    /// What holds where nothing is said, without a scenario.
+    fn usual() -> Self {
+        Self {
+            scenario: None,
+            text: None,
+            documents: None,
+            classifier: None,
+            model: None,
+            fdi_model: None,
+            set: Vec::new(),
+            seed: None,
+            link: Link::default(),
+            pace: Pace::default(),
+            priority: 0,
+            controller: Controller::default(),
+            fdi: Place::default(),
+            join_timeout_ms: join_timeout(),
+            max_wall_s: None,
+            max_sim_s: None,
+        }
+    }
+}
+
 /// The scenario that a request means.
 pub(crate) fn find_scenario(
     library: &Library,
@@ -349,13 +373,6 @@ pub(crate) async fn fork(
     }
     let scenario = Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))?;
     let submission = Submission {
-        scenario: None,
-        text: None,
-        set: Vec::new(),
-        documents: None,
-        classifier: None,
-        model: None,
-        fdi_model: None,
         seed: Some(match body.seed {
             Some(seed) => seed,
             None => spec.seed.parse().map_err(|error| Problem::internal(&error))?,
@@ -367,7 +384,7 @@ pub(crate) async fn fork(
         fdi: spec.fdi,
         join_timeout_ms: spec.join_timeout_ms,
         max_wall_s: u64::try_from(run.new.wall_limit_ms / 1000).ok(),
-        max_sim_s: None,
+        ..Submission::usual()
     };
     accept(
         &app,
@@ -378,6 +395,37 @@ pub(crate) async fn fork(
         &scenario,
         Vec::new(),
         Some(run.id),
+    )
+    .await
+}
+
+/// Submits a flight that another job has flown, in one process and as fast as possible.
+///
+/// # Errors
+/// 409, 422, 429, 503, 507.
+pub(super) async fn again(
+    app: &App,
+    caller: &Caller,
+    headers: &HeaderMap,
+    request_hash: String,
+    scenario: &Scenario,
+    seed: u64,
+    parent: String,
+) -> Result<Response, Problem> {
+    let submission = Submission {
+        seed: Some(seed),
+        link: Link::InProcess,
+        ..Submission::usual()
+    };
+    accept(
+        app,
+        caller,
+        headers,
+        request_hash,
+        submission,
+        scenario,
+        Vec::new(),
+        Some(parent),
     )
     .await
 }

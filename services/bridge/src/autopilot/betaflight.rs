@@ -7,7 +7,7 @@
 //! ```
 //! Its clock is wall time × (step of our time stamps ÷ wall time between our last two packets). So packets go out evenly spaced; one that is late
 //! makes the ones after it later (a slip), for a burst would make its clock leap. It never waits: where no motors come in time the latest ones
-//! hold on. Two flights of the same seed therefore differ; the recorded commands repeat each of them.
+//! hold on, and of several the last counts. Two flights of the same seed therefore differ; the recorded commands repeat each of them.
 //!
 //! What Betaflight is told on its axes, from FRD: rates (p, q, −r), specific force (−ax, ay, az). Its compass is made from the quaternion, which
 //! its Gazebo bridge conjugates about the first axis ([`compass_quaternion`]).
@@ -29,6 +29,8 @@ const STEP_S: f64 = 0.002;
 const STATES_PER_STICKS: u64 = 5;
 /// A state this much later than planned is counted.
 const LATE: f64 = 0.5;
+/// Datagrams that are taken before a state goes out; a flood never holds it up.
+const MOST_WAITING: u32 = 2000;
 /// A motor of an armed vehicle turns above this, µs.
 const ARMED_US: f32 = 1030.0;
 /// Bytes of its packet of motors, and its values.
@@ -188,6 +190,30 @@ impl Betaflight {
         }
     }
 
+    /// Takes what waits: motors that came late or twice never make those after them late.
+    fn take_waiting(&mut self) -> Result<(), AutopilotError> {
+        self.socket.set_nonblocking(true).map_err(|error| self.broken(&error))?;
+        let mut buffer = [0; 256];
+        let mut left = MOST_WAITING;
+        while let (1.., Ok((length, _))) = (left, self.socket.recv_from(&mut buffer)) {
+            self.take(&buffer[..length])?;
+            left -= 1;
+        }
+        self.socket.set_nonblocking(false).map_err(|error| self.broken(&error))
+    }
+
+    /// Takes one datagram; true: motors.
+    fn take(&mut self, bytes: &[u8]) -> Result<bool, AutopilotError> {
+        let Some(motors_us) = decode_motors(bytes) else {
+            self.foreign = (self.foreign.0 + 1, bytes.len());
+            return Ok(false);
+        };
+        self.check(&motors_us)?;
+        self.motors_us = motors_us;
+        self.heard = Some(Instant::now());
+        Ok(true)
+    }
+
     /// Takes motors until `until`; true: some came.
     fn take_motors(&mut self, until: Instant) -> Result<bool, AutopilotError> {
         let mut buffer = [0; 256];
@@ -200,15 +226,11 @@ impl Betaflight {
                 .set_read_timeout(Some(left))
                 .map_err(|error| self.broken(&error))?;
             match self.socket.recv_from(&mut buffer) {
-                Ok((length, _)) => match decode_motors(&buffer[..length]) {
-                    Some(motors_us) => {
-                        self.check(&motors_us)?;
-                        self.motors_us = motors_us;
-                        self.heard = Some(Instant::now());
+                Ok((length, _)) => {
+                    if self.take(&buffer[..length])? {
                         return Ok(true);
                     }
-                    None => self.foreign = (self.foreign.0 + 1, length),
-                },
+                }
                 Err(error)
                     if matches!(
                         error.kind(),
@@ -286,6 +308,7 @@ impl Autopilot for Betaflight {
         if self.patience.stopped() {
             return Err(AutopilotError::stopped());
         }
+        self.take_waiting()?;
         self.send(readings)?;
         if !self.take_motors(self.due.unwrap_or_else(Instant::now))? {
             self.pace.unanswered += 1;

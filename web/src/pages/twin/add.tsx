@@ -2,6 +2,7 @@
 import { For, Show, createSignal } from "solid-js";
 import { ask } from "../../api/client";
 import { createLoad } from "../../api/load";
+import { sentenceOf } from "../../api/problem";
 import { moment, plusMinus, short } from "../../format";
 import type { LogComparison } from "../../model/twin";
 import { Problem } from "../../parts/bits";
@@ -19,7 +20,10 @@ export function Add(props: { twin: Twin }) {
   const line = () => props.twin.line();
   const [more, setMore] = createSignal(false);
   const [diff, setDiff] = createSignal(false);
-  const isHead = () => props.twin.mainHead()?.version === line().at(-1)?.version;
+  const isHead = () => props.twin.head()?.version === line().at(-1)?.version;
+  const branches = () => props.twin.history.data()?.branches ?? [];
+  // What is looked at, as a submission names it.
+  const shown = () => encodeURIComponent(branches().length === 1 && isHead() ? (props.twin.model() ?? "") : `${props.twin.model() ?? ""}@v${line().at(-1)?.version ?? 0}`);
   const difference = createLoad(
     () => (diff() && line().length > 1 ? { model: props.twin.model() ?? "", from: line()[0]?.version ?? 0, to: line().at(-1)?.version ?? 0 } : undefined),
     ({ model, from, to }, signal) => ask<Difference>("GET", `/api/v1/models/${encodeURIComponent(model)}/diff?from=v${from}&to=v${to}`, undefined, { signal }),
@@ -36,7 +40,7 @@ export function Add(props: { twin: Twin }) {
       }));
   const label = (place: number) => {
     const name = logs()[place]?.log.name ?? "";
-    return logs().length === 1 ? `on ${name}` : place < Math.max(1, props.twin.logs().length) ? `${name}, fitted` : `${name}, held out`;
+    return `on ${name}${logs().length === 1 ? "" : place < Math.max(1, props.twin.logs().length) ? ", fitted" : ", held out"}`;
   };
   return (
     <Step
@@ -82,19 +86,23 @@ export function Add(props: { twin: Twin }) {
           </tbody>
         </table>
       </div>
-      <Show when={!isHead() && line().length > 0 && props.twin.mainHead()}>
-        <div class="say">
-          You look at {line().at(-1)?.label}; the model stands at v{props.twin.mainHead()?.version}.{" "}
-          <button type="button" onClick={() => props.twin.chooseVersion(props.twin.mainHead()?.version ?? 0)}>Go there</button>
-        </div>
+      <Show when={!isHead() && line().length > 0 && props.twin.head()}>
+        {(head) => (
+          <div class="say">
+            You look at {line().at(-1)?.label}; {head().name === "main" ? "the model" : `the branch ${head().name}`} stands at v{head().version}.{" "}
+            <button type="button" onClick={() => props.twin.chooseVersion(head().version)}>Go there</button>{" "}
+            To go on from here instead, begin a branch.
+          </div>
+        )}
       </Show>
       <Show when={props.twin.model()}>
         <div class="row">
           <label class="check"><input type="checkbox" checked={more()} onChange={(event) => setMore(event.currentTarget.checked)} /> all quantities</label>
+          <Branches twin={props.twin} />
           <Show when={line().length > 1}><button type="button" aria-expanded={diff()} onClick={() => setDiff(!diff())}>Differences to {line()[0]?.label}</button></Show>
           <a class="button" href={`/api/v1/models/${encodeURIComponent(props.twin.model() ?? "")}/versions/v${line().at(-1)?.version ?? 0}`} download={`${props.twin.model()}.toml`}>Export the version</a>
-          <a class="button" href={`/runs?new=1&model=${encodeURIComponent(props.twin.model() ?? "")}`}>Fly this model</a>
-          <a class="button" href={`/runs?new=1&fdi_model=${encodeURIComponent(props.twin.model() ?? "")}`}>Give it to the detectors</a>
+          <a class="button" href={`/runs?new=1&model=${shown()}`}>Fly this model</a>
+          <a class="button" href={`/runs?new=1&fdi_model=${shown()}`}>Give it to the detectors</a>
         </div>
       </Show>
       <Problem sentence={difference.error()} retry={difference.reload} />
@@ -118,5 +126,45 @@ export function Add(props: { twin: Twin }) {
         )}
       </Show>
     </Step>
+  );
+}
+
+/** Which branch goes on, and how another one begins at the version that is looked at. */
+function Branches(props: { twin: Twin }) {
+  const all = () => props.twin.history.data()?.branches ?? [];
+  const free = () => {
+    for (let k = 1; ; k += 1) if (!all().some((one) => one.name === `try-${k}`)) return `try-${k}`;
+  };
+  const [name, setName] = createSignal<string>();
+  const [problem, setProblem] = createSignal<string>();
+  const begin = async (event: SubmitEvent) => {
+    event.preventDefault();
+    setProblem(undefined);
+    try {
+      await props.twin.beginBranch((name() ?? "").trim());
+      setName(undefined);
+    } catch (error) {
+      setProblem(sentenceOf(error));
+    }
+  };
+  return (
+    <>
+      <Show when={all().length > 1}>
+        <label class="row">
+          Branch
+          <select value={props.twin.branch()} onChange={(event) => props.twin.chooseBranch(event.currentTarget.value)}>
+            <For each={all()}>{(one) => <option value={one.name} selected={one.name === props.twin.branch()}>{one.name} (v{one.version})</option>}</For>
+          </select>
+        </label>
+      </Show>
+      <button type="button" aria-expanded={name() !== undefined} onClick={() => setName(name() === undefined ? free() : undefined)}>Branch from {props.twin.line().at(-1)?.label.replace(/^.*@/, "")}</button>
+      <Show when={name() !== undefined}>
+        <form class="row" onSubmit={(event) => void begin(event)}>
+          <label class="row">Name of the branch <input type="text" value={name()} maxLength={64} aria-invalid={problem() !== undefined} onInput={(event) => setName(event.currentTarget.value)} /></label>
+          <button type="submit" class="main" disabled={!name()?.trim()}>Begin it</button>
+        </form>
+      </Show>
+      <Problem sentence={problem()} />
+    </>
   );
 }

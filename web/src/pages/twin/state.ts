@@ -12,6 +12,7 @@ import { route, setQuery } from "../../router";
 
 /** Vehicle of a first visit: that of the examples. */
 const FIRST_VEHICLE = "f550";
+const MAIN = "main";
 
 export function createTwin() {
   const query = () => route().query;
@@ -19,6 +20,9 @@ export function createTwin() {
   const one = (name: string) => createMemo(() => query().get(name) ?? undefined);
   const [logs, runs, held] = [all("log"), all("run"), all("held")];
   const [vehicle, model, version, cmp, diag] = [one("vehicle"), one("model"), one("v"), one("cmp"), one("diag")];
+  // Additions and undo are about one branch of the model; `main` without it.
+  const branchAsked = one("br");
+  const branch = () => branchAsked() ?? MAIN;
   // A vehicle that is identified from the flight, and the one that was kept and chosen.
   const [identification, made] = [one("ident"), one("made")];
   // The manoeuvre that tells two effects apart, and the run that shows it.
@@ -41,12 +45,12 @@ export function createTwin() {
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
   const flightsReady = createMemo(() => (logs().length > 0 ? log.result() !== undefined : runs().length > 0));
   const vehicleName = () => vehicle() ?? FIRST_VEHICLE;
-  const mainHead = () => history.data()?.branches.find((branch) => branch.name === "main");
-  const shownVersion = () => (version() === undefined ? mainHead()?.version : Number(version()));
+  const head = () => history.data()?.branches.find((one) => one.name === branch());
+  const shownVersion = () => (version() === undefined ? head()?.version : Number(version()));
   const line = createMemo(() => {
     const known = history.data();
-    const head = shownVersion();
-    return known && known.name === model() && head !== undefined ? lineTo(known, head) : [];
+    const shown = shownVersion();
+    return known && known.name === model() && shown !== undefined ? lineTo(known, shown) : [];
   });
 
   // A model of its own for each flight: what is added to it changes nothing for others. Asking for the name that is there is no error.
@@ -98,34 +102,42 @@ export function createTwin() {
     }),
   );
 
-  /** Adds to the head what the diagnosis found. */
+  const goTo = (at: number, of = branchAsked()) => setQuery({ ...begun, model: model(), br: of === MAIN ? undefined : of, v: String(at), again: undefined });
+  /** Adds to the head of the branch what the diagnosis found. */
   const add = (what: { pick?: number; proposal?: true }) =>
     attempt(async () => {
-      const head = mainHead();
+      const seen = line().at(-1)?.hash ?? head()?.hash;
       const answer = await ask<{ version: { version: number } }>(
-        "POST", `/api/v1/models/${model()}/versions`, { diagnosis: diag(), ...what },
-        { headers: head ? { "if-match": `"${line().at(-1)?.hash ?? head.hash}"`, "idempotency-key": freshKey() } : {} },
+        "POST", `/api/v1/models/${model()}/versions`, { diagnosis: diag(), branch: branch(), ...what },
+        { headers: seen ? { "if-match": `"${seen}"`, "idempotency-key": freshKey() } : {} },
       );
       history.reload();
-      setQuery({ ...begun, model: model(), v: String(answer.version.version), again: undefined });
+      goTo(answer.version.version);
     });
   const undo = () =>
     attempt(async () => {
-      const head = mainHead();
+      const seen = head()?.hash;
       const answer = await ask<{ version: { version: number } }>(
-        "POST", `/api/v1/models/${model()}/undo`, { branch: "main" },
-        { headers: head ? { "if-match": `"${head.hash}"`, "idempotency-key": freshKey() } : {} },
+        "POST", `/api/v1/models/${model()}/undo`, { branch: branch() },
+        { headers: seen ? { "if-match": `"${seen}"`, "idempotency-key": freshKey() } : {} },
       );
       history.reload();
-      setQuery({ ...begun, model: model(), v: String(answer.version.version), again: undefined });
+      goTo(answer.version.version);
     });
+  /** Begins a branch at the version that is looked at, and goes on with it; what is shown stays. */
+  const beginBranch = async (name: string) => {
+    const at = line().at(-1)?.version;
+    await ask("POST", `/api/v1/models/${encodeURIComponent(model() ?? "")}/branches`, { name, at: `v${at}` });
+    history.reload();
+    setQuery({ br: name, v: String(at) });
+  };
   const again = () => {
     setProblem(undefined);
     setQuery({ again: freshKey().slice(0, 6), cmp: undefined, diag: undefined, next: undefined, flown: undefined }, true);
   };
 
   return {
-    logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, mainHead, problem, add, undo, again,
+    logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, undo, again, beginBranch,
     flightsReady,
     /** Whether there is a flight that a model can be compared with, and a model. */
     ready,
@@ -142,7 +154,9 @@ export function createTwin() {
     /** Goes on with a vehicle that was identified and kept. */
     chooseMade: (name: string, id: string) => setQuery({ vehicle: name, made: id, ...begun }),
     chooseModel: (name: string) => setQuery({ made: undefined, ...begun, model: name }),
-    chooseVersion: (number: number) => setQuery({ ...begun, model: model(), v: String(number) }),
+    chooseVersion: (number: number) => goTo(number),
+    /** Goes on with a branch, at its head. */
+    chooseBranch: (name: string) => goTo(history.data()?.branches.find((one) => one.name === name)?.version ?? 0, name),
     hold: (ids: string[]) => setQuery({ held: ids, cmp: undefined }),
     proposeFlight: (id: string) => setQuery({ next: id, flown: undefined }, true),
     fly: (id: string) => setQuery({ flown: id }, true),
@@ -154,7 +168,7 @@ export function createTwin() {
 }
 
 /** What was made of flights and vehicle, and ends with them. */
-const begun = { model: undefined, v: undefined, cmp: undefined, diag: undefined, next: undefined, flown: undefined };
+const begun = { model: undefined, br: undefined, v: undefined, cmp: undefined, diag: undefined, next: undefined, flown: undefined };
 
 export type Twin = ReturnType<typeof createTwin>;
 

@@ -705,6 +705,7 @@ mod tests {
             error: None,
             result: None,
             metrics: None,
+            verdict: None,
         }
     }
 
