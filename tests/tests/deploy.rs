@@ -1,12 +1,16 @@
-//! Files for containers: what they call exists, and no container runs with more rights than it needs, kustomize takes them. (That they work was tried by hand:
-//! docs/deploy.md.)
+//! Files for containers: what they call exists, no container runs with more rights than it needs, and kustomize takes them. (That they work
+//! was tried by hand: docs/deploy.md.)
 
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
-use rotortwin_tests::skip::skip;
 use serde_json::json;
+use skip::skip;
 use std::path::PathBuf;
+
+#[path = "../src/skip.rs"]
+#[expect(unreachable_pub, reason = "the harness has it, too")]
+mod skip;
 
 /// All files of the manifests, those of components among them.
 fn manifests() -> Vec<PathBuf> {

@@ -1,6 +1,6 @@
 //! Jobs over several processes and databases: campaigns in parts, runs whose parts fly elsewhere, an older database, random kills.
 
-use rotortwin_links::endpoint::{LinkTiming, PeerOptions, serve_controller};
+use rotortwin_links::endpoint::{PeerOptions, serve_controller};
 use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_proto::{ControllerSetup, Role};
 use rotortwin_tests::accepted::{Accepted, nothing_lost_and_nothing_doubled, short_run, submit_for_sure};
@@ -11,7 +11,7 @@ use rotortwin_tests::random::Random;
 use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
 use rotortwin_tests::server::{Server, Worker};
 use rotortwin_wire::frames::{CommandFrame, SensorFrame};
-use rotortwin_wire::link::ControllerPeer;
+use rotortwin_wire::link::{ControllerPeer, LinkTiming};
 use rotortwin_wire::peers::PidPeer;
 use rotortwin_zenoh::endpoint::ZenohEndpoint;
 use serde_json::{Value, json};
