@@ -45,6 +45,9 @@ fn report(args: &Args, verified: &Verified) -> ExitCode {
             "  replayed {hash} (rotortwin {}, in this process)",
             env!("CARGO_PKG_VERSION")
         );
+        if let Some(note) = verified.note() {
+            println!("  {note}");
+        }
     }
     if verified.same() {
         ExitCode::SUCCESS

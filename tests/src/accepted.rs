@@ -16,7 +16,7 @@ const REASONS: [&str; 5] = ["attempts", "died", "killed by signal", "space", "fu
 /// Somebody who submits a run under a key and does not take no for an answer. The id.
 ///
 /// # Panics
-/// Nobody takes it within two minutes.
+/// Nobody takes it within two minutes, or it is answered with 500.
 pub fn submit_for_sure(address: &str, key: &str, run: &Value) -> String {
     let body = run.to_string();
     let request = format!(
@@ -42,6 +42,11 @@ pub fn submit_for_sure(address: &str, key: &str, run: &Value) -> String {
                 {
                     return run["id"].as_str().expect("an id").to_owned();
                 }
+                // Whatever dies, a server says that this is no time for it. 500 would mean that it does not know what happened.
+                assert!(
+                    !answer.starts_with("HTTP/1.0 500"),
+                    "{key}: a fault of the server: {answer}"
+                );
                 last = answer;
             }
             Err(error) => last = error.to_string(),

@@ -1,14 +1,36 @@
-//! Files for containers: what they call exists, and no container runs with more rights than it needs. (That they work was tried by hand:
-//! docs/deploy.md.)
+//! Files for containers: what they call exists, no container runs with more rights than it needs, and kustomize takes them. (That they work
+//! was tried by hand: docs/deploy.md.)
 
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::{Scratch, repository};
+use rotortwin_tests::server::Server;
+use serde_json::json;
+use skip::skip;
 use std::path::PathBuf;
 
+#[path = "../src/skip.rs"]
+#[expect(unreachable_pub, reason = "the harness has it, too")]
+mod skip;
+
+/// All files of the manifests, those of components among them.
 fn manifests() -> Vec<PathBuf> {
-    let folder = repository().join("deploy/kubernetes");
-    let entries = std::fs::read_dir(folder).expect("it is in the repository");
-    entries.map(|entry| entry.expect("it can be read").path()).collect()
+    let mut folders = vec![repository().join("deploy/kubernetes")];
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("it is in the repository") {
+            let path = entry.expect("it can be read").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                files.push(path);
+            }
+        }
+    }
+    files
+}
+
+fn manifest(name: &str) -> String {
+    std::fs::read_to_string(repository().join("deploy/kubernetes").join(name)).expect("it is text")
 }
 
 /// Words of lists such as `args: [worker, --roles, jobs]` behind `key` that call the program.
@@ -82,4 +104,120 @@ fn val_containers_have_no_rights_to_spare() {
     }
     let image = std::fs::read_to_string(repository().join("Dockerfile")).expect("it is text");
     assert!(image.contains("\nUSER 10001:10001\n"), "the image runs as root");
+}
+
+/// What is scaled or kept up is there under that name, each secret is one that the page names, and no file holds one.
+#[test]
+fn val_budgets_autoscaling_and_secrets_name_what_is_there() {
+    let budgets = manifest("disruption.yaml");
+    for part in ["worker", "controller", "fdi"] {
+        let labels = format!("matchLabels: {{app: {part}}}");
+        assert!(budgets.contains(&labels), "no budget keeps {part}");
+        let deployment = manifest(&format!("{part}.yaml"));
+        assert!(
+            deployment.contains(&labels) && deployment.contains("replicas: 2"),
+            "{part}"
+        );
+    }
+    // One of each: a budget would keep their nodes from ever being drained.
+    for part in ["api", "router", "postgres"] {
+        assert!(manifest(&format!("{part}.yaml")).contains("replicas: 1"), "{part}");
+        assert!(!budgets.contains(&format!("app: {part}")), "{part}");
+    }
+
+    let scaled = manifest("autoscaling/workers.yaml");
+    assert!(scaled.contains("scaleTargetRef: {name: worker}"), "{scaled}");
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let run = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
+    server.ended(&run);
+    let metrics = server.ask("GET", "/metrics", &[], "");
+    let metrics = String::from_utf8(metrics.body).expect("it is text");
+    let queries: Vec<&str> = scaled
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix("query: "))
+        .collect();
+    assert_eq!(queries.len(), 2, "{queries:?}");
+    for query in queries {
+        let name = query
+            .split(['(', ')', '{', ' '])
+            .find(|word| word.starts_with("rotortwin_"))
+            .expect("a metric");
+        assert!(metrics.contains(&format!("# TYPE {name} gauge")), "{name}");
+    }
+
+    let page = std::fs::read_to_string(repository().join("docs/deploy.md")).expect("it is text");
+    for file in manifests() {
+        let text = std::fs::read_to_string(&file).expect("it is text");
+        for part in text.split("secretKeyRef: {name: ").skip(1) {
+            let (name, rest) = part.split_once(", key: ").expect("a key");
+            let key = rest.split([',', '}']).next().expect("its name");
+            assert!(
+                page.contains(&format!("secret generic {name}")),
+                "{name} of {}",
+                file.display()
+            );
+            assert!(
+                page.contains(&format!("--from-literal={key}=")),
+                "{key} of {}",
+                file.display()
+            );
+        }
+        for words in [
+            "AWS_SECRET_ACCESS_KEY, value:",
+            "POSTGRES_PASSWORD, value:",
+            "DATABASE_URL, value:",
+        ] {
+            assert!(!text.contains(words), "{} holds a secret", file.display());
+        }
+    }
+}
+
+/// `kubectl kustomize` puts them together, with the components and without.
+#[test]
+fn scenario_kustomize_takes_the_manifests_with_and_without_components() {
+    let scratch = Scratch::new();
+    let folder = scratch.path("deploy");
+    let copied = std::process::Command::new("cp")
+        .arg("-r")
+        .arg(repository().join("deploy"))
+        .arg(&folder)
+        .status();
+    assert!(copied.is_ok_and(|status| status.success()), "it can be copied");
+    let manifests = folder.join("kubernetes");
+    let build = || {
+        let output = std::process::Command::new("kubectl")
+            .arg("kustomize")
+            .arg(&manifests)
+            .output()
+            .ok()?;
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        Some(String::from_utf8(output.stdout).expect("it is text"))
+    };
+    let Some(plain) = build() else {
+        skip("kubectl is not installed");
+        return;
+    };
+    assert!(plain.contains("kind: PodDisruptionBudget") && plain.contains("claimName: artifacts"));
+    assert!(!plain.contains("ScaledObject") && !plain.contains("object-store"));
+    let list = manifests.join("kustomization.yaml");
+    let text = std::fs::read_to_string(&list)
+        .expect("it is text")
+        .replace("# components:", "components:");
+    std::fs::write(&list, text).expect("written");
+    let all = build().expect("it was there");
+    assert!(
+        !all.contains("claimName: artifacts") && !all.contains("- --artifacts"),
+        "the volume is left out"
+    );
+    assert_eq!(all.matches("name: ROTORTWIN_ARTIFACTS").count(), 2, "API and workers");
+    assert!(all.contains("kind: ScaledObject"));
+    // Of controllers and FDI engines only: how many workers there are says the queue.
+    assert_eq!(
+        (
+            plain.matches("replicas: 2").count(),
+            all.matches("  replicas: 2\n  selector").count()
+        ),
+        (3, 2)
+    );
 }

@@ -159,6 +159,33 @@ fn scenario_what_cannot_be_flown_is_refused_with_the_reason() {
     assert_eq!(server.ask("GET", &outside, &[], "").status, 404);
 }
 
+/// A submission is one JSON object: serde would also take its fields from a list, in their order.
+#[test]
+fn scenario_a_list_is_no_submission() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    for body in [
+        r#"["short-hover"]"#,
+        "[]",
+        r#"[{"scenario":"short-hover"}]"#,
+        "7",
+        r#""short-hover""#,
+        "null",
+    ] {
+        let answer = server.ask("POST", "/api/v1/runs", &[], body);
+        let problem = answer.json();
+        assert_eq!(
+            (answer.status, &problem["type"]),
+            (422, &json!("/problems/unprocessable")),
+            "{body}: {problem}"
+        );
+        // The first two would be read as the first fields, or none.
+        let is_array = problem["detail"].to_string().contains("expected one JSON object");
+        assert_eq!(is_array, body.len() < 17 && body.starts_with('['), "{body}: {problem}");
+    }
+    assert_eq!(server.get("/api/v1/runs")["items"], json!([]));
+}
+
 #[test]
 fn scenario_a_canceled_run_ends_and_keeps_what_it_has() {
     let scratch = Scratch::new();

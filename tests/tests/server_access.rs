@@ -1,10 +1,12 @@
 //! Who may use a server: tokens, scopes, tenants, HTTPS, limits.
 
+use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use serde_json::{Value, json};
 use std::path::Path;
+use std::time::Duration;
 
 const HOVER: &str = r#"{"scenario":"short-hover","link":"in-process"}"#;
 
@@ -216,4 +218,73 @@ fn scenario_limits_are_said_in_one_sentence() {
         200,
         "a watchdog is always answered"
     );
+}
+
+/// Who may only look at runs gets no ticket, with which one could fly them.
+#[test]
+fn scenario_a_ticket_is_for_those_who_may_write() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start(&data);
+    let reader = token(&scratch, &data, &["reader", "--tenant", "a", "--scopes", "read"]);
+    let writer = token(&scratch, &data, &["writer", "--tenant", "a"]);
+    let external = r#"{"scenario":"short-hover","link":"zenoh","controller":"external"}"#;
+    let (status, run) = ask(&server, &writer, "POST", "/api/v1/runs", external);
+    assert_eq!(status, 202, "{run}");
+    let path = format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"));
+    let ticket = format!("{path}/ticket");
+    wait_until(Duration::from_secs(30), || {
+        ask(&server, &writer, "GET", &ticket, "").0 == 200
+    })
+    .expect("the plant waits");
+    let (status, problem) = ask(&server, &reader, "GET", &ticket, "");
+    assert_eq!(status, 403, "{problem}");
+    assert!(problem["detail"].to_string().contains("`write`"), "{problem}");
+    assert_eq!(ask(&server, &reader, "GET", &path, "").0, 200, "it may look");
+    assert_eq!(ask(&server, &writer, "POST", &format!("{path}/cancel"), "").0, 202);
+}
+
+/// One account takes its share of the FDI sessions, and another one still finds a place.
+#[test]
+fn scenario_fdi_sessions_are_shared_by_the_accounts() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let words = ["--workers", "0", "--fdi-sessions", "5", "--tenant-fdi-sessions", "2"];
+    let server = Server::start_at("127.0.0.1:0", &data, &words);
+    let vehicle = r#"{"vehicle":"f550"}"#;
+    let open = |token: &str| ask(&server, token, "POST", "/api/v1/fdi/sessions", vehicle);
+    // Where nobody needs a token there is one account, and all are its.
+    let mut mine: Vec<String> = (0..5)
+        .map(|_| {
+            let (status, told) = open("");
+            assert_eq!(status, 201, "{told}");
+            told["session"]["id"].as_str().expect("an id").to_owned()
+        })
+        .collect();
+    assert_eq!(open("").0, 503, "all are taken");
+    let admin = token(&scratch, &data, &["admin", "--scopes", "admin"]);
+    for _ in 0..4 {
+        let path = format!("/api/v1/fdi/sessions/{}", mine.pop().expect("four"));
+        assert!(ask(&server, &admin, "DELETE", &path, "").0 < 300);
+    }
+    let [a, b] = ["a", "b"].map(|tenant| token(&scratch, &data, &[tenant, "--tenant", tenant]));
+    let (_, first) = open(&a);
+    assert_eq!(open(&a).0, 201);
+    let (status, problem) = open(&a);
+    assert_eq!(status, 429, "{problem}");
+    assert!(
+        problem["detail"]
+            .to_string()
+            .contains("'a' has 2 FDI sessions open, its share"),
+        "{problem}"
+    );
+    assert_eq!((open(&b).0, open(&b).0), (201, 201), "the others' are not gone");
+    // What is closed is free again.
+    assert_eq!(open(&b).0, 429);
+    let path = format!(
+        "/api/v1/fdi/sessions/{}",
+        first["session"]["id"].as_str().expect("an id")
+    );
+    assert!(ask(&server, &a, "DELETE", &path, "").0 < 300);
+    assert_eq!(open(&a).0, 201);
 }

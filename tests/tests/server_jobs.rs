@@ -1,5 +1,8 @@
 //! Jobs over several processes and databases: campaigns in parts, runs whose parts fly elsewhere, an older database, random kills.
 
+use rotortwin_links::endpoint::{PeerOptions, serve_controller};
+use rotortwin_links::zenoh::ZenohOptions;
+use rotortwin_proto::{ControllerSetup, Role};
 use rotortwin_tests::accepted::{Accepted, nothing_lost_and_nothing_doubled, short_run, submit_for_sure};
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::Process;
@@ -7,6 +10,10 @@ use rotortwin_tests::program::{Call, Link};
 use rotortwin_tests::random::Random;
 use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
 use rotortwin_tests::server::{Server, Worker};
+use rotortwin_wire::frames::{CommandFrame, SensorFrame};
+use rotortwin_wire::link::{ControllerPeer, LinkTiming};
+use rotortwin_wire::peers::PidPeer;
+use rotortwin_zenoh::endpoint::ZenohEndpoint;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -341,6 +348,9 @@ fn scenario_somebody_elses_controller_joins_with_the_ticket() {
     let run = server.ended(&id);
     assert_eq!(run["status"], "done", "{run}");
     assert_eq!(server.ask("GET", &path, &[], "").status, 409);
+    // It was ours that joined.
+    let again = server.ask("POST", &format!("/api/v1/runs/{id}/verify"), &[], "").json();
+    assert_eq!((&again["same"], again.get("note")), (&json!(true), None), "{again}");
 
     let nobody = server.submit(&json!({
         "scenario": "short-hover", "link": "zenoh", "controller": "external", "join_timeout_ms": 300
@@ -356,6 +366,63 @@ fn scenario_somebody_elses_controller_joins_with_the_ticket() {
             .as_str()
             .is_some_and(|why| why.contains("controller did not join")),
         "{run}"
+    );
+}
+
+/// Ours with a little less thrust: what somebody else's controller is to a verification.
+#[derive(Default)]
+struct OtherController(PidPeer);
+
+impl ControllerPeer for OtherController {
+    fn setup(&mut self, setup: &ControllerSetup) -> Result<(), String> {
+        self.0.setup(setup)
+    }
+
+    fn step(&mut self, sensors: &SensorFrame) -> CommandFrame {
+        let mut command = self.0.step(sensors);
+        for duty in &mut command.duty {
+            *duty *= 0.999;
+        }
+        command
+    }
+}
+
+/// A run that an external controller flew cannot be flown again by it: the answer says so, and is no alarm.
+#[test]
+fn scenario_a_run_of_an_external_controller_is_verified_with_a_note() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let id = server.submit(&json!({ "scenario": "short-hover", "seed": 7, "link": "zenoh", "controller": "external" }));
+    let begun = Instant::now();
+    let ticket = loop {
+        let answer = server.ask("GET", &format!("/api/v1/runs/{id}/ticket"), &[], "");
+        if answer.status == 200 {
+            break answer.json()["peers"][0].clone();
+        }
+        assert!(begun.elapsed() < Duration::from_secs(30), "{}", answer.json());
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let text = |key: &str| ticket[key].as_str().expect("a text");
+    let address = text("link")
+        .strip_prefix("zenoh:connect=")
+        .expect("an address")
+        .to_owned();
+    let run_id = u64::from_str_radix(text("run_id"), 16).expect("16 hex digits");
+    let mut endpoint = ZenohEndpoint::new(Role::Controller, run_id, ZenohOptions::connect(address)).expect("it opens");
+    let options = PeerOptions::new("other-controller 2.0".to_owned(), &LinkTiming::default());
+    serve_controller(&mut endpoint, &mut OtherController::default(), &options).expect("it flies to the end");
+    let run = server.ended(&id);
+    assert_eq!(
+        (&run["status"], &run["summary"]["controller"]["peer"]),
+        (&json!("done"), &json!("other-controller")),
+        "{run}"
+    );
+    let again = server.ask("POST", &format!("/api/v1/runs/{id}/verify"), &[], "").json();
+    assert_eq!(again["same"], json!(false), "{again}");
+    let note = again["note"].as_str().unwrap_or_default();
+    assert!(
+        note.contains("an external controller (other-controller") && note.contains("the hashes say nothing"),
+        "{again}"
     );
 }
 
@@ -510,7 +577,14 @@ fn scenario_a_table_of_runs() {
             .is_some_and(|names| names.contains(&json!("steps"))),
         "{names}"
     );
-    let table = server.get("/api/v1/table?columns=steps,nonsense&name=short-hover");
+    // A column that these runs have not got, but a summary can have, is empty; what no run can have is named.
+    let table = server.get("/api/v1/table?columns=steps,intervals.9.position_rms_m&name=short-hover");
+    let refused = server.ask("GET", "/api/v1/table?columns=steps,stesp,tracking", &[], "");
+    let told = refused.json()["detail"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(refused.status, 422, "{told}");
+    for words in ["'stesp', 'tracking'", " steps,", " tracking.position_rms_m,"] {
+        assert!(told.contains(words), "{words} is not in: {told}");
+    }
     let rows = table["rows"].as_array().expect("rows");
     assert_eq!(rows.len(), 3);
     for row in rows {

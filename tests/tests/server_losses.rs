@@ -10,6 +10,7 @@ use rotortwin_tests::server::{Server, Worker};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// From the loss of a host to the next attempt at what it had.
@@ -154,6 +155,74 @@ fn scenario_a_network_cut_without_a_word() {
     wait_until(Duration::from_secs(20), || !process.is_alive()).expect("it ends");
     println!("ended {:?} after SIGTERM", begun.elapsed());
     worker.kill();
+}
+
+/// Requests of every sort while Postgres ends, is away and starts: each is answered, or refused with 503 and a pause; nothing is a fault of
+/// the server.
+#[test]
+fn scenario_a_database_that_starts_again_is_a_pause() {
+    let scratch = Scratch::new();
+    let Some(mut postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let words = words(&url, &artifacts, &["--workers", "0"]);
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("server"), &words);
+    let id = server.submit(&long_flight());
+    let run = format!("/api/v1/runs/{id}");
+    let body = long_flight().to_string();
+    let requests: [(&str, String, &str); 7] = [
+        ("POST", "/api/v1/runs".to_owned(), &body),
+        ("GET", run.clone(), ""),
+        ("GET", "/api/v1/runs".to_owned(), ""),
+        ("GET", "/api/v1/limits".to_owned(), ""),
+        ("GET", "/api/v1/table".to_owned(), ""),
+        ("GET", "/metrics".to_owned(), ""),
+        ("GET", "/readyz".to_owned(), ""),
+    ];
+    let is_over = AtomicBool::new(false);
+    let (mut answered, mut paused) = (0, 0);
+    std::thread::scope(|scope| {
+        let asking: Vec<_> = requests
+            .iter()
+            .map(|(method, path, body)| {
+                let (server, is_over) = (&server, &is_over);
+                scope.spawn(move || {
+                    let (mut answered, mut paused) = (0, 0);
+                    while !is_over.load(Ordering::Relaxed) {
+                        let answer = server.ask(method, path, &[], body);
+                        match answer.status {
+                            200 | 202 => answered += 1,
+                            503 => {
+                                let head = answer.headers.to_ascii_lowercase();
+                                assert!(head.contains("\r\nretry-after: "), "{path}: {head}");
+                                paused += 1;
+                            }
+                            other => panic!("{method} {path}: {other}: {}", String::from_utf8_lossy(&answer.body)),
+                        }
+                    }
+                    (answered, paused)
+                })
+            })
+            .collect();
+        for _ in 0..2 {
+            std::thread::sleep(Duration::from_millis(700));
+            postgres.kill();
+            std::thread::sleep(Duration::from_millis(1500));
+            postgres.up();
+        }
+        // Each is answered again.
+        std::thread::sleep(Duration::from_secs(2));
+        is_over.store(true, Ordering::Relaxed);
+        for asking in asking {
+            let (yes, later) = asking.join().expect("no other answer");
+            answered += yes;
+            paused += later;
+        }
+    });
+    println!("{answered} answers, {paused} pauses");
+    assert!(answered > 0 && paused > 0, "{answered} answers, {paused} pauses");
+    assert_eq!(server.get(&run)["status"], "queued");
 }
 
 /// Workers of the count of connections; `ROTORTWIN_WORKERS=200` makes the department.

@@ -2,10 +2,12 @@
 
 use rotortwin_tests::bucket::Bucket;
 use rotortwin_tests::disk::Disk;
+use rotortwin_tests::postgres::Postgres;
+use rotortwin_tests::process::wait_until;
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::Server;
 use serde_json::json;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::Path;
 use std::time::Duration;
 
@@ -148,12 +150,53 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
             answer.status
         );
     }
-    // What is there can be read.
-    let id = first["id"].as_str().expect("an id");
-    let report = server.ask("GET", &format!("/api/v1/runs/{id}/artifacts/report.html"), &[], "");
-    assert_eq!(report.status, 200);
+    // What is there can be read; watchdogs hear that there is no room.
+    let id = first["id"].as_str().expect("an id").to_owned();
+    let report = format!("/api/v1/runs/{id}/artifacts/report.html");
+    assert_eq!(server.ask("GET", &report, &[], "").status, 200);
+    let ready = server.ask("GET", "/readyz", &[], "");
+    assert_eq!(ready.status, 503, "{}", String::from_utf8_lossy(&ready.body));
+    assert!(
+        ready.json()["detail"].to_string().contains("nothing can be written"),
+        "{}",
+        ready.json()
+    );
+    assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200, "it lives");
+    // It starts there again.
+    assert_eq!(server.stop(), Some(0));
+    server = Server::start(&data);
+    fill(1 << 20);
+    assert_eq!(server.ask("GET", &report, &[], "").status, 200);
+    // Without one byte left the database cannot even note that something is gone, and says so; nothing is lost by that.
+    let full = server.ask("POST", "/api/v1/runs", &[], &flight.to_string());
+    assert_eq!(full.status, 507, "{}", full.json());
+    let deleted = server.ask("DELETE", &format!("/api/v1/runs/{id}"), &[], "");
+    assert!(
+        matches!(deleted.status, 204 | 507),
+        "{}",
+        String::from_utf8_lossy(&deleted.body)
+    );
+    let there = if deleted.status == 507 { 200 } else { 404 };
+    assert_eq!(server.ask("GET", &report, &[], "").status, there);
+    // With a little, too little for a job to begin, people make room by deleting.
+    let file = std::fs::File::options()
+        .write(true)
+        .open(&ballast)
+        .expect("it is there");
+    let length = file.metadata().expect("it has a length").len();
+    file.set_len(length - (512 << 10)).expect("it can be cut");
+    // Held, it would keep its room when it is removed.
+    drop(file);
+    if there == 200 {
+        let deleted = server.ask("DELETE", &format!("/api/v1/runs/{id}"), &[], "");
+        assert_eq!(deleted.status, 204, "{}", String::from_utf8_lossy(&deleted.body));
+    }
+    assert_eq!(server.ask("GET", &report, &[], "").status, 404);
+    assert!(!data.join("jobs").join(&id).exists(), "its files are gone");
 
     std::fs::remove_file(&ballast).expect("it can be removed");
+    let ready = server.ask("GET", "/readyz", &[], "");
+    assert_eq!(ready.status, 200, "{}", String::from_utf8_lossy(&ready.body));
     for id in &accepted {
         let run = server.ended(id);
         // Done, or failed with the reason: never lost.
@@ -168,7 +211,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     assert_eq!(server.stop(), Some(0));
     let server = Server::start(&data);
     let runs = server.get("/api/v1/runs?limit=100")["items"].as_array().map(Vec::len);
-    assert_eq!(runs, Some(accepted.len() + 2), "the database is whole");
+    assert_eq!(runs, Some(accepted.len() + 1), "the database is whole");
 }
 
 /// A worker whose disk is full begins nothing: a job does not use up its attempts there, and is done when there is room.
@@ -193,4 +236,142 @@ fn scenario_a_worker_waits_for_room() {
     assert!(disk.resize("64m"), "there is room again");
     let run = server.ended(&id);
     assert_eq!((&run["status"], &run["attempts"]), (&json!("done"), &json!(1)), "{run}");
+}
+
+fn upload(server: &Server, name: &str, headers: &[(&str, &str)], bytes: usize) -> rotortwin_tests::server::Answer {
+    let headers = [headers, &[("content-type", "application/octet-stream")]].concat();
+    server.ask_bytes(
+        "POST",
+        &format!("/api/v1/logs?name={name}"),
+        &headers,
+        &vec![b'x'; bytes],
+    )
+}
+
+/// What lies in the folder of uploads.
+fn uploads(data: &Path) -> Vec<String> {
+    let entries =
+        std::fs::read_dir(data.join("uploads")).map(|entries| entries.filter_map(Result::ok).collect::<Vec<_>>());
+    let mut names: Vec<String> = entries
+        .unwrap_or_default()
+        .into_iter()
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+/// A file counts from the moment at which it was accepted until its log is deleted, whatever becomes of the import.
+#[test]
+fn scenario_uploads_that_wait_fill_an_account() {
+    const MEGABYTE: usize = 1_000_000;
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let words = ["--workers", "0", "--tenant-gigabytes", "1", "--largest-upload", "300"];
+    let server = Server::start_at("127.0.0.1:0", &data, &words);
+    let mut logs = Vec::new();
+    for number in 0..3 {
+        let log = upload(&server, "flight.csv", &[], 300 * MEGABYTE);
+        assert_eq!(log.status, 202, "{number}: {}", log.json());
+        assert_eq!(log.json()["bytes"], 300 * MEGABYTE);
+        logs.push(log.json()["id"].as_str().expect("an id").to_owned());
+    }
+    assert_eq!(server.get("/api/v1/limits")["bytes"], 900 * MEGABYTE);
+    let full = upload(&server, "flight.csv", &[], 101 * MEGABYTE);
+    let told = full.json()["detail"].to_string();
+    assert_eq!(full.status, 507, "{told}");
+    for words in ["900000000 bytes of files", "101000000", "delete jobs"] {
+        assert!(told.contains(words), "{words} is not in: {told}");
+    }
+    assert_eq!(uploads(&data).len(), 3, "what was refused is not kept");
+    // A smaller one finds room, and then not even a flight does.
+    assert_eq!(upload(&server, "flight.csv", &[], 100 * MEGABYTE).status, 202);
+    let flight = json!({ "scenario": "short-hover", "link": "in-process" }).to_string();
+    assert_eq!(server.ask("POST", "/api/v1/runs", &[], &flight).status, 507);
+    for action in ["POST", "DELETE"] {
+        let cancel = if action == "POST" { "/cancel" } else { "" };
+        let answer = server.ask(action, &format!("/api/v1/logs/{}{cancel}", logs[0]), &[], "");
+        assert!(answer.status < 300, "{action}: {}", answer.status);
+        let bytes = if action == "POST" { 1000 } else { 700 };
+        assert_eq!(server.get("/api/v1/limits")["bytes"], bytes * MEGABYTE, "{action}");
+    }
+    assert_eq!(server.ask("POST", "/api/v1/runs", &[], &flight).status, 202);
+}
+
+/// Half an upload leaves nothing: neither one whose client goes, nor one whose server is killed in the middle.
+#[test]
+fn scenario_half_an_upload_leaves_nothing() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+    let whole = upload(&server, "flight.csv", &[("idempotency-key", "whole")], 1000);
+    assert_eq!(whole.status, 202, "{}", whole.json());
+    let kept = uploads(&data);
+    assert_eq!(kept.len(), 1);
+    let begin = |server: &Server| {
+        let mut stream = server.connect();
+        let head = "POST /api/v1/logs?name=half.csv HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/octet-stream\r\n\
+                    content-length: 1000000\r\n\r\n";
+        stream.write_all(head.as_bytes()).expect("it takes the head");
+        stream.write_all(&[b'x'; 400_000]).expect("it takes the first part");
+        stream
+    };
+    let half_there = |data: &Path| uploads(data).len() == 2;
+    let only_whole = || wait_until(Duration::from_secs(20), || uploads(&data) == kept);
+
+    // The client goes.
+    let stream = begin(&server);
+    wait_until(Duration::from_secs(20), || half_there(&data)).expect("it is written as it comes");
+    drop(stream);
+    only_whole().unwrap_or_else(|| panic!("left by a client: {:?}", uploads(&data)));
+    // The same file again: the second copy goes.
+    assert_eq!(
+        upload(&server, "flight.csv", &[("idempotency-key", "whole")], 1000).status,
+        200
+    );
+    assert_eq!(uploads(&data), kept);
+
+    // The server goes, twice: what the first start finds, it removes.
+    for _ in 0..2 {
+        let _stream = begin(&server);
+        wait_until(Duration::from_secs(20), || half_there(&data)).expect("it is written as it comes");
+        server.kill();
+        assert!(half_there(&data), "nobody could tidy up");
+        server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+        assert_eq!(uploads(&data), kept, "the whole one is kept, the half one is not");
+        let marks = std::fs::read_dir(data.join("incoming")).map(Iterator::count);
+        assert_eq!(marks.unwrap_or(0), 0);
+    }
+}
+
+/// Two servers on one folder of files: one that starts leaves alone what the other one is being sent.
+#[test]
+fn scenario_a_start_leaves_the_uploads_of_another_server_alone() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let (url, files) = (postgres.url(), scratch.path("files"));
+    let place = files.display().to_string();
+    let words = [
+        "--workers",
+        "0",
+        "--database-url",
+        url.as_str(),
+        "--artifacts",
+        place.as_str(),
+    ];
+    let one = Server::start_at("127.0.0.1:0", &scratch.path("one"), &words);
+    let mut stream = one.connect();
+    let head = "POST /api/v1/logs?name=slow.csv HTTP/1.0\r\ncontent-type: application/octet-stream\r\ncontent-length: 2000\r\n\r\n";
+    stream.write_all(head.as_bytes()).expect("it takes the head");
+    stream.write_all(&[b'x'; 1000]).expect("it takes the first half");
+    wait_until(Duration::from_secs(20), || uploads(&files).len() == 1).expect("it is written as it comes");
+    let _two = Server::start_at("127.0.0.1:0", &scratch.path("two"), &words);
+    assert_eq!(uploads(&files).len(), 1);
+    stream.write_all(&[b'x'; 1000]).expect("it takes the second half");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer");
+    assert!(answer.starts_with("HTTP/1.0 202"), "{answer}");
+    assert_eq!(uploads(&files).len(), 1);
 }

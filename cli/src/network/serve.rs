@@ -172,6 +172,9 @@ pub struct Args {
     /// FDI sessions that are open at the same time
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub fdi_sessions: u16,
+    /// Of these, those of one tenant, at most; a server without tokens has one, and all are its
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    pub tenant_fdi_sessions: u16,
     /// An FDI session ends when nothing is asked of it for so long, s
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     pub fdi_idle: u64,

@@ -20,4 +20,7 @@ pub struct Verified {
     pub replayed: String,
     /// Whether they are the same.
     pub same: bool,
+    /// Why they need not be the same: the run was flown by another controller than the second execution. Absent where nobody else flew.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
 }

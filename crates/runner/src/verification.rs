@@ -8,6 +8,7 @@ use rotortwin_plant::Simulation;
 use rotortwin_scenario::{ConfigError, Documents, Scenario};
 use rotortwin_sim::session;
 use rotortwin_store::summary::{Status, Summary, load_summary};
+use rotortwin_wire::peers;
 use std::path::Path;
 
 /// Two executions of one run.
@@ -25,12 +26,29 @@ impl Verified {
         self.hash == self.summary.run_hash
     }
 
+    /// Why the two may differ, if somebody else's controller flew the first one: the second is flown by ours, as the other one is not here.
+    /// One sentence.
+    pub fn note(&self) -> Option<String> {
+        let controller = self.summary.controller.as_ref()?;
+        if self.same() || session::was_flown_by_autopilot(&self.summary) || peers::is_our_controller(&controller.peer) {
+            return None;
+        }
+        let version = controller.version.as_deref().map(|version| format!(" {version}"));
+        Some(format!(
+            "the run was flown by an external controller ({}{}), and again by our own, as that one is not here: the hashes say nothing about \
+             whether the run can be repeated",
+            controller.peer,
+            version.unwrap_or_default()
+        ))
+    }
+
     /// As it is printed.
     pub fn verdict(&self) -> rotortwin_jobs::Verified {
         rotortwin_jobs::Verified {
             recorded: self.summary.run_hash.clone(),
             replayed: self.hash.clone(),
             same: self.same(),
+            note: self.note(),
         }
     }
 }

@@ -8,6 +8,15 @@ use rotortwin_flight_core::fdi::{self, FdiConfig, FdiConfigError, FdiEngine, Fdi
 use rotortwin_flight_core::signals::Measurement;
 use rotortwin_proto::{ControllerSetup, FdiSetup, Ground};
 
+/// How our own controller calls itself, before its version.
+const OUR_CONTROLLER: &str = "rotortwin-controller";
+
+/// Whether a peer that calls itself so is [`PidPeer`], in whichever process.
+pub fn is_our_controller(program: &str) -> bool {
+    let rest = program.strip_prefix(OUR_CONTROLLER);
+    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
+}
+
 /// The cascaded PID controller of `flight-core` (Table 5).
 #[derive(Default)]
 pub struct PidPeer {
@@ -43,7 +52,7 @@ impl ControllerPeer for PidPeer {
 
     fn program(&self) -> String {
         // As the process of its own calls itself.
-        concat!("rotortwin-controller ", env!("CARGO_PKG_VERSION")).to_owned()
+        format!("{OUR_CONTROLLER} {}", env!("CARGO_PKG_VERSION"))
     }
 }
 

@@ -28,7 +28,9 @@ pub(crate) struct Caller {
     /// He sees everybody's jobs.
     pub(crate) sees_all: bool,
     /// He may change things; to be asked where a GET does, as a WebSocket can.
-    pub(crate) may_write: bool,
+    may_write: bool,
+    /// There are accounts beside this one: what all share is divided.
+    pub(crate) is_one_of_several: bool,
 }
 
 impl Caller {
@@ -38,12 +40,26 @@ impl Caller {
             tenant: LOCAL_TENANT.to_owned(),
             sees_all: true,
             may_write: true,
+            is_one_of_several: false,
         }
     }
 
     /// Whether the caller may see a job. Somebody else's is as if it were not there.
     pub(crate) fn sees(&self, job: &Job) -> bool {
         self.sees_all || job.new.tenant == self.tenant
+    }
+
+    /// Refuses a caller that may only look, where a GET does or hands out more than a look; `why` says what.
+    ///
+    /// # Errors
+    /// 403.
+    pub(crate) fn must_write(&self, why: &str) -> Result<(), Problem> {
+        if self.may_write {
+            return Ok(());
+        }
+        Err(Problem::forbidden(format!(
+            "{why}; expected a token with the scope `write`"
+        )))
     }
 
     /// Whose jobs a list shows; `None`: all.
@@ -61,6 +77,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
             tenant: String::new(),
             sees_all: false,
             may_write: false,
+            is_one_of_several: true,
         }))
     }
 }
@@ -131,6 +148,7 @@ async fn caller(app: &App, method: &Method, headers: &HeaderMap) -> Result<Calle
     Ok(Caller {
         sees_all: token.scopes.contains(&Scope::Admin),
         may_write: permit(&token, &Method::POST).is_ok(),
+        is_one_of_several: true,
         tenant: token.tenant,
     })
 }

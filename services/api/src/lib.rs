@@ -18,6 +18,7 @@ mod clock;
 mod connections;
 mod data_folder;
 pub mod fdi;
+mod incoming;
 mod jobs;
 mod json_object;
 mod library;
@@ -357,6 +358,7 @@ impl Server {
         let hosts = HostNames::new(config.listen, &config.allowed_hosts)?;
         let shelf = Library::open(&config.library)?;
         let worker = Worker::open_with(config.work.clone(), SERVER_CONNECTIONS).await?;
+        incoming::tidy(&worker.shop.artifacts, &worker.shop.database, &config.work.data).await?;
         let has_tokens = worker.shop.database.has_tokens().await;
         if open && !has_tokens.map_err(|error| format!("the tokens cannot be read: {error}"))? {
             return Err(format!(

@@ -106,6 +106,11 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, "conflict", "It contradicts what is there", detail)
     }
 
+    /// 409: another job needs it.
+    pub(crate) fn in_use(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::CONFLICT, "in-use", "Another job needs it", detail)
+    }
+
     /// 410: it was there, and will not be again.
     pub(crate) fn gone(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::GONE, "gone", "It is over", detail)

@@ -157,6 +157,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         work,
         fdi: FdiLimits {
             sessions: usize::from(args.fdi_sessions),
+            tenant_sessions: usize::from(args.tenant_fdi_sessions),
             idle: Duration::from_secs(args.fdi_idle),
         },
         fdi_link: args.fdi_link.clone(),

@@ -283,6 +283,8 @@ class Verification:
     wall_ms: int
     #: Id of the job that did it.
     job: str = ""
+    #: Why they need not be equal: an external controller flew the run, and the server's own flew it again.
+    note: str | None = None
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ const LONGEST_HISTORY: usize = 1000;
 pub struct FdiLimits {
     /// Sessions that are open at the same time.
     pub sessions: usize,
+    /// Of these, on one account where there are several.
+    pub tenant_sessions: usize,
     /// A session ends when nothing is asked of it for so long.
     pub idle: Duration,
 }
@@ -34,6 +36,7 @@ impl Default for FdiLimits {
     fn default() -> Self {
         Self {
             sessions: 64,
+            tenant_sessions: 16,
             idle: Duration::from_secs(600),
         }
     }
@@ -223,21 +226,30 @@ impl FdiSessions {
         self.limits.idle
     }
 
-    /// Opens one.
+    /// Opens one. An account has its share, so that one client's sessions are not all there are; without tokens there is one account, and
+    /// all are its.
     ///
     /// # Errors
-    /// 503 if there are too many; 422 if the engine refuses its configuration.
+    /// 429 if the account has its share, 503 if there are too many of all; 422 if the engine refuses its configuration.
     pub(crate) fn open(&self, caller: &Caller, detectors: &Detectors) -> Result<Arc<Entry>, Problem> {
         let number = rand::random::<u64>().max(1);
         let session =
             FdiSession::new(*detectors.config(), number).map_err(|error| Problem::unprocessable(error.to_string()))?;
         let mut open = lock(&self.open);
         self.sweep(&mut open);
+        let idle_s = self.limits.idle.as_secs_f64();
+        let own = open.values().filter(|entry| entry.tenant == caller.tenant).count();
+        if caller.is_one_of_several && own >= self.limits.tenant_sessions {
+            return Err(Problem::too_many(format!(
+                "'{}' has {own} FDI sessions open, its share (`--tenant-fdi-sessions`); expected one to be deleted, or to end after {idle_s} s \
+                 of silence",
+                caller.tenant
+            )));
+        }
         if open.len() >= self.limits.sessions {
             return Err(Problem::unavailable(format!(
-                "{} FDI sessions are open, no more are allowed; expected one to be deleted, or to end after {} s of silence",
-                open.len(),
-                self.limits.idle.as_secs_f64()
+                "{} FDI sessions are open, no more are allowed; expected one to be deleted, or to end after {idle_s} s of silence",
+                open.len()
             )));
         }
         let entry = Arc::new(Entry {

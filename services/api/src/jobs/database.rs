@@ -340,6 +340,11 @@ fn migrations(dialect: Dialect) -> Migrator {
                 "autopilots",
                 include_str!("../../migrations/sqlite/0007_autopilots.sql"),
             ),
+            (
+                8,
+                "needs_and_uploads",
+                include_str!("../../migrations/sqlite/0008_needs_and_uploads.sql"),
+            ),
         ],
         Dialect::Postgres => &[
             (1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql")),
@@ -363,6 +368,11 @@ fn migrations(dialect: Dialect) -> Migrator {
                 6,
                 "autopilots",
                 include_str!("../../migrations/postgres/0006_autopilots.sql"),
+            ),
+            (
+                7,
+                "needs_and_uploads",
+                include_str!("../../migrations/postgres/0007_needs_and_uploads.sql"),
             ),
         ],
     };

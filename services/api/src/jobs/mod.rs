@@ -186,6 +186,10 @@ pub(crate) struct NewJob {
     pub(crate) wall_limit_ms: i64,
     /// The autopilot that flies it: one run at a time, by the process that lists it.
     pub(crate) autopilot: Option<String>,
+    /// Jobs whose files it or its parts read: none of them can be deleted before it has ended.
+    pub(crate) needs: Vec<String>,
+    /// Of the file that came with it, which stays until the job is deleted.
+    pub(crate) upload_bytes: i64,
     /// Its parts: it is begun when all of them are done.
     pub(crate) parts: Vec<NewJob>,
 }
@@ -197,7 +201,7 @@ pub(crate) struct Job {
     pub(crate) id: String,
     /// Its state.
     pub(crate) status: Status,
-    /// As submitted; `parts` is empty.
+    /// As submitted; `needs` and `parts` are empty.
     pub(crate) new: NewJob,
     /// The job that waits for this one.
     pub(crate) part_of: Option<String>,
@@ -221,7 +225,7 @@ pub(crate) struct Job {
     pub(crate) ticket: Option<String>,
     /// Of the attempt that counts, in the artifact store.
     pub(crate) folder: Option<String>,
-    /// Of its files.
+    /// Of its files, its upload among them.
     pub(crate) bytes: i64,
     /// Over all samples of a flight.
     pub(crate) run_hash: Option<String>,
@@ -297,7 +301,7 @@ pub(crate) struct Outcome {
     pub(crate) status: Status,
     /// Its files, in the artifact store.
     pub(crate) folder: Option<String>,
-    /// Of its files.
+    /// Of the files that it has left.
     pub(crate) bytes: i64,
     /// Over all samples of a flight.
     pub(crate) run_hash: Option<String>,

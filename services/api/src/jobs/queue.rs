@@ -11,6 +11,7 @@ use super::{Job, NewJob, Outcome, Status};
 use crate::clock::now_ms;
 use crate::jobs::database::Database;
 use sqlx::Row as _;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// No lease and no pause of ours ends later than 20 s from now. What does was written before the database's clock was set back, and
@@ -76,6 +77,19 @@ pub(crate) enum Submitted {
     Before(Box<Job>),
     /// Something else was.
     Other,
+    /// It reads the files of this job, which was deleted meanwhile.
+    InputGone(String),
+}
+
+/// Whether a job was deleted.
+#[derive(Debug)]
+pub(crate) enum Deleted {
+    /// It and its parts were; all ids that are gone.
+    Gone(Vec<String>),
+    /// It has not ended, or there is none.
+    NotEnded,
+    /// This job, which waits or runs, reads its files.
+    Needed(Box<Job>),
 }
 
 /// How many jobs a tenant may have running at the same time where nothing else is said.
@@ -110,6 +124,18 @@ impl Database {
         for part in &new.parts {
             self.insert(&mut transaction, &new_id(), part, Some(&id)).await?;
         }
+        // What a part reads is needed until the whole has ended. In order, so that two submissions do not wait for each other.
+        let needs: BTreeSet<&String> = new
+            .parts
+            .iter()
+            .flat_map(|part| &part.needs)
+            .chain(&new.needs)
+            .collect();
+        for needed in needs {
+            if !note_need(&mut transaction, &id, needed).await? {
+                return Ok(Submitted::InputGone(needed.clone()));
+            }
+        }
         self.tell(&mut transaction, "").await?;
         let row = sqlx::query("SELECT * FROM job WHERE id = $1")
             .bind(&id)
@@ -133,8 +159,8 @@ impl Database {
     ) -> Result<bool, sqlx::Error> {
         let inserted = sqlx::query(self.sql(
             "INSERT INTO job (id, kind, name, tenant, status, priority, spec, facts, parent, part_of, waits_for, idempotency_key, \
-             request_hash, submitted_ms, wall_limit_ms, autopilot) \
-             VALUES ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10, $11, $12, @NOW, $13, $14) \
+             request_hash, submitted_ms, wall_limit_ms, autopilot, upload_bytes, bytes) \
+             VALUES ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10, $11, $12, @NOW, $13, $14, $15, $16) \
              ON CONFLICT (tenant, kind, idempotency_key) DO NOTHING",
         ))
         .bind(id)
@@ -151,6 +177,8 @@ impl Database {
         .bind(&new.request_hash)
         .bind(new.wall_limit_ms)
         .bind(&new.autopilot)
+        .bind(new.upload_bytes)
+        .bind(new.upload_bytes)
         .execute(&mut **transaction)
         .await?
         .rows_affected();
@@ -301,7 +329,7 @@ impl Database {
     pub(crate) async fn finish(&self, id: &str, token: &str, outcome: &Outcome) -> Result<bool, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
         let row = sqlx::query(self.sql(
-            "UPDATE job SET status = $1, folder = $2, bytes = $3, run_hash = $4, error = $5, result = $6, metrics = $7, \
+            "UPDATE job SET status = $1, folder = $2, bytes = upload_bytes + $3, run_hash = $4, error = $5, result = $6, metrics = $7, \
              finished_ms = @NOW, claim = NULL, claim_until_ms = NULL, ticket = NULL WHERE id = $8 AND claim = $9 RETURNING *",
         ))
         .bind(outcome.status.as_str())
@@ -547,33 +575,66 @@ impl Database {
         self.get(id).await
     }
 
-    /// Deletes a job that has ended, and its parts; `None`: it has not ended, or there is none. Otherwise all ids that are gone.
+    /// Deletes a job that has ended, and its parts, unless a job that waits or runs reads its files.
+    ///
+    /// Whoever submits such a job holds the row of this one while it does ([`note_need`]), as this does: one of the two is first, and the
+    /// other sees what it did.
     ///
     /// # Errors
     /// The database.
-    pub(crate) async fn delete(&self, id: &str) -> Result<Option<Vec<String>>, sqlx::Error> {
+    pub(crate) async fn delete(&self, id: &str) -> Result<Deleted, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
-        let deleted = sqlx::query("DELETE FROM job WHERE id = $1 AND status IN ('done', 'failed', 'canceled')")
-            .bind(id)
-            .execute(&mut *transaction)
-            .await?
-            .rows_affected();
-        if deleted == 0 {
-            return Ok(None);
+        let held =
+            sqlx::query("UPDATE job SET claim = claim WHERE id = $1 AND status IN ('done', 'failed', 'canceled')")
+                .bind(id)
+                .execute(&mut *transaction)
+                .await?
+                .rows_affected();
+        if held == 0 {
+            return Ok(Deleted::NotEnded);
         }
-        let rows = sqlx::query("DELETE FROM job WHERE part_of = $1 RETURNING id")
+        let row = sqlx::query(
+            "SELECT j.* FROM job_need n JOIN job j ON j.id = n.job_id \
+             WHERE n.needs = $1 AND j.status IN ('queued', 'running') ORDER BY j.id LIMIT 1",
+        )
+        .bind(id)
+        .fetch_optional(&mut *transaction)
+        .await?;
+        if let Some(row) = row {
+            return Ok(Deleted::Needed(Box::new(job_of(&row)?)));
+        }
+        let rows = sqlx::query("DELETE FROM job WHERE id = $1 OR part_of = $2 RETURNING id")
+            .bind(id)
             .bind(id)
             .fetch_all(&mut *transaction)
             .await?;
-        let mut ids = vec![id.to_owned()];
-        for row in rows {
-            ids.push(row.try_get("id")?);
-        }
+        let ids = rows
+            .iter()
+            .map(|row| row.try_get("id"))
+            .collect::<Result<Vec<String>, _>>()?;
         self.tell(&mut transaction, id).await?;
         transaction.commit().await?;
         self.hub.wake(id);
-        Ok(Some(ids))
+        Ok(Deleted::Gone(ids))
     }
+}
+
+/// Writes down that a job reads the files of another one, whose row is held until the transaction ends; `false`: that one is gone.
+async fn note_need(transaction: &mut Transaction, id: &str, needed: &str) -> Result<bool, sqlx::Error> {
+    let held = sqlx::query("UPDATE job SET claim = claim WHERE id = $1")
+        .bind(needed)
+        .execute(&mut **transaction)
+        .await?
+        .rows_affected();
+    if held == 0 {
+        return Ok(false);
+    }
+    sqlx::query("INSERT INTO job_need (job_id, needs) VALUES ($1, $2)")
+        .bind(id)
+        .bind(needed)
+        .execute(&mut **transaction)
+        .await?;
+    Ok(true)
 }
 
 /// Whether the claim is still this one's; the row is held until the transaction ends.

@@ -57,6 +57,18 @@ impl Database {
         row.as_ref().map(job_of).transpose()
     }
 
+    /// Whether a job names an uploaded file by this key.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn names_upload(&self, key: &str) -> Result<bool, sqlx::Error> {
+        let row = sqlx::query("SELECT id FROM job WHERE kind = 'log' AND facts LIKE $1 LIMIT 1")
+            .bind(format!("%\"{key}\"%"))
+            .fetch_optional(&self.pool)
+            .await?;
+        Ok(row.is_some())
+    }
+
     /// Jobs, latest first, without specification and result.
     ///
     /// # Errors
@@ -155,12 +167,12 @@ impl Database {
             .collect()
     }
 
-    /// When the job was submitted that waits longest, ms of Unix time.
+    /// When the job was submitted that waits longest for somebody to begin it, ms of Unix time. One that waits for its parts does not.
     ///
     /// # Errors
     /// The database.
     pub(crate) async fn oldest_queued(&self) -> Result<Option<i64>, sqlx::Error> {
-        let row = sqlx::query("SELECT MIN(submitted_ms) AS oldest FROM job WHERE status = 'queued'");
+        let row = sqlx::query("SELECT MIN(submitted_ms) AS oldest FROM job WHERE status = 'queued' AND waits_for = 0");
         row.fetch_one(&self.pool).await?.try_get("oldest")
     }
 

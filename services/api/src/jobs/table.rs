@@ -8,7 +8,7 @@ use sqlx::any::AnyRow;
 /// What lists need: not the specification and the result, which are long.
 pub(super) const SHORT: &str = "id, kind, name, tenant, status, priority, '' AS spec, facts, parent, part_of, waits_for, idempotency_key, \
      request_hash, submitted_ms, started_ms, finished_ms, attempts, failures, wall_limit_ms, worker, cancel_requested, NULL AS ticket, folder, \
-     bytes, run_hash, error, NULL AS result, NULL AS metrics, autopilot";
+     bytes, run_hash, error, NULL AS result, NULL AS metrics, autopilot, upload_bytes";
 
 pub(super) use super::timed::Transaction;
 
@@ -30,6 +30,8 @@ pub(super) fn job_of(row: &AnyRow) -> Result<Job, sqlx::Error> {
             request_hash: row.try_get("request_hash")?,
             wall_limit_ms: row.try_get("wall_limit_ms")?,
             autopilot: row.try_get("autopilot")?,
+            needs: Vec::new(),
+            upload_bytes: row.try_get("upload_bytes")?,
             parts: Vec::new(),
         },
         part_of: row.try_get("part_of")?,

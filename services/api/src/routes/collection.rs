@@ -83,7 +83,7 @@ macro_rules! collection {
                 (status = 204, description = "deleted"),
                 (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json"),
-                (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
+                (status = 409, description = "it has not ended, or a job that waits or runs needs it", body = Problem, content_type = "application/problem+json"),
                 (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn delete(

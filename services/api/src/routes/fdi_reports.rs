@@ -253,7 +253,7 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
 fn rows_file(app: &App, rows: &str) -> Result<tempfile::NamedTempFile, Problem> {
     let full = "the truth cannot be kept while the log is judged: the disk of the data folder is full";
     let written = tempfile::Builder::new()
-        .prefix("upload-")
+        .prefix(crate::incoming::JUDGED)
         .tempfile_in(&app.config.work.data)
         .and_then(|mut file| {
             writeln!(file, "time_s,rotor,loss")?;
@@ -318,7 +318,7 @@ async fn received(app: &App, body: Body) -> Result<tempfile::NamedTempFile, Prob
     let full = "the log cannot be kept while it is judged: the disk of the data folder is full";
     let told = |error: std::io::Error| Problem::unwritten(&error, full);
     let file = tempfile::Builder::new()
-        .prefix("upload-")
+        .prefix(crate::incoming::JUDGED)
         .tempfile_in(&app.config.work.data)
         .map_err(told)?;
     let out = file.reopen().map(tokio::fs::File::from_std);

@@ -39,11 +39,7 @@ pub(crate) async fn stream(
     id: Result<Path<String>, PathRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
-    if !caller.may_write {
-        return Err(Problem::forbidden(
-            "measurements change a session; expected a token with the scope `write`",
-        ));
-    }
+    caller.must_write("measurements change a session")?;
     let entry = super::fdi::find(&app, &caller, id)?;
     let upgrade = upgrade?
         .max_message_size(LARGEST_MESSAGE)

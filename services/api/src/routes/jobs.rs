@@ -2,7 +2,7 @@
 
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::queue::Submitted;
+use crate::jobs::queue::{Deleted, Submitted};
 use crate::jobs::store::Filter;
 use crate::jobs::{Job, JobKind, NewJob, Status};
 use crate::problem::Problem;
@@ -58,7 +58,7 @@ pub(crate) struct JobView {
     worker: Option<String>,
     /// A cancellation has been requested.
     cancel_requested: bool,
-    /// Bytes of its files.
+    /// Bytes of its files, an upload among them.
     bytes: i64,
     /// Why it failed, one sentence.
     error: Option<String>,
@@ -227,7 +227,7 @@ fn another_body() -> Problem {
 /// Puts a job into the queue: 202 with its address, or 200 with the one that is there under this key.
 ///
 /// # Errors
-/// 409, 429, 503, 507.
+/// 404, 409, 429, 503, 507.
 pub(super) async fn accept<V: Serialize>(
     app: &App,
     new: NewJob,
@@ -245,16 +245,21 @@ pub(super) async fn accept<V: Serialize>(
 /// Puts a job into the queue, unless there is one under its key; the job, and whether it is new.
 ///
 /// # Errors
-/// 409, 429, 503, 507.
+/// 404: a job whose files it reads was deleted meanwhile. 409, 429, 503, 507.
 pub(super) async fn admit(app: &App, mut new: NewJob) -> Result<(Job, bool), Problem> {
     if app.is_ending() {
         return Err(Problem::unavailable("the server is ending"));
     }
     let (open, bytes) = app.database.account(&new.tenant).await?;
-    if bytes >= i64::try_from(app.config.most_bytes).unwrap_or(i64::MAX) {
+    let most = i64::try_from(app.config.most_bytes).unwrap_or(i64::MAX);
+    if bytes >= most || bytes + new.upload_bytes > most {
+        let more = match new.upload_bytes {
+            0 => String::new(),
+            upload => format!(", and the file that was sent has {upload}"),
+        };
         return Err(Problem::disk_full(format!(
-            "'{}' has {bytes} bytes of files; expected less than {}: delete jobs that are done with",
-            new.tenant, app.config.most_bytes
+            "'{}' has {bytes} bytes of files{more}; expected at most {most}: delete jobs that are done with",
+            new.tenant
         )));
     }
     if open + 1 + new.parts.len() as i64 > i64::from(app.config.most_open) {
@@ -270,6 +275,9 @@ pub(super) async fn admit(app: &App, mut new: NewJob) -> Result<(Job, bool), Pro
         Submitted::New(job) => Ok((*job, true)),
         Submitted::Before(job) => Ok((*job, false)),
         Submitted::Other => Err(another_body()),
+        Submitted::InputGone(id) => Err(Problem::not_found(format!(
+            "the job {id}, whose files this one reads, was deleted meanwhile"
+        ))),
     }
 }
 
@@ -351,14 +359,25 @@ pub(super) async fn cancel(app: &App, job: &Job) -> Result<Job, Problem> {
 /// Deletes a job that has ended, with its parts and files.
 ///
 /// # Errors
-/// 409.
+/// 409: it has not ended, or another one that has not reads its files.
 pub(super) async fn delete(app: &App, job: &Job) -> Result<StatusCode, Problem> {
-    let Some(ids) = app.database.delete(&job.id).await? else {
-        return Err(Problem::conflict(format!(
-            "the {} is {}; cancel it before it is deleted",
-            job.new.kind.as_str(),
-            job.status.as_str()
-        )));
+    let kind = job.new.kind.as_str();
+    let ids = match app.database.delete(&job.id).await? {
+        Deleted::Gone(ids) => ids,
+        Deleted::NotEnded => {
+            return Err(Problem::conflict(format!(
+                "the {kind} is {}; cancel it before it is deleted",
+                job.status.as_str()
+            )));
+        }
+        Deleted::Needed(by) => {
+            return Err(Problem::in_use(format!(
+                "the {} {} is {} and reads the files of this {kind}; expected it to end or to be canceled first",
+                by.new.kind.as_str(),
+                by.id,
+                by.status.as_str()
+            )));
+        }
     };
     let mut keys: Vec<String> = ids.iter().map(|id| format!("jobs/{id}")).collect();
     // Runs of version 1 of the database lie elsewhere.

@@ -5,14 +5,14 @@ use super::tasks::{Draft, LIBRARY, OUT, STEM, laid_out};
 use super::uploads::Upload;
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
-use crate::jobs::queue::new_id;
+use crate::incoming::Incoming;
+use crate::jobs::{JobKind, NewJob};
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use axum::body::Body;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::{Input, LogImport, StoredJob};
 use serde::{Deserialize, Serialize};
@@ -98,10 +98,9 @@ pub(crate) async fn submit(
         rate_hz: import.rate_hz,
         align: import.align,
     };
-    let mut inputs = Vec::new();
     check_rate(import.rate_hz)?;
-    let (key, size, hash) = receive(&app, body, &file).await?;
-    inputs.push(Input::file(file.clone(), format!("{key}/{file}")));
+    let (incoming, size, hash) = receive(&app, body, &file).await?;
+    let mut inputs = vec![Input::file(file.clone(), format!("{}/{file}", incoming.key()))];
     let answer = async {
         let submission = (&import, &hash);
         let known = jobs::request_hash(&submission);
@@ -117,17 +116,23 @@ pub(crate) async fn submit(
         let draft = Draft {
             kind: JobKind::Log,
             name: import.name.clone(),
-            facts: facts(&import, size, &hash, &key),
+            facts: facts(&import, size, &hash, incoming.key()),
             stored: StoredJob {
                 job: rotortwin_jobs::Job::LogImport(job),
                 inputs,
             },
             terms: Terms::default(),
         };
-        draft.submit(&app, &caller, &headers, &submission, Vec::new()).await
+        let new = NewJob {
+            idempotency_key: jobs::idempotency_key(&headers)?,
+            request_hash: known,
+            upload_bytes: i64::try_from(size).unwrap_or(i64::MAX),
+            ..draft.into_job(&caller)?
+        };
+        jobs::accept(&app, new, JobView::from).await
     }
     .await;
-    discard_unless(is_accepted(&answer), &app, &key).await;
+    settle(incoming, status_of(&answer)).await;
     answer
 }
 
@@ -201,12 +206,15 @@ pub(crate) async fn again(
     // A copy of its own: the first log may be deleted.
     let source = app.artifacts.file(upload, &file).await;
     let source = source.map_err(|error| Problem::of_files(&error))?.ok_or_else(gone)?;
-    let key = format!("uploads/{}", new_id());
     let io = |error: std::io::Error| Problem::unwritten(&error, "the file cannot be kept: the disk is full");
-    let target = app.artifacts.place(&key);
-    tokio::fs::create_dir_all(&target).await.map_err(io)?;
+    let mut incoming = Incoming::begin(&app.artifacts, &app.config.work.data).map_err(io)?;
+    let key = incoming.key().to_owned();
     let copied = async {
-        tokio::fs::copy(&source, target.join(&file)).await.map_err(io)?;
+        tokio::fs::create_dir_all(incoming.folder()).await.map_err(io)?;
+        let size = tokio::fs::copy(&source, incoming.folder().join(&file))
+            .await
+            .map_err(io)?;
+        incoming.decide();
         app.artifacts.publish(&key).await.map_err(io)?;
         let mut inputs = vec![Input::file(file.clone(), format!("{key}/{file}"))];
         let mut job = LogImport {
@@ -244,28 +252,34 @@ pub(crate) async fn again(
             },
             terms: Terms::default(),
         };
-        let mut new = draft.into_job(&caller)?;
-        new.parent = Some(log.id.clone());
-        new.idempotency_key = jobs::idempotency_key(&headers)?;
-        new.request_hash = known;
+        let new = NewJob {
+            parent: Some(log.id.clone()),
+            idempotency_key: jobs::idempotency_key(&headers)?,
+            request_hash: known,
+            upload_bytes: i64::try_from(size).unwrap_or(i64::MAX),
+            ..draft.into_job(&caller)?
+        };
         jobs::accept(&app, new, JobView::from).await
     };
     let answer = copied.await;
-    discard_unless(is_accepted(&answer), &app, &key).await;
+    settle(incoming, status_of(&answer)).await;
     answer
 }
 
-fn is_accepted(answer: &Result<Response, Problem>) -> bool {
+/// What becomes of a file once its job was submitted. A refused or repeated one is of no use to anybody. Where the database did not answer,
+/// or the server failed, the job may be there all the same: the next start looks.
+async fn settle(incoming: Incoming, status: u16) {
+    match status {
+        202 => incoming.keep(),
+        500 | 503 => {}
+        _ => incoming.discard().await,
+    }
+}
+
+fn status_of(answer: &Result<Response, Problem>) -> u16 {
     answer
         .as_ref()
-        .is_ok_and(|answer| answer.status() == StatusCode::ACCEPTED)
-}
-
-/// A refused or repeated file is of no use to anybody.
-async fn discard_unless(accepted: bool, app: &App, key: &str) {
-    if !accepted && let Err(error) = app.artifacts.delete(key).await {
-        tracing::warn!(key, %error, "an upload that nobody needs cannot be deleted");
-    }
+        .map_or_else(|problem| problem.status, |answer| answer.status().as_u16())
 }
 
 fn check_rate(rate_hz: Option<f64>) -> Result<(), Problem> {
@@ -300,13 +314,10 @@ fn file_name(name: &str) -> Result<String, Problem> {
     }
 }
 
-/// Streams a body to a file of the artifact store; key, size and hash.
-async fn receive(app: &App, body: Body, file: &str) -> Result<(String, u64, String), Problem> {
-    let key = format!("uploads/{}", new_id());
-    let folder = app.artifacts.place(&key);
+/// Streams a body to a file of the artifact store; the file, its size in bytes and its hash.
+async fn receive(app: &App, body: Body, file: &str) -> Result<(Incoming, u64, String), Problem> {
     let (mut size, mut hash) = (0_u64, Xxh3::new());
     let full = "the file cannot be kept: the disk of the data folder is full";
-    let io = |error: std::io::Error| Problem::unwritten(&error, full);
     let most = app.config.largest_upload;
     let upload = Upload {
         most,
@@ -314,22 +325,38 @@ async fn receive(app: &App, body: Body, file: &str) -> Result<(String, u64, Stri
         broken: "the file did not come whole",
         full,
     };
+    // A disk that is full is told once the body has come, also where no mark can be written.
+    let (mut incoming, target) = match Incoming::begin(&app.artifacts, &app.config.work.data) {
+        Err(error) => (None, Err(error)),
+        Ok(incoming) => {
+            let folder = incoming.folder();
+            let target = match tokio::fs::create_dir_all(&folder).await {
+                Ok(()) => tokio::fs::File::create(folder.join(file)).await,
+                Err(error) => Err(error),
+            };
+            (Some(incoming), target)
+        }
+    };
     let received = async {
-        let target = match tokio::fs::create_dir_all(&folder).await {
-            Ok(()) => tokio::fs::File::create(folder.join(file)).await,
-            Err(error) => Err(error),
-        };
         size = upload.write(body, target, |bytes| hash.update(bytes)).await?;
         if size == 0 {
             return Err(Problem::unprocessable("the body is empty; expected a flight log"));
         }
-        app.artifacts.publish(&key).await.map_err(io)
+        if let Some(incoming) = &mut incoming {
+            incoming.decide();
+            let published = app.artifacts.publish(incoming.key()).await;
+            published.map_err(|error| Problem::unwritten(&error, full))?;
+        }
+        Ok(())
     };
-    match received.await {
-        Ok(_) => Ok((key, size, format!("{:032x}", hash.digest128()))),
-        Err(problem) => {
-            if let Err(error) = app.artifacts.delete(&key).await {
-                tracing::warn!(key, %error, "a part of an upload cannot be deleted");
+    let received = received.await;
+    match (received, incoming) {
+        (Ok(()), Some(incoming)) => Ok((incoming, size, format!("{:032x}", hash.digest128()))),
+        // Without a mark there was no file to be written to.
+        (Ok(()), None) => Err(Problem::disk_full(full)),
+        (Err(problem), incoming) => {
+            if let Some(incoming) = incoming {
+                incoming.discard().await;
             }
             Err(problem)
         }

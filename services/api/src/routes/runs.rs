@@ -183,7 +183,7 @@ pub(crate) async fn get(
     (status = 204, description = "deleted"),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it has not ended, or a job that waits or runs needs it", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn delete(
@@ -250,10 +250,12 @@ pub(crate) struct Tickets {
     peers: Vec<Ticket>,
 }
 
-/// How parts from elsewhere join a run: endpoint, run id, message version, time-outs. There once the plant waits (event `join`).
+/// How parts from elsewhere join a run: endpoint, run id, message version, time-outs. There once the plant waits (event `join`). For tokens
+/// with the scope `write`: whoever has a ticket can fly the run.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/ticket", tag = "runs", operation_id = "get_run_ticket", params(("id" = String, Path)), responses(
     (status = 200, description = "how they join", body = Tickets),
     (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 403, description = "the token does not allow this", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "the run waits for no peer, or not yet", body = Problem, content_type = "application/problem+json")
 ))]
@@ -262,6 +264,7 @@ pub(crate) async fn ticket(
     caller: Caller,
     id: Result<Path<String>, PathRejection>,
 ) -> Result<Json<Tickets>, Problem> {
+    caller.must_write("whoever has a ticket can fly the run")?;
     let run = find(&app, &caller, id).await?;
     let facts: Facts = serde_json::from_str(&run.new.facts).unwrap_or_default();
     if matches!(facts.controller, Controller::Beside | Controller::Autopilot(_)) && facts.fdi == Place::Beside {

@@ -290,6 +290,8 @@ async fn accept(
         request_hash,
         wall_limit_ms,
         autopilot: body.controller.autopilot().map(str::to_owned),
+        needs: Vec::new(),
+        upload_bytes: 0,
         parts: Vec::new(),
     };
     jobs::accept(app, new, Run::from).await

@@ -3,7 +3,7 @@
 use super::jobs::Shared;
 use crate::access::Caller;
 use crate::jobs::store::Filter;
-use crate::jobs::{JobKind, Status};
+use crate::jobs::{Job, JobKind, Status};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::Query;
@@ -12,15 +12,20 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::de::{IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer as _, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::sync::LazyLock;
 use utoipa::{IntoParams, ToSchema};
 
 /// Rows of a table, at most.
 const MOST_ROWS: i64 = 20_000;
 /// Columns of a table, at most.
 const MOST_COLUMNS: usize = 200;
+/// Names of columns are collected from so many runs.
+const SAMPLE: usize = 50;
+/// A run's summary, in the OpenAPI document.
+const SUMMARY_SCHEMA: &str = "#/components/schemas/RunSummary";
 
 /// Which runs, which columns.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -62,7 +67,8 @@ pub(crate) struct Table {
 /// Compares runs: a row for each, with the requested numbers of its summary.
 #[utoipa::path(get, path = "/api/v1/table", tag = "runs", operation_id = "compare_runs", params(TableQuery), responses(
     (status = 200, description = "the table; without `columns`, one row: the names of the columns of the latest runs", body = Table),
-    (status = 400, description = "a query that is none", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "a query that is none", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "none of these runs has such a column", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn table(
     app: Shared,
@@ -85,15 +91,9 @@ pub(crate) async fn table(
         ..Filter::default()
     };
     let Some(columns) = &query.columns else {
-        /// Names are collected from so many runs.
-        const SAMPLE: i64 = 50;
-        let jobs = app.database.list_metrics(&filter, SAMPLE.min(limit)).await?;
-        let names: BTreeSet<String> = jobs
-            .iter()
-            .filter_map(|job| job.metrics.as_deref())
-            .filter_map(|text| serde_json::from_str::<serde_json::Map<String, Value>>(text).ok())
-            .flat_map(|metrics| metrics.into_iter().map(|(name, _)| name))
-            .collect();
+        let jobs = app.database.list_metrics(&filter, limit.min(SAMPLE as i64)).await?;
+        let metrics = jobs.iter().filter_map(|job| job.metrics.as_deref());
+        let names: BTreeSet<String> = metrics.flat_map(names_in).collect();
         let row = names.into_iter().map(Value::String).collect();
         return Ok(Json(Table {
             columns: Vec::new(),
@@ -113,6 +113,7 @@ pub(crate) async fn table(
         )));
     }
     let jobs = app.database.list_metrics(&filter, limit).await?;
+    refuse_unknown(&wanted, &jobs)?;
     let names: Vec<String> = ["id", "name", "vehicle", "seed", "run_hash"]
         .into_iter()
         .chain(wanted.iter().copied())
@@ -138,6 +139,88 @@ pub(crate) async fn table(
         Format::Json => Json(Table { columns: names, rows }).into_response(),
         Format::Csv => ([(header::CONTENT_TYPE, "text/csv")], csv(&names, &rows)).into_response(),
     })
+}
+
+/// A column is known if one of the runs has it, or if a summary can have it: some are null in many runs, such as the
+/// delay of a detector where nothing was to be found.
+///
+/// # Errors
+/// 422: a column that is none, with those there are.
+fn refuse_unknown(wanted: &[&str], jobs: &[Job]) -> Result<(), Problem> {
+    let mut unknown: BTreeSet<&str> = wanted
+        .iter()
+        .copied()
+        .filter(|name| !a_summary_can_have(name))
+        .collect();
+    let metrics = || jobs.iter().filter_map(|job| job.metrics.as_deref());
+    for text in metrics() {
+        if unknown.is_empty() {
+            return Ok(());
+        }
+        let names: Vec<&str> = unknown.iter().copied().collect();
+        for (name, value) in names.iter().zip(pick(text, &names)) {
+            if !value.is_null() {
+                unknown.remove(name);
+            }
+        }
+    }
+    if unknown.is_empty() {
+        return Ok(());
+    }
+    let there: BTreeSet<String> = metrics().take(SAMPLE).flat_map(names_in).collect();
+    let there: Vec<String> = there.into_iter().collect();
+    let unknown: Vec<String> = unknown.into_iter().map(|name| format!("'{name}'")).collect();
+    Err(Problem::unprocessable(format!(
+        "`columns`: no run has {}; expected some of {}",
+        unknown.join(", "),
+        if there.is_empty() {
+            "the numbers of a run's summary".to_owned()
+        } else {
+            there.join(", ")
+        }
+    )))
+}
+
+/// Names of the numbers of a run.
+fn names_in(metrics: &str) -> Vec<String> {
+    serde_json::from_str::<serde_json::Map<String, Value>>(metrics)
+        .map(|metrics| metrics.into_iter().map(|(name, _)| name).collect())
+        .unwrap_or_default()
+}
+
+/// Whether the schema of a run's summary has a number, truth value or text at this path.
+fn a_summary_can_have(path: &str) -> bool {
+    static DOCUMENT: LazyLock<Value> =
+        LazyLock::new(|| serde_json::from_str(&super::openapi_document()).unwrap_or_default());
+    let steps: Vec<&str> = path.split('.').collect();
+    leads_to_a_value(&DOCUMENT, &json!({ "$ref": SUMMARY_SCHEMA }), &steps)
+}
+
+fn leads_to_a_value(document: &Value, schema: &Value, path: &[&str]) -> bool {
+    if let Some(target) = schema["$ref"].as_str() {
+        let target = target.strip_prefix('#').and_then(|pointer| document.pointer(pointer));
+        return target.is_some_and(|schema| leads_to_a_value(document, schema, path));
+    }
+    let any = ["oneOf", "anyOf", "allOf"]
+        .iter()
+        .filter_map(|key| schema[*key].as_array());
+    if any.flatten().any(|schema| leads_to_a_value(document, schema, path)) {
+        return true;
+    }
+    let Some((step, rest)) = path.split_first() else {
+        let is = |kind: &str| match &schema["type"] {
+            Value::Array(kinds) => kinds.iter().any(|it| it == kind),
+            it => it == kind,
+        };
+        return ["number", "integer", "boolean", "string"].into_iter().any(is);
+    };
+    let below = match schema["properties"].get(step) {
+        Some(property) => property,
+        None if step.parse::<u64>().is_ok() && schema["items"].is_object() => &schema["items"],
+        None if schema["additionalProperties"].is_object() => &schema["additionalProperties"],
+        None => return false,
+    };
+    leads_to_a_value(document, below, rest)
 }
 
 /// The wanted entries of a flat JSON object, in their order; null for what is not there. What is not wanted is skipped, not read: there are
@@ -198,7 +281,31 @@ fn csv(columns: &[String], rows: &[Vec<Value>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
+
+    #[test]
+    fn val_what_a_summary_can_have() {
+        for there in [
+            "steps",
+            "tracking.position_rms_m",
+            "tracking.position_rms_ned_m.2",
+            "intervals.3.position_rms_m",
+            "scenario.vehicle",
+            "conditions.7",
+        ] {
+            assert!(a_summary_can_have(there), "{there}");
+        }
+        for none in [
+            "nonsense",
+            "",
+            "steps.x",
+            "tracking",
+            "intervals",
+            "intervals.x.scores",
+            "tracking.position_rms_ned_m",
+        ] {
+            assert!(!a_summary_can_have(none), "{none}");
+        }
+    }
 
     #[test]
     fn val_wanted_entries_in_their_order() {

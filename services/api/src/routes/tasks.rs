@@ -8,9 +8,10 @@ use crate::library::Library;
 use crate::problem::Problem;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_jobs::{Input, StoredJob};
+use rotortwin_jobs::{Content, Input, StoredJob};
 use rotortwin_twin::model::ModelVersion;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use utoipa::ToSchema;
@@ -59,6 +60,8 @@ impl Draft {
             request_hash: String::new(),
             wall_limit_ms: self.terms.check()?,
             autopilot: None,
+            needs: jobs_read_by(&self.stored.inputs),
+            upload_bytes: 0,
             parts: Vec::new(),
         })
     }
@@ -83,6 +86,21 @@ impl Draft {
         };
         jobs::accept(app, new, JobView::from).await
     }
+}
+
+/// The jobs whose files are among these inputs.
+fn jobs_read_by(inputs: &[Input]) -> Vec<String> {
+    let ids: BTreeSet<&str> = inputs
+        .iter()
+        .filter_map(|input| match &input.content {
+            Content::File(key) | Content::Folder(key) => Some(key),
+            Content::Text(_) | Content::Parts => None,
+        })
+        // Runs of version 1 of the database lie in `runs`.
+        .filter_map(|key| key.strip_prefix("jobs/").or_else(|| key.strip_prefix("runs/")))
+        .filter_map(|rest| rest.split('/').next())
+        .collect();
+    ids.into_iter().map(str::to_owned).collect()
 }
 
 /// Divides `units` (shards of flights, cases) into at most [`MOST_PARTS`] parts, all of one length but the last.

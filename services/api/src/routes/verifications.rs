@@ -12,6 +12,7 @@ use axum::Json;
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
+use rotortwin_jobs::flight::Place;
 use rotortwin_jobs::{Input, StoredJob, Verification as VerificationJob, Verified};
 use rotortwin_sim::commands::COMMANDS_FILE;
 use rotortwin_store::files::SUMMARY_FILE;
@@ -49,6 +50,9 @@ pub(crate) struct Verification {
     recorded: String,
     /// Of the second execution, in one process.
     again: String,
+    /// Why they need not be equal: an external controller flew the run, and ours flew it again. Absent where nobody else flew.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<String>,
     /// How long it took with its time in the queue, ms.
     wall_ms: i64,
     /// Id of the job that did it: `/api/v1/verifications/{id}`.
@@ -127,7 +131,10 @@ pub(crate) async fn verify(
         return Err(Problem::unprocessable(why.strip_prefix("rotortwin: ").unwrap_or(&why)));
     };
     let same = replayed.same && replayed.recorded == recorded;
-    if !same {
+    let note = (!same)
+        .then(|| replayed.note.or_else(|| note_of_others(&run)))
+        .flatten();
+    if !same && note.is_none() {
         tracing::error!(
             run = run.id,
             recorded,
@@ -139,9 +146,24 @@ pub(crate) async fn verify(
         same,
         recorded,
         again: replayed.replayed,
+        note,
         wall_ms: now_ms() - start,
         job: job.id,
     }))
+}
+
+/// Why a second execution of a run may differ in which somebody else's part took part, whatever that called itself.
+fn note_of_others(run: &Job) -> Option<String> {
+    let facts: runs::Facts = serde_json::from_str(&run.new.facts).unwrap_or_default();
+    let who = match (facts.controller.place(), facts.fdi) {
+        (Some(Place::External), _) => "an external controller flew",
+        (_, Place::External) => "an external FDI engine reported in",
+        _ => return None,
+    };
+    Some(format!(
+        "{who} the run, and our own did in the second execution, as that one is not here: the hashes say nothing about whether the run can be \
+         repeated"
+    ))
 }
 
 /// The job once it has ended.

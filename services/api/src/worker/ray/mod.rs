@@ -687,6 +687,8 @@ mod tests {
                 request_hash: String::new(),
                 wall_limit_ms: 60_000,
                 autopilot: None,
+                needs: Vec::new(),
+                upload_bytes: 0,
                 parts: Vec::new(),
             },
             part_of: Some("whole".to_owned()),

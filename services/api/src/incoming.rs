@@ -1,0 +1,163 @@
+//! Files that are being uploaded: kept once a job names them, and gone in every other case, whatever dies.
+//!
+//! ```text
+//!  begin ──▶ uploads/ID is written ──▶ decide: the job is submitted ──▶ kept      (accepted: the job has it)
+//!    │                │                              │────────────────▶ discarded (refused, or the same as before)
+//!    │                └─ dropped: removed            └─ nobody knows: left as it is
+//!    └─ DATA/incoming/ID stands as long as nobody has decided
+//! ```
+//! The mark lies in the data folder, which one process has alone: what is found there at the start was left by one that was killed, even
+//! where several servers write to one folder of files or one bucket. Whether a job names the file then says the database.
+
+use crate::artifacts::Artifacts;
+use crate::data_folder::OWN_FILE;
+use crate::jobs::database::Database;
+use crate::jobs::queue::new_id;
+use std::io;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+
+/// Where the marks lie in the data folder.
+const MARKS: &str = "incoming";
+/// Files in the data folder that are judged while they are received, and that no job ever names.
+pub(crate) const JUDGED: &str = "upload-";
+
+/// A file that is being uploaded.
+#[derive(Debug)]
+pub(crate) struct Incoming {
+    artifacts: Artifacts,
+    key: String,
+    mark: PathBuf,
+    /// Whoever drops it leaves files and mark as they are.
+    is_decided: bool,
+}
+
+impl Incoming {
+    /// Marks a new key.
+    ///
+    /// # Errors
+    /// The mark cannot be written.
+    pub(crate) fn begin(artifacts: &Artifacts, data: &Path) -> io::Result<Self> {
+        let (marks, id) = (data.join(MARKS), new_id());
+        std::fs::create_dir_all(&marks)?;
+        let mark = marks.join(&id);
+        std::fs::File::options()
+            .create_new(true)
+            .write(true)
+            .mode(OWN_FILE)
+            .open(&mark)?;
+        Ok(Self {
+            artifacts: artifacts.clone(),
+            key: format!("uploads/{id}"),
+            mark,
+            is_decided: false,
+        })
+    }
+
+    /// Of its folder in the store of files.
+    pub(crate) fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// Where it is written.
+    pub(crate) fn folder(&self) -> PathBuf {
+        self.artifacts.place(&self.key)
+    }
+
+    /// It is whole, and a job that names it is submitted. From now on only its end says whether there is one: the connection of a client or
+    /// of the database may be lost after the commit.
+    pub(crate) fn decide(&mut self) {
+        self.is_decided = true;
+    }
+
+    /// A job names it.
+    pub(crate) fn keep(mut self) {
+        self.is_decided = true;
+        self.unmark();
+    }
+
+    /// No job does, and none will.
+    pub(crate) async fn discard(mut self) {
+        self.is_decided = true;
+        match self.artifacts.delete(&self.key).await {
+            Ok(()) => self.unmark(),
+            Err(error) => tracing::warn!(key = self.key, %error, "an upload that nobody needs cannot be deleted"),
+        }
+    }
+
+    fn unmark(&self) {
+        if let Err(error) = std::fs::remove_file(&self.mark) {
+            tracing::warn!(key = self.key, %error, "the mark of an upload cannot be removed");
+        }
+    }
+}
+
+impl Drop for Incoming {
+    /// The client has gone in the middle: the request ends where it stands.
+    fn drop(&mut self) {
+        if self.is_decided {
+            return;
+        }
+        // Not yet published, so that it is here alone.
+        match std::fs::remove_dir_all(self.folder()) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                tracing::warn!(key = self.key, %error, "a part of an upload cannot be deleted");
+            }
+            _ => self.unmark(),
+        }
+    }
+}
+
+/// Removes what a process left that was killed in the middle of uploads to this data folder.
+///
+/// # Errors
+/// The folder cannot be read, or the database does not answer. A file that cannot be removed is told and left for the next time.
+pub(crate) async fn tidy(artifacts: &Artifacts, database: &Database, data: &Path) -> Result<(), String> {
+    let told = |error: &dyn std::fmt::Display| {
+        format!(
+            "{}: what was uploaded last cannot be looked at: {error}",
+            data.display()
+        )
+    };
+    for path in entries(&data.join(MARKS)).map_err(|error| told(&error))? {
+        let Some(id) = path.file_name().and_then(|name| name.to_str()) else {
+            continue;
+        };
+        let incoming = Incoming {
+            artifacts: artifacts.clone(),
+            key: format!("uploads/{id}"),
+            mark: path.clone(),
+            is_decided: true,
+        };
+        if database
+            .names_upload(incoming.key())
+            .await
+            .map_err(|error| told(&error))?
+        {
+            incoming.keep();
+        } else {
+            tracing::info!(
+                key = incoming.key,
+                "an upload that broke off with an earlier process is removed"
+            );
+            incoming.discard().await;
+        }
+    }
+    for path in entries(data).map_err(|error| told(&error))? {
+        let is_judged = path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .is_some_and(|name| name.starts_with(JUDGED));
+        if is_judged && let Err(error) = std::fs::remove_file(&path) {
+            tracing::warn!(path = %path.display(), %error, "a file that broke off with an earlier process cannot be removed");
+        }
+    }
+    Ok(())
+}
+
+fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    match std::fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        entries => entries?.map(|entry| entry.map(|entry| entry.path())).collect(),
+    }
+}
