@@ -487,7 +487,10 @@ fn names_the_hidden_drag(kind: &str, starts: impl FnOnce(SocketAddr, &Scenario))
     // The vehicle that the autopilot believed it flew.
     let document = repository().join("config/vehicles/f550-skids.toml");
     let believed = document.to_str().expect("a path in letters");
-    assert_eq!(said(&scratch, "compare", believed)["logs"][0]["models"][0]["agrees"], false);
+    assert_eq!(
+        said(&scratch, "compare", believed)["logs"][0]["models"][0]["agrees"],
+        false
+    );
     let diagnosis = said(&scratch, "diagnose", believed);
     assert_eq!(text(&diagnosis, "/verdict/kind"), "missing", "{diagnosis}");
     let named = diagnosis["effects"].as_array().expect("a list");

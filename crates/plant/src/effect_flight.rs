@@ -259,7 +259,7 @@ impl EffectFlight {
     /// Before the first step: the duty was `duty` for ever.
     pub(crate) fn begin(&mut self, state: &PlantState, plant: &Plant<'_>, duty: f64) {
         self.duties = Ring::new([duty; MAX_ROTORS]);
-        self.begin_step(0.0, state, plant, &[duty; MAX_ROTORS]);
+        self.begin_step(0.0, state, plant, &[duty; MAX_ROTORS], 1);
         // Twice: at the first look hooks know no accelerations.
         self.observe(state, plant);
         self.observe(state, plant);
@@ -283,8 +283,16 @@ impl EffectFlight {
         self.set.of_readings()
     }
 
-    /// Begins the step at `time_s` with these duties: lets effects set in, and takes the wind, which is held over it.
-    fn begin_step(&mut self, time_s: f64, state: &PlantState, plant: &Plant<'_>, duty: &[f64; MAX_ROTORS]) {
+    /// Begins the step at `time_s` with these duties, which are held over so many samples of their history: lets effects set in, and takes
+    /// the wind, which is held over the step.
+    fn begin_step(
+        &mut self,
+        time_s: f64,
+        state: &PlantState,
+        plant: &Plant<'_>,
+        duty: &[f64; MAX_ROTORS],
+        samples: u32,
+    ) {
         if self.set.begin(time_s) {
             self.take_constants();
         }
@@ -295,7 +303,7 @@ impl EffectFlight {
         let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
         let at = self.context.moment(&state.body, &state.thrust, &view);
         self.set.wind(&at, &mut wind);
-        self.hold(state, plant, duty, self.duties.per_step);
+        self.hold(state, plant, duty, samples);
         self.context.held.wind_ned = wind;
     }
 
@@ -431,7 +439,7 @@ impl EffectFlight {
         duty: &[f64; MAX_ROTORS],
         substeps: u32,
     ) {
-        self.begin_step(time_s, state, air, duty);
+        self.begin_step(time_s, state, air, duty, self.duties.per_step);
         let begun = self.begun(state);
         let h = STEP_S / f64::from(substeps);
         self.integrate(state, air, contact.as_deref_mut(), substeps, h);
@@ -454,7 +462,7 @@ impl EffectFlight {
             self.duties = self.duties.at_rate(PARTS_PER_STEP);
         }
         if part == 0 {
-            self.begin_step(time_s, state, air, duty);
+            self.begin_step(time_s, state, air, duty, 1);
             self.begun = Some(Box::new(self.begun(state)));
         } else {
             self.hold(state, air, duty, 1);

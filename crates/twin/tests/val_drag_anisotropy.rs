@@ -78,7 +78,10 @@ fn val_a_drag_that_differs_sideways_is_named_with_its_size() {
         let parameter = &finding(&found, ID).parameters[0];
         let (value, interval) = (parameter.value, parameter.interval_95);
         // Two intervals: one in twenty is outside of one.
-        assert!((value - truth).abs() < 2.0 * interval, "{value} ± {interval} for {truth}");
+        assert!(
+            (value - truth).abs() < 2.0 * interval,
+            "{value} ± {interval} for {truth}"
+        );
         held += u64::from((value - truth).abs() < interval);
     }
     println!("{held} of {cases} within the interval");
