@@ -1,11 +1,15 @@
 //! Autopilots that an operator has listed on a server, and controllers compared; the autopilot is a scripted peer.
 
+#[path = "../../services/bridge/tests/px4_estimate/mod.rs"]
+mod px4_estimate;
 mod scripted_ardupilot;
+mod scripted_pilot;
+mod scripted_px4;
 
 use rotortwin_scenario::Scenario;
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::wait_until;
-use rotortwin_tests::program::{Call, PATIENCE};
+use rotortwin_tests::program::{Call, PATIENCE, text};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::{Server, Worker};
 use scripted_ardupilot::ScriptedArduPilot;
@@ -443,4 +447,86 @@ fn scenario_controllers_are_compared_in_one_table() {
         text.contains("Careful: the seed differs") && text.contains("Careful: the fault differs"),
         "{text}"
     );
+}
+
+/// Drag of the rotors that the document of the vehicle lacks, N·s/m.
+const HIDDEN_DRAG: f64 = 0.25;
+/// Where the tour begins, m over the origin, and when, s of simulated time: after the hand-over.
+const TOUR: (f64, f64) = (3.0, 14.0);
+
+/// A tour about a hover with that drag, for a document that lies anywhere.
+fn hidden_drag() -> String {
+    let vehicle = repository().join("config/vehicles/f550-skids.toml");
+    format!(
+        "name = 'hidden'\ndescription = 'a tour'\nvehicle = '{}'\nduration_s = 45.0\n[initial]\nstart = 'on-ground'\n\
+         [trajectory]\nkind = 'hover'\nposition_ned_m = [0.0, 0.0, -{:?}]\n[ground]\ndown_m = 0.0\n[ground.contact]\n\
+         [[effect]]\neffect = 'rotor-drag'\nparameters = {{ drag_n_s_m = {HIDDEN_DRAG:?} }}\n",
+        vehicle.display(),
+        TOUR.0,
+    )
+}
+
+/// What a command says of the run folder and a model.
+fn said(scratch: &Scratch, command: &str, model: &str) -> Value {
+    let ended = Call::new(scratch, [command, "run", "--json", "--model", model]).run();
+    serde_json::from_str(&ended.stdout).unwrap_or_else(|_| panic!("{command}: {:?}", ended.stderr))
+}
+
+/// Flies with `--controller ADDRESS` and whoever `starts` there, and has the run diagnosed.
+fn names_the_hidden_drag(kind: &str, starts: impl FnOnce(SocketAddr, &Scenario)) {
+    let scratch = Scratch::new();
+    let at = free_address();
+    let path = scratch.write("hidden.toml", hidden_drag());
+    let scenario = Scenario::load(&path).expect("a good scenario");
+    starts(at, &scenario);
+    let controller = format!("{kind}:{at}");
+    Call::new(&scratch, ["fly".into(), path.into_os_string()])
+        .with(["--controller", &controller, "--pilot", "none", "--out", "run"])
+        .run()
+        .expect_code(0);
+    // The vehicle that the autopilot believed it flew.
+    let document = repository().join("config/vehicles/f550-skids.toml");
+    let believed = document.to_str().expect("a path in letters");
+    assert_eq!(
+        said(&scratch, "compare", believed)["logs"][0]["models"][0]["agrees"],
+        false
+    );
+    let diagnosis = said(&scratch, "diagnose", believed);
+    assert_eq!(text(&diagnosis, "/verdict/kind"), "missing", "{diagnosis}");
+    let named = diagnosis["effects"].as_array().expect("a list");
+    assert_eq!(named.len(), 1, "{diagnosis}");
+    assert_eq!(text(&named[0], "/instance/effect"), "rotor-drag", "{diagnosis}");
+    let drag = &named[0]["parameters"][0];
+    let number = |key: &str| drag[key].as_f64().expect("a number");
+    let (value, interval) = (number("value"), number("interval_95"));
+    println!("{kind}: {value} ± {interval} N·s/m");
+    assert!((value - HIDDEN_DRAG).abs() < interval, "{drag}");
+    assert!(interval < 0.02, "{drag}");
+
+    // The vehicle that it flew.
+    let drag = format!("drag_n_s_m={HIDDEN_DRAG:?}");
+    Call::new(&scratch, ["model", "add", believed, "rotor-drag", &drag])
+        .run()
+        .expect_code(0);
+    let compared = said(&scratch, "compare", "f550-skids");
+    assert_eq!(compared["logs"][0]["models"][0]["agrees"], true, "{compared}");
+}
+
+#[test]
+fn scenario_drag_that_the_vehicle_of_an_ardupilot_lacks_is_named_from_its_run() {
+    let mut peer = None;
+    names_the_hidden_drag("ardupilot", |at, scenario| {
+        peer = Some(ScriptedArduPilot::start_for(at, scenario, TOUR.0, Some(TOUR.1)));
+    });
+    drop(peer);
+}
+
+#[test]
+fn scenario_drag_that_the_vehicle_of_a_px4_lacks_is_named_from_its_run() {
+    let mut peer = None;
+    names_the_hidden_drag("px4", |at, scenario| {
+        peer = Some(scripted_px4::start(at, scenario, TOUR.0, TOUR.1));
+    });
+    let ended = peer.expect("it was started").join();
+    ended.expect("the peer understood the plant");
 }

@@ -8,6 +8,9 @@
 //!
 //! Same integrator and step as the flight without effects; hooks of lift, thrust and wrench act at every stage, the own states of
 //! effects move once a step. Accelerations that hooks see are those of the stage before. Full inertia tensor.
+//!
+//! A flight in parts of 0.5 ms (an autopilot of its own clock) takes duties part by part, and everything that a step holds, wind, onsets
+//! and the own states of effects, still once a step: five parts of the same duty are a step.
 
 use rotortwin_flight_core::MAX_ROTORS;
 
@@ -18,11 +21,12 @@ use crate::effects::{Constants, EffectSet, Moment, Readings, Wrench};
 use crate::powertrain::battery::{Battery, BatteryOutput};
 use crate::powertrain::held::sum_of_powers;
 use crate::powertrain::rotors::RotorTruth;
+use crate::simulation::parts::{PART_S, PARTS_PER_STEP};
 use crate::state::PlantState;
 use crate::vector::{Vector3, cross};
 
-/// Samples of 2.5 ms that delays reach back: 2 s, the longest accepted, and both ends of the interpolation.
-const HISTORY: usize = 802;
+/// How far delays reach back, s: the longest accepted.
+const LONGEST_DELAY_S: f64 = 2.0;
 
 /// What the flight without effects gives to the step.
 pub(crate) struct Plant<'a> {
@@ -123,8 +127,20 @@ pub(crate) struct EffectFlight {
     /// v₁ of the RC pair, V.
     rc_voltage: f64,
     thrust_rate: [f64; MAX_ROTORS],
+    /// One sample a step, or a part once the flight goes on in parts.
     duties: Ring<[f64; MAX_ROTORS]>,
     readings: Ring<Readings>,
+    /// What a step in parts began with, between its first part and its last.
+    begun: Option<Box<Begun>>,
+}
+
+/// What own states of effects move with: the instant that a step began at.
+#[derive(Debug, Clone)]
+struct Begun {
+    body: RigidBodyState,
+    thrust: [f64; MAX_ROTORS],
+    thrust_rate: [f64; MAX_ROTORS],
+    context: Context,
 }
 
 /// The last samples of something, newest first.
@@ -132,28 +148,53 @@ pub(crate) struct EffectFlight {
 struct Ring<T> {
     samples: Vec<T>,
     newest: usize,
+    /// Samples a step.
+    per_step: u32,
 }
 
 impl<T: Copy> Ring<T> {
-    /// Before the first sample there was `first` for ever.
+    /// One sample a step. Before the first there was `first` for ever.
     fn new(first: T) -> Self {
         Self {
-            samples: vec![first; HISTORY],
+            samples: vec![first; Self::length(1)],
             newest: 0,
+            per_step: 1,
+        }
+    }
+
+    /// Samples of the longest delay, and both ends of the interpolation.
+    fn length(per_step: u32) -> usize {
+        crate::nearest_step(LONGEST_DELAY_S) as usize * per_step as usize + 2
+    }
+
+    /// The same history with `per_step` samples a step, each held as long as before.
+    fn at_rate(&self, per_step: u32) -> Self {
+        let length = Self::length(per_step);
+        let held = (per_step / self.per_step) as usize;
+        let old = self.samples.len();
+        Self {
+            // The newest at the end.
+            samples: (0..length)
+                .rev()
+                .map(|back| self.samples[(self.newest + old - (back / held).min(old - 1)) % old])
+                .collect(),
+            newest: length - 1,
+            per_step,
         }
     }
 
     fn push(&mut self, sample: T) {
-        self.newest = (self.newest + 1) % HISTORY;
+        self.newest = (self.newest + 1) % self.samples.len();
         self.samples[self.newest] = sample;
     }
 
     /// The samples on both sides of `age` s, the newer first, and the weight of the older.
     fn around(&self, age: f64) -> (&T, &T, f64) {
-        let steps = (age / STEP_S).clamp(0.0, (HISTORY - 2) as f64);
-        let whole = steps as usize;
-        let at = |back: usize| &self.samples[(self.newest + HISTORY - back) % HISTORY];
-        (at(whole), at(whole + 1), steps - whole as f64)
+        let length = self.samples.len();
+        let back = (age / STEP_S * f64::from(self.per_step)).clamp(0.0, (length - 2) as f64);
+        let whole = back as usize;
+        let at = |back: usize| &self.samples[(self.newest + length - back) % length];
+        (at(whole), at(whole + 1), back - whole as f64)
     }
 }
 
@@ -184,6 +225,7 @@ impl EffectFlight {
             thrust_rate: zero,
             duties: Ring::new(zero),
             readings: Ring::new(Readings::default()),
+            begun: None,
         };
         flight.take_constants();
         flight
@@ -217,7 +259,7 @@ impl EffectFlight {
     /// Before the first step: the duty was `duty` for ever.
     pub(crate) fn begin(&mut self, state: &PlantState, plant: &Plant<'_>, duty: f64) {
         self.duties = Ring::new([duty; MAX_ROTORS]);
-        self.hold(0.0, state, plant, &[duty; MAX_ROTORS]);
+        self.begin_step(0.0, state, plant, &[duty; MAX_ROTORS], 1);
         // Twice: at the first look hooks know no accelerations.
         self.observe(state, plant);
         self.observe(state, plant);
@@ -225,25 +267,59 @@ impl EffectFlight {
         self.readings = Ring::new(readings);
     }
 
-    /// Takes the duties that are held from `time_s` on.
-    fn hold(&mut self, time_s: f64, state: &PlantState, plant: &Plant<'_>, duty: &[f64; MAX_ROTORS]) {
+    /// Before the flight: effects with an onset do not act, whatever the time.
+    pub(crate) fn hold_onsets(&mut self) {
+        self.set.hold_onsets();
+        self.take_constants();
+    }
+
+    /// The flight begins: onsets count from now on.
+    pub(crate) fn release_onsets(&mut self) {
+        self.set.release_onsets();
+    }
+
+    /// Id of an effect on what sensors say or when, if there is one.
+    pub(crate) fn of_readings(&self) -> Option<&'static str> {
+        self.set.of_readings()
+    }
+
+    /// Begins the step at `time_s` with these duties, which are held over so many samples of their history: lets effects set in, and takes
+    /// the wind, which is held over the step.
+    fn begin_step(
+        &mut self,
+        time_s: f64,
+        state: &PlantState,
+        plant: &Plant<'_>,
+        duty: &[f64; MAX_ROTORS],
+        samples: u32,
+    ) {
         if self.set.begin(time_s) {
             self.take_constants();
         }
-        let n = self.context.constants.rotor_count;
         self.context.held.time_s = time_s;
         self.context.held.commanded = *duty;
-        self.duties.push(*duty);
-        let (newer, older, weight) = self.duties.around(self.context.constants.command_delay_s);
-        let mut acting: [f64; MAX_ROTORS] = std::array::from_fn(|i| (1.0 - weight) * newer[i] + weight * older[i]);
         let steady = self.context.constants.wind_ned_m_s;
         let mut wind = [0, 1, 2].map(|i| plant.around.wind_ned[i] + steady[i]);
         let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
         let at = self.context.moment(&state.body, &state.thrust, &view);
         self.set.wind(&at, &mut wind);
+        self.hold(state, plant, duty, samples);
+        self.context.held.wind_ned = wind;
+    }
+
+    /// Takes duties that are held over so many samples of their history.
+    fn hold(&mut self, state: &PlantState, plant: &Plant<'_>, duty: &[f64; MAX_ROTORS], samples: u32) {
+        let n = self.context.constants.rotor_count;
+        self.context.held.commanded = *duty;
+        for _ in 0..samples {
+            self.duties.push(*duty);
+        }
+        let (newer, older, weight) = self.duties.around(self.context.constants.command_delay_s);
+        let mut acting: [f64; MAX_ROTORS] = std::array::from_fn(|i| (1.0 - weight) * newer[i] + weight * older[i]);
+        let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
+        let at = self.context.moment(&state.body, &state.thrust, &view);
         self.set.command(&at, &mut acting[..n]);
         let Context { constants, held, .. } = &mut self.context;
-        held.wind_ned = wind;
         for (i, rotor) in plant.rotors.iter().enumerate() {
             let duty = constants.effective_duty(acting[i]).clamp(0.0, 1.0);
             held.lift_per_volt[i] = constants.rotor_gain[i] * rotor.blade.lift_per_volt(duty);
@@ -363,9 +439,73 @@ impl EffectFlight {
         duty: &[f64; MAX_ROTORS],
         substeps: u32,
     ) {
-        self.hold(time_s, state, air, duty);
-        let (begin, begin_rate, before) = (*state, self.thrust_rate, self.context.clone());
+        self.begin_step(time_s, state, air, duty, self.duties.per_step);
+        let begun = self.begun(state);
         let h = STEP_S / f64::from(substeps);
+        self.integrate(state, air, contact.as_deref_mut(), substeps, h);
+        self.advance_own_states(&begun);
+        self.observe_on(state, air, contact.as_deref());
+    }
+
+    /// One part of 0.5 ms of the step that begins at `time_s`, the first or the last of it or neither, with these duties.
+    pub(crate) fn advance_part(
+        &mut self,
+        time_s: f64,
+        state: &mut PlantState,
+        air: &Plant<'_>,
+        mut contact: Option<&mut Contact>,
+        duty: &[f64; MAX_ROTORS],
+        substeps: u32,
+        part: u32,
+    ) {
+        if self.duties.per_step != PARTS_PER_STEP {
+            self.duties = self.duties.at_rate(PARTS_PER_STEP);
+        }
+        if part == 0 {
+            self.begin_step(time_s, state, air, duty, 1);
+            self.begun = Some(Box::new(self.begun(state)));
+        } else {
+            self.hold(state, air, duty, 1);
+        }
+        let h = PART_S / f64::from(substeps);
+        self.integrate(state, air, contact.as_deref_mut(), substeps, h);
+        if part + 1 == PARTS_PER_STEP
+            && let Some(begun) = self.begun.take()
+        {
+            self.advance_own_states(&begun);
+        }
+        self.observe_on(state, air, contact.as_deref());
+    }
+
+    fn begun(&self, state: &PlantState) -> Begun {
+        Begun {
+            body: state.body,
+            thrust: state.thrust,
+            thrust_rate: self.thrust_rate,
+            context: self.context.clone(),
+        }
+    }
+
+    /// Own states of effects were held over the step and move with what it began with.
+    fn advance_own_states(&mut self, begun: &Begun) {
+        let view = begun.context.view(&begun.body, &begun.thrust, &begun.thrust_rate);
+        self.set
+            .advance(&begun.context.moment(&begun.body, &begun.thrust, &view), STEP_S);
+    }
+
+    fn observe_on(&mut self, state: &PlantState, air: &Plant<'_>, contact: Option<&Contact>) {
+        self.observe(state, &Plant { contact, ..*air });
+    }
+
+    /// So many Runge–Kutta steps of `h` s with what is held.
+    fn integrate(
+        &mut self,
+        state: &mut PlantState,
+        air: &Plant<'_>,
+        mut contact: Option<&mut Contact>,
+        substeps: u32,
+        h: f64,
+    ) {
         let n = self.context.constants.rotor_count;
         for _ in 0..substeps {
             let half = 0.5 * h;
@@ -406,15 +546,6 @@ impl EffectFlight {
                 contact.settle(&s.body, &state.body);
             }
         }
-        // Own states of effects were held over the step and move with what the step began with.
-        let view = before.view(&begin.body, &begin.thrust, &begin_rate);
-        self.set
-            .advance(&before.moment(&begin.body, &begin.thrust, &view), STEP_S);
-        let plant = Plant {
-            contact: contact.as_deref(),
-            ..*air
-        };
-        self.observe(state, &plant);
     }
 
     /// What perfect sensors would say now.

@@ -2,7 +2,7 @@
 
 use rotortwin_plant::body::environment::WindModel;
 use rotortwin_plant::body::ground::GroundContact;
-use rotortwin_plant::effects::EffectInstance;
+use rotortwin_plant::effects::{EffectInstance, Place, catalogue};
 use rotortwin_plant::error::{Refusal, in_range};
 use rotortwin_plant::powertrain::faults::FaultEntry;
 use rotortwin_plant::sensing::faults::SensorFaultEntry;
@@ -19,8 +19,6 @@ use crate::settings::{ControllerSettings, FdiSettings};
 /// Longest flight, s.
 const MAX_DURATION_S: f64 = 86_400.0;
 
-/// Effects through which wind acts.
-const DRAGS: [&str; 3] = ["rotor-drag", "quadratic-drag", "linear-friction"];
 /// A scenario document as written, defaults filled in.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -204,8 +202,12 @@ impl ScenarioDocument {
         Ok(())
     }
 
-    /// True if an effect of the scenario is a drag.
+    /// True if an effect of the scenario is a drag: one that an effect on the air declares to act through.
     fn has_drag_effect(&self) -> bool {
-        self.effect.iter().any(|e| DRAGS.contains(&e.effect.as_str()))
+        let on_the_air = catalogue()
+            .iter()
+            .filter(|declared| declared.places.contains(&Place::Wind));
+        let drags: Vec<&str> = on_the_air.flat_map(|declared| declared.needs).copied().collect();
+        self.effect.iter().any(|e| drags.contains(&e.effect.as_str()))
     }
 }

@@ -6,11 +6,13 @@ mod autopilots;
 mod failures;
 mod inside;
 mod links;
+mod px4_estimate;
 
 use autopilots::{HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
 use inside::{Pilot, channels, patience};
 use links::{flown, outputs};
+use px4_estimate::Estimate;
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::mavlink::frame::{Decoder, encode};
@@ -19,7 +21,6 @@ use rotortwin_flight::autopilot::AutopilotOutcome;
 use rotortwin_flight::lockstep::FlightEnd;
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::AutopilotKind;
-use std::collections::VecDeque;
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
@@ -50,104 +51,6 @@ const ARMS_S: f64 = 2.0;
 const IN_FLIGHT: u64 = 2200;
 /// First answer: some 70 ms after the first sample.
 const FIRST_ANSWER: u64 = 18;
-
-/// Attitude from the gyroscope, position and velocity from acceleration and satellites; begins level, heading north.
-struct Estimate {
-    q: [f64; 4],
-    position: [f64; 3],
-    velocity: [f64; 3],
-    /// Of the last 0.1 s, the age of a fix.
-    history: VecDeque<([f64; 3], [f64; 3])>,
-    home: Option<[f64; 3]>,
-}
-
-impl Estimate {
-    fn new() -> Self {
-        Self {
-            q: [1.0, 0.0, 0.0, 0.0],
-            position: [0.0, 0.0, -0.179],
-            velocity: [0.0; 3],
-            history: VecDeque::new(),
-            home: None,
-        }
-    }
-
-    fn rotate(&self, v: [f64; 3]) -> [f64; 3] {
-        let [w, x, y, z] = self.q;
-        let r = [
-            [
-                1.0 - 2.0 * (y * y + z * z),
-                2.0 * (x * y - w * z),
-                2.0 * (x * z + w * y),
-            ],
-            [
-                2.0 * (x * y + w * z),
-                1.0 - 2.0 * (x * x + z * z),
-                2.0 * (y * z - w * x),
-            ],
-            [
-                2.0 * (x * z - w * y),
-                2.0 * (y * z + w * x),
-                1.0 - 2.0 * (x * x + y * y),
-            ],
-        ];
-        [0, 1, 2].map(|i| r[i][0] * v[0] + r[i][1] * v[1] + r[i][2] * v[2])
-    }
-
-    fn euler(&self) -> [f64; 3] {
-        let [w, x, y, z] = self.q;
-        [
-            (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y)),
-            (2.0 * (w * y - z * x)).asin(),
-            (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)),
-        ]
-    }
-
-    fn inertial(&mut self, sample: &HilSensor, interval_s: f64) {
-        let [p, q, r] = sample.gyro.map(f64::from);
-        let [w, x, y, z] = self.q;
-        let h = 0.5 * interval_s;
-        let turned = [
-            w + h * (-x * p - y * q - z * r),
-            x + h * (w * p + y * r - z * q),
-            y + h * (w * q + z * p - x * r),
-            z + h * (w * r + x * q - y * p),
-        ];
-        let length = turned.iter().map(|x| x * x).sum::<f64>().sqrt();
-        self.q = turned.map(|x| x / length);
-        let mut acceleration = self.rotate(sample.acceleration.map(f64::from));
-        acceleration[2] += 9.81;
-        for i in 0..3 {
-            self.velocity[i] += interval_s * acceleration[i];
-            self.position[i] += interval_s * self.velocity[i];
-        }
-        self.history.push_back((self.position, self.velocity));
-        if self.history.len() > 26 {
-            self.history.pop_front();
-        }
-    }
-
-    fn satellites(&mut self, fix: &HilGps) {
-        let place = [fix.latitude, fix.longitude, fix.altitude].map(f64::from);
-        let home = *self.home.get_or_insert(place);
-        let metres = (1e-7_f64).to_radians() * 6_367_500.0;
-        let east = metres * (home[0] * 1e-7).to_radians().cos();
-        // The first fix was taken on the ground, 0.179 m above it.
-        let found = [
-            (place[0] - home[0]) * metres,
-            (place[1] - home[1]) * east,
-            -(place[2] - home[2]) * 1e-3 - 0.179,
-        ];
-        let Some((position, velocity)) = self.history.front() else {
-            return;
-        };
-        let errors = [0, 1, 2].map(|i| (found[i] - position[i], f64::from(fix.velocity[i]) * 0.01 - velocity[i]));
-        for (i, (place, speed)) in errors.into_iter().enumerate() {
-            self.position[i] += 0.1 * place;
-            self.velocity[i] += 0.1 * speed + 0.05 * place;
-        }
-    }
-}
 
 struct Peer {
     to: SocketAddr,

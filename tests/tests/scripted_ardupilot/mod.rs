@@ -1,9 +1,7 @@
 //! ArduPilot as the plant sees it, written from docs/autopilots.md alone: servo packets by UDP, a reply to each, our own PID behind them. It
 //! lives on from run to run, as the real one does: a plant whose time falls back is a new one.
 
-use rotortwin_flight_core::control::Controller;
-use rotortwin_flight_core::frames::{EulerAngles, Vec3};
-use rotortwin_flight_core::signals::{NavState, Reference};
+use super::scripted_pilot::{Motion, Pilot, Plan};
 use rotortwin_scenario::Scenario;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::Arc;
@@ -15,8 +13,6 @@ use std::time::Duration;
 const ROTOR_OF_CHANNEL: [usize; 6] = [2, 5, 6, 3, 1, 4];
 /// Simulated time at which it arms, s.
 const ARMS_S: f64 = 0.5;
-/// Height above the ground of a vehicle on its skids, and rate of climb: m, m/s.
-const CLIMB: (f64, f64) = (0.179, 1.0);
 
 /// A peer in a thread; it ends with this.
 pub(crate) struct ScriptedArduPilot {
@@ -29,19 +25,22 @@ pub(crate) struct ScriptedArduPilot {
 impl ScriptedArduPilot {
     /// Sends to the plant at `to`, and hovers at `height_m` over the origin.
     pub(crate) fn start(to: SocketAddr, scenario: &Scenario, height_m: f64) -> Self {
+        Self::start_for(to, scenario, height_m, None)
+    }
+
+    /// The same, and from `tour_s` of simulated time on it flies around.
+    pub(crate) fn start_for(to: SocketAddr, scenario: &Scenario, height_m: f64, tour_s: Option<f64>) -> Self {
         let (stop, silent, frames) = (
             Arc::<AtomicBool>::default(),
             Arc::<AtomicBool>::default(),
             Arc::default(),
         );
-        let pilot = Pilot {
-            scenario: scenario.clone(),
-            controller: Controller::new(scenario.controller_config()).expect("a good controller"),
+        let plan = Plan {
+            arms_s: ARMS_S,
             height_m,
-            duty: [0.0; 6],
-            next_s: ARMS_S,
-            last_s: 0.0,
+            tour_s,
         };
+        let pilot = Pilot::new(scenario, plan);
         let shared = (Arc::clone(&stop), Arc::clone(&silent), Arc::clone(&frames));
         let thread = std::thread::spawn(move || run(to, pilot, &shared.0, &shared.1, &shared.2));
         Self {
@@ -81,6 +80,7 @@ fn run(to: SocketAddr, mut pilot: Pilot, stop: &AtomicBool, silent: &AtomicBool,
         .set_read_timeout(Some(Duration::from_millis(100)))
         .expect("a time-out");
     let mut buffer = [0; 2048];
+    let mut last_s = 0.0;
     while !stop.load(Ordering::Relaxed) {
         if silent.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(20));
@@ -94,7 +94,7 @@ fn run(to: SocketAddr, mut pilot: Pilot, stop: &AtomicBool, silent: &AtomicBool,
             continue;
         };
         let line = std::str::from_utf8(&buffer[..length]).expect("a line of ASCII");
-        pilot.take(line);
+        last_s = take(&mut pilot, line, last_s);
         frames.fetch_add(1, Ordering::Relaxed);
     }
 }
@@ -120,51 +120,22 @@ fn numbers(line: &str, key: &str) -> Vec<f64> {
     parsed.collect()
 }
 
-struct Pilot {
-    scenario: Scenario,
-    controller: Controller,
-    height_m: f64,
-    /// By our rotors.
-    duty: [f64; 6],
-    next_s: f64,
-    last_s: f64,
-}
-
-impl Pilot {
-    fn take(&mut self, line: &str) {
-        let time_s = numbers(line, "timestamp")[0];
-        if time_s < self.last_s {
-            self.controller = Controller::new(self.scenario.controller_config()).expect("a good controller");
-            (self.duty, self.next_s) = ([0.0; 6], ARMS_S);
-        }
-        self.last_s = time_s;
-        let three = |key: &str| {
-            let values = numbers(line, key);
-            [values[0] as f32, values[1] as f32, values[2] as f32]
-        };
-        let attitude = numbers(line, "attitude");
-        // The controller of flight-core counts in steps of 2.5 ms.
-        while time_s >= self.next_s {
-            self.next_s += 0.0025;
-            let height = (CLIMB.0 + CLIMB.1 * (time_s - ARMS_S)).min(self.height_m);
-            let climbs = height < self.height_m;
-            let nav = NavState {
-                position_ned: Vec3::from_array(three("position")),
-                velocity_ned: Vec3::from_array(three("velocity")),
-                attitude: EulerAngles {
-                    roll: attitude[0] as f32,
-                    pitch: attitude[1] as f32,
-                    yaw: attitude[2] as f32,
-                },
-                body_rates: Vec3::from_array(three("gyro")),
-            };
-            let reference = Reference {
-                position_ned: Vec3::from_array([0.0, 0.0, -height as f32]),
-                velocity_ned: Vec3::from_array([0.0, 0.0, if climbs { -CLIMB.1 as f32 } else { 0.0 }]),
-                yaw: 0.0,
-            };
-            let duty = self.controller.step(&nav, &reference, 15.5).command.duty;
-            self.duty = std::array::from_fn(|rotor| f64::from(duty[rotor]));
-        }
+/// Flies on with what the plant said; its time.
+fn take(pilot: &mut Pilot, line: &str, last_s: f64) -> f64 {
+    let time_s = numbers(line, "timestamp")[0];
+    if time_s < last_s {
+        pilot.restart();
     }
+    let three = |key: &str| {
+        let values = numbers(line, key);
+        [values[0], values[1], values[2]]
+    };
+    let motion = Motion {
+        position: three("position"),
+        velocity: three("velocity"),
+        attitude: three("attitude"),
+        body_rates: three("gyro"),
+    };
+    pilot.fly(time_s, &motion);
+    time_s
 }

@@ -1,6 +1,7 @@
 //! A list of effects at work: calls the hooks that are in use, in the order of the list, from each effect's onset.
 
 use super::constants::Constants;
+use super::declaration::Place;
 use super::hooks::{ActiveEffect, Hooks, Moment};
 use super::instance::{Catalogue, EffectInstance};
 use super::readings::Readings;
@@ -16,6 +17,21 @@ struct Member {
     hooks: Hooks,
     onset_s: f64,
     active: bool,
+    /// Id of an effect of the catalogue that acts on what sensors say or when.
+    of_readings: Option<&'static str>,
+}
+
+impl Member {
+    /// From the start.
+    fn lasting(effect: Box<dyn ActiveEffect>) -> Self {
+        Self {
+            hooks: effect.hooks(),
+            effect,
+            onset_s: f64::NEG_INFINITY,
+            active: false,
+            of_readings: None,
+        }
+    }
 }
 
 /// Effects of one flight.
@@ -28,6 +44,8 @@ pub struct EffectSet {
     hooks: Hooks,
     /// The first onset that is still to come, s.
     next_onset_s: f64,
+    /// The flight has not begun: nothing sets in.
+    waiting: bool,
 }
 
 impl EffectSet {
@@ -47,11 +65,14 @@ impl EffectSet {
             let onset_s = instance
                 .onset_s
                 .map_or(f64::NEG_INFINITY, |t| (nearest_step(t) as f64 - 0.5) * crate::STEP_S);
+            let declaration = catalogue.find(&instance.effect);
+            let of_readings = declaration
+                .filter(|d| d.places.contains(&Place::Reading) || d.places.contains(&Place::Timing))
+                .map(|d| d.id);
             members.push(Member {
-                hooks: effect.hooks(),
-                effect,
                 onset_s,
-                active: false,
+                of_readings,
+                ..Member::lasting(effect)
             });
         }
         Self::from_members(members, nominal)
@@ -59,25 +80,13 @@ impl EffectSet {
 
     /// Effects that are built already, all from the start.
     pub fn from_effects(effects: Vec<Box<dyn ActiveEffect>>, nominal: &Constants) -> Result<Self, Refusal> {
-        let members = effects.into_iter().map(|effect| Member {
-            hooks: effect.hooks(),
-            effect,
-            onset_s: f64::NEG_INFINITY,
-            active: false,
-        });
-        Self::from_members(members.collect(), nominal)
+        Self::from_members(effects.into_iter().map(Member::lasting).collect(), nominal)
     }
 
     fn from_members(mut members: Vec<Member>, nominal: &Constants) -> Result<Self, Refusal> {
         if nominal.rotor_reaction_s != 0.0 {
             // Of the vehicle's own rotors, by its document.
-            let effect = rotor_inertia::of_the_document();
-            members.push(Member {
-                hooks: effect.hooks(),
-                effect,
-                onset_s: f64::NEG_INFINITY,
-                active: false,
-            });
+            members.push(Member::lasting(rotor_inertia::of_the_document()));
         }
         let mut set = Self {
             nominal: *nominal,
@@ -85,6 +94,7 @@ impl EffectSet {
             members,
             hooks: Hooks::NONE,
             next_onset_s: f64::NEG_INFINITY,
+            waiting: false,
         };
         // What holds with all of them holds with the first of them only if each step of the way does: check every prefix in time.
         let mut onsets: Vec<f64> = set.members.iter().map(|m| m.onset_s).collect();
@@ -106,11 +116,12 @@ impl EffectSet {
         if sets_in {
             self.next_onset_s = f64::INFINITY;
             self.hooks = Hooks::NONE;
+            let now_s = if self.waiting { f64::NEG_INFINITY } else { time_s };
             for member in &mut self.members {
-                member.active = time_s >= member.onset_s;
+                member.active = now_s >= member.onset_s;
                 if member.active {
                     self.hooks = self.hooks.and(member.hooks);
-                } else {
+                } else if !self.waiting {
                     self.next_onset_s = self.next_onset_s.min(member.onset_s);
                 }
             }
@@ -125,6 +136,24 @@ impl EffectSet {
             }
         }
         changed
+    }
+
+    /// Before a flight: from now on only effects without an onset act, until [`EffectSet::release_onsets`].
+    pub fn hold_onsets(&mut self) {
+        self.waiting = true;
+        self.next_onset_s = f64::NEG_INFINITY;
+        self.begin(0.0);
+    }
+
+    /// The flight begins: onsets count from the next step on.
+    pub fn release_onsets(&mut self) {
+        self.waiting = false;
+        self.next_onset_s = f64::NEG_INFINITY;
+    }
+
+    /// Id of the first effect of the catalogue that acts on what sensors say or when, if there is one.
+    pub fn of_readings(&self) -> Option<&'static str> {
+        self.members.iter().find_map(|member| member.of_readings)
     }
 
     /// The vehicle with the effects on its constants.

@@ -5,11 +5,13 @@
 //! ```
 //! During the prelude time runs and the vehicle moves, but the flight does not: trajectory, faults and steps wait for the hand-over,
 //! and the sensors of controller and detectors are not read. Its length changes the charge and the wind that the flight begins with.
+//! Effects act during it as they do from the start of any flight, at time 0 for what depends on the time; those with an onset wait, too.
 
 use rotortwin_flight_core::MAX_ROTORS;
 
 use super::{Simulation, ground};
 use crate::STEP_S;
+use crate::effect_flight::Plant;
 use crate::error::{Refusal, SimulationError};
 use crate::sensing::instruments::{InstrumentSample, Instruments, Scene};
 
@@ -17,6 +19,8 @@ use crate::sensing::instruments::{InstrumentSample, Instruments, Scene};
 pub const PARTS_PER_STEP: u32 = ground::PARTS;
 /// Length of a part, ns.
 pub const PART_NS: u64 = crate::STEP_NS / PARTS_PER_STEP as u64;
+/// Length of a part, s.
+pub(crate) const PART_S: f64 = crate::STEP_S / PARTS_PER_STEP as f64;
 
 /// How far a flight in parts is.
 #[derive(Debug, Clone, Default)]
@@ -32,16 +36,22 @@ impl Simulation {
     /// Begins the time before the flight. To be called at step 0.
     ///
     /// # Errors
-    /// The scenario has no ground that carries the vehicle, does not begin on it, or has effects, whose delays and states know whole steps only.
+    /// The scenario has no ground that carries the vehicle, does not begin on it, or has an effect on what sensors say or when: an autopilot
+    /// reads instruments of its own, on which such effects do not act.
     pub fn begin_prelude(&mut self) -> Result<(), Refusal> {
         if self.contact.is_none() || !self.on_ground() {
             let reason = "an autopilot arms on the ground: expected \"on-ground\", and `[ground.contact]`";
             return Err(Refusal::new("initial.start", reason));
         }
-        if self.effects.is_some() {
-            let reason = "a flight with an autopilot of its own clock takes no effects yet, nor a vehicle with `rotors.reaction_s`: they know whole \
-                          steps of 2.5 ms only";
-            return Err(Refusal::new("effect", reason));
+        if let Some(effects) = &mut self.effects {
+            if let Some(id) = effects.of_readings() {
+                let reason = format!(
+                    "`{id}` acts on the readings of our own estimator, and an autopilot of its own clock has other sensors, those of \
+                     `[instruments]`: expected effects on forces, rotors, mass, air or battery only"
+                );
+                return Err(Refusal::new("effect", reason));
+            }
+            effects.hold_onsets();
         }
         self.parts.prelude = true;
         Ok(())
@@ -50,6 +60,9 @@ impl Simulation {
     /// Ends the prelude: the next part is the first of step 0. To be called where a step begins ([`Simulation::step_begins`]).
     pub fn hand_over(&mut self) {
         self.parts.prelude = false;
+        if let Some(effects) = &mut self.effects {
+            effects.release_onsets();
+        }
         self.record_truth(0);
     }
 
@@ -81,9 +94,30 @@ impl Simulation {
             self.sense();
         }
         let limited = self.limited(duty)?;
-        self.powertrain.hold(&limited);
         let parts = self.ground_parts();
-        self.integrate_parts(parts / PARTS_PER_STEP, STEP_S / f64::from(parts));
+        let substeps = parts / PARTS_PER_STEP;
+        if let Some(effects) = &mut self.effects {
+            let air = Plant {
+                rotors: self.powertrain.rotors(),
+                battery: &self.battery,
+                around: self.environment.now(),
+                contact: None,
+            };
+            let contact = self.contact.as_deref_mut();
+            let time_s = step as f64 * STEP_S;
+            effects.advance_part(
+                time_s,
+                &mut self.state,
+                &air,
+                contact,
+                &limited,
+                substeps,
+                self.parts.done,
+            );
+        } else {
+            self.powertrain.hold(&limited);
+            self.integrate_parts(substeps, STEP_S / f64::from(parts));
+        }
         self.parts.elapsed += 1;
         self.parts.done = (self.parts.done + 1) % PARTS_PER_STEP;
         let complete = self.parts.done == 0;
@@ -134,6 +168,7 @@ mod tests {
     use super::*;
     use crate::body::ground::GroundContact;
     use crate::config::SimulationConfig;
+    use crate::effects::{EffectInstance, ParameterKind, Place, catalogue};
     use crate::nearest_step;
     use crate::powertrain::faults::FaultEntry;
     use crate::sensing::instruments::InstrumentModel;
@@ -234,5 +269,143 @@ mod tests {
     fn val_no_prelude_in_the_air() {
         let mut sim = Simulation::new(&hover(), 1).unwrap();
         assert_eq!(sim.begin_prelude().unwrap_err().key, "initial.start");
+    }
+
+    /// Every effect of the catalogue with its typical values, with what it needs; those on readings apart.
+    fn each_effect() -> impl Iterator<Item = (bool, Vec<EffectInstance>)> {
+        let typical = |id: &str| {
+            let declared = catalogue().iter().find(|declared| declared.id == id).unwrap();
+            let values: Vec<_> = declared.parameters.iter().map(|p| (p.name, p.typical)).collect();
+            let effect = EffectInstance::new(id, &values);
+            if declared.per_rotor { effect.on_rotor(1) } else { effect }
+        };
+        catalogue().iter().map(move |declared| {
+            assert!(declared.parameters.iter().any(|p| p.kind == ParameterKind::Size));
+            let of_readings = [Place::Reading, Place::Timing]
+                .iter()
+                .any(|place| declared.places.contains(place));
+            let needed = declared.needs.first().map(|id| typical(id));
+            (of_readings, needed.into_iter().chain([typical(declared.id)]).collect())
+        })
+    }
+
+    #[test]
+    fn prop_five_parts_of_the_same_duty_are_a_step_with_every_effect() {
+        let mut flown = 0;
+        for (_, effects) in each_effect().filter(|(of_readings, _)| !of_readings) {
+            let config = SimulationConfig { effects, ..config() };
+            let (mut whole, mut parts) = (
+                Simulation::new(&config, 5).unwrap(),
+                Simulation::new(&config, 5).unwrap(),
+            );
+            parts.begin_prelude().unwrap();
+            parts.hand_over();
+            let mut duty = [0.0; MAX_ROTORS];
+            for k in 0..800 {
+                duty[..6].fill(0.3 + 0.0005 * f64::from(k));
+                whole.advance_duty(&duty).unwrap();
+                for part in 1..=PARTS_PER_STEP {
+                    assert_eq!(parts.advance_part(&duty).unwrap(), part == PARTS_PER_STEP);
+                }
+            }
+            let (a, b) = (whole.truth(), parts.truth());
+            let name = &config.effects.last().unwrap().effect;
+            for i in 0..3 {
+                // Accelerations that hooks see are fresher by a part.
+                assert!(
+                    (a.position_ned_m[i] - b.position_ned_m[i]).abs() < 1e-4,
+                    "{name}: {a:?} {b:?}"
+                );
+                assert!(
+                    (a.velocity_ned_m_s[i] - b.velocity_ned_m_s[i]).abs() < 1e-3,
+                    "{name}: {a:?} {b:?}"
+                );
+            }
+            assert!(
+                (a.battery_voltage_v - b.battery_voltage_v).abs() < 1e-4,
+                "{name}: {a:?} {b:?}"
+            );
+            // A centre of mass aside tips it over.
+            flown += u32::from(a.position_ned_m[2] < -0.5);
+        }
+        assert!(flown > 40, "{flown} have left the ground");
+    }
+
+    #[test]
+    fn val_effects_on_readings_are_refused_by_name() {
+        for (_, effects) in each_effect().filter(|(of_readings, _)| *of_readings) {
+            let id = effects.last().unwrap().effect.clone();
+            let mut sim = Simulation::new(&SimulationConfig { effects, ..config() }, 1).unwrap();
+            let refusal = sim.begin_prelude().unwrap_err();
+            assert_eq!(refusal.key, "effect");
+            assert!(refusal.reason.contains(&format!("`{id}`")), "{refusal}");
+        }
+    }
+
+    /// Thrust of rotor 1 over that of rotor 2.
+    fn ratio(sim: &Simulation) -> f64 {
+        let thrust = &sim.truth().rotor_thrust_n;
+        thrust[0] / thrust[1]
+    }
+
+    #[test]
+    fn val_onsets_count_from_the_hand_over() {
+        let half = |rotor| EffectInstance::new("rotor-thrust-scale", &[("share", -0.5)]).on_rotor(rotor);
+        for (onset_s, in_prelude, at_first, later) in [
+            (None, 0.5, 0.5, 0.5),
+            (Some(0.0), 1.0, 0.5, 0.5),
+            (Some(1.0), 1.0, 1.0, 0.5),
+        ] {
+            let mut effect = half(1);
+            effect.onset_s = onset_s;
+            let config = SimulationConfig {
+                effects: vec![effect],
+                mismatch: crate::testing::preset(crate::vehicle::mismatch::MismatchPreset::None),
+                ..config()
+            };
+            let mut sim = Simulation::new(&config, 1).unwrap();
+            sim.begin_prelude().unwrap();
+            let mut duty = [0.0; MAX_ROTORS];
+            duty[..6].fill(0.15);
+            let run = |sim: &mut Simulation, steps: u32| {
+                for _ in 0..steps * PARTS_PER_STEP {
+                    sim.advance_part(&duty).unwrap();
+                }
+                ratio(sim)
+            };
+            let near =
+                |got: f64, expected: f64| assert!((got - expected).abs() < 0.01, "{onset_s:?}: {got} {expected}");
+            near(run(&mut sim, 2000), in_prelude);
+            sim.hand_over();
+            near(run(&mut sim, 360), at_first);
+            near(run(&mut sim, 360), later);
+        }
+    }
+
+    #[test]
+    fn val_a_delay_counts_in_parts() {
+        // 3 ms are six parts, and no whole number of steps.
+        let config = SimulationConfig {
+            effects: vec![EffectInstance::new("command-delay", &[("delay_s", 0.003)])],
+            ..config()
+        };
+        let mut sim = Simulation::new(&config, 1).unwrap();
+        sim.begin_prelude().unwrap();
+        let mut duty = [0.0; MAX_ROTORS];
+        duty[..6].fill(0.3);
+        let turning: Vec<bool> = (0..8)
+            .map(|_| {
+                sim.advance_part(&duty).unwrap();
+                sim.truth().rotor_thrust_n[0] > 0.0
+            })
+            .collect();
+        assert_eq!(turning, [false, false, false, false, false, false, true, true]);
+    }
+
+    #[test]
+    fn val_rotors_with_inertia_fly_with_an_autopilot() {
+        let mut config = config();
+        config.vehicle.rotors.reaction_s = 0.1;
+        Simulation::new(&config, 1).unwrap().begin_prelude().unwrap();
     }
 }
