@@ -36,6 +36,16 @@ pub(crate) struct Plant<'a> {
     pub(crate) contact: Option<&'a Contact>,
 }
 
+/// Which part of which step.
+pub(crate) struct Part {
+    /// Begin of the step, s.
+    pub(crate) step_begins_s: f64,
+    /// Parts of the step that are done.
+    pub(crate) done: u32,
+    /// Runge–Kutta steps of the part.
+    pub(crate) substeps: u32,
+}
+
 /// Values that are held over a step.
 #[derive(Debug, Clone)]
 struct Held {
@@ -447,29 +457,27 @@ impl EffectFlight {
         self.observe_on(state, air, contact.as_deref());
     }
 
-    /// One part of 0.5 ms of the step that begins at `time_s`, the first or the last of it or neither, with these duties.
+    /// One part of 0.5 ms with these duties.
     pub(crate) fn advance_part(
         &mut self,
-        time_s: f64,
+        part: &Part,
         state: &mut PlantState,
         air: &Plant<'_>,
         mut contact: Option<&mut Contact>,
         duty: &[f64; MAX_ROTORS],
-        substeps: u32,
-        part: u32,
     ) {
         if self.duties.per_step != PARTS_PER_STEP {
             self.duties = self.duties.at_rate(PARTS_PER_STEP);
         }
-        if part == 0 {
-            self.begin_step(time_s, state, air, duty, 1);
+        if part.done == 0 {
+            self.begin_step(part.step_begins_s, state, air, duty, 1);
             self.begun = Some(Box::new(self.begun(state)));
         } else {
             self.hold(state, air, duty, 1);
         }
-        let h = PART_S / f64::from(substeps);
-        self.integrate(state, air, contact.as_deref_mut(), substeps, h);
-        if part + 1 == PARTS_PER_STEP
+        let h = PART_S / f64::from(part.substeps);
+        self.integrate(state, air, contact.as_deref_mut(), part.substeps, h);
+        if part.done + 1 == PARTS_PER_STEP
             && let Some(begun) = self.begun.take()
         {
             self.advance_own_states(&begun);

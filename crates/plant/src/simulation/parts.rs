@@ -11,7 +11,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 
 use super::{Simulation, ground};
 use crate::STEP_S;
-use crate::effect_flight::Plant;
+use crate::effect_flight::{Part, Plant};
 use crate::error::{Refusal, SimulationError};
 use crate::sensing::instruments::{InstrumentSample, Instruments, Scene};
 
@@ -104,16 +104,12 @@ impl Simulation {
                 contact: None,
             };
             let contact = self.contact.as_deref_mut();
-            let time_s = step as f64 * STEP_S;
-            effects.advance_part(
-                time_s,
-                &mut self.state,
-                &air,
-                contact,
-                &limited,
+            let part = Part {
+                step_begins_s: step as f64 * STEP_S,
+                done: self.parts.done,
                 substeps,
-                self.parts.done,
-            );
+            };
+            effects.advance_part(&part, &mut self.state, &air, contact, &limited);
         } else {
             self.powertrain.hold(&limited);
             self.integrate_parts(substeps, STEP_S / f64::from(parts));
