@@ -48,8 +48,8 @@ def looks(browser: Browser, name: str, expected: dict) -> None:
             # Each plot says in words what it shows.
             summaries = page.locator("figure.plot .canvas").evaluate_all("all => all.map(one => document.getElementById(one.getAttribute('aria-describedby')).textContent)")
             assert len(summaries) == plots and all(re.search(r"\d", one) or "no value" in one for one in summaries), summaries
-            # And in numbers: a table below it, or around it.
-            bare = page.locator("figure.plot").evaluate_all("all => all.filter(one => !one.querySelector('table') && !one.querySelector('summary')).length")
+            # And in numbers: a table below it.
+            bare = page.locator("figure.plot").evaluate_all("all => all.filter(one => one.querySelector('canvas') && !one.querySelector('table') && !one.querySelector('summary')).length")
             assert bare == 0, f"{name}: {bare} plots without a table"
             wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
             assert wide <= 0, f"{name}: {wide} px wider than the screen of {width} px"

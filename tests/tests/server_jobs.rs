@@ -190,7 +190,7 @@ fn scenario_flights_of_a_cell_are_listed_and_each_is_the_same_run() {
     let flight = all("&truth=5&verdict=5").remove(1);
     assert_eq!(
         flight["parameters"][1],
-        json!({ "axis": "damage", "value": "large" }),
+        json!({ "axis": "rotor", "value": 5 }),
         "{flight}"
     );
     assert_eq!((&flight["faulty_rotors"], &flight["run"]), (&json!([5]), &Value::Null));
