@@ -215,7 +215,7 @@ fn reports(scratch: &Scratch) {
                 "Table 1: lift of the blades",
                 "Table 3: fault signatures",
                 "Choices the paper leaves open",
-                "paper, Figure 7",
+                "Lift over duty, healthy blade",
             ],
             "Table 1: lift of the blades",
         ),
