@@ -12,9 +12,9 @@ use crate::lockstep::{Failure, FlightEnd, FlightObserver, FlightOutcome, StopRea
 use crate::run_hash::RunHasher;
 use crate::sample::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_plant::PARTS_PER_STEP;
 use rotortwin_plant::Simulation;
 use rotortwin_plant::sensing::instruments::{InstrumentModel, InstrumentSample, Instruments};
-use rotortwin_plant::simulation::parts::PARTS_PER_STEP;
 use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Fix, Readings, Wanted};
 use rotortwin_wire::convert;
 use rotortwin_wire::frames::{CommandFrame, SensorFrame, Stamp};

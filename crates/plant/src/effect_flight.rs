@@ -14,16 +14,15 @@
 
 use rotortwin_flight_core::MAX_ROTORS;
 
-use crate::STEP_S;
 use crate::body::contact::{Contact, around};
 use crate::body::rigid_body::{Quaternion, RigidBodyRate, RigidBodyState, Surroundings};
 use crate::effects::{Constants, EffectSet, Moment, Readings, Wrench};
 use crate::powertrain::battery::{Battery, BatteryOutput};
 use crate::powertrain::held::sum_of_powers;
 use crate::powertrain::rotors::RotorTruth;
-use crate::simulation::parts::{PART_S, PARTS_PER_STEP};
 use crate::state::PlantState;
 use crate::vector::{Vector3, cross};
+use crate::{PART_S, PARTS_PER_STEP, STEP_S};
 
 /// How far delays reach back, s: the longest accepted.
 const LONGEST_DELAY_S: f64 = 2.0;

@@ -54,6 +54,10 @@ pub const STEP_RATE_HZ: f64 = 400.0;
 pub const STEP_S: f64 = 0.0025;
 /// Length of a step, ns.
 pub const STEP_NS: u64 = 2_500_000;
+/// Parts of a step that a ground or an autopilot's own clock asks for.
+pub const PARTS_PER_STEP: u32 = 5;
+/// Length of a part, s.
+pub(crate) const PART_S: f64 = STEP_S / PARTS_PER_STEP as f64;
 
 /// The step nearest to a time in s, for finite times from 0.
 pub fn nearest_step(time_s: f64) -> u64 {

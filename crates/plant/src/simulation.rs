@@ -355,7 +355,7 @@ impl Simulation {
             };
             let time_s = step as f64 * STEP_S;
             let substeps = if self.contact.is_some() {
-                self.substeps.div_ceil(ground::PARTS) * ground::PARTS
+                self.substeps.div_ceil(crate::PARTS_PER_STEP) * crate::PARTS_PER_STEP
             } else {
                 self.substeps
             };

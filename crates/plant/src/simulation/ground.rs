@@ -5,7 +5,6 @@
 use rotortwin_flight_core::MAX_ROTORS;
 
 use super::Simulation;
-use crate::STEP_S;
 use crate::body::contact::{self, Contact, Footing, OnGround};
 use crate::body::dynamics::Dynamics;
 use crate::body::ground::{GroundContact, GroundEvent};
@@ -15,9 +14,8 @@ use crate::effects::Constants;
 use crate::error::Refusal;
 use crate::vector::Vector3;
 use crate::vehicle::mismatch::MismatchDraw;
+use crate::{PARTS_PER_STEP, STEP_S};
 
-/// Fewest parts of a step.
-pub(super) const PARTS: u32 = 5;
 /// Time that a vehicle is given to find its rest before the flight, s.
 const REST_S: f64 = 3.0;
 /// A friction that holds on every slope.
@@ -65,8 +63,8 @@ impl Simulation {
         let friction = contact.set_friction(STICKING);
         let charge = self.state.state_of_charge;
         self.powertrain.hold(&[0.0; MAX_ROTORS]);
-        let parts = (REST_S / STEP_S) as u32 * PARTS;
-        self.integrate_parts(parts, STEP_S / f64::from(PARTS));
+        let parts = (REST_S / STEP_S) as u32 * PARTS_PER_STEP;
+        self.integrate_parts(parts, STEP_S / f64::from(PARTS_PER_STEP));
         self.state.state_of_charge = charge;
         let mut events = Vec::new();
         if let Some(contact) = &mut self.contact {
@@ -83,9 +81,9 @@ impl Simulation {
         Err(Refusal::new("ground.contact.slope_deg", reason))
     }
 
-    /// Parts in which a step over ground is integrated: a multiple of [`PARTS`].
+    /// Parts in which a step over ground is integrated: a multiple of [`PARTS_PER_STEP`].
     pub(super) fn ground_parts(&self) -> u32 {
-        self.substeps.div_ceil(PARTS) * PARTS
+        self.substeps.div_ceil(PARTS_PER_STEP) * PARTS_PER_STEP
     }
 
     /// `parts` parts of `h` s with the held command, on the ground of the flight.

@@ -9,18 +9,14 @@
 
 use rotortwin_flight_core::MAX_ROTORS;
 
-use super::{Simulation, ground};
-use crate::STEP_S;
+use super::Simulation;
 use crate::effect_flight::{Part, Plant};
 use crate::error::{Refusal, SimulationError};
 use crate::sensing::instruments::{InstrumentSample, Instruments, Scene};
+use crate::{PARTS_PER_STEP, STEP_S};
 
-/// Parts of a step.
-pub const PARTS_PER_STEP: u32 = ground::PARTS;
 /// Length of a part, ns.
 pub const PART_NS: u64 = crate::STEP_NS / PARTS_PER_STEP as u64;
-/// Length of a part, s.
-pub(crate) const PART_S: f64 = crate::STEP_S / PARTS_PER_STEP as f64;
 
 /// How far a flight in parts is.
 #[derive(Debug, Clone, Default)]
