@@ -279,7 +279,7 @@ fn write_hashes(file: &Path, flown: &[(String, String)]) {
 #[test]
 fn scenario_the_reference_flight_from_the_ground_is_the_same_over_every_link() {
     const FEET_M: f64 = 0.179;
-    const NOT_READY: f64 = -2.0;
+    const NOT_READY: i32 = -2;
     let at = |t: f64| {
         let turn = std::f64::consts::TAU * t / 15.0;
         let down = -5.0 - 1.5 * (1.0 - (std::f64::consts::TAU * t / 45.0).cos());
@@ -353,5 +353,8 @@ fn scenario_the_reference_flight_from_the_ground_is_the_same_over_every_link() {
     let score = &here.summary()["intervals"][0]["scores"]["sequential"];
     assert_eq!(score["false_alarm_events"], 0, "{score}");
     assert_eq!(score["verdict_at_end"], 0, "{score}");
-    assert!(verdicts[second].iter().all(|code| *code == NOT_READY), "after landing");
+    assert!(
+        verdicts[second].iter().all(|code| *code as i32 == NOT_READY),
+        "after landing"
+    );
 }
