@@ -275,8 +275,11 @@ enum Answer {
     Gone,
 }
 
+/// What happens to the answer to the state of a number.
+type Happens = fn(u64) -> Answer;
+
 /// Flies a scenario with a peer that levels itself.
-fn fly(duration_s: f64, more: &str, happens: fn(u64) -> Answer) -> (AutopilotOutcome, Watch) {
+fn fly(duration_s: f64, more: &str, happens: Happens) -> (AutopilotOutcome, Watch) {
     let scenario = scenario_of(HEXAROTOR, duration_s, more);
     let (port, states, sticks) = ports();
     let mut link = Betaflight::listen(
@@ -351,7 +354,7 @@ fn scenario_takes_off_holds_lands_and_the_damaged_propeller_is_isolated() {
 /// Not lockstep: motors that are lost or late leave those before them in force, and the vehicle flies on.
 #[test]
 fn scenario_lost_late_doubled_and_flooded_motors_are_flown_with() {
-    let scripts: [(&str, fn(u64) -> Answer); 4] = [
+    let scripts: [(&str, Happens); 4] = [
         ("twice", |n| if n % 7 == 3 { Answer::Twice } else { Answer::Sent }),
         ("lost", |n| if n % 5 == 3 { Answer::Lost } else { Answer::Sent }),
         ("out of order", |n| if n % 6 == 3 { Answer::Late } else { Answer::Sent }),
