@@ -96,7 +96,7 @@ struct Add {
     #[arg(required_unless_present = "from")]
     effect: Option<String>,
     /// Its parameters: name=value, or name=value±half of its 95 % interval
-    #[arg(value_name = "PARAMETER=VALUE[±HALF]")]
+    #[arg(value_name = "PARAM=VALUE[±HALF]")]
     parameters: Vec<String>,
     /// Take the effects that a diagnosis found, from the JSON of 'rotortwin diagnose --json'
     #[arg(long, value_name = "FILE", conflicts_with_all = ["effect", "rotor", "onset"])]

@@ -19,7 +19,7 @@ fn first() -> ModelVersion {
 }
 
 fn drag(value: f64) -> ModelEffect {
-    let parameters = [format!("drag_n_s_m={value}±0.001")];
+    let parameters = [format!("drag_n_s_m={value}±0.00196")];
     effect_by_hand("rotor-drag", None, None, &parameters).unwrap()
 }
 
@@ -44,7 +44,7 @@ fn full() -> ModelVersion {
         "accelerometer-bias",
         None,
         None,
-        &["x_m_s2=0.3".into(), "y_m_s2=-0.2+-0.1".into()],
+        &["x_m_s2=0.3".into(), "y_m_s2=-0.2+-0.196".into()],
     )
     .unwrap();
     for effect in [&mut found, &mut wind] {
