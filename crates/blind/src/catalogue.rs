@@ -40,7 +40,7 @@ pub struct Parameter {
 pub struct Kind {
     /// kebab-case.
     pub id: &'static str,
-    /// Number in the catalogue of 57 effects; 0 outside it.
+    /// Number in the catalogue of 56 effects; 0 outside it.
     pub number: u8,
     /// Words.
     pub title: &'static str,
@@ -678,15 +678,6 @@ pub static KINDS: &[Kind] = &[
         per_rotor: false,
         companion: None,
         parameters: &[p("exponent", "1", 0.4, true, true)],
-    },
-    Kind {
-        id: "drag-anisotropy",
-        number: 57,
-        title: "More drag forward than sideways, or less",
-        place: Place::Wrench,
-        per_rotor: false,
-        companion: None,
-        parameters: &[p("difference_kg_s", "kg/s", 0.15, true, true)],
     },
     Kind {
         id: "stuck-moment",

@@ -186,7 +186,6 @@ pub struct Active {
     pub rotor_drag: f64,
     pub parasitic_drag: f64,
     pub linear_drag: f64,
-    pub drag_difference: f64,
     pub wind: Vector3<f64>,
     pub gust_sigma: f64,
     pub gust_correlation: f64,
@@ -319,7 +318,6 @@ impl Active {
             "rotor-drag" => self.rotor_drag += value("drag_n_s_m"),
             "quadratic-drag" => self.parasitic_drag += value("drag_kg_m"),
             "linear-friction" => self.linear_drag += value("drag_kg_s"),
-            "drag-anisotropy" => self.drag_difference += value("difference_kg_s"),
             "wind" => self.wind += Vector3::new(value("north_m_s"), value("east_m_s"), 0.0),
             "gusts" => {
                 self.gust_sigma += value("rms_m_s");

@@ -495,9 +495,6 @@ impl World {
         let rotor_drag = -active.rotor_drag * speed_ratio_sum / n as f64 * level;
         force += rotor_drag;
         torque += Vector3::new(0.0, 0.0, -active.drag_height).cross(&rotor_drag);
-        // A diagonal drag of trace 0: what the axes share is friction.
-        let uneven = Matrix3::from_diagonal(&Vector3::new(0.5, -0.5, 0.0));
-        force -= active.drag_difference * (uneven * air);
         let speed = air.norm();
         force -= (active.parasitic_drag * speed + active.linear_drag + self.vehicle.linear_drag) * air;
         if active.threshold_drag > 0.0 && speed > active.threshold_speed {

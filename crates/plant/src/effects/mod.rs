@@ -22,7 +22,6 @@ mod changes;
 mod cold_battery;
 mod constants;
 mod declaration;
-mod drag_anisotropy;
 mod drag_centre;
 mod esc;
 mod flapping_moment;

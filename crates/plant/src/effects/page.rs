@@ -46,9 +46,6 @@ otherwise), so that `telemetry.parquet` is a flight log like a measured one. Lat
 An autopilot of its own clock ([autopilots](autopilots.md#effects)) flies with all effects but those on readings and their time: it has
 instruments of its own.
 
-A drag with a value per axis, diag(k_x, k_y, k_z), is three effects together: `linear-friction` k_z, `rotor-drag` (k_x + k_y)/2 − k_z, and
-`drag-anisotropy` k_x − k_y. That the drag differs vertically from horizontally needs no effect of its own; that it differs sideways from forward does.
-
 ## Effects of your own
 
 A TOML document with expressions, no compiler needed. Name it in a scenario (`effect_files = ["../effects/fin-drag.toml"]`) and use

@@ -51,11 +51,6 @@ fn val_forces_and_torques() {
     let f = added("rotor-drag", &[("drag_n_s_m", 0.25)]).force_body;
     near("rotor drag x", f[0], -0.9908782040227853);
     near("rotor drag y", f[1], -0.24771955100569631);
-    // Air at 4 m/s from ahead and 1 m/s from the right: −0.15/2 · 4 forward, +0.15/2 · 1 to the right.
-    let f = added("drag-anisotropy", &[("difference_kg_s", 0.15)]).force_body;
-    near("drag anisotropy x", f[0], -0.3);
-    near("drag anisotropy y", f[1], 0.075);
-    near("drag anisotropy z", f[2], 0.0);
     let f = added("quadratic-drag", &[("drag_kg_m", 0.03)]).force_body;
     near("quadratic drag x", f[0], -0.6568287448033924);
     near("quadratic drag z", f[2], -0.5911458703230531);
