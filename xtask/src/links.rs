@@ -224,7 +224,7 @@ mod tests {
             names(line).collect::<Vec<_>>(),
             ["crates/p/{a,b}.rs", "tests/x", "c.rs"]
         );
-        let spans = "`link/{a,b}.rs`, `x y.rs`, `/root/c.py`, `.rs`, `d.py`, `e/d.py`, `found/e.json`";
+        let spans = "`link/{a,b}.rs`, `x y.rs`, `/etc/c.py`, `.rs`, `d.py`, `e/d.py`, `found/e.json`";
         assert_eq!(names(spans).collect::<Vec<_>>(), ["link/{a,b}.rs", "e/d.py"]);
         assert_eq!(expanded("a/{b,c}.rs"), ["a/b.rs", "a/c.rs"]);
     }
