@@ -36,6 +36,12 @@ fn motors(pulses_us: [f32; 6]) -> Vec<u8> {
     bytes
 }
 
+/// Channels, µs, of a packet of sticks.
+fn channels(bytes: &[u8]) -> [u16; 16] {
+    assert_eq!(bytes.len(), 40);
+    std::array::from_fn(|i| u16::from_le_bytes([bytes[8 + 2 * i], bytes[9 + 2 * i]]))
+}
+
 fn map() -> OutputMap {
     OutputMap {
         rotor_of_channel: vec![2, 0, 3, 5, 1, 4],
@@ -96,9 +102,7 @@ fn talk<T>(script: Script, work: impl FnOnce(&mut Betaflight) -> T) -> (T, Peer)
                     peer.states += 1;
                 }
                 while let Ok(length) = sticks.recv(&mut buffer) {
-                    assert_eq!(length, 40);
-                    let channel = |i: usize| u16::from_le_bytes([buffer[8 + 2 * i], buffer[9 + 2 * i]]);
-                    peer.sticks.push(std::array::from_fn(channel));
+                    peer.sticks.push(channels(&buffer[..length]));
                 }
             }
             peer
@@ -302,9 +306,7 @@ fn fly(duration_s: f64, more: &str, happens: Happens) -> (AutopilotOutcome, Watc
             let mut count = 0;
             while !stopped.load(Ordering::Relaxed) {
                 while let Ok(length) = sticks.recv(&mut buffer) {
-                    assert_eq!(length, 40);
-                    let channel = |i: usize| u16::from_le_bytes([buffer[8 + 2 * i], buffer[9 + 2 * i]]);
-                    leveller.sticks = Some(std::array::from_fn(channel));
+                    leveller.sticks = Some(channels(&buffer[..length]));
                 }
                 let Ok((_, from)) = states.recv_from(&mut buffer) else {
                     continue;
