@@ -14,6 +14,7 @@
 //! * [`improve`]: the loop over these, version by version.
 //! * [`identify`]: a vehicle with intervals from flight logs, mass and arm.
 //! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
+//! * [`vibration`]: how strongly a flight shakes at the speed of each rotor, and against healthy flights.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
@@ -31,6 +32,7 @@ pub mod next_flight;
 pub mod predict;
 pub mod propose;
 mod schema;
+pub mod vibration;
 
 /// Half of a 95 % interval of a normal distribution, in standard deviations: what stands behind every `±`.
 pub const Z95: f64 = 1.96;

@@ -361,6 +361,23 @@ impl Predictor {
         Ok(rows.flat_map(|(row, _)| row.iter().copied()).collect())
     }
 
+    /// Thrust of each rotor as the model has it from the inputs, at times of one's own by straight lines between its steps, N; rotor by rotor.
+    pub(crate) fn thrust_at(&self, time_s: &[f64]) -> Result<Vec<Vec<f64>>, PredictError> {
+        let series = &self.plant.series;
+        let set = self.effect_set(&Nuisances::default(), &[])?;
+        let thrust = self.predict(&set, Source::Raw, None).thrust;
+        let steps = thrust.len() / series.rotors;
+        let at = |rotor: usize, time: f64| {
+            let place = ((time - series.start_s) / series.step_s).clamp(0.0, (steps - 1) as f64);
+            let before = (place as usize).min(steps - 2);
+            let share = place - before as f64;
+            let value = |k: usize| thrust[k * series.rotors + rotor];
+            (1.0 - share) * value(before) + share * value(before + 1)
+        };
+        let rotors = 0..series.rotors;
+        Ok(rotors.map(|rotor| time_s.iter().map(|time| at(rotor, *time)).collect()).collect())
+    }
+
     /// Time that rows of [`Self::thrust_in_flight`] make up, s.
     pub(crate) fn seconds_of(&self, rows: &[f64]) -> f64 {
         (rows.len() / self.plant.series.rotors) as f64 * self.plant.series.step_s

@@ -1,0 +1,362 @@
+//! Vibration by rotor: how strongly the inertial sensor shakes at the speed of each rotor, in a flight and against healthy flights.
+//!
+//! ```text
+//! log ─▶ speeds (ESC telemetry; or duty and voltage, scaled to the lines) ─▶ orders: a line for each rotor ─▶ growth over healthy flights
+//! ```
+//! A chipped or bent propeller is out of balance and pulls the vehicle round once in each turn, long before it costs thrust that a
+//! model would miss. The amplitude is that of the sensor at the reference speed; it grows with Ω², so that flights at other speeds
+//! compare. What a sensor's place and the frame's own resonances make of it is the same in all flights of a vehicle, which is why
+//! healthy flights decide and not the amplitude itself: new propellers differ, too.
+//!
+//! Limits: a sensor that is sampled slower than some 2.2 times a turn shows nothing of it; two rotors that always turn alike are not told
+//! apart; filters of the autopilot before the log (notches at rotor speed above all) take away what is looked for.
+
+mod growth;
+mod orders;
+mod speeds;
+
+use crate::Z95;
+use crate::baseline::{LEAST_BASELINE, NAMED};
+use crate::log::{FlightLog, names};
+use crate::model::ModelVersion;
+use crate::predict::PredictError;
+use growth::Level;
+use orders::{LEAST_BLOCKS, Power, Shaken};
+use serde::Serialize;
+use std::f64::consts::TAU;
+use utoipa::ToSchema;
+
+/// Slowest rotor that counts as turning, rad/s.
+const TURNING_RAD_S: f64 = 60.0;
+/// A line is there if its power is so many standard errors above nothing.
+const LEAST_LINE: f64 = 3.0;
+/// Passes over the rotors that look for the scale of each one's speed.
+const SCALE_PASSES: usize = 2;
+/// Growth below which a rotor is not reported, at the lower end of its interval.
+const LEAST_GROWTH: f64 = 1.2;
+
+/// Sensor whose vibration was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schema(as = VibrationSensor)]
+pub enum Sensor {
+    /// Specific force, m/s².
+    Accelerometer,
+    /// Body rates, rad/s.
+    Gyro,
+}
+
+impl Sensor {
+    /// Unit of an amplitude.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Accelerometer => "m/s²",
+            Self::Gyro => "rad/s",
+        }
+    }
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Accelerometer => "accelerometer",
+            Self::Gyro => "gyro",
+        }
+    }
+
+    fn columns(self) -> [&'static str; 3] {
+        match self {
+            Self::Accelerometer => names::ACCEL,
+            Self::Gyro => names::RATES,
+        }
+    }
+}
+
+/// Line of one rotor.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = VibrationLine)]
+pub struct Line {
+    /// Rotor, from 1.
+    pub rotor: usize,
+    /// Mean speed in the air, Hz.
+    pub speed_hz: f64,
+    /// Amplitude over the three axes at the vehicle's mean rotor speed, in the sensor's unit; none where another rotor turns alike all the time.
+    pub amplitude: Option<f64>,
+    /// 95 % interval of it.
+    pub interval_95: Option<[f64; 2]>,
+    /// True if the line stands out of the noise.
+    pub seen: bool,
+    /// Half seconds in which the rotor is told apart from the others.
+    pub blocks: usize,
+}
+
+/// Vibration at the speed of each rotor in one flight.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = RotorVibration)]
+pub struct Vibration {
+    /// Log.
+    pub log: String,
+    /// Sensor.
+    pub sensor: Sensor,
+    /// Rate of the sensor, Hz.
+    pub rate_hz: f64,
+    /// What the speeds of the rotors are from, in words.
+    pub speeds_from: String,
+    /// Mean speed of all rotors in the air, to which amplitudes refer, Hz.
+    pub reference_hz: f64,
+    /// Rotors in their order.
+    pub rotors: Vec<Line>,
+    /// ln of amplitude over Ω² and its variance; none for a rotor that is not told apart.
+    #[serde(skip)]
+    levels: Vec<Option<Level>>,
+}
+
+/// Rotor whose line has grown against healthy flights.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = VibrationGrowth)]
+pub struct Growth {
+    /// Rotor, from 1.
+    pub rotor: usize,
+    /// Its amplitude over that of the healthy flights, at the same speed.
+    pub factor: f64,
+    /// 95 % interval.
+    pub interval_95: [f64; 2],
+    /// Posterior probability that it has grown.
+    pub posterior: f64,
+}
+
+/// Vibration against that of healthy flights.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = VibrationChange)]
+pub struct Change {
+    /// In words.
+    pub sentence: String,
+    /// Rotors that shake more with a probability of 95 %, strongest first.
+    pub named: Vec<Growth>,
+    /// Every rotor that is told apart in all flights.
+    pub rotors: Vec<Growth>,
+    /// How much healthy flights differ rotor by rotor, as a factor of one standard deviation.
+    pub spread_factor: f64,
+    /// Each of the logs.
+    pub flights: Vec<Vibration>,
+}
+
+/// Vibration at the rotors' speeds in one flight.
+///
+/// * `model`: needed where no column holds rotor speeds
+///
+/// # Errors
+/// One sentence: nothing to take the speeds from, no sensor fast enough, or no lines.
+pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibration, PredictError> {
+    let problem = |what: String| PredictError(format!("{}: {what}", log.name));
+    let air = log.flight_parts(None).in_the_air();
+    let told = speeds::measured(log);
+    let (speeds, from_telemetry) = match (told, model) {
+        (Some(told), _) => (told, true),
+        (None, Some(model)) => (speeds::from_thrust(log, model, &air)?, false),
+        (None, None) => {
+            return Err(problem(
+                "expected rotor speeds from the ESCs, or a model that gives them from duty and voltage (--model)".into(),
+            ));
+        }
+    };
+    let mean = speeds::mean_in(&log.time_s, &speeds, &air);
+    let mut reasons = Vec::new();
+    for sensor in [Sensor::Accelerometer, Sensor::Gyro] {
+        let Some(axes) = log.vector(sensor.columns()) else {
+            reasons.push(format!("no {}", sensor.name()));
+            continue;
+        };
+        let rate_hz = log.source_rate(sensor.columns()[2]).map_or(0.0, |rate| rate.source_hz);
+        let fastest = if from_telemetry { mean / TAU } else { speeds::SLOWEST_HZ };
+        if fastest > speeds::FASTEST * rate_hz {
+            reasons.push(format!(
+                "the {} comes at {rate_hz:.0} Hz, which shows no turn of rotors at {fastest:.0} Hz{}",
+                sensor.name(),
+                if from_telemetry { "" } else { " and above" }
+            ));
+            continue;
+        }
+        let shaken = Shaken {
+            time_s: &log.time_s,
+            axes,
+            speeds: speeds.clone(),
+            reference: mean,
+            blocks: turning(orders::blocks(&log.time_s, &air, log.sample_rate_hz()), &speeds, from_telemetry),
+        };
+        match of_sensor(log, sensor, rate_hz, shaken, from_telemetry) {
+            Ok(found) => return Ok(found),
+            Err(reason) => reasons.push(reason),
+        }
+    }
+    Err(problem(format!("no vibration of single rotors: {}", reasons.join("; "))))
+}
+
+/// Blocks in which all rotors turn.
+fn turning(blocks: Vec<std::ops::Range<usize>>, speeds: &[Vec<f64>], absolute: bool) -> Vec<std::ops::Range<usize>> {
+    let least = if absolute { TURNING_RAD_S } else { 0.1 };
+    let turns = |rows: &std::ops::Range<usize>| speeds.iter().all(|s| s[rows.clone()].iter().all(|x| *x > least));
+    blocks.into_iter().filter(turns).collect()
+}
+
+fn of_sensor(
+    log: &FlightLog,
+    sensor: Sensor,
+    rate_hz: f64,
+    mut shaken: Shaken<'_>,
+    from_telemetry: bool,
+) -> Result<Vibration, String> {
+    if shaken.blocks.len() < LEAST_BLOCKS {
+        return Err(format!(
+            "{} half seconds of the {} in the air with all rotors turning, {LEAST_BLOCKS} are needed",
+            shaken.blocks.len(),
+            sensor.name()
+        ));
+    }
+    let mut speeds_from = "ESC telemetry".to_owned();
+    if !from_telemetry {
+        let Some(scale) = speeds::scale_of(&shaken, rate_hz) else {
+            return Err(format!(
+                "the {} shows no lines at speeds that go with duty and voltage between {:.0} and {:.0} Hz",
+                sensor.name(),
+                speeds::SLOWEST_HZ,
+                speeds::FASTEST * rate_hz
+            ));
+        };
+        for speed in shaken.speeds.iter_mut().flatten() {
+            *speed *= scale;
+        }
+        shaken.reference *= scale;
+        speeds_from = format!("duty and voltage, scaled to the lines at {:.1} Hz", shaken.reference / TAU);
+    }
+    let range = if from_telemetry {
+        speeds::OWN_SCALE_TOLD
+    } else {
+        speeds::OWN_SCALE_FROM_DUTY
+    };
+    for _ in 0..SCALE_PASSES {
+        for rotor in 0..shaken.speeds.len() {
+            let scale = shaken.best_scale(rotor, range, speeds::SEARCH_BLOCKS);
+            for speed in &mut shaken.speeds[rotor] {
+                *speed *= scale;
+            }
+        }
+    }
+    let powers = shaken.powers();
+    let air_mean = |rotor: usize| {
+        let rows: Vec<usize> = shaken.blocks.iter().flat_map(Clone::clone).collect();
+        rows.iter().map(|k| shaken.speeds[rotor][*k]).sum::<f64>() / rows.len() as f64 / TAU
+    };
+    let rotors: Vec<Line> = powers.iter().enumerate().map(|(r, power)| line(r + 1, air_mean(r), *power)).collect();
+    if !rotors.iter().any(|line| line.seen) {
+        return Err(format!("no line of any rotor stands out of the noise of the {}", sensor.name()));
+    }
+    let level = |power: &Power| -> Level {
+        let at_least = power.mean.max(power.error).max(f64::MIN_POSITIVE);
+        let relative = power.error / at_least;
+        (0.5 * at_least.ln() - 2.0 * shaken.reference.ln(), 0.25 * relative * relative)
+    };
+    Ok(Vibration {
+        log: log.name.clone(),
+        sensor,
+        rate_hz,
+        speeds_from,
+        reference_hz: shaken.reference / TAU,
+        rotors,
+        levels: powers.iter().map(|power| power.as_ref().map(level)).collect(),
+    })
+}
+
+fn line(rotor: usize, speed_hz: f64, power: Option<Power>) -> Line {
+    let root = |x: f64| x.max(0.0).sqrt();
+    Line {
+        rotor,
+        speed_hz,
+        amplitude: power.map(|p| root(p.mean)),
+        interval_95: power.map(|p| [root(p.mean - Z95 * p.error), root(p.mean + Z95 * p.error)]),
+        seen: power.is_some_and(|p| p.mean > LEAST_LINE * p.error),
+        blocks: power.map_or(0, |p| p.blocks),
+    }
+}
+
+/// Which rotors shake more than in healthy flights of the same vehicle; several logs count as one flight.
+///
+/// # Errors
+/// One sentence: fewer than [`LEAST_BASELINE`] healthy flights, or a log that shows no vibration of single rotors, or sensors that differ.
+pub fn change(logs: &[FlightLog], healthy: &[FlightLog], model: Option<&ModelVersion>) -> Result<Change, PredictError> {
+    if healthy.len() < LEAST_BASELINE || logs.is_empty() {
+        return Err(PredictError(format!(
+            "expected a log and at least {LEAST_BASELINE} healthy flights, because their spread is what tells a change, got {} and {}",
+            logs.len(),
+            healthy.len()
+        )));
+    }
+    let of = |logs: &[FlightLog]| logs.iter().map(|log| vibration(log, model)).collect::<Result<Vec<_>, _>>();
+    let (flights, healthy) = (of(logs)?, of(healthy)?);
+    let first = &flights[0];
+    if let Some(other) = flights.iter().chain(&healthy).find(|one| one.sensor != first.sensor) {
+        return Err(PredictError(format!(
+            "{}: expected the vibration of the {} as in {}, only the {} shows it",
+            other.log,
+            first.sensor.name(),
+            first.log,
+            other.sensor.name()
+        )));
+    }
+    let levels = |of: &[Vibration]| of.iter().map(|one| one.levels.clone()).collect::<Vec<_>>();
+    let (changes, spread) = growth::changes(&growth::together(&levels(&flights)), &levels(&healthy));
+    let rotors: Vec<Growth> = changes
+        .iter()
+        .enumerate()
+        .filter_map(|(r, change)| {
+            let c = (*change)?;
+            Some(Growth {
+                rotor: r + 1,
+                factor: c.growth.exp(),
+                interval_95: [(c.growth - Z95 * c.deviation).exp(), (c.growth + Z95 * c.deviation).exp()],
+                posterior: c.posterior,
+            })
+        })
+        .collect();
+    if rotors.is_empty() {
+        return Err(PredictError(format!(
+            "{}: no two rotors are told apart by their speeds in all flights",
+            first.log
+        )));
+    }
+    let mut named: Vec<Growth> = rotors
+        .iter()
+        .filter(|one| one.posterior >= NAMED && one.interval_95[0] > LEAST_GROWTH)
+        .cloned()
+        .collect();
+    named.sort_by(|a, b| b.factor.total_cmp(&a.factor));
+    let mut change = Change {
+        sentence: String::new(),
+        named,
+        rotors,
+        spread_factor: spread.exp(),
+        flights,
+    };
+    change.sentence = sentence(&change, healthy.len());
+    Ok(change)
+}
+
+fn sentence(change: &Change, healthy: usize) -> String {
+    if change.named.is_empty() {
+        return format!("Against {healthy} healthy flights no rotor shakes more for certain.");
+    }
+    let told = |one: &Growth| {
+        format!(
+            "rotor {} ({:.1} times, 95 %: {:.1} to {:.1}, probability {:.1} %)",
+            one.rotor,
+            one.factor,
+            one.interval_95[0],
+            one.interval_95[1],
+            100.0 * one.posterior
+        )
+    };
+    let named: Vec<String> = change.named.iter().map(told).collect();
+    format!("Against {healthy} healthy flights these shake more at their own speed: {}.", named.join(", "))
+}
+
+#[cfg(test)]
+mod tests;
