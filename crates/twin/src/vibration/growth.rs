@@ -7,6 +7,10 @@
 //! with s pooled over rotors and K healthy flights, ν = (K − 1)(n − 1), and v the variance of the flight's own lines.
 //! One half of the prior is for no change of any rotor.
 
+use rotortwin_flight_core::fdi::student_t::two_sided_critical_value;
+
+/// Level of the intervals.
+const OUTSIDE: f64 = 0.05;
 /// Least spread of ln amplitude: no two flights are known to shake more alike.
 const LEAST_SPREAD: f64 = 0.10;
 /// Standard deviation of ln growth of a rotor that has changed.
@@ -25,7 +29,8 @@ pub(super) type Level = (f64, f64);
 pub(super) struct Change {
     /// ln of the growth.
     pub(super) growth: f64,
-    pub(super) deviation: f64,
+    /// Half of its 95 % interval.
+    pub(super) half: f64,
     /// Posterior probability that it has grown.
     pub(super) posterior: f64,
 }
@@ -41,16 +46,16 @@ pub(super) fn together(flights: &[Vec<Option<Level>>]) -> Vec<Option<Level>> {
         .collect()
 }
 
-/// What has changed in `flown` against `healthy`, rotor by rotor, and the spread of the healthy flights (ln).
+/// What has changed in `flown` against `healthy`, rotor by rotor.
 ///
 /// Rotors that some flight cannot tell apart have none.
-pub(super) fn changes(flown: &[Option<Level>], healthy: &[Vec<Option<Level>>]) -> (Vec<Option<Change>>, f64) {
+pub(super) fn changes(flown: &[Option<Level>], healthy: &[Vec<Option<Level>>]) -> Vec<Option<Change>> {
     let flights = healthy.len() as f64;
     let rotors: Vec<usize> = (0..flown.len())
         .filter(|r| flown[*r].is_some() && healthy.iter().all(|h| h[*r].is_some()))
         .collect();
     if rotors.len() < 2 {
-        return (vec![None; flown.len()], f64::NAN);
+        return vec![None; flown.len()];
     }
     let value = |levels: &[Option<Level>], r: usize| levels[r].map_or(f64::NAN, |level| level.0);
     let mean: Vec<f64> = rotors.iter().map(|r| healthy.iter().map(|h| value(h, *r)).sum::<f64>() / flights).collect();
@@ -71,11 +76,26 @@ pub(super) fn changes(flown: &[Option<Level>], healthy: &[Vec<Option<Level>>]) -
         let blurred = value(flown, *r) < strongest + LEAST_OF_STRONGEST.ln();
         found[*r] = Some(Change {
             growth: x,
-            deviation: variance.sqrt(),
+            half: variance.sqrt() * two_sided_critical_value(OUTSIDE, freedom).unwrap_or(f64::INFINITY),
             posterior: if blurred { 0.0 } else { odds / (1.0 + odds) },
         });
     }
-    (found, spread)
+    found
+}
+
+/// What has changed in the level of a vehicle as a whole.
+pub(super) fn whole(flown: Level, healthy: &[Level]) -> Change {
+    let flights = healthy.len() as f64;
+    let mean = healthy.iter().map(|level| level.0).sum::<f64>() / flights;
+    let squares: f64 = healthy.iter().map(|level| (level.0 - mean).powi(2)).sum();
+    let spread = (squares / (flights - 1.0)).sqrt().max(LEAST_SPREAD);
+    let variance = spread * spread * (1.0 + 1.0 / flights) + flown.1;
+    let odds = factor(flown.0 - mean, variance, flights - 1.0);
+    Change {
+        growth: flown.0 - mean,
+        half: variance.sqrt() * two_sided_critical_value(OUTSIDE, flights - 1.0).unwrap_or(f64::INFINITY),
+        posterior: odds / (1.0 + odds),
+    }
 }
 
 /// Bayes factor of a growth against none.

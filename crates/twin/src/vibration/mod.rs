@@ -32,6 +32,8 @@ const TURNING_RAD_S: f64 = 60.0;
 const LEAST_LINE: f64 = 3.0;
 /// Passes over the rotors that look for the scale of each one's speed.
 const SCALE_PASSES: usize = 2;
+/// Share of the strongest line's power that another rotor may explain at most, if the rotor is to be named.
+const MOST_RIVAL: f64 = 0.9;
 /// Growth below which a rotor is not reported, at the lower end of its interval.
 const LEAST_GROWTH: f64 = 1.2;
 
@@ -89,6 +91,18 @@ pub struct Line {
     pub blocks: usize,
 }
 
+/// The strongest line of a flight whose rotor speeds are from duty and voltage.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = StrongestVibration)]
+pub struct Strongest {
+    /// Rotor that explains it best, from 1.
+    pub rotor: usize,
+    /// Its power as the best of the other rotors explains it, over that: near 1 where all rotors turn alike, as in a hover.
+    pub rival: f64,
+    /// True if the rotor is told apart from the others.
+    pub told_apart: bool,
+}
+
 /// Vibration at the speed of each rotor in one flight.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = RotorVibration)]
@@ -103,8 +117,15 @@ pub struct Vibration {
     pub speeds_from: String,
     /// Mean speed of all rotors in the air, to which amplitudes refer, Hz.
     pub reference_hz: f64,
+    /// Amplitude of the rotors' lines together (root of the sum of squares), in the sensor's unit.
+    pub amplitude: f64,
+    /// Where the speeds are from duty and voltage: what is known of the strongest line.
+    pub strongest: Option<Strongest>,
     /// Rotors in their order.
     pub rotors: Vec<Line>,
+    /// ln of the amplitude of all over Ω².
+    #[serde(skip)]
+    level: f64,
     /// ln of amplitude over Ω² and its variance; none for a rotor that is not told apart.
     #[serde(skip)]
     levels: Vec<Option<Level>>,
@@ -114,8 +135,8 @@ pub struct Vibration {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = VibrationGrowth)]
 pub struct Growth {
-    /// Rotor, from 1.
-    pub rotor: usize,
+    /// Rotor, from 1; none for all together.
+    pub rotor: Option<usize>,
     /// Its amplitude over that of the healthy flights, at the same speed.
     pub factor: f64,
     /// 95 % interval.
@@ -130,12 +151,12 @@ pub struct Growth {
 pub struct Change {
     /// In words.
     pub sentence: String,
-    /// Rotors that shake more with a probability of 95 %, strongest first.
+    /// Rotors that shake more with a probability of 95 %, strongest first. Of speeds from duty and voltage one at most, with the growth of all lines together.
     pub named: Vec<Growth>,
-    /// Every rotor that is told apart in all flights.
+    /// Growth of all lines together: factor, 95 % interval, posterior.
+    pub together: Growth,
+    /// Every rotor that is told apart in all flights; empty where speeds are from duty and voltage.
     pub rotors: Vec<Growth>,
-    /// How much healthy flights differ rotor by rotor, as a factor of one standard deviation.
-    pub spread_factor: f64,
     /// Each of the logs.
     pub flights: Vec<Vibration>,
 }
@@ -228,26 +249,35 @@ fn of_sensor(
         shaken.reference *= scale;
         speeds_from = format!("duty and voltage, scaled to the lines at {:.1} Hz", shaken.reference / TAU);
     }
-    let range = if from_telemetry {
-        speeds::OWN_SCALE_TOLD
-    } else {
-        speeds::OWN_SCALE_FROM_DUTY
-    };
-    for _ in 0..SCALE_PASSES {
-        for rotor in 0..shaken.speeds.len() {
-            let scale = shaken.best_scale(rotor, range, speeds::SEARCH_BLOCKS);
-            for speed in &mut shaken.speeds[rotor] {
-                *speed *= scale;
+    let mut strongest = None;
+    let mut total = None;
+    if from_telemetry {
+        for _ in 0..SCALE_PASSES {
+            for rotor in 0..shaken.speeds.len() {
+                let scale = shaken.best_scale(rotor, speeds::OWN_SCALE_TOLD, speeds::SEARCH_BLOCKS);
+                shaken.speeds[rotor].iter_mut().for_each(|speed| *speed *= scale);
             }
         }
+    } else {
+        let pursuit = shaken.pursue(speeds::OWN_SCALE_FROM_DUTY, speeds::SEARCH_BLOCKS);
+        for (speeds, scale) in shaken.speeds.iter_mut().zip(&pursuit.scales) {
+            speeds.iter_mut().for_each(|speed| *speed *= scale);
+        }
+        total = Some(pursuit.power);
+        strongest = Some(Strongest {
+            rotor: pursuit.first + 1,
+            rival: pursuit.rival,
+            told_apart: pursuit.rival < MOST_RIVAL,
+        });
     }
     let powers = shaken.powers();
+    let total = total.unwrap_or_else(|| powers.iter().flatten().map(|power| power.mean.max(0.0)).sum());
     let air_mean = |rotor: usize| {
         let rows: Vec<usize> = shaken.blocks.iter().flat_map(Clone::clone).collect();
         rows.iter().map(|k| shaken.speeds[rotor][*k]).sum::<f64>() / rows.len() as f64 / TAU
     };
     let rotors: Vec<Line> = powers.iter().enumerate().map(|(r, power)| line(r + 1, air_mean(r), *power)).collect();
-    if !rotors.iter().any(|line| line.seen) {
+    if from_telemetry && !rotors.iter().any(|line| line.seen) {
         return Err(format!("no line of any rotor stands out of the noise of the {}", sensor.name()));
     }
     let level = |power: &Power| -> Level {
@@ -261,7 +291,10 @@ fn of_sensor(
         rate_hz,
         speeds_from,
         reference_hz: shaken.reference / TAU,
+        amplitude: total.sqrt(),
+        strongest,
         rotors,
+        level: 0.5 * total.max(f64::MIN_POSITIVE).ln() - 2.0 * shaken.reference.ln(),
         levels: powers.iter().map(|power| power.as_ref().map(level)).collect(),
     })
 }
@@ -302,60 +335,87 @@ pub fn change(logs: &[FlightLog], healthy: &[FlightLog], model: Option<&ModelVer
             other.sensor.name()
         )));
     }
+    let all = |of: &[Vibration]| of.iter().map(|one| (one.level, 0.0)).collect::<Vec<Level>>();
     let levels = |of: &[Vibration]| of.iter().map(|one| one.levels.clone()).collect::<Vec<_>>();
-    let (changes, spread) = growth::changes(&growth::together(&levels(&flights)), &levels(&healthy));
-    let rotors: Vec<Growth> = changes
-        .iter()
-        .enumerate()
-        .filter_map(|(r, change)| {
-            let c = (*change)?;
-            Some(Growth {
-                rotor: r + 1,
-                factor: c.growth.exp(),
-                interval_95: [(c.growth - Z95 * c.deviation).exp(), (c.growth + Z95 * c.deviation).exp()],
-                posterior: c.posterior,
-            })
-        })
-        .collect();
-    if rotors.is_empty() {
-        return Err(PredictError(format!(
-            "{}: no two rotors are told apart by their speeds in all flights",
-            first.log
-        )));
-    }
-    let mut named: Vec<Growth> = rotors
-        .iter()
-        .filter(|one| one.posterior >= NAMED && one.interval_95[0] > LEAST_GROWTH)
-        .cloned()
-        .collect();
+    let count = flights.len() as f64;
+    let flown = (all(&flights).iter().map(|level| level.0).sum::<f64>() / count, 0.0);
+    let together = grown(None, growth::whole(flown, &all(&healthy)));
+    let told = flights.iter().chain(&healthy).all(|one| one.strongest.is_none());
+    let rotors: Vec<Growth> = if told {
+        let changes = growth::changes(&growth::together(&levels(&flights)), &levels(&healthy));
+        let of_rotors = changes.iter().enumerate();
+        of_rotors.filter_map(|(r, change)| change.map(|c| grown(Some(r + 1), c))).collect()
+    } else {
+        Vec::new()
+    };
+    let mut named: Vec<Growth> = rotors.iter().filter(|one| one.is_certain()).cloned().collect();
     named.sort_by(|a, b| b.factor.total_cmp(&a.factor));
+    if !told && together.is_certain() {
+        let strongest = |one: &Vibration| one.strongest.filter(|s| s.told_apart).map(|s| s.rotor);
+        let rotor = strongest(first).filter(|rotor| flights.iter().all(|one| strongest(one) == Some(*rotor)));
+        named.extend(rotor.map(|rotor| Growth {
+            rotor: Some(rotor),
+            ..together.clone()
+        }));
+    }
     let mut change = Change {
         sentence: String::new(),
         named,
+        together,
         rotors,
-        spread_factor: spread.exp(),
         flights,
     };
-    change.sentence = sentence(&change, healthy.len());
+    change.sentence = sentence(&change, healthy.len(), told);
     Ok(change)
 }
 
-fn sentence(change: &Change, healthy: usize) -> String {
-    if change.named.is_empty() {
-        return format!("Against {healthy} healthy flights no rotor shakes more for certain.");
+fn grown(rotor: Option<usize>, change: growth::Change) -> Growth {
+    Growth {
+        rotor,
+        factor: change.growth.exp(),
+        interval_95: [(change.growth - change.half).exp(), (change.growth + change.half).exp()],
+        posterior: change.posterior,
     }
-    let told = |one: &Growth| {
+}
+
+impl Growth {
+    fn is_certain(&self) -> bool {
+        self.posterior >= NAMED && self.interval_95[0] > LEAST_GROWTH
+    }
+
+    /// Factor with interval and probability.
+    fn words(&self) -> String {
         format!(
-            "rotor {} ({:.1} times, 95 %: {:.1} to {:.1}, probability {:.1} %)",
-            one.rotor,
-            one.factor,
-            one.interval_95[0],
-            one.interval_95[1],
-            100.0 * one.posterior
+            "{:.1} times, 95 %: {:.1} to {:.1}, probability {:.1} %",
+            self.factor,
+            self.interval_95[0],
+            self.interval_95[1],
+            100.0 * self.posterior
         )
-    };
-    let named: Vec<String> = change.named.iter().map(told).collect();
-    format!("Against {healthy} healthy flights these shake more at their own speed: {}.", named.join(", "))
+    }
+}
+
+fn sentence(change: &Change, healthy: usize, told: bool) -> String {
+    let against = format!("Against {healthy} healthy flights");
+    let named: Vec<String> = change
+        .named
+        .iter()
+        .filter_map(|one| Some(format!("rotor {} ({})", one.rotor?, one.words())))
+        .collect();
+    match (named.is_empty(), change.together.is_certain()) {
+        (true, false) => format!("{against} no rotor shakes more for certain."),
+        (true, true) => format!(
+            "{against} the rotors together shake more at their own speeds ({}); which of them, these flights do not show. Logged rotor \
+             speeds would, or manoeuvres in which the rotors turn at different speeds.",
+            change.together.words()
+        ),
+        (false, _) if told => format!("{against} these shake more at their own speed: {}.", named.join(", ")),
+        (false, _) => format!(
+            "{against} the rotors together shake more at their own speeds ({}), and the strongest line is that of rotor {}.",
+            change.together.words(),
+            change.named[0].rotor.unwrap_or(0)
+        ),
+    }
 }
 
 #[cfg(test)]

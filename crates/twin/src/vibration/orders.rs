@@ -30,6 +30,8 @@ const BESIDE: [f64; 10] = [0.62, 0.70, 0.78, 0.86, 0.93, 1.07, 1.14, 1.22, 1.30,
 const CLEAR: f64 = 3.0;
 /// A rotor counts in a block if the fit of all rotors makes its line at most so much noisier than it would be alone.
 const MOST_INFLATION: f64 = 6.0;
+/// Step between speeds that are tried, in widths of a block's line.
+const LINE_SHARE: f64 = 0.1;
 /// Least blocks that make a line.
 pub(super) const LEAST_BLOCKS: usize = 8;
 
@@ -105,6 +107,66 @@ fn alone(weights: &[f64], values: &[f64], angle: impl Fn(usize) -> f64) -> f64 {
     }
     let total: f64 = weights.iter().sum();
     4.0 * (real * real + imaginary * imaginary) / (total * total)
+}
+
+/// Scales that are tried on the speeds of rotors: evenly spaced, so that the phasors follow each other by one multiplication.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Comb {
+    pub(super) first: f64,
+    pub(super) step: f64,
+    pub(super) count: usize,
+}
+
+impl Comb {
+    /// About 1 by ± `range`, a tenth of a line's width apart at `speed`, rad/s.
+    fn about_one(range: f64, speed: f64) -> Self {
+        let step = LINE_SHARE / (BLOCK_S * speed / TAU);
+        let half = (range / step).ceil();
+        Self {
+            first: 1.0 - half * step,
+            step,
+            count: 2 * half as usize + 1,
+        }
+    }
+
+    /// From `low` to `high`, a tenth of a line's width apart, of speeds that are 1 in the mean.
+    pub(super) fn between(low: f64, high: f64) -> Self {
+        let step = TAU * LINE_SHARE / BLOCK_S;
+        Self {
+            first: low,
+            step,
+            count: ((high - low) / step).max(0.0) as usize + 1,
+        }
+    }
+
+    pub(super) fn scale(&self, k: usize) -> f64 {
+        self.first + k as f64 * self.step
+    }
+
+    /// Adds to `sums` the power of a line alone on all axes, for every scale of its angle.
+    fn add(&self, sums: &mut [f64], weights: &[f64], axes: [&[f64]; 3], angles: &[f64]) {
+        let total: f64 = weights.iter().sum();
+        let mut phasors: Vec<[f64; 2]> = Vec::with_capacity(angles.len());
+        let mut turns: Vec<[f64; 2]> = Vec::with_capacity(angles.len());
+        for (angle, weight) in angles.iter().zip(weights) {
+            let (sin, cos) = (self.first * angle).sin_cos();
+            phasors.push([weight * cos, weight * sin]);
+            let (sin, cos) = (self.step * angle).sin_cos();
+            turns.push([cos, sin]);
+        }
+        for sum in sums {
+            let mut parts = [[0.0; 2]; 3];
+            for (k, ([c, s], [cos, sin])) in phasors.iter_mut().zip(&turns).enumerate() {
+                for (part, axis) in parts.iter_mut().zip(&axes) {
+                    part[0] += *c * axis[k];
+                    part[1] += *s * axis[k];
+                }
+                (*c, *s) = (*c * cos - *s * sin, *s * cos + *c * sin);
+            }
+            let power: f64 = parts.iter().map(|[a, b]| a * a + b * b).sum();
+            *sum += 4.0 * power / (total * total);
+        }
+    }
 }
 
 /// The lines of one block.
@@ -186,18 +248,7 @@ impl Lines {
     /// Power of a line where no rotor turns, axis by axis.
     fn noise(&self, time_s: &[f64], speeds: &[f64]) -> Vec<f64> {
         let start = time_s[0];
-        let span = time_s[time_s.len() - 1] - start;
-        let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
-        let nyquist = 0.5 * TAU * (time_s.len() - 1) as f64 / span;
-        let width = CLEAR * TAU / span;
-        let clear = |place: f64| {
-            place > 2.0 * width && place < 0.95 * nyquist && speeds.iter().all(|s| (s - place).abs() > width)
-        };
-        let mut places: Vec<f64> = BESIDE.iter().map(|order| order * mean).filter(|p| clear(*p)).collect();
-        if places.is_empty() {
-            // Rotors spread over everything beside them: what the residual leaves at their own middle.
-            places.push(mean);
-        }
+        let places = beside(speeds, time_s);
         let at = |residual: &Vec<f64>| {
             let powers = places.iter().map(|place| alone(&self.weights, residual, |k| place * (time_s[k] - start)));
             powers.sum::<f64>() / places.len() as f64
@@ -243,50 +294,164 @@ impl Shaken<'_> {
     }
 
     /// Share by which the speeds of a rotor are to be multiplied so that its line is strongest, with the other rotors' lines taken out;
-    /// within ± `range`, in steps of a tenth of a line's width.
+    /// within ± `range`.
     pub(super) fn best_scale(&self, rotor: usize, range: f64, most_blocks: usize) -> f64 {
-        let step = 0.1 / (BLOCK_S * self.reference / TAU);
-        let count = (range / step).ceil() as i64;
-        let scales: Vec<f64> = (-count..=count).map(|k| 1.0 + k as f64 * step).collect();
-        let mut total = vec![0.0; scales.len()];
+        let comb = Comb::about_one(range, self.reference);
+        let mut total = vec![0.0; comb.count];
         for rows in self.spread_blocks(most_blocks) {
             let Some(lines) = Lines::fit(self, rows) else { continue };
             if lines.inflation[rotor] > MOST_INFLATION {
                 continue;
             }
-            for axis in 0..3 {
-                let signal = lines.with_rotor(axis, rotor);
-                for (sum, scale) in total.iter_mut().zip(&scales) {
-                    *sum += alone(&lines.weights, &signal, |k| scale * lines.angles[rotor][k]);
-                }
-            }
+            let signals: [Vec<f64>; 3] = std::array::from_fn(|axis| lines.with_rotor(axis, rotor));
+            comb.add(&mut total, &lines.weights, signals.each_ref().map(Vec::as_slice), &lines.angles[rotor]);
         }
-        let at_one = total[count as usize];
+        let at_one = total[comb.count / 2];
         let best = (0..total.len()).max_by(|a, b| total[*a].total_cmp(&total[*b]));
         // A tenth more may be noise: then the speed stays as it was said to be.
-        best.filter(|k| total[*k] > 1.1 * at_one).map_or(1.0, |k| scales[k])
+        best.filter(|k| total[*k] > 1.1 * at_one).map_or(1.0, |k| comb.scale(k))
     }
 
-    /// Power of all rotors' lines, each alone, with all speeds times `scale`; of evenly spread blocks.
-    pub(super) fn power_at(&self, scale: f64, most_blocks: usize) -> f64 {
-        let mut sum = 0.0;
+    /// Power of all rotors' lines, each alone, for every scale of their speeds; of evenly spread blocks.
+    pub(super) fn power_at(&self, comb: &Comb, most_blocks: usize) -> Vec<f64> {
+        let mut sums = vec![0.0; comb.count];
         for rows in self.spread_blocks(most_blocks) {
             let time_s = &self.time_s[rows.clone()];
             let weights = hann(time_s);
+            let axes = self.axes.map(|axis| &axis[rows.clone()]);
             for speeds in &self.speeds {
-                let angles = phase(time_s, &speeds[rows.clone()]);
-                for axis in self.axes {
-                    sum += alone(&weights, &axis[rows.clone()], |k| scale * angles[k]);
-                }
+                comb.add(&mut sums, &weights, axes, &phase(time_s, &speeds[rows.clone()]));
             }
         }
-        sum
+        sums
+    }
+
+    /// Lines one after the other, where the scale of each rotor's speed is not known: the rotor and scale with the strongest line is taken
+    /// out of the signal, then the next of the others (matching pursuit).
+    ///
+    /// Rotors of a hover turn alike, and any of them explains any line with a scale of its own. Manoeuvres change that: see [`Pursuit::rival`].
+    pub(super) fn pursue(&self, range: f64, most_blocks: usize) -> Pursuit {
+        let comb = Comb::about_one(range, self.reference);
+        let mut blocks: Vec<Unexplained> = self.spread_blocks(most_blocks).map(|rows| self.unexplained(rows)).collect();
+        let mut pursuit = Pursuit {
+            scales: vec![1.0; self.speeds.len()],
+            first: 0,
+            rival: 0.0,
+            power: 0.0,
+        };
+        let mut left: Vec<usize> = (0..self.speeds.len()).collect();
+        while !left.is_empty() {
+            // Strongest line of each rotor: power and scale.
+            let strongest = |rotor: &usize| {
+                let mut powers = vec![0.0; comb.count];
+                for block in &blocks {
+                    let axes = block.axes.each_ref().map(Vec::as_slice);
+                    comb.add(&mut powers, &block.weights, axes, &block.angles[*rotor]);
+                }
+                let of_scales = powers.iter().enumerate().map(|(k, power)| (*power, comb.scale(k)));
+                of_scales.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 1.0))
+            };
+            let found: Vec<(f64, f64)> = left.iter().map(strongest).collect();
+            let best = (0..left.len()).max_by(|a, b| found[*a].0.total_cmp(&found[*b].0)).unwrap_or(0);
+            let (rotor, (power, scale)) = (left[best], found[best]);
+            if left.len() == self.speeds.len() {
+                pursuit.first = rotor;
+                let others = found.iter().enumerate().filter(|(k, _)| *k != best).map(|(_, f)| f.0);
+                pursuit.rival = others.fold(0.0, f64::max) / power;
+            }
+            pursuit.scales[rotor] = scale;
+            pursuit.power += power;
+            for block in &mut blocks {
+                block.take_out(rotor, scale);
+            }
+            left.remove(best);
+        }
+        let noise: f64 = blocks.iter().map(|block| block.noise(&self.mean_speeds(&block.rows))).sum();
+        pursuit.power = (pursuit.power - noise * self.speeds.len() as f64).max(0.0) / blocks.len() as f64;
+        pursuit
+    }
+
+    fn unexplained(&self, rows: &Range<usize>) -> Unexplained {
+        let time_s = &self.time_s[rows.clone()];
+        Unexplained {
+            rows: rows.clone(),
+            since: time_s.iter().map(|t| t - time_s[0]).collect(),
+            weights: hann(time_s),
+            angles: self.speeds.iter().map(|s| phase(time_s, &s[rows.clone()])).collect(),
+            axes: self.axes.map(|axis| axis[rows.clone()].to_vec()),
+        }
     }
 
     fn spread_blocks(&self, most: usize) -> impl Iterator<Item = &Range<usize>> {
         let step = self.blocks.len().div_ceil(most.max(1)).max(1);
         self.blocks.iter().step_by(step)
     }
+}
+
+/// What [`Shaken::pursue`] finds.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Pursuit {
+    /// By which the speeds of each rotor are to be multiplied.
+    pub(super) scales: Vec<f64>,
+    /// Rotor with the strongest line, from 0.
+    pub(super) first: usize,
+    /// Power of that line as the best of the other rotors explains it, over its own: near 1 where nothing tells them apart.
+    pub(super) rival: f64,
+    /// Power of all lines together, less noise, a² + b² over all axes.
+    pub(super) power: f64,
+}
+
+/// A block of which lines are being taken out.
+struct Unexplained {
+    rows: Range<usize>,
+    since: Vec<f64>,
+    weights: Vec<f64>,
+    angles: Vec<Vec<f64>>,
+    axes: [Vec<f64>; 3],
+}
+
+impl Unexplained {
+    fn take_out(&mut self, rotor: usize, scale: f64) {
+        let total: f64 = self.weights.iter().sum();
+        for axis in &mut self.axes {
+            let (mut real, mut imaginary) = (0.0, 0.0);
+            for ((w, y), angle) in self.weights.iter().zip(axis.iter()).zip(&self.angles[rotor]) {
+                let (sin, cos) = (scale * angle).sin_cos();
+                real += 2.0 / total * w * y * cos;
+                imaginary += 2.0 / total * w * y * sin;
+            }
+            for (y, angle) in axis.iter_mut().zip(&self.angles[rotor]) {
+                let (sin, cos) = (scale * angle).sin_cos();
+                *y -= real * cos + imaginary * sin;
+            }
+        }
+    }
+
+    /// Power of a line where no rotor turns, over all axes.
+    fn noise(&self, speeds: &[f64]) -> f64 {
+        let places = beside(speeds, &self.since);
+        let at = |place: &f64| -> f64 {
+            let angle = |k: usize| place * self.since[k];
+            self.axes.iter().map(|axis| alone(&self.weights, axis, angle)).sum()
+        };
+        places.iter().map(at).sum::<f64>() / places.len() as f64
+    }
+}
+
+/// Where in a block no rotor turns, rad/s.
+fn beside(speeds: &[f64], since: &[f64]) -> Vec<f64> {
+    let span = since[since.len() - 1] - since[0];
+    let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
+    let nyquist = 0.5 * TAU * (since.len() - 1) as f64 / span;
+    let width = CLEAR * TAU / span;
+    let clear =
+        |place: f64| place > 2.0 * width && place < 0.95 * nyquist && speeds.iter().all(|s| (s - place).abs() > width);
+    let places: Vec<f64> = BESIDE.iter().map(|order| order * mean).filter(|p| clear(*p)).collect();
+    if places.is_empty() {
+        // Rotors are spread over everything beside them: what is left at their own middle.
+        return vec![mean];
+    }
+    places
 }
 
 /// Weighted mean with its standard error.

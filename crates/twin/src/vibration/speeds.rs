@@ -1,6 +1,6 @@
 //! Speeds of the rotors for order tracking: as the ESCs tell them, or from duty and voltage with the scale that the vibration shows.
 
-use super::orders::Shaken;
+use super::orders::{Comb, Shaken};
 use crate::log::{FlightLog, names};
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor};
@@ -10,14 +10,17 @@ use std::f64::consts::TAU;
 pub(super) const SLOWEST_HZ: f64 = 25.0;
 /// Fastest that a sensor shows, in shares of its rate.
 pub(super) const FASTEST: f64 = 0.45;
-/// Step of the search for the scale.
-const SCALE_STEP: f64 = 0.004;
+/// Neighbours of a scale that it is held against, and scales that are one and the same, in its logarithm.
+const NEIGHBOURS: f64 = 0.25;
+const SAME_SPEED: f64 = 0.016;
 /// Blocks that are looked at in a search.
 pub(super) const SEARCH_BLOCKS: usize = 40;
 /// How far the power of the best scale must stand above the median of all, in median absolute deviations.
 const LEAST_PEAK: f64 = 12.0;
+/// Least part of the best scale's peak (in ln power) that a half or a third of it must have to be the speed.
+const LEAST_SLOWER: f64 = 0.2;
 /// A rotor's own scale beside the common one: telemetry, and a thrust map of which each motor differs.
-pub(super) const OWN_SCALE_TOLD: f64 = 0.01;
+pub(super) const OWN_SCALE_TOLD: f64 = 0.003;
 pub(super) const OWN_SCALE_FROM_DUTY: f64 = 0.04;
 
 /// Speeds as measured, rad/s, rotor by rotor; `None` where a rotor has none.
@@ -66,24 +69,28 @@ pub(super) fn mean_in(time_s: &[f64], speeds: &[Vec<f64>], air: &[(f64, f64)]) -
 /// frequency. Blades pass twice or three times in a turn, and often louder than the imbalance: where a half or a third of the best scale stands out
 /// as well, that is the speed.
 pub(super) fn scale_of(shaken: &Shaken<'_>, rate_hz: f64) -> Option<f64> {
-    let count = ((FASTEST * rate_hz / SLOWEST_HZ).ln() / SCALE_STEP).floor();
-    if count < 1.0 {
+    let comb = Comb::between(TAU * SLOWEST_HZ, TAU * FASTEST * rate_hz);
+    if comb.count < 2 {
         return None;
     }
-    let scales: Vec<f64> = (0..=count as usize).map(|k| TAU * SLOWEST_HZ * (SCALE_STEP * k as f64).exp()).collect();
-    let power: Vec<f64> = scales.iter().map(|scale| shaken.power_at(*scale, SEARCH_BLOCKS).max(1e-300).ln()).collect();
-    let wide = (0.25 / SCALE_STEP) as usize;
+    let scales: Vec<f64> = (0..comb.count).map(|k| comb.scale(k)).collect();
+    let power: Vec<f64> = shaken.power_at(&comb, SEARCH_BLOCKS).iter().map(|p| p.max(f64::MIN_POSITIVE).ln()).collect();
     let over: Vec<f64> = (0..power.len())
-        .map(|k| power[k] - median(&power[k.saturating_sub(wide)..(k + wide).min(power.len())]))
+        .map(|k| {
+            let near = |other: usize| (scales[other] / scales[k]).ln().abs() < NEIGHBOURS;
+            let neighbours: Vec<f64> = (0..power.len()).filter(|other| near(*other)).map(|other| power[other]).collect();
+            power[k] - median(&neighbours)
+        })
         .collect();
     let typical = median(&over.iter().map(|x| x.abs()).collect::<Vec<_>>()).max(1e-12);
     let peak_near = |scale: f64| {
-        let near = (0..scales.len()).filter(|k| (scales[*k] / scale).ln().abs() < 4.0 * SCALE_STEP);
+        let near = (0..scales.len()).filter(|k| (scales[*k] / scale).ln().abs() < SAME_SPEED);
         near.max_by(|a, b| over[*a].total_cmp(&over[*b])).filter(|k| over[*k] > LEAST_PEAK * typical)
     };
     let best = (0..scales.len()).max_by(|a, b| over[*a].total_cmp(&over[*b]))?;
     let best = peak_near(scales[best])?;
-    let slower = [3.0, 2.0].into_iter().find_map(|blades| peak_near(scales[best] / blades));
+    let stands_out = |k: &usize| over[*k] > LEAST_SLOWER * over[best];
+    let slower = [3.0, 2.0].into_iter().find_map(|blades| peak_near(scales[best] / blades).filter(stands_out));
     Some(scales[slower.unwrap_or(best)])
 }
 

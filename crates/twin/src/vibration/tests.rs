@@ -87,7 +87,7 @@ fn val_a_rotor_out_of_balance_is_named_and_healthy_flights_name_none() {
         let mut damaged = HEALTHY;
         damaged[rotor] *= 4.0;
         let found = change(&[flight(100 + seed, &damaged)], &healthy, None).unwrap();
-        let named: Vec<usize> = found.named.iter().map(|one| one.rotor).collect();
+        let named: Vec<usize> = found.named.iter().filter_map(|one| one.rotor).collect();
         right += usize::from(named == [rotor + 1]);
         assert!(named.iter().all(|one| *one == rotor + 1), "rotor {}: {}", rotor + 1, found.sentence);
         alarms += usize::from(!change(&[flight(200 + seed, &HEALTHY)], &healthy, None).unwrap().named.is_empty());
@@ -103,7 +103,7 @@ fn val_two_rotors_out_of_balance_are_both_named() {
     damaged[1] *= 5.0;
     damaged[4] *= 4.0;
     let found = change(&[flight(7, &damaged)], &healthy, None).unwrap();
-    let mut named: Vec<usize> = found.named.iter().map(|one| one.rotor).collect();
+    let mut named: Vec<usize> = found.named.iter().filter_map(|one| one.rotor).collect();
     named.sort_unstable();
     assert_eq!(named, [2, 5], "{}", found.sentence);
 }
