@@ -67,6 +67,11 @@ Examples:
   rotortwin diagnose flight.ulg --model f550 --out found
   rotortwin diagnose today.ulg --model f550 --baseline mon.ulg tue.ulg wed.ulg";
 
+pub(crate) const VIBRATION: &str = "\
+Examples:
+  rotortwin vibration today.ulg --baseline mon.ulg tue.ulg wed.ulg
+  rotortwin vibration flight.bbl --model f550";
+
 pub(crate) const IMPROVE: &str = "\
 Examples:
   rotortwin improve flight.ulg --held-out other.ulg --model f550 --yes";

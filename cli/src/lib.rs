@@ -66,6 +66,7 @@ mod spin_test;
 pub mod terminal;
 mod trial;
 mod vehicle;
+mod vibration;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
@@ -108,6 +109,9 @@ pub enum Command {
     /// The flights of one vehicle: what each rotor loses over them, and which propeller to inspect
     #[command(after_help = examples::FLEET)]
     Fleet(fleet::Args),
+    /// How strongly a flight shakes at the speed of each rotor, and which shakes more than in healthy flights: chipped propellers
+    #[command(after_help = examples::VIBRATION)]
+    Vibration(vibration::Args),
     /// Run the detectors on measurements that come over zenoh, verdicts back
     FdiService(fdi_service::ServiceArgs),
     /// Check a scenario and the files it names; prints every setting in effect
@@ -245,6 +249,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Log(args) => log::run(&args),
         Command::FdiLog(args) => fdi_log::judge_logs(&args),
         Command::Fleet(args) => fleet::run(&args),
+        Command::Vibration(args) => vibration::run(&args),
         Command::Check(args) => show::check(&args),
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Compare(args) => compare::run(&args),

@@ -145,13 +145,36 @@ fn trim(trim: &Trim) -> String {
         .iter()
         .map(|x| format!("{:+.1}", 100.0 * x))
         .collect();
-    let seen = trim.smallest_loss.map_or_else(
+    let mut seen = trim.smallest_loss.map_or_else(
         || "no loss of one rotor up to 60 % would be named for certain".to_owned(),
         |loss| format!("a loss of {:.0} % of one rotor would be named", 100.0 * loss),
     );
+    let more: Vec<String> = trim
+        .with_more
+        .iter()
+        .filter_map(|more| {
+            Some(format!(
+                "with {} healthy flights {:.0} %",
+                more.flights,
+                100.0 * more.smallest_loss?
+            ))
+        })
+        .collect();
+    if !more.is_empty() {
+        seen += &format!(" ({})", more.join(", "));
+    }
+    if trim.another_day {
+        seen +=
+            "; all healthy flights are of one day and this one is of another, so 3 % more are allowed rotor by rotor";
+    }
+    let shaken = match (&trim.vibration, &trim.no_vibration) {
+        (Some(change), _) => format!("Vibration    {}\n", change.sentence),
+        (None, Some(reason)) => format!("Vibration    {reason}\n"),
+        (None, None) => String::new(),
+    };
     format!(
         "{}\n             thrust asked of the rotors over the healthy mean: {} %; healthy flights vary by {:.1} % in common and {:.1} % rotor \
-         by rotor; {seen}\n\n",
+         by rotor; {seen}\n{shaken}\n",
         trim.sentence,
         changes.join(", "),
         100.0 * trim.spread[0],

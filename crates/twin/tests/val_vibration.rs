@@ -61,23 +61,44 @@ fn val_rotor_speeds_are_found_from_duty_voltage_and_the_lines() {
     let (vehicle, model) = f550();
     let hover_hz = (vehicle.hover_thrust() / THRUST_COEFFICIENT).sqrt() / TAU;
     let found = vibration(&shaken(&vehicle, "excitation", 3, &HEALTHY), Some(&model)).unwrap();
-    assert!((found.reference_hz / hover_hz - 1.0).abs() < 0.03, "{} of {hover_hz}", found.reference_hz);
+    assert!(
+        (found.reference_hz / hover_hz - 1.0).abs() < 0.03,
+        "{} of {hover_hz}",
+        found.reference_hz
+    );
 }
 
 #[test]
 fn val_a_propeller_out_of_balance_is_named_without_rotor_speeds() {
     let (vehicle, model) = f550();
-    let healthy: Vec<FlightLog> = (20..24).map(|seed| shaken(&vehicle, "excitation", seed, &HEALTHY)).collect();
+    let healthy: Vec<FlightLog> = (20..24)
+        .map(|seed| shaken(&vehicle, "excitation", seed, &HEALTHY))
+        .collect();
     let (mut right, mut wrong, mut alarms) = (0, 0, 0);
     for rotor in 0..6 {
         let mut damaged = HEALTHY;
         damaged[rotor] *= 4.0;
         let seed = 40 + rotor as u64;
-        let found = change(&[shaken(&vehicle, "excitation", seed, &damaged)], &healthy, Some(&model)).unwrap();
-        println!("rotor {}: {} {:?}", rotor + 1, found.sentence, found.flights[0].strongest);
+        let found = change(
+            &[shaken(&vehicle, "excitation", seed, &damaged)],
+            &healthy,
+            Some(&model),
+        )
+        .unwrap();
+        println!(
+            "rotor {}: {} {:?}",
+            rotor + 1,
+            found.sentence,
+            found.flights[0].strongest
+        );
         right += usize::from(found.named.len() == 1 && found.named[0].rotor == Some(rotor + 1));
         wrong += usize::from(found.named.iter().any(|one| one.rotor != Some(rotor + 1)));
-        let quiet = change(&[shaken(&vehicle, "excitation", seed + 20, &HEALTHY)], &healthy, Some(&model)).unwrap();
+        let quiet = change(
+            &[shaken(&vehicle, "excitation", seed + 20, &HEALTHY)],
+            &healthy,
+            Some(&model),
+        )
+        .unwrap();
         println!("none: {} {:?}", quiet.sentence, quiet.together);
         alarms += usize::from(!quiet.named.is_empty());
     }
@@ -94,5 +115,9 @@ fn val_in_a_hover_the_rotors_shake_more_and_none_is_named() {
     damaged[2] *= 4.0;
     let found = change(&[shaken(&vehicle, "hover", 50, &damaged)], &healthy, Some(&model)).unwrap();
     assert!(found.named.is_empty(), "{}", found.sentence);
-    assert!(found.sentence.contains("which of them, these flights do not show"), "{}", found.sentence);
+    assert!(
+        found.sentence.contains("which of them, these flights do not show"),
+        "{}",
+        found.sentence
+    );
 }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! logs ─▶ thrust of the model from duties and voltage ─▶ mean of each rotor in flight ─▶ ln of it over the healthy mean
-//!      ─▶ likelihood under the spread of the healthy flights ─▶ posterior of: nothing, one rotor, mass, a load at a place
+//!      ─▶ likelihood under the spread of the healthy flights ─▶ posterior of: nothing, one rotor, two, mass, a load at a place
 //! ```
 //! A vehicle that does not tumble has no mean torque: whatever a rotor lost, its command makes good for. On a quadrotor a rotor with
 //! the gain 1 + s is asked for 1/(1 + s) of its thrust and the others for what they had; a load asks all of them. So neither rates nor
@@ -10,7 +10,8 @@
 //!
 //! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated from them, so the
 //! likelihood is Student's t. Several logs that are diagnosed together count as one flight: the spread between sessions is larger than
-//! within, and one session has one of it.
+//! within, and one session has one of it. Healthy flights of one day are one session, too: what another day is like they do not say, so
+//! against a flight of another day they get [`ANOTHER_DAY`] more.
 //!
 //! Limits: an effect that moves no mean stays unseen; of more than four rotors it is assumed that commands are allocated by the
 //! pseudo-inverse; a common change of all rotors is called mass, be it air, voltage or propellers.
@@ -25,6 +26,7 @@ use crate::estimation::parameters::{FittedParameter, parameters_of};
 use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor, VehicleSize, allocation, mean_of};
+use crate::vibration;
 
 use posterior::{Spread, Weighed};
 
@@ -32,6 +34,14 @@ use posterior::{Spread, Weighed};
 pub const LEAST_BASELINE: usize = 3;
 /// Posterior from which an answer is named.
 pub const NAMED: f64 = 0.95;
+/// Prior odds of two damaged rotors against one: both at once are rarer.
+const PAIR_PRIOR: f64 = 0.02;
+/// Spread, relative, of a rotor between days, of which healthy flights of a single day know nothing (batteries, propellers put on again, wind).
+const ANOTHER_DAY: f64 = 0.03;
+/// Seconds of a day.
+const DAY_S: f64 = 86_400.0;
+/// How many times as many healthy flights are looked at for what more of them would show.
+const MORE_FLIGHTS: [usize; 2] = [2, 4];
 /// Steps and largest share of the search for the smallest loss of a rotor that would be named.
 const LOSS_STEPS: usize = 60;
 const LOSS_STEP: f64 = 0.01;
@@ -46,6 +56,9 @@ pub struct Change {
     pub effect: String,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
+    /// The other of two rotors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub second_rotor: Option<usize>,
     /// In words.
     pub label: String,
     /// Posterior probability.
@@ -73,12 +86,33 @@ pub struct Trim {
     pub baseline: Vec<String>,
     /// Smallest loss of one rotor that would be named, whichever rotor it is; none up to 60 %.
     pub smallest_loss: Option<f64>,
+    /// The same with more healthy flights of the same spread.
+    pub with_more: Vec<MoreFlights>,
+    /// True if all healthy flights are of one day and what is compared is of another: its spread is then assumed, not known.
+    pub another_day: bool,
+    /// Vibration at the speed of each rotor against the healthy flights, where the logs show it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vibration: Option<vibration::Change>,
+    /// Why there is none, one sentence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub no_vibration: Option<String>,
+}
+
+/// What more healthy flights would show.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = TrimMoreFlights)]
+pub struct MoreFlights {
+    /// Healthy flights.
+    pub flights: usize,
+    /// Smallest loss of one rotor that would be named, whichever rotor it is; none up to 60 %.
+    pub smallest_loss: Option<f64>,
 }
 
 /// What a candidate changes.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Rotor(usize),
+    Pair(usize, usize),
     Mass,
     Load,
 }
@@ -112,24 +146,30 @@ impl Balance<'_> {
         with.iter().zip(&without).map(|(a, b)| a - b).collect()
     }
 
+    /// Thrusts that are asked for where these rotors give 1 + s of theirs.
+    fn with_gains(&self, gains: &[(usize, f64)]) -> Vec<f64> {
+        let mut asked = self.healthy.to_vec();
+        for _ in 0..BALANCE_STEPS {
+            let mut missing = vec![0.0; asked.len()];
+            for (rotor, s) in gains {
+                missing[*rotor] = s * asked[*rotor];
+            }
+            asked = self
+                .healthy
+                .iter()
+                .zip(self.seen(&missing))
+                .map(|(f, x)| f - x)
+                .collect();
+        }
+        asked
+    }
+
     /// ln of thrust asked for over healthy thrust, rotor by rotor.
     fn signature(&self, kind: Kind, values: &[f64]) -> Vec<f64> {
         let total: f64 = self.healthy.iter().sum();
         let asked: Vec<f64> = match kind {
-            Kind::Rotor(rotor) => {
-                let mut asked = self.healthy.to_vec();
-                for _ in 0..BALANCE_STEPS {
-                    let mut missing = vec![0.0; asked.len()];
-                    missing[rotor] = values[0] * asked[rotor];
-                    asked = self
-                        .healthy
-                        .iter()
-                        .zip(self.seen(&missing))
-                        .map(|(f, x)| f - x)
-                        .collect();
-                }
-                asked
-            }
+            Kind::Rotor(rotor) => self.with_gains(&[(rotor, values[0])]),
+            Kind::Pair(first, second) => self.with_gains(&[(first, values[0]), (second, values[1])]),
             Kind::Mass => self.healthy.iter().map(|f| f * (1.0 + values[0])).collect(),
             Kind::Load => {
                 let [share, forward, right] = [values[0], values[1], values[2]];
@@ -148,6 +188,8 @@ impl Balance<'_> {
 /// A candidate with the declared parameters that it moves.
 struct Candidate {
     kind: Kind,
+    /// Prior odds against one rotor.
+    prior: f64,
     effect: String,
     parameters: Vec<ParameterDeclaration>,
 }
@@ -164,6 +206,11 @@ fn candidates(rotors: usize, size: &VehicleSize) -> Vec<Candidate> {
         let entries = declared(changes);
         Candidate {
             kind,
+            prior: if matches!(kind, Kind::Pair(..)) {
+                PAIR_PRIOR
+            } else {
+                1.0
+            },
             effect: entries.iter().map(|d| d.id).collect::<Vec<_>>().join(" with "),
             parameters: entries.iter().flat_map(|d| size.parameters(d)).collect(),
         }
@@ -171,6 +218,15 @@ fn candidates(rotors: usize, size: &VehicleSize) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = (0..rotors)
         .map(|rotor| candidate(Kind::Rotor(rotor), &[TrimChange::RotorThrust]))
         .collect();
+    for first in 0..rotors {
+        let pair = |second| {
+            candidate(
+                Kind::Pair(first, second),
+                &[TrimChange::RotorThrust, TrimChange::RotorThrust],
+            )
+        };
+        all.extend((first + 1..rotors).map(pair));
+    }
     all.push(candidate(Kind::Mass, &[TrimChange::Weight]));
     all.push(candidate(Kind::Load, &[TrimChange::Weight, TrimChange::Balance]));
     all
@@ -210,9 +266,24 @@ pub fn trim(logs: &[FlightLog], healthy: &[FlightLog], model: &ModelVersion) -> 
     let Some((constants, size)) = nominal else {
         return Err(PredictError("expected at least one log, got none".into()));
     };
-    let mut found = weigh(&flown, &baseline, &constants, &size);
+    let mut found = weigh(&flown, &baseline, is_another_day(logs, healthy), &constants, &size);
     found.baseline = healthy.iter().map(|log| log.name.clone()).collect();
+    (found.smallest_loss, found.with_more) = smallest_losses(&baseline, found.another_day, &constants, &size);
+    match vibration::change(logs, healthy, Some(model)) {
+        Ok(change) => found.vibration = Some(change),
+        Err(reason) => found.no_vibration = Some(reason.0),
+    }
     Ok(found)
+}
+
+/// True if all healthy flights are of one day, and a log is of another; where a date is not known: false.
+fn is_another_day(logs: &[FlightLog], healthy: &[FlightLog]) -> bool {
+    let day = |log: &FlightLog| log.report.flown.as_ref().map(|flown| (flown.unix_s / DAY_S).floor());
+    let days: Option<Vec<f64>> = healthy.iter().map(day).collect();
+    days.is_some_and(|days| {
+        let one = days.iter().all(|other| *other == days[0]);
+        one && logs.iter().filter_map(day).any(|other| other != days[0])
+    })
 }
 
 /// What one flight asked of each rotor, and what a loss of one would change in that: see [`rotor_loads`].
@@ -293,34 +364,87 @@ fn log_mean(flights: &[Vec<f64>]) -> Vec<f64> {
         .collect()
 }
 
-fn weigh(flown: &[Vec<f64>], baseline: &[Vec<f64>], constants: &Constants, size: &VehicleSize) -> Trim {
-    let centre = log_mean(baseline);
-    let healthy: Vec<f64> = centre.iter().map(|x| x.exp()).collect();
-    let deviations: Vec<Vec<f64>> = baseline
-        .iter()
-        .map(|f| f.iter().zip(&centre).map(|(f, c)| f.ln() - c).collect())
-        .collect();
-    let spread = Spread::of(&deviations);
-    let balance = Balance {
-        healthy: &healthy,
-        constants,
+/// What healthy flights say: mean of the logarithms of each rotor's thrust, the thrust, N, and the spread.
+struct Healthy {
+    centre: Vec<f64>,
+    thrust: Vec<f64>,
+    spread: Spread,
+}
+
+impl Healthy {
+    fn of(flights: &[Vec<f64>], another_day: bool) -> Self {
+        let centre = log_mean(flights);
+        let deviations: Vec<Vec<f64>> = flights
+            .iter()
+            .map(|f| f.iter().zip(&centre).map(|(f, c)| f.ln() - c).collect())
+            .collect();
+        let within = Spread::of(&deviations);
+        Self {
+            thrust: centre.iter().map(|x| x.exp()).collect(),
+            centre,
+            spread: if another_day { within.wider(ANOTHER_DAY) } else { within },
+        }
+    }
+
+    fn balance<'a>(&'a self, constants: &'a Constants) -> Balance<'a> {
+        Balance {
+            healthy: &self.thrust,
+            constants,
+        }
+    }
+}
+
+/// Smallest loss that would be named now, and with more healthy flights.
+fn smallest_losses(
+    baseline: &[Vec<f64>],
+    another_day: bool,
+    constants: &Constants,
+    size: &VehicleSize,
+) -> (Option<f64>, Vec<MoreFlights>) {
+    let healthy = Healthy::of(baseline, another_day);
+    let all = candidates(healthy.thrust.len(), size);
+    let smallest = |spread: &Spread| smallest_loss(spread, &healthy.balance(constants), &all);
+    let more = |times: usize| {
+        let flights = times * baseline.len();
+        MoreFlights {
+            flights,
+            smallest_loss: smallest(&healthy.spread.of_flights(flights)),
+        }
     };
-    let all = candidates(healthy.len(), size);
-    let data: Vec<f64> = log_mean(flown).iter().zip(&centre).map(|(a, c)| a - c).collect();
-    let (unchanged, weighed) = weigh_all(&data, &spread, &balance, &all);
+    (smallest(&healthy.spread), MORE_FLIGHTS.map(more).to_vec())
+}
+
+fn weigh(
+    flown: &[Vec<f64>],
+    baseline: &[Vec<f64>],
+    another_day: bool,
+    constants: &Constants,
+    size: &VehicleSize,
+) -> Trim {
+    let healthy = Healthy::of(baseline, another_day);
+    let all = candidates(healthy.thrust.len(), size);
+    let data: Vec<f64> = log_mean(flown)
+        .iter()
+        .zip(&healthy.centre)
+        .map(|(a, c)| a - c)
+        .collect();
+    let (unchanged, weighed) = weigh_all(&data, &healthy.spread, &healthy.balance(constants), &all);
     let mut ranking: Vec<Change> = all.iter().zip(&weighed).map(|(c, (p, w))| change(c, *p, w)).collect();
     ranking.sort_by(|a, b| b.posterior.total_cmp(&a.posterior));
     let named = named(unchanged, &ranking);
-    let smallest_loss = smallest_loss(&spread, &balance, &all);
     let mut trim = Trim {
         sentence: String::new(),
         named,
         ranking,
         unchanged,
         thrust_change: data.iter().map(|x| x.exp() - 1.0).collect(),
-        spread: spread.relative(),
+        spread: healthy.spread.relative(),
         baseline: vec![String::new(); baseline.len()],
-        smallest_loss,
+        smallest_loss: None,
+        with_more: Vec::new(),
+        another_day,
+        vibration: None,
+        no_vibration: None,
     };
     trim.sentence = sentence(&trim);
     trim
@@ -338,10 +462,11 @@ fn weigh_all(data: &[f64], spread: &Spread, balance: &Balance<'_>, all: &[Candid
             posterior::weigh(data, spread, &sizes, &|values| balance.signature(one.kind, values))
         })
         .collect();
-    let share = 1.0 / all.len() as f64;
+    let priors: f64 = all.iter().map(|one| one.prior).sum();
     let odds: Vec<f64> = weighed
         .iter()
-        .map(|w| share * (w.log_evidence - nothing).exp())
+        .zip(all)
+        .map(|(w, one)| one.prior / priors * (w.log_evidence - nothing).exp())
         .collect();
     let total: f64 = 1.0 + odds.iter().sum::<f64>();
     let weighed = odds.iter().zip(weighed).map(|(o, w)| (o / total, w)).collect();
@@ -349,18 +474,21 @@ fn weigh_all(data: &[f64], spread: &Spread, balance: &Balance<'_>, all: &[Candid
 }
 
 fn change(candidate: &Candidate, posterior: f64, weighed: &Weighed) -> Change {
-    let rotor = match candidate.kind {
-        Kind::Rotor(rotor) => Some(rotor + 1),
-        _ => None,
+    let (rotor, second_rotor) = match candidate.kind {
+        Kind::Rotor(rotor) => (Some(rotor + 1), None),
+        Kind::Pair(first, second) => (Some(first + 1), Some(second + 1)),
+        _ => (None, None),
     };
     let label = match candidate.kind {
         Kind::Rotor(rotor) => format!("thrust of rotor {}", rotor + 1),
+        Kind::Pair(first, second) => format!("thrust of rotors {} and {}", first + 1, second + 1),
         Kind::Mass => "mass, or the thrust of all rotors".to_owned(),
         Kind::Load => "a load at a place".to_owned(),
     };
     Change {
         effect: candidate.effect.clone(),
         rotor,
+        second_rotor,
         label,
         posterior,
         parameters: parameters_of(&candidate.parameters, &weighed.values, &weighed.deviations),
@@ -391,9 +519,21 @@ fn smallest_loss(spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> O
         weigh_all(&data, spread, balance, all).1[rotor].0 >= NAMED
     };
     let rotors = balance.healthy.len();
-    (1..=LOSS_STEPS)
-        .map(|step| step as f64 * LOSS_STEP)
-        .find(|&loss| (0..rotors).all(|rotor| shown(rotor, loss)))
+    let all_shown = |step: usize| (0..rotors).all(|rotor| shown(rotor, step as f64 * LOSS_STEP));
+    // What is larger is shown more clearly, so that halving finds the smallest.
+    let (mut hidden, mut seen) = (0, LOSS_STEPS);
+    if !all_shown(seen) {
+        return None;
+    }
+    while seen - hidden > 1 {
+        let middle = usize::midpoint(hidden, seen);
+        if all_shown(middle) {
+            seen = middle;
+        } else {
+            hidden = middle;
+        }
+    }
+    Some(seen as f64 * LOSS_STEP)
 }
 
 fn sentence(trim: &Trim) -> String {

@@ -72,6 +72,24 @@ impl Spread {
         }
     }
 
+    /// With a further deviation of each rotor and of what all have in common, relative.
+    pub(super) fn wider(self, deviation: f64) -> Self {
+        let variance = deviation * deviation;
+        Self {
+            common: self.common + self.rotors * variance,
+            rest: self.rest + variance,
+            ..self
+        }
+    }
+
+    /// The same spread, known from so many flights.
+    pub(super) fn of_flights(self, flights: usize) -> Self {
+        Self {
+            flights: flights as f64,
+            ..self
+        }
+    }
+
     /// Standard deviations of the common factor and of a rotor beside it.
     pub(super) fn relative(&self) -> [f64; 2] {
         [(self.common / self.rotors).sqrt(), self.rest.sqrt()]

@@ -375,7 +375,9 @@ impl Predictor {
             (1.0 - share) * value(before) + share * value(before + 1)
         };
         let rotors = 0..series.rotors;
-        Ok(rotors.map(|rotor| time_s.iter().map(|time| at(rotor, *time)).collect()).collect())
+        Ok(rotors
+            .map(|rotor| time_s.iter().map(|time| at(rotor, *time)).collect())
+            .collect())
     }
 
     /// Time that rows of [`Self::thrust_in_flight`] make up, s.

@@ -41,7 +41,12 @@ pub(super) fn together(flights: &[Vec<Option<Level>>]) -> Vec<Option<Level>> {
     (0..flights[0].len())
         .map(|rotor| {
             let levels: Option<Vec<Level>> = flights.iter().map(|flight| flight[rotor]).collect();
-            levels.map(|l| (l.iter().map(|x| x.0).sum::<f64>() / count, l.iter().map(|x| x.1).sum::<f64>() / (count * count)))
+            levels.map(|l| {
+                (
+                    l.iter().map(|x| x.0).sum::<f64>() / count,
+                    l.iter().map(|x| x.1).sum::<f64>() / (count * count),
+                )
+            })
         })
         .collect()
 }
@@ -58,7 +63,10 @@ pub(super) fn changes(flown: &[Option<Level>], healthy: &[Vec<Option<Level>>]) -
         return vec![None; flown.len()];
     }
     let value = |levels: &[Option<Level>], r: usize| levels[r].map_or(f64::NAN, |level| level.0);
-    let mean: Vec<f64> = rotors.iter().map(|r| healthy.iter().map(|h| value(h, *r)).sum::<f64>() / flights).collect();
+    let mean: Vec<f64> = rotors
+        .iter()
+        .map(|r| healthy.iter().map(|h| value(h, *r)).sum::<f64>() / flights)
+        .collect();
     let less_common = |levels: &[Option<Level>]| -> Vec<f64> {
         let own: Vec<f64> = rotors.iter().zip(&mean).map(|(r, m)| value(levels, *r) - m).collect();
         let common = median(&own);
@@ -67,7 +75,10 @@ pub(super) fn changes(flown: &[Option<Level>], healthy: &[Vec<Option<Level>>]) -
     let squares: f64 = healthy.iter().flat_map(|h| less_common(h)).map(|x| x * x).sum();
     let freedom = (flights - 1.0) * (rotors.len() - 1) as f64;
     let spread = (squares / freedom).sqrt().max(LEAST_SPREAD);
-    let strongest = rotors.iter().map(|r| value(flown, *r)).fold(f64::NEG_INFINITY, f64::max);
+    let strongest = rotors
+        .iter()
+        .map(|r| value(flown, *r))
+        .fold(f64::NEG_INFINITY, f64::max);
     let prior = 0.5 / rotors.len() as f64;
     let mut found = vec![None; flown.len()];
     for (r, x) in rotors.iter().zip(less_common(flown)) {

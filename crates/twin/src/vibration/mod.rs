@@ -176,7 +176,8 @@ pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibrat
         (None, Some(model)) => (speeds::from_thrust(log, model, &air)?, false),
         (None, None) => {
             return Err(problem(
-                "expected rotor speeds from the ESCs, or a model that gives them from duty and voltage (--model)".into(),
+                "expected rotor speeds from the ESCs, or a model that gives them from duty and voltage (--model)"
+                    .into(),
             ));
         }
     };
@@ -202,14 +203,21 @@ pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibrat
             axes,
             speeds: speeds.clone(),
             reference: mean,
-            blocks: turning(orders::blocks(&log.time_s, &air, log.sample_rate_hz()), &speeds, from_telemetry),
+            blocks: turning(
+                orders::blocks(&log.time_s, &air, log.sample_rate_hz()),
+                &speeds,
+                from_telemetry,
+            ),
         };
         match of_sensor(log, sensor, rate_hz, shaken, from_telemetry) {
             Ok(found) => return Ok(found),
             Err(reason) => reasons.push(reason),
         }
     }
-    Err(problem(format!("no vibration of single rotors: {}", reasons.join("; "))))
+    Err(problem(format!(
+        "no vibration of single rotors: {}",
+        reasons.join("; ")
+    )))
 }
 
 /// Blocks in which all rotors turn.
@@ -247,7 +255,10 @@ fn of_sensor(
             *speed *= scale;
         }
         shaken.reference *= scale;
-        speeds_from = format!("duty and voltage, scaled to the lines at {:.1} Hz", shaken.reference / TAU);
+        speeds_from = format!(
+            "duty and voltage, scaled to the lines at {:.1} Hz",
+            shaken.reference / TAU
+        );
     }
     let mut strongest = None;
     let mut total = None;
@@ -276,14 +287,24 @@ fn of_sensor(
         let rows: Vec<usize> = shaken.blocks.iter().flat_map(Clone::clone).collect();
         rows.iter().map(|k| shaken.speeds[rotor][*k]).sum::<f64>() / rows.len() as f64 / TAU
     };
-    let rotors: Vec<Line> = powers.iter().enumerate().map(|(r, power)| line(r + 1, air_mean(r), *power)).collect();
+    let rotors: Vec<Line> = powers
+        .iter()
+        .enumerate()
+        .map(|(r, power)| line(r + 1, air_mean(r), *power))
+        .collect();
     if from_telemetry && !rotors.iter().any(|line| line.seen) {
-        return Err(format!("no line of any rotor stands out of the noise of the {}", sensor.name()));
+        return Err(format!(
+            "no line of any rotor stands out of the noise of the {}",
+            sensor.name()
+        ));
     }
     let level = |power: &Power| -> Level {
         let at_least = power.mean.max(power.error).max(f64::MIN_POSITIVE);
         let relative = power.error / at_least;
-        (0.5 * at_least.ln() - 2.0 * shaken.reference.ln(), 0.25 * relative * relative)
+        (
+            0.5 * at_least.ln() - 2.0 * shaken.reference.ln(),
+            0.25 * relative * relative,
+        )
     };
     Ok(Vibration {
         log: log.name.clone(),
@@ -323,7 +344,11 @@ pub fn change(logs: &[FlightLog], healthy: &[FlightLog], model: Option<&ModelVer
             healthy.len()
         )));
     }
-    let of = |logs: &[FlightLog]| logs.iter().map(|log| vibration(log, model)).collect::<Result<Vec<_>, _>>();
+    let of = |logs: &[FlightLog]| {
+        logs.iter()
+            .map(|log| vibration(log, model))
+            .collect::<Result<Vec<_>, _>>()
+    };
     let (flights, healthy) = (of(logs)?, of(healthy)?);
     let first = &flights[0];
     if let Some(other) = flights.iter().chain(&healthy).find(|one| one.sensor != first.sensor) {
@@ -344,7 +369,9 @@ pub fn change(logs: &[FlightLog], healthy: &[FlightLog], model: Option<&ModelVer
     let rotors: Vec<Growth> = if told {
         let changes = growth::changes(&growth::together(&levels(&flights)), &levels(&healthy));
         let of_rotors = changes.iter().enumerate();
-        of_rotors.filter_map(|(r, change)| change.map(|c| grown(Some(r + 1), c))).collect()
+        of_rotors
+            .filter_map(|(r, change)| change.map(|c| grown(Some(r + 1), c)))
+            .collect()
     } else {
         Vec::new()
     };

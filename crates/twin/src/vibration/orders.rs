@@ -192,7 +192,10 @@ impl Lines {
         let rotors = shaken.speeds.len();
         let angles: Vec<Vec<f64>> = shaken.speeds.iter().map(|s| phase(time_s, &s[rows.clone()])).collect();
         let gain = |speeds: &Vec<f64>| -> Vec<f64> {
-            speeds[rows.clone()].iter().map(|s| (s / shaken.reference).powi(2)).collect()
+            speeds[rows.clone()]
+                .iter()
+                .map(|s| (s / shaken.reference).powi(2))
+                .collect()
         };
         let gains: Vec<Vec<f64>> = shaken.speeds.iter().map(gain).collect();
         let (count, unknowns) = (time_s.len(), SLOW + 2 * rotors);
@@ -250,7 +253,9 @@ impl Lines {
         let start = time_s[0];
         let places = beside(speeds, time_s);
         let at = |residual: &Vec<f64>| {
-            let powers = places.iter().map(|place| alone(&self.weights, residual, |k| place * (time_s[k] - start)));
+            let powers = places
+                .iter()
+                .map(|place| alone(&self.weights, residual, |k| place * (time_s[k] - start)));
             powers.sum::<f64>() / places.len() as f64
         };
         self.residuals.iter().map(at).collect()
@@ -258,7 +263,10 @@ impl Lines {
 
     /// The signal of one rotor with what no rotor explains, on an axis.
     fn with_rotor(&self, axis: usize, rotor: usize) -> Vec<f64> {
-        let (a, b) = (self.coefficients[axis][SLOW + 2 * rotor], self.coefficients[axis][SLOW + 2 * rotor + 1]);
+        let (a, b) = (
+            self.coefficients[axis][SLOW + 2 * rotor],
+            self.coefficients[axis][SLOW + 2 * rotor + 1],
+        );
         let own = self.angles[rotor].iter().zip(&self.gains[rotor]);
         self.residuals[axis]
             .iter()
@@ -286,7 +294,9 @@ impl Shaken<'_> {
                 if inflation > MOST_INFLATION {
                     continue;
                 }
-                let power: f64 = (0..3).map(|axis| lines.power(axis, rotor) - inflation * noise[axis]).sum();
+                let power: f64 = (0..3)
+                    .map(|axis| lines.power(axis, rotor) - inflation * noise[axis])
+                    .sum();
                 powers.push((power, 1.0 / (inflation * inflation)));
             }
         }
@@ -304,7 +314,12 @@ impl Shaken<'_> {
                 continue;
             }
             let signals: [Vec<f64>; 3] = std::array::from_fn(|axis| lines.with_rotor(axis, rotor));
-            comb.add(&mut total, &lines.weights, signals.each_ref().map(Vec::as_slice), &lines.angles[rotor]);
+            comb.add(
+                &mut total,
+                &lines.weights,
+                signals.each_ref().map(Vec::as_slice),
+                &lines.angles[rotor],
+            );
         }
         let at_one = total[comb.count / 2];
         let best = (0..total.len()).max_by(|a, b| total[*a].total_cmp(&total[*b]));
@@ -332,7 +347,10 @@ impl Shaken<'_> {
     /// Rotors of a hover turn alike, and any of them explains any line with a scale of its own. Manoeuvres change that: see [`Pursuit::rival`].
     pub(super) fn pursue(&self, range: f64, most_blocks: usize) -> Pursuit {
         let comb = Comb::about_one(range, self.reference);
-        let mut blocks: Vec<Unexplained> = self.spread_blocks(most_blocks).map(|rows| self.unexplained(rows)).collect();
+        let mut blocks: Vec<Unexplained> = self
+            .spread_blocks(most_blocks)
+            .map(|rows| self.unexplained(rows))
+            .collect();
         let mut pursuit = Pursuit {
             scales: vec![1.0; self.speeds.len()],
             first: 0,
@@ -352,7 +370,9 @@ impl Shaken<'_> {
                 of_scales.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 1.0))
             };
             let found: Vec<(f64, f64)> = left.iter().map(strongest).collect();
-            let best = (0..left.len()).max_by(|a, b| found[*a].0.total_cmp(&found[*b].0)).unwrap_or(0);
+            let best = (0..left.len())
+                .max_by(|a, b| found[*a].0.total_cmp(&found[*b].0))
+                .unwrap_or(0);
             let (rotor, (power, scale)) = (left[best], found[best]);
             if left.len() == self.speeds.len() {
                 pursuit.first = rotor;
@@ -366,7 +386,10 @@ impl Shaken<'_> {
             }
             left.remove(best);
         }
-        let noise: f64 = blocks.iter().map(|block| block.noise(&self.mean_speeds(&block.rows))).sum();
+        let noise: f64 = blocks
+            .iter()
+            .map(|block| block.noise(&self.mean_speeds(&block.rows)))
+            .sum();
         pursuit.power = (pursuit.power - noise * self.speeds.len() as f64).max(0.0) / blocks.len() as f64;
         pursuit
     }

@@ -37,7 +37,11 @@ pub(super) fn measured(log: &FlightLog) -> Option<Vec<Vec<f64>>> {
 ///
 /// # Errors
 /// The log cannot be compared with the model.
-pub(super) fn from_thrust(log: &FlightLog, model: &ModelVersion, air: &[(f64, f64)]) -> Result<Vec<Vec<f64>>, PredictError> {
+pub(super) fn from_thrust(
+    log: &FlightLog,
+    model: &ModelVersion,
+    air: &[(f64, f64)],
+) -> Result<Vec<Vec<f64>>, PredictError> {
     let predictor = Predictor::new(&model.documents(), &model.instances(), &model.catalogue()?, log)?;
     let mut speeds: Vec<Vec<f64>> = predictor.thrust_at(&log.time_s)?;
     for thrust in speeds.iter_mut().flatten() {
@@ -74,23 +78,33 @@ pub(super) fn scale_of(shaken: &Shaken<'_>, rate_hz: f64) -> Option<f64> {
         return None;
     }
     let scales: Vec<f64> = (0..comb.count).map(|k| comb.scale(k)).collect();
-    let power: Vec<f64> = shaken.power_at(&comb, SEARCH_BLOCKS).iter().map(|p| p.max(f64::MIN_POSITIVE).ln()).collect();
+    let power: Vec<f64> = shaken
+        .power_at(&comb, SEARCH_BLOCKS)
+        .iter()
+        .map(|p| p.max(f64::MIN_POSITIVE).ln())
+        .collect();
     let over: Vec<f64> = (0..power.len())
         .map(|k| {
             let near = |other: usize| (scales[other] / scales[k]).ln().abs() < NEIGHBOURS;
-            let neighbours: Vec<f64> = (0..power.len()).filter(|other| near(*other)).map(|other| power[other]).collect();
+            let neighbours: Vec<f64> = (0..power.len())
+                .filter(|other| near(*other))
+                .map(|other| power[other])
+                .collect();
             power[k] - median(&neighbours)
         })
         .collect();
     let typical = median(&over.iter().map(|x| x.abs()).collect::<Vec<_>>()).max(1e-12);
     let peak_near = |scale: f64| {
         let near = (0..scales.len()).filter(|k| (scales[*k] / scale).ln().abs() < SAME_SPEED);
-        near.max_by(|a, b| over[*a].total_cmp(&over[*b])).filter(|k| over[*k] > LEAST_PEAK * typical)
+        near.max_by(|a, b| over[*a].total_cmp(&over[*b]))
+            .filter(|k| over[*k] > LEAST_PEAK * typical)
     };
     let best = (0..scales.len()).max_by(|a, b| over[*a].total_cmp(&over[*b]))?;
     let best = peak_near(scales[best])?;
     let stands_out = |k: &usize| over[*k] > LEAST_SLOWER * over[best];
-    let slower = [3.0, 2.0].into_iter().find_map(|blades| peak_near(scales[best] / blades).filter(stands_out));
+    let slower = [3.0, 2.0]
+        .into_iter()
+        .find_map(|blades| peak_near(scales[best] / blades).filter(stands_out));
     Some(scales[slower.unwrap_or(best)])
 }
 

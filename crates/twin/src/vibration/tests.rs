@@ -46,7 +46,11 @@ fn flight(seed: u64, amplitudes: &[f64; ROTORS]) -> FlightLog {
             *value += slow + NOISE * draws.sample() - if i == 2 { 9.81 } else { 0.0 };
         }
     }
-    let mut columns: Vec<(String, Vec<f64>)> = names::ACCEL.iter().zip(axes).map(|(n, a)| ((*n).to_owned(), a)).collect();
+    let mut columns: Vec<(String, Vec<f64>)> = names::ACCEL
+        .iter()
+        .zip(axes)
+        .map(|(n, a)| ((*n).to_owned(), a))
+        .collect();
     for rotor in 0..ROTORS {
         let told: Vec<f64> = (0..=(SPAN_S * 10.0) as usize)
             .map(|k| speed(rotor, k as f64 / 10.0) * (1.0 + 0.002 * draws.sample()))
@@ -89,8 +93,18 @@ fn val_a_rotor_out_of_balance_is_named_and_healthy_flights_name_none() {
         let found = change(&[flight(100 + seed, &damaged)], &healthy, None).unwrap();
         let named: Vec<usize> = found.named.iter().filter_map(|one| one.rotor).collect();
         right += usize::from(named == [rotor + 1]);
-        assert!(named.iter().all(|one| *one == rotor + 1), "rotor {}: {}", rotor + 1, found.sentence);
-        alarms += usize::from(!change(&[flight(200 + seed, &HEALTHY)], &healthy, None).unwrap().named.is_empty());
+        assert!(
+            named.iter().all(|one| *one == rotor + 1),
+            "rotor {}: {}",
+            rotor + 1,
+            found.sentence
+        );
+        alarms += usize::from(
+            !change(&[flight(200 + seed, &HEALTHY)], &healthy, None)
+                .unwrap()
+                .named
+                .is_empty(),
+        );
     }
     assert_eq!(alarms, 0);
     assert_eq!(right, 6);
@@ -112,10 +126,17 @@ fn val_two_rotors_out_of_balance_are_both_named() {
 fn val_a_sensor_that_is_too_slow_says_so() {
     let fast = flight(1, &HEALTHY);
     let every = |values: &Vec<f64>| values.iter().copied().step_by(8).collect::<Vec<f64>>();
-    let columns: Vec<_> = fast.columns.iter().map(|(name, values)| (name.clone(), every(values))).collect();
+    let columns: Vec<_> = fast
+        .columns
+        .iter()
+        .map(|(name, values)| (name.clone(), every(values)))
+        .collect();
     let slow = FlightLog::from_columns("slow", every(&fast.time_s), columns).unwrap();
     let error = vibration(&slow, None).unwrap_err().to_string();
-    assert!(error.contains("the accelerometer comes at 100 Hz, which shows no turn of rotors at 10"), "{error}");
+    assert!(
+        error.contains("the accelerometer comes at 100 Hz, which shows no turn of rotors at 10"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -123,5 +144,8 @@ fn val_without_speeds_and_model_there_is_none() {
     let mut log = flight(1, &HEALTHY);
     log.columns.retain(|name, _| names::speed_rotor(name).is_none());
     let error = vibration(&log, None).unwrap_err().to_string();
-    assert!(error.contains("expected rotor speeds from the ESCs, or a model"), "{error}");
+    assert!(
+        error.contains("expected rotor speeds from the ESCs, or a model"),
+        "{error}"
+    );
 }

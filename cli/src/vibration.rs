@@ -1,0 +1,168 @@
+//! `rotortwin vibration`: how strongly a flight shakes at the speed of each rotor, and which rotor shakes more than it did.
+
+use crate::output::{bad_input, fitted};
+use clap::Parser;
+use rotortwin_runner::grid::Grid;
+use rotortwin_twin::identify::read_for;
+use rotortwin_twin::log::{FlightLog, ReadOptions};
+use rotortwin_twin::model::{ModelStore, ModelVersion};
+use rotortwin_twin::predict::PredictError;
+use rotortwin_twin::vibration::{Change, Line, Vibration, change, vibration};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `rotortwin vibration`.
+#[derive(Debug, Parser)]
+pub struct Args {
+    /// Flight logs of one vehicle, of any source; LOG@35:65 takes only these seconds
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Model that gives rotor speeds from duty and voltage; needed where the log holds no rotor speeds of the ESCs
+    #[arg(long, value_name = "MODEL")]
+    model: Option<String>,
+    /// Folder of the models
+    #[arg(long, value_name = "DIR", default_value = "models")]
+    models: PathBuf,
+    /// Healthy flights of the same vehicle, three at least: which rotor shakes more than in them
+    #[arg(long, num_args = 1.., value_name = "LOG")]
+    baseline: Vec<PathBuf>,
+    /// Print the result as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// What the command finds.
+#[derive(Debug, Serialize)]
+struct Found {
+    flights: Vec<Vibration>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    change: Option<Change>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> ExitCode {
+    match find(args) {
+        Ok(found) if args.json => {
+            println!(
+                "{}",
+                serde_json::to_string_pretty(&found).expect("text and numbers are JSON")
+            );
+            ExitCode::SUCCESS
+        }
+        Ok(found) => {
+            println!("{}", fitted(&text(&found)));
+            ExitCode::SUCCESS
+        }
+        Err(sentence) => bad_input(sentence),
+    }
+}
+
+fn find(args: &Args) -> Result<Found, String> {
+    let model = match &args.model {
+        Some(name) => Some(
+            ModelStore::new(&args.models)
+                .find(name)
+                .map_err(|e| e.to_string())?
+                .version,
+        ),
+        None => None,
+    };
+    let read = |paths: &[PathBuf]| {
+        paths
+            .iter()
+            .map(|path| log(path, model.as_ref()))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let (logs, healthy) = (read(&args.logs)?, read(&args.baseline)?);
+    let sentence = |error: PredictError| error.to_string();
+    if healthy.is_empty() {
+        let flights: Result<Vec<Vibration>, PredictError> =
+            logs.iter().map(|log| vibration(log, model.as_ref())).collect();
+        return Ok(Found {
+            flights: flights.map_err(sentence)?,
+            change: None,
+        });
+    }
+    let change = change(&logs, &healthy, model.as_ref()).map_err(sentence)?;
+    Ok(Found {
+        flights: change.flights.clone(),
+        change: Some(change),
+    })
+}
+
+/// With the rotors in the order of the vehicle, where there is one.
+fn log(path: &Path, model: Option<&ModelVersion>) -> Result<FlightLog, String> {
+    match model {
+        Some(model) => read_for(path, &ReadOptions::default(), &model.vehicle).map_err(|e| e.to_string()),
+        None => FlightLog::read_part(path).map_err(|e| e.to_string()),
+    }
+}
+
+fn text(found: &Found) -> String {
+    let mut text = found
+        .change
+        .as_ref()
+        .map_or_else(String::new, |change| format!("{}\n\n", change.sentence));
+    for flight in &found.flights {
+        text += &format!(
+            "{}: {} at {:.0} Hz, rotor speeds from {}; all rotors together {:.3} {} at {:.1} Hz\n",
+            flight.log,
+            flight.sensor.name(),
+            flight.rate_hz,
+            flight.speeds_from,
+            flight.amplitude,
+            flight.sensor.unit(),
+            flight.reference_hz
+        );
+        text += &format!("{}\n", table(flight, found.change.as_ref()));
+        if let Some(one) = &flight.strongest {
+            text += &if one.told_apart {
+                format!("The strongest line is that of rotor {}.\n", one.rotor)
+            } else {
+                "Which rotor has the strongest line this flight does not show: the rotors turn too much alike.\n"
+                    .to_owned()
+            };
+        }
+        text.push('\n');
+    }
+    if found.change.is_none() {
+        text += "New propellers differ, too: --baseline with healthy flights says which line has grown.\n";
+    }
+    text
+}
+
+fn table(flight: &Vibration, change: Option<&Change>) -> Grid {
+    let mut header = vec![
+        "rotor".to_owned(),
+        "mean speed, Hz".to_owned(),
+        format!("amplitude, {}", flight.sensor.unit()),
+    ];
+    let grown = change.filter(|change| !change.rotors.is_empty());
+    if grown.is_some() {
+        header.push("over healthy flights".to_owned());
+        header.push("probability".to_owned());
+    }
+    let mut table = Grid::new(header).numbers([0, 1]);
+    for one in &flight.rotors {
+        let mut cells = vec![one.rotor.to_string(), format!("{:.1}", one.speed_hz), amplitude(one)];
+        if let Some(change) = grown {
+            let growth = change.rotors.iter().find(|growth| growth.rotor == Some(one.rotor));
+            cells.push(growth.map_or_else(
+                || "–".to_owned(),
+                |g| format!("{:.1} [{:.1}, {:.1}]", g.factor, g.interval_95[0], g.interval_95[1]),
+            ));
+            cells.push(growth.map_or_else(|| "–".to_owned(), |g| format!("{:.1} %", 100.0 * g.posterior)));
+        }
+        table.add_row(cells);
+    }
+    table
+}
+
+fn amplitude(line: &Line) -> String {
+    match (line.amplitude, line.interval_95) {
+        (Some(_), Some([_, high])) if !line.seen => format!("below {high:.3}"),
+        (Some(amplitude), Some([low, high])) => format!("{amplitude:.3} [{low:.3}, {high:.3}]"),
+        _ => "not told apart".to_owned(),
+    }
+}
