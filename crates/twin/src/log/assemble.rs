@@ -144,6 +144,16 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
             report.notes.push(format!("{}: only zeros, left out", row.from));
             continue;
         }
+        let measured = |field: &usize| {
+            let values = &stream.fields[*field].1;
+            values.iter().any(|value| value.is_finite() && !is_unmeasured(row, *value))
+        };
+        if !fields.iter().any(measured) {
+            report
+                .notes
+                .push(format!("{}: the autopilot says that nothing measures it, left out", row.from));
+            continue;
+        }
         taken.insert(key);
         served.push(Served {
             row,
@@ -153,6 +163,15 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
         });
     }
     served
+}
+
+/// Numbers that stand for "not measured", in the unit of the source: of PX4's and MAVLink's current −1, of MAVLink's voltage all bits set.
+fn is_unmeasured(row: &Row, value: f64) -> bool {
+    match row.to.as_str() {
+        names::BATTERY_CURRENT => value == -1.0,
+        names::BATTERY_VOLTAGE => value == f64::from(u16::MAX),
+        _ => false,
+    }
 }
 
 /// Indices of the fields; a name with `[]` counts up from 0 as far as there are fields, `{}` from 1.
@@ -213,7 +232,7 @@ fn convert(
         .collect();
     // Infinite values mean "none" in several logs.
     for value in values.iter_mut().flatten() {
-        if value.is_infinite() {
+        if value.is_infinite() || is_unmeasured(row, *value) {
             *value = f64::NAN;
         }
     }
