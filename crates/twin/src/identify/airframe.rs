@@ -191,7 +191,8 @@ fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -
     if log.source.kind != SourceKind::Blackbox || rotors != 4 || log.report.rotor_order != RotorOrder::Logged {
         return None;
     }
-    let frames = ["quad-betaflight-x", "quad-betaflight-x-reversed"].map(|name| Frame::named(name).expect("in the table"));
+    let frames =
+        ["quad-betaflight-x", "quad-betaflight-x-reversed"].map(|name| Frame::named(name).expect("in the table"));
     let scores = frames.map(|frame| motion.map_or(0.0, |motion| motion.score_of(&frame.places())));
     let frame = frames[usize::from(scores[1] > scores[0])];
     let places = frame.places();

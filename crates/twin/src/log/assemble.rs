@@ -13,7 +13,7 @@ use super::resample::{Between, at_times, median, median_rate_hz};
 use super::sources::{RawStream, SourceLog};
 use super::table::Table;
 use super::units::{self, Dimension};
-use super::{GAP_FACTOR, Origin, names, outputs, utc};
+use super::{GAP_FACTOR, Origin, happenings, names, outputs, utc};
 use rotortwin_flight_core::MAX_ROTORS;
 use std::collections::BTreeSet;
 
@@ -68,6 +68,7 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
         unix_s: flown.unix_s + start_s,
         ..flown
     });
+    report.happenings = happenings::of(log, start_s);
     let mut table = Table::default();
     table.push(names::TIME, base_s.iter().map(|time| time - start_s).collect());
     let mut origin = None;
@@ -146,12 +147,15 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
         }
         let measured = |field: &usize| {
             let values = &stream.fields[*field].1;
-            values.iter().any(|value| value.is_finite() && !is_unmeasured(row, *value))
+            values
+                .iter()
+                .any(|value| value.is_finite() && !is_unmeasured(row, *value))
         };
         if !fields.iter().any(measured) {
-            report
-                .notes
-                .push(format!("{}: the autopilot says that nothing measures it, left out", row.from));
+            report.notes.push(format!(
+                "{}: the autopilot says that nothing measures it, left out",
+                row.from
+            ));
             continue;
         }
         taken.insert(key);

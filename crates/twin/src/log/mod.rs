@@ -25,6 +25,7 @@ mod error;
 mod findings;
 pub mod flight_parts;
 mod gate;
+mod happenings;
 mod mapping;
 pub mod names;
 mod outputs;

@@ -48,7 +48,11 @@ pub(super) struct Signals {
 
 /// The longest distance of two rows of one run, s.
 fn break_s(rate_hz: f64) -> f64 {
-    if rate_hz > 0.0 { BREAK_S.max(BREAK_ROWS / rate_hz) } else { BREAK_S }
+    if rate_hz > 0.0 {
+        BREAK_S.max(BREAK_ROWS / rate_hz)
+    } else {
+        BREAK_S
+    }
 }
 
 impl Signals {
@@ -201,9 +205,14 @@ impl Signals {
         let Some(high) = efforts.get(efforts.len() * 9 / 10).copied() else {
             return;
         };
-        let driven = tilt.iter().zip(effort).filter(|(_, effort)| **effort > (0.6 * high).max(IDLES));
-        let (beyond, of) = driven.fold((0, 0), |(beyond, of), (tilt, _)| (beyond + usize::from(*tilt > TILT_RAD), of + 1));
-        if f64::from(beyond) > SHARE * f64::from(of) {
+        let driven = tilt
+            .iter()
+            .zip(effort)
+            .filter(|(_, effort)| **effort > (0.6 * high).max(IDLES));
+        let (beyond, of) = driven.fold((0_usize, 0_usize), |(beyond, of), (tilt, _)| {
+            (beyond + usize::from(*tilt > TILT_RAD), of + 1)
+        });
+        if beyond as f64 > SHARE * of as f64 {
             self.tilt = None;
             self.lean = None;
             self.sources.retain(|source| *source != "attitude");

@@ -224,7 +224,9 @@ fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<boo
         }
         let mut efforts: Vec<f64> = run.clone().map(|bin| effort[bin]).filter(|e| e.is_finite()).collect();
         efforts.sort_by(f64::total_cmp);
-        let (Some(last), at) = (efforts.len().checked_sub(1), |share: f64| (share * efforts.len() as f64) as usize) else {
+        let (Some(last), at) = (efforts.len().checked_sub(1), |share: f64| {
+            (share * efforts.len() as f64) as usize
+        }) else {
             continue;
         };
         let [low, middle, high] = [0.1, 0.5, 0.9].map(|share| efforts[at(share).min(last)]);
@@ -245,7 +247,12 @@ fn deviation(values: impl Iterator<Item = f64>) -> f64 {
     const APART: f64 = 2.56;
     let mut sorted: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
-    let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+    let at = |share: f64| {
+        sorted
+            .get((share * sorted.len() as f64) as usize)
+            .copied()
+            .unwrap_or(0.0)
+    };
     (at(0.9) - at(0.1)) / APART
 }
 
@@ -444,7 +451,11 @@ fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> bool {
     const OVER_USUAL: f64 = 1.2;
     const LAG_S: f64 = 0.15;
     let effort = signals.effort.clone().unwrap_or_default();
-    let mut usual: Vec<f64> = run.filter_map(|bin| effort.get(bin)).copied().filter(|e| e.is_finite()).collect();
+    let mut usual: Vec<f64> = run
+        .filter_map(|bin| effort.get(bin))
+        .copied()
+        .filter(|e| e.is_finite())
+        .collect();
     let usual = super::super::resample::median(&mut usual).unwrap_or(f64::INFINITY);
     let start_s = signals.start_s.clone();
     move |bin| {

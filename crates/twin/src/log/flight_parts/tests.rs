@@ -231,7 +231,12 @@ fn val_a_gap_parts_two_flights() {
 #[test]
 fn regress_motors_that_only_idle_are_on_the_ground() {
     let columns = [&DUTIES[..], &RATES, &["accel_z_m_s2"]].concat();
-    let log = flown_with(&columns, |_, row| Row { duty: [0.048; 4], rate: 0.0, accel_z: -9.81, ..row });
+    let log = flown_with(&columns, |_, row| Row {
+        duty: [0.048; 4],
+        rate: 0.0,
+        accel_z: -9.81,
+        ..row
+    });
     assert_eq!(kinds(&log.flight_parts(None)), [PartKind::Ground]);
     let off = flown_with(&DUTIES, |_, row| Row { duty: [0.0; 4], ..row });
     assert_eq!(kinds(&off.flight_parts(None)), [PartKind::Ground]);
@@ -249,9 +254,16 @@ fn regress_motors_that_carry_nothing_do_not_fly() {
     });
     let parts = log.flight_parts(None);
     assert_eq!(parts.air_s(), 0.0, "{parts:?}");
-    assert!(parts.parts.iter().any(|part| part.why.contains("does not move")), "{parts:?}");
+    assert!(
+        parts.parts.iter().any(|part| part.why.contains("does not move")),
+        "{parts:?}"
+    );
     // A hover, whose motors hardly change, stays a flight.
-    let hover = flown_with(&columns, |_, row| Row { rate: 0.002 * row.rate, accel_z: -9.81, ..row });
+    let hover = flown_with(&columns, |_, row| Row {
+        rate: 0.002 * row.rate,
+        accel_z: -9.81,
+        ..row
+    });
     assert!(hover.flight_parts(None).air_s() > 10.0);
 }
 
@@ -271,10 +283,19 @@ fn regress_slow_telemetry_is_one_flight() {
         .map(|name| ((*name).to_owned(), of(&|t| if flies(t) { 0.5 } else { 0.0 })))
         .collect();
     for name in ["roll_rad", "pitch_rad"].iter().chain(&RATES) {
-        columns.push(((*name).to_owned(), of(&|t| if flies(t) { 0.05 * (7.0 * t).sin() } else { 0.0 })));
+        columns.push((
+            (*name).to_owned(),
+            of(&|t| if flies(t) { 0.05 * (7.0 * t).sin() } else { 0.0 }),
+        ));
     }
-    columns.push(("yaw_rad".to_owned(), of(&|t| if (50.0..51.0).contains(&t) { 1.5 } else { 0.0 })));
-    columns.push(("position_down_m".to_owned(), of(&|t| if flies(t) { -10.0 } else { 0.0 })));
+    columns.push((
+        "yaw_rad".to_owned(),
+        of(&|t| if (50.0..51.0).contains(&t) { 1.5 } else { 0.0 }),
+    ));
+    columns.push((
+        "position_down_m".to_owned(),
+        of(&|t| if flies(t) { -10.0 } else { 0.0 }),
+    ));
     let log = FlightLog::from_columns("slow", time.clone(), columns).expect("a log");
     let parts = log.flight_parts(None);
     assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
@@ -287,8 +308,17 @@ fn regress_a_pull_and_a_fall_are_no_crash() {
     let columns = [&DUTIES[..], &RATES, &["accel_z_m_s2"]].concat();
     let fall = |turning: f64, force: f64| {
         flown_with(&columns, move |t, row| match t {
-            12.0..12.6 => Row { duty: [0.95; 4], accel_z: -60.0, ..row },
-            12.6..17.6 => Row { duty: [0.06; 4], accel_z: -force, rate: turning, ..row },
+            12.0..12.6 => Row {
+                duty: [0.95; 4],
+                accel_z: -60.0,
+                ..row
+            },
+            12.6..17.6 => Row {
+                duty: [0.06; 4],
+                accel_z: -force,
+                rate: turning,
+                ..row
+            },
             _ => row,
         })
     };
@@ -302,8 +332,17 @@ fn regress_a_pull_and_a_fall_are_no_crash() {
     assert_ne!(kinds(&fall(0.0, 9.8).flight_parts(None)), WHOLE);
     // A blow across the thrust ends a flight that does not go on.
     let blow = flown_with(&columns, |t, row| match t {
-        12.0..12.1 => Row { duty: [0.06; 4], accel_z: -60.0, ..row },
-        12.1.. => Row { duty: [0.0; 4], accel_z: -9.81, rate: 0.0, ..row },
+        12.0..12.1 => Row {
+            duty: [0.06; 4],
+            accel_z: -60.0,
+            ..row
+        },
+        12.1.. => Row {
+            duty: [0.0; 4],
+            accel_z: -9.81,
+            rate: 0.0,
+            ..row
+        },
         _ => row,
     });
     let parts = blow.flight_parts(None);
@@ -314,7 +353,10 @@ fn regress_a_pull_and_a_fall_are_no_crash() {
 #[test]
 fn regress_an_attitude_that_ran_away_makes_no_crash() {
     let columns = [&DUTIES[..], &ATTITUDE].concat();
-    let log = flown_with(&columns, |t, row| Row { roll: 0.3 * (t - 5.0).max(0.0), ..row });
+    let log = flown_with(&columns, |t, row| Row {
+        roll: 0.3 * (t - 5.0).max(0.0),
+        ..row
+    });
     let parts = log.flight_parts(None);
     assert!(parts.parts.iter().all(|part| part.kind != PartKind::Crash), "{parts:?}");
     assert!(!parts.found_from.contains(&"attitude"), "{parts:?}");

@@ -45,7 +45,9 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
 fn gyro_scale(header: &Header) -> f64 {
     /// No gyroscope has counts so small in degrees per second.
     const LEAST_DEG_S: f64 = 1e-5;
-    let scale = ["gyro_scale", "gyro.scale"].into_iter().find_map(|key| header.number(key));
+    let scale = ["gyro_scale", "gyro.scale"]
+        .into_iter()
+        .find_map(|key| header.number(key));
     match scale.filter(|scale| *scale > 0.0) {
         None => 1.0,
         Some(scale) if scale < LEAST_DEG_S => (scale * 1e6).to_degrees(),
