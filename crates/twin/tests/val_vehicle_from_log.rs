@@ -635,7 +635,11 @@ fn val_a_blackbox_has_betaflights_order_and_the_motion_says_which_way_the_motors
             "{}",
             found.airframe.name
         );
-        assert!(found.airframe.how.contains("does not tell"), "{}", found.airframe.how);
+        assert!(
+            found.airframe.how.contains("does not clearly tell"),
+            "{}",
+            found.airframe.how
+        );
     }
     // Motors that somebody has put in another order are not taken for Betaflight's.
     let (vehicle, arm) = drawn(41, named("quad-betaflight-x"));

@@ -202,10 +202,17 @@ fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -
     }
     let how = match (motion, doubt) {
         (Some(_), None) => "Betaflight's order of motors; the motion agrees, also with the way they turn".to_owned(),
-        (_, doubt) => format!(
-            "Betaflight's order of motors; the motion does not tell whether they turn this way ({}): --frame names the other",
-            doubt.unwrap_or_else(|| "no body rates".to_owned())
+        (Some(_), Some(_)) => format!(
+            "Betaflight's order of motors; the motion does not clearly tell which way they turn, {} is taken: --frame names the other",
+            if frame.name == frames[0].name {
+                "the usual one"
+            } else {
+                "what fits better"
+            }
         ),
+        (None, _) => {
+            "Betaflight's order of motors; without body rates the motion does not tell which way they turn".to_owned()
+        }
     };
     Some(Airframe {
         name: frame.name.to_owned(),

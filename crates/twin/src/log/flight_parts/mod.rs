@@ -208,6 +208,19 @@ impl FlightParts {
         found
     }
 
+    /// Why nothing in the log can have been a flight, if so: it is on the ground from end to end.
+    pub fn no_flight(&self) -> Option<String> {
+        let ground = |part: &FlightPart| part.kind == PartKind::Ground;
+        if self.parts.is_empty() || !self.parts.iter().all(ground) {
+            return None;
+        }
+        let why = self.parts.iter().map(|part| &part.why).find(|why| !why.is_empty());
+        Some(
+            why.cloned()
+                .unwrap_or_else(|| "on the ground from end to end".to_owned()),
+        )
+    }
+
     /// Seconds in the air.
     pub fn air_s(&self) -> f64 {
         self.in_the_air().iter().map(|(from, to)| to - from).sum()

@@ -146,6 +146,10 @@ fn ground_level(effort: &[f64]) -> f64 {
 
 /// Bins on the ground; and those of them in which motors run that carry nothing.
 fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool>) {
+    if level == f64::INFINITY {
+        // No motor ever leaves idle: whoever moves the vehicle, it does not fly.
+        return (vec![true; effort.len()], vec![false; effort.len()]);
+    }
     let smooth = signals.smooth(effort, 0.5);
     let still = at_rest(signals);
     let low: Vec<bool> = smooth.iter().map(|value| !beyond(*value, level)).collect();

@@ -240,6 +240,10 @@ fn regress_motors_that_only_idle_are_on_the_ground() {
     assert_eq!(kinds(&log.flight_parts(None)), [PartKind::Ground]);
     let off = flown_with(&DUTIES, |_, row| Row { duty: [0.0; 4], ..row });
     assert_eq!(kinds(&off.flight_parts(None)), [PartKind::Ground]);
+    // Turned about by hand, as for the calibration of a compass.
+    let columns = [&columns[..], &ATTITUDE].concat();
+    let by_hand = flown_with(&columns, |t, row| Row { duty: [0.0; 4], rate: 2.0, roll: 2.0 * t.sin(), ..row });
+    assert_eq!(kinds(&by_hand.flight_parts(None)), [PartKind::Ground]);
 }
 
 /// As a racing quadrotor whose propellers are off: the controller winds up, nothing moves, and somebody takes it away in the end.
@@ -254,6 +258,10 @@ fn regress_motors_that_carry_nothing_do_not_fly() {
     });
     let parts = log.flight_parts(None);
     assert_eq!(parts.air_s(), 0.0, "{parts:?}");
+    assert!(
+        parts.no_flight().is_some_and(|why| why.contains("does not move")),
+        "{parts:?}"
+    );
     assert!(
         parts.parts.iter().any(|part| part.why.contains("does not move")),
         "{parts:?}"
