@@ -1,6 +1,7 @@
 //! Real logs against what other readers find in them, and files that are damaged in every way.
 
 use proptest::prelude::*;
+use rotortwin_twin::log::flight_parts::EventKind;
 use rotortwin_twin::log::{FindingKind, FlightLog, ReadOptions, SourceKind};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -295,4 +296,76 @@ proptest! {
         content.extend(tail);
         survive("any", &content);
     }
+}
+
+/// 20 s of an ArduCopter's log: modes, arming, a parameter that changes, a stick.
+fn eventful(path: &Path) {
+    let mut text = "FMT, 1, 9, PARM, QNf, TimeUS,Name,Value\nFMT, 2, 9, MODE, QMBB, TimeUS,Mode,ModeNum,Rsn\n\
+                    FMT, 3, 9, EV, QB, TimeUS,Id\nFMT, 4, 9, RCIN, QHHHH, TimeUS,C1,C2,C3,C4\n\
+                    FMT, 5, 9, IMU, Qffffff, TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ\n\
+                    FMT, 6, 9, RCOU, QHHHH, TimeUS,C1,C2,C3,C4\nPARM, 100, ATC_RAT_RLL_P, 0.135\nPARM, 110, WPNAV_SPEED, 500\n"
+        .to_owned();
+    for k in 0..1000_u32 {
+        let (time, t) = (1_000_000 + 20_000 * k, 0.02 * f64::from(k));
+        let flies = (4.0..16.0).contains(&t);
+        text += &format!(
+            "IMU, {time}, {}, 0, 0, 0, 0, {}\n",
+            0.3 * (7.0 * t).sin(),
+            -9.81 + 0.3 * (5.0 * t).sin()
+        );
+        let output = if flies { 1500 } else { 1000 };
+        text += &format!("RCOU, {time}, {output}, {output}, {output}, {output}\n");
+        let roll = if (8.0..9.0).contains(&t) { 1900 } else { 1500 };
+        text += &format!("RCIN, {time}, {roll}, 1500, 1400, 1500\n");
+        match k {
+            0 => text += &format!("MODE, {time}, 2, 2, 1\n"),
+            100 => text += &format!("EV, {time}, 10\n"),
+            300 => text += &format!("PARM, {time}, ATC_RAT_RLL_P, 0.18\n"),
+            500 => text += &format!("MODE, {time}, 5, 5, 1\nPARM, {time}, WPNAV_SPEED, 500\n"),
+            900 => text += &format!("EV, {time}, 11\n"),
+            _ => {}
+        }
+    }
+    std::fs::write(path, text).expect("the folder can be written");
+}
+
+#[test]
+fn val_what_autopilot_and_pilot_did_is_told_with_the_events_also_of_a_part_and_of_an_import() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("eventful.log");
+    eventful(&path);
+    let log = FlightLog::read(&path).expect("a log");
+    let told = |log: &FlightLog| -> Vec<(EventKind, f64, String)> {
+        let events = log.flight_parts(None).events.into_iter();
+        let of = |e: &rotortwin_twin::log::flight_parts::FlightEvent| {
+            [EventKind::Mode, EventKind::Parameter, EventKind::Pilot].contains(&e.kind)
+        };
+        events.filter(of).map(|e| (e.kind, e.start_s, e.detail)).collect()
+    };
+    let found = told(&log);
+    let expected = [
+        (EventKind::Mode, 0.0, "flight mode Alt Hold"),
+        (EventKind::Mode, 2.0, "armed"),
+        (
+            EventKind::Parameter,
+            6.0,
+            "parameters changed: ATC_RAT_RLL_P from 0.135 to 0.18",
+        ),
+        (EventKind::Pilot, 8.0, "the pilot's sticks: roll +100 %"),
+        (EventKind::Mode, 10.0, "flight mode Loiter"),
+        (EventKind::Mode, 18.0, "disarmed"),
+    ];
+    assert_eq!(found.len(), expected.len(), "{found:?}");
+    for ((kind, at, words), (expected, when, what)) in found.iter().zip(expected) {
+        assert_eq!((*kind, &words[..]), (expected, what));
+        assert!((at - when).abs() < 0.03, "{at} for {when}");
+    }
+    // A part begins in the mode that it was in; an import keeps all.
+    let part = told(&log.part(9.5, 15.0).expect("rows"));
+    assert_eq!(
+        part.iter().map(|(.., words)| &words[..]).collect::<Vec<_>>(),
+        ["flight mode Alt Hold", "flight mode Loiter"]
+    );
+    let stored = log.store(&folder.path().join("out"), "eventful").expect("written");
+    assert_eq!(told(&FlightLog::read(&stored).expect("a log")), found);
 }

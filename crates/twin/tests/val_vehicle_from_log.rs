@@ -24,7 +24,7 @@ use rotortwin_twin::identify::frames::FRAMES;
 use rotortwin_twin::identify::{
     Bench, Identified, Request, Source, files, held_out, held_out_with, identify, identify_with,
 };
-use rotortwin_twin::log::FlightLog;
+use rotortwin_twin::log::{FlightLog, SourceKind};
 
 /// A vehicle drawn at random about what its class defaults say, with the frame at `frame` of the table.
 fn drawn(seed: u64, frame: usize) -> (Vehicle, f64) {
@@ -610,4 +610,57 @@ fn val_what_is_no_flight_or_out_of_range_is_refused_with_a_sentence() {
     let mut none = log;
     none.columns.retain(|name, _| !name.starts_with("duty"));
     assert!(refused(&none, &good).contains("the log has none"));
+}
+
+/// The frame of the table with this name.
+fn named(name: &str) -> usize {
+    FRAMES.iter().position(|frame| frame.name == name).unwrap()
+}
+
+/// A blackbox has no parameter of the frame; its motors are numbered by the mixer, and turn either way.
+#[test]
+fn val_a_blackbox_has_betaflights_order_and_the_motion_says_which_way_the_motors_turn() {
+    for name in ["quad-betaflight-x", "quad-betaflight-x-reversed"] {
+        let (vehicle, arm) = drawn(41, named(name));
+        let mut log = flown(&vehicle, "waypoint", 40.0, 41, &[0, 1, 2, 3]);
+        log.source.kind = SourceKind::Blackbox;
+        let found = identify(std::slice::from_ref(&log), &request(&vehicle, arm)).unwrap();
+        assert_eq!(found.airframe.name, name, "{}", found.airframe.how);
+        assert!(wired_right(&found, &vehicle, &[0, 1, 2, 3], arm));
+        // Six seconds tell nothing: the usual way round is taken, and said.
+        let short = log.part(10.0, 16.0).unwrap();
+        let found = identify(std::slice::from_ref(&short), &request(&vehicle, arm)).unwrap();
+        assert!(
+            found.airframe.name.starts_with("quad-betaflight-x"),
+            "{}",
+            found.airframe.name
+        );
+        assert!(
+            found.airframe.how.contains("does not clearly tell"),
+            "{}",
+            found.airframe.how
+        );
+    }
+    // Motors that somebody has put in another order are not taken for Betaflight's.
+    let (vehicle, arm) = drawn(41, named("quad-betaflight-x"));
+    let mut log = flown(&vehicle, "waypoint", 40.0, 41, &[2, 0, 3, 1]);
+    log.source.kind = SourceKind::Blackbox;
+    let found = identify(std::slice::from_ref(&log), &request(&vehicle, arm)).unwrap();
+    assert!(
+        wired_right(&found, &vehicle, &[2, 0, 3, 1], arm),
+        "{}",
+        found.airframe.how
+    );
+}
+
+/// Telemetry at 1 to 4 Hz "contradicted" the frame with correlations of 1.00.
+#[test]
+fn regress_rows_too_far_apart_tell_nothing_of_a_vehicle() {
+    let (vehicle, arm) = drawn(42, named("quad-x"));
+    let log = flown(&vehicle, "waypoint", 60.0, 42, &[0, 1, 2, 3]);
+    let slow = log.resampled(2.0).unwrap();
+    let refused = identify(std::slice::from_ref(&slow), &request(&vehicle, arm))
+        .unwrap_err()
+        .to_string();
+    assert!(refused.contains("2.0 rows a second, expected 10"), "{refused}");
 }

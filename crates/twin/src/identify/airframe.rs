@@ -146,6 +146,9 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
             against_the_motion,
         });
     }
+    if let Some(found) = betaflight(log, rotors, motion.as_ref()) {
+        return Ok(found);
+    }
     let Some(motion) = motion.map(|motion| motion.best) else {
         return Err(format!(
             "{}: the motor order is unknown: no parameter says it, and without body rates (or with {rotors} rotors) the motion cannot; \
@@ -178,6 +181,45 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
         source: Source::Log,
         how,
         motion: Some(motion),
+        against_the_motion: false,
+    })
+}
+
+/// The quadrotor of Betaflight and INAV, whose logs number motors by the mixer, not by the connectors; the motion says which way they turn, as
+/// both are flown. `None` where the motion speaks against both, or the log is another's.
+fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -> Option<Airframe> {
+    if log.source.kind != SourceKind::Blackbox || rotors != 4 || log.report.rotor_order != RotorOrder::Logged {
+        return None;
+    }
+    let frames =
+        ["quad-betaflight-x", "quad-betaflight-x-reversed"].map(|name| Frame::named(name).expect("in the table"));
+    let scores = frames.map(|frame| motion.map_or(0.0, |motion| motion.score_of(&frame.places())));
+    let frame = frames[usize::from(scores[1] > scores[0])];
+    let places = frame.places();
+    let doubt = motion.and_then(|motion| motion.best.doubt());
+    if motion.is_some_and(|motion| doubt.is_none() && motion.against(&places).is_some()) {
+        return None;
+    }
+    let how = match (motion, doubt) {
+        (Some(_), None) => "Betaflight's order of motors; the motion agrees, also with the way they turn".to_owned(),
+        (Some(_), Some(_)) => format!(
+            "Betaflight's order of motors; the motion does not clearly tell which way they turn, {} is taken: --frame names the other",
+            if frame.name == frames[0].name {
+                "the usual one"
+            } else {
+                "what fits better"
+            }
+        ),
+        (None, _) => {
+            "Betaflight's order of motors; without body rates the motion does not tell which way they turn".to_owned()
+        }
+    };
+    Some(Airframe {
+        name: frame.name.to_owned(),
+        places,
+        source: Source::Assumed,
+        how,
+        motion: motion.map(|motion| motion.best.clone()),
         against_the_motion: false,
     })
 }

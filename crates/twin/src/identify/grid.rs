@@ -13,6 +13,15 @@ const TILT_END_RAD: f64 = 1.22;
 const FORCE_END: f64 = 35.0;
 /// Specific force of flight, means over a second, m/s².
 const FORCE_FLIGHT: Range<f64> = 4.0..25.0;
+/// The same of an agile flight, whose pilot pulls and falls: the thrust curve holds there, too.
+const AGILE_FORCE: Range<f64> = 1.0..60.0;
+const AGILE_END: f64 = 80.0;
+/// A flight is agile where its motors reach so much more than their usual mean.
+const AGILE: f64 = 1.25;
+/// A stretch without the force of flight that an agile flight comes back from within this is no ground, s.
+const EXCURSION_S: f64 = 5.0;
+/// Rows that a vehicle's torques and lag can be told from, Hz: slower ones show where it was, not what turned it.
+const SLOWEST_HZ: f64 = 10.0;
 /// Left out at a take-off and before a landing, s; and at an end that is only the log's, s.
 const CUT_GROUND_S: f64 = 3.0;
 const CUT_LOG_S: f64 = 0.5;
@@ -76,6 +85,12 @@ impl Grid {
     /// A log with these of its outputs as rotors, in this order.
     pub(crate) fn new(log: &FlightLog, outputs: &[usize]) -> Result<Self, String> {
         let rate_hz = log.sample_rate_hz();
+        if rate_hz < SLOWEST_HZ {
+            return Err(format!(
+                "{}: {rate_hz:.1} rows a second, expected {SLOWEST_HZ:.0} at least: between two rows nobody knows what the motors did, so that nothing of the vehicle can be told; take the log of the vehicle's memory card instead of the telemetry's",
+                log.name
+            ));
+        }
         let even = {
             let step = 1.0 / rate_hz;
             log.time_s
@@ -243,19 +258,39 @@ impl Grid {
 
     /// Duty below which the vehicle stands; 0 where the log has no time on the ground.
     fn ground_level(&self) -> f64 {
+        let (low, usual, high) = self.levels();
+        let high = if high > AGILE * usual { usual } else { high };
+        if low > 0.55 * high { 0.0 } else { 0.5 * (low + high) }
+    }
+
+    /// A pilot who pulls and falls, not one who hovers and travels.
+    fn is_agile(&self) -> bool {
+        let (_, usual, high) = self.levels();
+        high > AGILE * usual
+    }
+
+    /// Mean duty: 2 % level, median of what is clearly above it, 90 % level.
+    fn levels(&self) -> (f64, f64, f64) {
         let mut means: Vec<f64> = (0..self.rows).map(|k| self.mean_duty(k)).collect();
         means.retain(|mean| mean.is_finite());
         if means.is_empty() {
-            return 0.0;
+            return (0.0, 0.0, 0.0);
         }
         means.sort_by(f64::total_cmp);
         let level = |share: f64| means[((means.len() - 1) as f64 * share) as usize];
         let (low, high) = (level(0.02), level(0.9));
-        if low > 0.55 * high { 0.0 } else { 0.5 * (low + high) }
+        let flown = &means[means.partition_point(|mean| *mean < low + 0.25 * (high - low))..];
+        (low, flown[flown.len() / 2], high)
     }
 
     fn find_airborne(&mut self) -> Result<(), String> {
         let ground = self.ground_level();
+        let agile = self.is_agile();
+        let (force_flight, force_end) = if agile {
+            (AGILE_FORCE, AGILE_END)
+        } else {
+            (FORCE_FLIGHT, FORCE_END)
+        };
         let half = self.rows_of(0.5);
         let smooth = |values: &[f64]| running_mean(values, half);
         let duty: Vec<f64> = smooth(&(0..self.rows).map(|k| self.mean_duty(k)).collect::<Vec<_>>());
@@ -272,8 +307,8 @@ impl Grid {
         let flies = |k: usize| {
             duty[k] > ground
                 && duty[k] > 0.03
-                && lift_mean.as_ref().is_none_or(|lift| FORCE_FLIGHT.contains(&lift[k]))
-                && shock.as_ref().is_none_or(|shock| shock[k].abs() < FORCE_END)
+                && lift_mean.as_ref().is_none_or(|lift| force_flight.contains(&lift[k]))
+                && shock.as_ref().is_none_or(|shock| shock[k].abs() < force_end)
                 && !tilted(k)
                 && self.duty.iter().all(|duty| duty[k].is_finite())
                 && self
@@ -297,13 +332,17 @@ impl Grid {
                 _ => {}
             }
         }
+        let excursion = self.rows_of(EXCURSION_S);
         let without_ends = |cut_s: f64| -> Vec<Range<usize>> {
             let cut = self.rows_of(cut_s);
-            let inner = flights.iter().map(|flight| {
-                let begin = flight.start + if flight.start == 0 { cut_log } else { cut };
-                let end = flight
-                    .end
-                    .saturating_sub(if flight.end == self.rows { cut_log } else { cut });
+            let inner = flights.iter().enumerate().map(|(index, flight)| {
+                let before = index.checked_sub(1).map(|before| flight.start - flights[before].end);
+                let after = flights.get(index + 1).map(|after| after.start - flight.end);
+                let comes_back = |apart: Option<usize>| agile && apart.is_some_and(|rows| rows < excursion);
+                let at_begin = flight.start == 0 || comes_back(before);
+                let at_end = flight.end == self.rows || comes_back(after);
+                let begin = flight.start + if at_begin { cut_log } else { cut };
+                let end = flight.end.saturating_sub(if at_end { cut_log } else { cut });
                 begin..end
             });
             inner.filter(|part| part.end >= part.start + shortest).collect()
@@ -312,9 +351,24 @@ impl Grid {
         if parts.is_empty() {
             parts = without_ends(CUT_SHORT_S);
             if parts.is_empty() {
+                let share = |is: &dyn Fn(usize) -> bool| {
+                    let driven = (0..self.rows).filter(|k| duty[*k] > ground && duty[*k] > 0.03);
+                    let (count, of) = driven.fold((0, 0), |(count, of), k| (count + usize::from(is(k)), of + 1));
+                    (of > 0).then(|| 100.0 * count as f64 / of as f64)
+                };
+                let forceless = |k: usize| lift_mean.as_ref().is_some_and(|lift| !force_flight.contains(&lift[k]));
+                let why = match (share(&forceless), share(&tilted)) {
+                    (None, _) => "the motors idle".to_owned(),
+                    (Some(force), _) if force > 20.0 => format!(
+                        "in {force:.0} % of the time with the motors up, the accelerometer's mean along the thrust is outside of {} to {} m/s², which \
+                         carries no vehicle: vibration or a wrong range spoils it",
+                        force_flight.start, force_flight.end
+                    ),
+                    (_, Some(tilt)) if tilt > 20.0 => format!("in {tilt:.0} % of it the tilt is above 70°"),
+                    _ => "the motors idle, or the specific force or the tilt is not that of flight".to_owned(),
+                };
                 return Err(format!(
-                    "{}: expected at least {SHORTEST_S} s of flight (after {CUT_SHORT_S} s from take-off and before landing), found none: \
-                     the motors idle, or the specific force or the tilt is not that of flight",
+                    "{}: expected at least {SHORTEST_S} s of flight (after {CUT_SHORT_S} s from take-off and before landing), found none: {why}",
                     self.name
                 ));
             }

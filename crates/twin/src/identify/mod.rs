@@ -218,6 +218,9 @@ pub(crate) fn prepare(
         .iter()
         .map(|log| {
             let these = airframe::rotor_outputs(log)?;
+            if let Some(why) = log.flight_parts(None).no_flight() {
+                return Err(format!("{}: expected a flight, found none: {why}", log.name));
+            }
             if these.len() != outputs.len() {
                 return Err(format!(
                     "{}: expected {} rotors as in {}, found {}",

@@ -248,7 +248,7 @@ pub(crate) struct Battery {
     pub(crate) resistance: Option<(f64, f64)>,
     /// Electrical power in the air over Σ T^1.5, with relative deviation; W/(m/s²)^1.5 of thrust over mass.
     pub(crate) power: Option<(f64, f64)>,
-    /// Highest voltage at rest or at the start, V.
+    /// Highest voltage at rest or at the start, means over a second, V.
     pub(crate) start_v: Option<f64>,
 }
 
@@ -262,10 +262,11 @@ pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
             .map_or(grid.rows, |part| part.start)
             .max(grid.rows_of(1.0))
             .min(grid.rows);
+        // Means over a second: motors that brake push the voltage up for a moment.
         let start = voltage[..first]
-            .iter()
-            .copied()
-            .filter(|v| v.is_finite())
+            .chunks(grid.rows_of(1.0))
+            .map(|second| mean_deviation(second.iter().copied().filter(|v| v.is_finite())).0)
+            .filter(|mean| mean.is_finite())
             .fold(0.0, f64::max);
         if start > 2.0 {
             found.start_v = Some(found.start_v.map_or(start, |v: f64| v.max(start)));

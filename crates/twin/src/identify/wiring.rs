@@ -124,6 +124,11 @@ pub(crate) struct Contradiction {
 }
 
 impl Motion {
+    /// −Σ ln(1 − ρ²) of a stated order.
+    pub(crate) fn score_of(&self, places: &[Place]) -> f64 {
+        score(correlations(&self.moments, places))
+    }
+
     /// How a stated order fares, if the motion speaks clearly against it: there was enough of it, and another order explains it better
     /// by more than two right ones differ. Which of the others is the right one need not be known for that.
     pub(crate) fn against(&self, stated: &[Place]) -> Option<Contradiction> {

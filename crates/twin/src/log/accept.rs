@@ -101,6 +101,7 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
     };
     leave_out_runaway_estimates(&mut log);
     leave_out_other_voltages(&mut log);
+    leave_out_currents_of_no_flight(&mut log);
     checks::examine(&mut log);
     drop_empty_columns(&mut log);
     Ok(log)
@@ -144,6 +145,17 @@ fn leave_out_other_voltages(log: &mut FlightLog) {
         CELL_V.end()
     );
     leave_out(log, &[names::BATTERY_VOLTAGE], &reason);
+}
+
+/// A current that flies nothing, in a log of a flight, is that of a sensor which is not connected or not scaled.
+fn leave_out_currents_of_no_flight(log: &mut FlightLog) {
+    let Some(most) = checks::idle_current(log).filter(|_| checks::moves_under_power(log)) else {
+        return;
+    };
+    let reason = format!(
+        "at most {most:.2} A in 95 % of the rows, and the vehicle flies: the sensor is not connected or not scaled"
+    );
+    leave_out(log, &[names::BATTERY_CURRENT], &reason);
 }
 
 /// Takes columns out, with the reason.

@@ -13,7 +13,7 @@ use super::resample::{Between, at_times, median, median_rate_hz};
 use super::sources::{RawStream, SourceLog};
 use super::table::Table;
 use super::units::{self, Dimension};
-use super::{GAP_FACTOR, Origin, names, outputs, utc};
+use super::{GAP_FACTOR, Origin, happenings, names, outputs, utc};
 use rotortwin_flight_core::MAX_ROTORS;
 use std::collections::BTreeSet;
 
@@ -68,6 +68,7 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
         unix_s: flown.unix_s + start_s,
         ..flown
     });
+    report.happenings = happenings::of(log, start_s);
     let mut table = Table::default();
     table.push(names::TIME, base_s.iter().map(|time| time - start_s).collect());
     let mut origin = None;
@@ -144,6 +145,19 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
             report.notes.push(format!("{}: only zeros, left out", row.from));
             continue;
         }
+        let measured = |field: &usize| {
+            let values = &stream.fields[*field].1;
+            values
+                .iter()
+                .any(|value| value.is_finite() && !is_unmeasured(row, *value))
+        };
+        if !fields.iter().any(measured) {
+            report.notes.push(format!(
+                "{}: the autopilot says that nothing measures it, left out",
+                row.from
+            ));
+            continue;
+        }
         taken.insert(key);
         served.push(Served {
             row,
@@ -153,6 +167,15 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
         });
     }
     served
+}
+
+/// Numbers that stand for "not measured", in the unit of the source: of PX4's and MAVLink's current −1, of MAVLink's voltage all bits set.
+fn is_unmeasured(row: &Row, value: f64) -> bool {
+    match row.to.as_str() {
+        names::BATTERY_CURRENT => value == -1.0,
+        names::BATTERY_VOLTAGE => value == f64::from(u16::MAX),
+        _ => false,
+    }
 }
 
 /// Indices of the fields; a name with `[]` counts up from 0 as far as there are fields, `{}` from 1.
@@ -213,7 +236,7 @@ fn convert(
         .collect();
     // Infinite values mean "none" in several logs.
     for value in values.iter_mut().flatten() {
-        if value.is_infinite() {
+        if value.is_infinite() || is_unmeasured(row, *value) {
             *value = f64::NAN;
         }
     }

@@ -682,10 +682,16 @@ fn world(columns: &mut [Column], out: &mut Writer) {
             .or_else(|| triple(columns, &[glued], &[], &not).map(|found| (found, "")))
             .or_else(|| triple(columns, &AXES[..1], &stems, &not).map(|found| (found, "")))
             .or_else(|| {
-                let bare = to == "position";
-                triple(columns, &AXES[..1], &[], &not)
-                    .filter(|found| bare && found.iter().all(|i| columns[*i].words.len() == 1))
-                    .map(|found| (found, ""))
+                // x, y, z and nothing else: what a motion capture writes.
+                if to != "position" {
+                    return None;
+                }
+                let found = triple(columns, &AXES[..1], &[], &not)?;
+                let bare = found.iter().all(|i| columns[*i].words.len() == 1);
+                for index in found {
+                    columns[index].taken = bare;
+                }
+                bare.then_some((found, ""))
             });
         let Some((found, frame)) = found else { continue };
         let stated = columns[found[0]].unit.filter(|unit| units.contains(unit));
@@ -850,6 +856,18 @@ mod tests {
             text += &row.replace('.', ",");
         }
         text
+    }
+
+    /// As a motion capture writes it; the three columns had been lost to the velocity, which has none.
+    #[test]
+    fn regress_three_bare_axes_are_a_position() {
+        let rows: Vec<String> = (0..50)
+            .map(|k| format!("{},0.1,0.2,{},0,0,0,1", 1_724_429_288.0 + 0.02 * f64::from(k), 0.01 * f64::from(k)))
+            .collect();
+        let text = format!("t,x,y,z,qx,qy,qz,qw\n{}\n", rows.join("\n"));
+        let found = draft(Path::new("mocap.csv"), text.as_bytes()).unwrap();
+        assert!(found.toml.contains("to = \"position\"\nfrom = \"csv:x,y,z\""), "{}", found.toml);
+        assert!(!found.toml.contains("to = \"velocity\""), "{}", found.toml);
     }
 
     #[test]

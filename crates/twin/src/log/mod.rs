@@ -25,6 +25,7 @@ mod error;
 mod findings;
 pub mod flight_parts;
 mod gate;
+mod happenings;
 mod mapping;
 pub mod names;
 mod outputs;
@@ -272,6 +273,7 @@ fn accepted(
     log.report.flown = assembled.report.flown;
     log.report.rotor_outputs = assembled.report.rotor_outputs;
     log.report.streams = assembled.report.streams;
+    log.report.happenings = assembled.report.happenings;
     log.report.unused_columns.extend(assembled.report.unused_columns);
     log.report.conversions.splice(0..0, assembled.report.conversions);
     log.report.notes.splice(0..0, assembled.report.notes);

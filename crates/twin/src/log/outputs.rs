@@ -39,7 +39,7 @@ pub(super) fn rotors(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) ->
             why: "",
         };
     }
-    let following = following(duties, &moving);
+    let following = even(following(duties, &moving));
     Rotors {
         outputs: if following.len() < FEWEST { moving } else { following },
         why: "it does not move, or not with the collective: no rotor",
@@ -111,6 +111,18 @@ fn following(duties: &[Vec<f64>], moving: &[usize]) -> Vec<usize> {
         .collect()
 }
 
+/// Five or seven outputs that follow the collective are four or six rotors and something that copies the throttle: the first ones, where the
+/// numbering says so.
+fn even(following: Vec<usize>) -> Vec<usize> {
+    let rotors = following.len() - following.len() % 2;
+    let first = following.iter().take(rotors).copied().eq(0..rotors);
+    if following.len() > rotors && rotors >= 4 && first {
+        following[..rotors].to_vec()
+    } else {
+        following
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -137,6 +149,13 @@ mod tests {
         ];
         let found = rotors(&duties, &BTreeMap::new());
         assert_eq!(found.outputs, [0, 1, 3, 5]);
+    }
+
+    #[test]
+    fn regress_an_output_that_copies_the_throttle_is_no_fifth_rotor() {
+        let mut duties = vec![flown(0.0, 0.5); 4];
+        duties.extend([vec![0.5; 300], flown(0.0, 0.47)]);
+        assert_eq!(rotors(&duties, &BTreeMap::new()).outputs, [0, 1, 2, 3]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What an import did: nothing of an accepted log is dropped silently.
 
 use super::findings::Finding;
+use super::flight_parts::FlightEvent;
 use super::rotor_order::RotorOrder;
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +24,9 @@ pub struct ImportReport {
     /// Whose numbers the rotors have.
     #[serde(skip)]
     pub rotor_order: RotorOrder,
+    /// What autopilot and pilot did; listed with the events of the flight.
+    #[serde(skip)]
+    pub happenings: Vec<FlightEvent>,
     /// How streams of different rate were put on the time base; empty if the file has one time base.
     pub streams: Vec<Stream>,
     /// Columns that were not read as numbers or stayed without use, with the reason.

@@ -150,11 +150,87 @@ impl FlightLog {
         ));
         Ok(log)
     }
+
+    /// Every `factor`-th row, counted anew after a gap: measurements are means over `factor` rows about it, commands over those that they are in
+    /// force for; angles are those of the row.
+    #[must_use]
+    pub(crate) fn thinned(&self, factor: usize) -> Self {
+        let gap_s = GAP_FACTOR / median_rate_hz(&self.time_s);
+        // Rows of a run without gaps, and the kept ones in it.
+        let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
+        let mut first = 0;
+        for row in 1..=self.time_s.len() {
+            if row == self.time_s.len() || self.time_s[row] - self.time_s[row - 1] > gap_s {
+                runs.push(first..row);
+                first = row;
+            }
+        }
+        let kept = || {
+            runs.iter()
+                .flat_map(|run| run.clone().step_by(factor).map(move |row| (row, run.clone())))
+        };
+        let mean = |values: &[f64], rows: std::ops::Range<usize>| {
+            let finite = values[rows].iter().filter(|value| value.is_finite());
+            let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+            sum / count
+        };
+        let mut log = self.clone();
+        for (name, values) in &mut log.columns {
+            let whole = &self.columns[name];
+            let is_turn = Between::of(name) == Between::Angle
+                || names::ATTITUDE.contains(&&name[..])
+                || names::QUATERNION.contains(&&name[..]);
+            let held = Between::of(name) == Between::Hold;
+            let of = |(row, run): (usize, std::ops::Range<usize>)| match (is_turn, held) {
+                (true, _) => whole[row],
+                (_, true) => mean(whole, row..(row + factor).min(run.end)),
+                _ => {
+                    let half = factor / 2;
+                    mean(
+                        whole,
+                        row.saturating_sub(half).max(run.start)..(row + half + 1).min(run.end),
+                    )
+                }
+            };
+            *values = kept().map(of).collect();
+        }
+        log.time_s = kept().map(|(row, _)| self.time_s[row]).collect();
+        log.report.rows = log.time_s.len();
+        log.report.sample_rate_hz = median_rate_hz(&log.time_s);
+        log
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn val_a_thinned_log_has_means_about_its_rows_and_none_over_a_gap() {
+        let time: Vec<f64> = (0..40)
+            .map(|k| 0.001 * f64::from(k) + if k < 22 { 0.0 } else { 1.0 })
+            .collect();
+        let ramp: Vec<f64> = (0..40).map(f64::from).collect();
+        let columns = [
+            ("duty_1".to_owned(), ramp.iter().map(|value| value / 100.0).collect()),
+            ("roll_rate_rad_s".to_owned(), ramp.clone()),
+            ("yaw_rad".to_owned(), ramp.iter().map(|value| wrapped(*value)).collect()),
+        ];
+        let log = FlightLog::from_columns("ramp", time, columns)
+            .expect("a log")
+            .thinned(4);
+        // Rows 0, 4 … 20, then anew from 22.
+        let rows = [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 22.0, 26.0, 30.0, 34.0, 38.0];
+        assert_eq!(log.time_s.len(), rows.len());
+        let rate = &log.columns["roll_rate_rad_s"];
+        for (k, row) in rows.into_iter().enumerate().filter(|(k, _)| ![0, 5, 6, 10].contains(k)) {
+            assert_eq!(rate[k], row);
+            assert!((log.columns["duty_1"][k] - (row + 1.5) / 100.0).abs() < 1e-12);
+            assert_eq!(log.columns["yaw_rad"][k], wrapped(row));
+        }
+        // At a run's ends of what there is.
+        assert_eq!((rate[0], rate[5], rate[6]), (1.0, 19.5, 23.0));
+    }
 
     #[test]
     fn val_angles_are_interpolated_the_short_way() {

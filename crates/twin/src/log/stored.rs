@@ -1,6 +1,6 @@
 //! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the account of the import `NAME.import.json`.
 
-use super::flight_parts::FlightParts;
+use super::flight_parts::{FlightEvent, FlightParts};
 use super::report::{Flown, ImportReport, Stream};
 use super::{FlightLog, LogError, LogSource, Origin, Segment, SourceKind, error, sources};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -11,6 +11,8 @@ use utoipa::ToSchema;
 
 /// Longest text that is read of a file's metadata; thousands of parameters are some hundred kilobytes.
 const MOST_KEPT_BYTES: usize = 1 << 22;
+/// Changes of modes and parameters, and a pilot's inputs, of one log.
+const MOST_HAPPENINGS: usize = 1 << 16;
 /// Streams of one log.
 const MOST_STREAMS: usize = 4096;
 
@@ -25,6 +27,8 @@ pub(crate) struct Kept {
     rotor_outputs: Vec<usize>,
     streams: Vec<Stream>,
     parameters: BTreeMap<String, f64>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    happenings: Vec<FlightEvent>,
 }
 
 impl Kept {
@@ -40,6 +44,7 @@ impl Kept {
             rotor_outputs: log.report.rotor_outputs.clone(),
             streams: log.report.streams.clone(),
             parameters: log.parameters.clone(),
+            happenings: log.report.happenings.clone(),
         };
         serde_json::to_string(&kept).ok()
     }
@@ -56,6 +61,7 @@ impl Kept {
                 && kept.rotor_outputs.len() <= MAX_ROTORS
                 && kept.streams.len() <= MOST_STREAMS
                 && kept.parameters.len() <= sources::MOST_PARAMETERS
+                && kept.happenings.len() <= MOST_HAPPENINGS
         };
         match read {
             Ok(kept) if possible(&kept) => {
@@ -64,6 +70,7 @@ impl Kept {
                 log.report.flown = kept.flown;
                 log.report.rotor_outputs = kept.rotor_outputs;
                 log.report.streams = kept.streams;
+                log.report.happenings = kept.happenings;
                 log.parameters = kept.parameters;
             }
             Ok(_) => log

@@ -231,6 +231,21 @@ impl Series {
         if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
             notes.push(note.clone());
         }
+        let thinned;
+        let (log, rate) = match thinning(log.time_s.len(), rate) {
+            None => (log, rate),
+            Some(factor) => {
+                notes.push(format!(
+                    "{}: {} rows at {rate:.0} Hz, taken as means of {factor}: a search over all of them would take minutes, and what is faster is \
+                     vibration and filters; `LOG@a:b` of less than {:.0} s is taken as it is",
+                    log.name,
+                    log.time_s.len(),
+                    MOST_FAST_ROWS as f64 / rate
+                ));
+                thinned = log.thinned(factor);
+                (&thinned, thinned.sample_rate_hz())
+            }
+        };
         let duration = log.duration_s();
         let air = in_the_air(log, &mut notes)?;
         let slow = SlowNoise::of(log, &air, &mut notes);
@@ -438,6 +453,16 @@ fn rest_scale(log: &FlightLog, take_off_s: f64) -> Option<f64> {
     }
     let scale = scale_of(quiet, GRAVITY_M_S2)?;
     ((scale - 1.0).abs() > LEAST_SCALE_ERROR).then_some(scale)
+}
+
+/// Rows of a fast log that are taken one by one.
+const MOST_FAST_ROWS: usize = 80_000;
+
+/// How many rows of a long and fast log become one, so that some 250 a second remain.
+fn thinning(rows: usize, rate_hz: f64) -> Option<usize> {
+    const AIM_HZ: f64 = 250.0;
+    let factor = (rate_hz / AIM_HZ).round() as usize;
+    (rows > MOST_FAST_ROWS && factor > 1).then_some(factor)
 }
 
 /// Seconds of a log in which a model is judged; says what is left out.

@@ -28,6 +28,27 @@ fn high(values: &[f64]) -> Option<f64> {
     Some(*present.select_nth_unstable_by(place, f64::total_cmp).1)
 }
 
+/// The current that 95 % of the rows stay below, where it is too small for a flight, A.
+pub(crate) fn idle_current(log: &FlightLog) -> Option<f64> {
+    log.column(names::BATTERY_CURRENT)
+        .and_then(high)
+        .filter(|current| *current > 0.0 && *current < IDLE_CURRENT_A)
+}
+
+/// Motors above idle while the body turns and shakes as nobody's hand or stand makes it.
+pub(crate) fn moves_under_power(log: &FlightLog) -> bool {
+    const FLIES_RAD_S: f64 = 0.3;
+    const FLIES_M_S2: f64 = 1.0;
+    let duties = log.duties();
+    let (Some(rates), Some(accel)) = (log.vector(names::RATES), log.vector(names::ACCEL)) else {
+        return false;
+    };
+    let mean_duty = |row: usize| duties.iter().map(|duty| duty[row]).sum::<f64>() / duties.len() as f64;
+    let driven = (0..log.time_s.len()).filter(|row| mean_duty(*row) > 2.0 * IDLE_DUTY);
+    let turns = rates.iter().any(|axis| deviation(axis) > FLIES_RAD_S);
+    turns && accel.iter().any(|axis| deviation(axis) > FLIES_M_S2) && 2 * driven.count() > log.time_s.len()
+}
+
 pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
     let duties = log.duties();
     if !duties.is_empty() {
@@ -45,10 +66,7 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
             return;
         }
     }
-    if let Some(current) = log.column(names::BATTERY_CURRENT).and_then(high)
-        && current > 0.0
-        && current < IDLE_CURRENT_A
-    {
+    if let Some(current) = idle_current(log) {
         push(
             findings,
             FindingKind::NoFlight,

@@ -6,6 +6,8 @@ mod ground;
 mod kinematics;
 mod vehicle;
 
+pub(crate) use ground::{idle_current, moves_under_power};
+
 use super::findings::{Finding, FindingKind};
 use super::{FlightLog, names};
 use kinematics::{Fit, IDENTITY};

@@ -56,6 +56,10 @@ impl FlightLog {
             let kind = FindingKind::RotorCount;
             return vec![Finding { kind, detail }];
         }
+        // What is pushed about on the ground turns by other hands than its rotors'.
+        if self.flight_parts(None).no_flight().is_some() {
+            return Vec::new();
+        }
         let arms: Vec<[f64; 3]> = vehicle
             .rotors
             .layout

@@ -94,6 +94,10 @@ pub(super) fn flies(kind: PartKind) -> bool {
 
 /// Jumps of position, velocity and heading that the vehicle did not make.
 pub(super) fn resets(log: &FlightLog, parts: &[FlightPart]) -> Vec<FlightEvent> {
+    // Between rows further apart than the jump is weighed over, nobody knows how the vehicle moved.
+    if log.sample_rate_hz() * JUMP_S < 1.0 {
+        return Vec::new();
+    }
     let flight: Vec<(f64, f64)> = parts
         .iter()
         .filter(|part| flies(part.kind) && part.kind != PartKind::Crash)

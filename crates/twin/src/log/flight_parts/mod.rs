@@ -16,7 +16,7 @@ mod lost_rotor;
 mod signals;
 mod stages;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::FlightLog;
 use signals::Signals;
@@ -74,7 +74,7 @@ pub struct FlightPart {
 }
 
 /// What happened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schema(as = FlightEventKind)]
 pub enum EventKind {
@@ -88,10 +88,16 @@ pub enum EventKind {
     Gap,
     /// A blow at the end of a landing.
     HardLanding,
+    /// Another flight mode; armed, disarmed.
+    Mode,
+    /// Parameters of the autopilot were changed.
+    Parameter,
+    /// A pilot's sticks away from their middle.
+    Pilot,
 }
 
 /// Something that happened.
-#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FlightEvent {
     /// What.
     pub kind: EventKind,
@@ -141,6 +147,7 @@ impl FlightLog {
         events.extend(lost_rotor::find(&signals, &parts, rotors));
         events.extend(saturated);
         events.extend(stages::hard_landings(&signals, &parts));
+        events.extend(self.happenings());
         events.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
         let more_events = events.len().saturating_sub(MOST_EVENTS);
         // What decides about a flight is kept, whatever else there is.
@@ -158,6 +165,28 @@ impl FlightLog {
             more_events,
             found_from: signals.sources.clone(),
         }
+    }
+}
+
+impl FlightLog {
+    /// What autopilot and pilot did within the rows; the mode that they begin in is told at their beginning.
+    fn happenings(&self) -> Vec<FlightEvent> {
+        let (Some(&from), Some(&to)) = (self.time_s.first(), self.time_s.last()) else {
+            return Vec::new();
+        };
+        let all = &self.report.happenings;
+        let before = |event: &&FlightEvent| {
+            event.kind == EventKind::Mode && event.detail.starts_with("flight mode") && event.start_s < from
+        };
+        let at_first = all.iter().rfind(before).map(|event| FlightEvent {
+            start_s: from,
+            end_s: from,
+            ..event.clone()
+        });
+        let within = all
+            .iter()
+            .filter(|event| event.end_s >= from && event.start_s >= from && event.start_s <= to);
+        at_first.into_iter().chain(within.cloned()).collect()
     }
 }
 
@@ -179,6 +208,19 @@ impl FlightParts {
         found
     }
 
+    /// Why nothing in the log can have been a flight, if so: it is on the ground from end to end.
+    pub fn no_flight(&self) -> Option<String> {
+        let ground = |part: &FlightPart| part.kind == PartKind::Ground;
+        if self.parts.is_empty() || !self.parts.iter().all(ground) {
+            return None;
+        }
+        let why = self.parts.iter().map(|part| &part.why).find(|why| !why.is_empty());
+        Some(
+            why.cloned()
+                .unwrap_or_else(|| "on the ground from end to end".to_owned()),
+        )
+    }
+
     /// Seconds in the air.
     pub fn air_s(&self) -> f64 {
         self.in_the_air().iter().map(|(from, to)| to - from).sum()
@@ -191,6 +233,11 @@ impl FlightParts {
         /// More parts or events than this are counted, not listed.
         const LISTED: usize = 24;
         let time = |from: f64, to: f64| {
+            if from == to {
+                let own =
+                    clock_start_s.map_or_else(String::new, |start| format!(" (log's clock {:.2} s)", start + from));
+                return format!("{from:.2} s{own}");
+            }
             let own = clock_start_s.map_or_else(String::new, |start| {
                 format!(" (log's clock {:.2} to {:.2} s)", start + from, start + to)
             });

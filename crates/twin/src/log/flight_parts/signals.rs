@@ -6,14 +6,20 @@ use super::super::{FlightLog, names};
 
 /// Length of a bin, s; longer where the log's rows are further apart.
 const BIN_S: f64 = 0.04;
-/// Rows further apart than this are not of one run, s.
+/// Rows further apart than this, and than [`BREAK_ROWS`] ordinary ones, are not of one run, s.
 pub(super) const BREAK_S: f64 = 1.0;
+/// Telemetry comes at 1 Hz and later or not at all: as many ordinary intervals are no hole in a flight.
+const BREAK_ROWS: f64 = 8.0;
+/// Largest mean output of which no vehicle flies: DShot idles at up to 0.07.
+pub(super) const IDLES: f64 = 0.08;
 /// An output that moves less than this is no motor.
 const MOVES: f64 = 0.01;
 
 /// Means over bins; a bin without a value has NaN.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Signals {
+    /// Median of the rows, Hz.
+    pub(super) rate_hz: f64,
     /// Of the first row of each bin, s.
     pub(super) start_s: Vec<f64>,
     /// Up to where it reaches, s.
@@ -40,11 +46,21 @@ pub(super) struct Signals {
     pub(super) sources: Vec<&'static str>,
 }
 
+/// The longest distance of two rows of one run, s.
+fn break_s(rate_hz: f64) -> f64 {
+    if rate_hz > 0.0 {
+        BREAK_S.max(BREAK_ROWS / rate_hz)
+    } else {
+        BREAK_S
+    }
+}
+
 impl Signals {
     pub(super) fn of(log: &FlightLog) -> Self {
         let time = &log.time_s;
         let rate_hz = log.sample_rate_hz();
         let longest = if rate_hz > 0.0 { BIN_S.max(1.0 / rate_hz) } else { BIN_S };
+        let break_s = break_s(rate_hz);
         // Rows of each bin: neighbours within its length.
         let mut bins: Vec<std::ops::Range<usize>> = Vec::new();
         let mut first = 0;
@@ -60,7 +76,7 @@ impl Signals {
             .iter()
             .map(|bin| {
                 let next = time.get(bin.end).copied().unwrap_or(last_s);
-                if next - time[bin.end - 1] > BREAK_S {
+                if next - time[bin.end - 1] > break_s {
                     time[bin.end - 1]
                 } else {
                     next
@@ -81,6 +97,7 @@ impl Signals {
         };
         let column = |name: &str| log.column(name).map(|values| mean(&|row| values[row]));
         let mut signals = Self {
+            rate_hz,
             start_s,
             end_s,
             ..Self::default()
@@ -116,6 +133,7 @@ impl Signals {
             signals.lean = Some([mean(&|row| roll[row]), mean(&|row| pitch[row])]);
             signals.sources.push("attitude");
         }
+        signals.leave_out_a_runaway_attitude();
         let rates = names::RATES.map(column);
         if let [Some(roll), Some(pitch), Some(yaw)] = rates {
             signals.rates = Some([roll, pitch, yaw]);
@@ -164,7 +182,41 @@ impl Signals {
             self.sources.push("throttle");
             return column("throttle_fraction");
         }
+        // Outputs that never leave idle are no rotors by their motion, and say that nothing flew.
+        let duties = log.duties();
+        let idle = |values: &&[f64]| values.iter().all(|value| value.is_nan() || *value < IDLES);
+        if !duties.is_empty() && duties.iter().all(|values| idle(&&values[..])) {
+            self.sources.push("motor outputs");
+            return Some(vec![0.0; self.start_s.len()]);
+        }
         None
+    }
+
+    /// An attitude beyond 70° for much of the time with the motors up is that of an estimator which ran away, or of a board that is mounted
+    /// another way: nothing flies so for long.
+    fn leave_out_a_runaway_attitude(&mut self) {
+        const TILT_RAD: f64 = 1.22;
+        const SHARE: f64 = 0.3;
+        let (Some(tilt), Some(effort)) = (&self.tilt, &self.effort) else {
+            return;
+        };
+        let mut efforts: Vec<f64> = effort.iter().copied().filter(|e| e.is_finite()).collect();
+        efforts.sort_by(f64::total_cmp);
+        let Some(high) = efforts.get(efforts.len() * 9 / 10).copied() else {
+            return;
+        };
+        let driven = tilt
+            .iter()
+            .zip(effort)
+            .filter(|(_, effort)| **effort > (0.6 * high).max(IDLES));
+        let (beyond, of) = driven.fold((0_usize, 0_usize), |(beyond, of), (tilt, _)| {
+            (beyond + usize::from(*tilt > TILT_RAD), of + 1)
+        });
+        if beyond as f64 > SHARE * of as f64 {
+            self.tilt = None;
+            self.lean = None;
+            self.sources.retain(|source| *source != "attitude");
+        }
     }
 
     pub(super) fn bins(&self) -> usize {
@@ -175,7 +227,7 @@ impl Signals {
     pub(super) fn breaks_after(&self, bin: usize) -> bool {
         self.start_s
             .get(bin + 1)
-            .is_some_and(|next| next - self.end_s[bin] > BREAK_S)
+            .is_some_and(|next| next - self.end_s[bin] > break_s(self.rate_hz))
     }
 
     /// Means over `seconds` about each bin.

@@ -1,11 +1,15 @@
 //! Ground, take-off, air, upset, landing, crash.
 //!
 //! A bin is on the ground where the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at rest, or
-//! has been so low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of flight.
+//! has been so low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of flight, unless it stands still while
+//! its motors change: propellers off, or tied down.
+//!
+//! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer says so: what lies on the ground feels its weight, what
+//! falls does not. It also pulls more than a blow: a force along the thrust while the motors are asked for much is no blow.
 
 use std::ops::Range;
 
-use super::signals::Signals;
+use super::signals::{IDLES, Signals};
 use super::{EventKind, FlightEvent, FlightPart, PartKind};
 
 /// Tilt beyond which the model's loads no longer hold, rad: 70°.
@@ -18,6 +22,19 @@ const BLOW: f64 = 35.0;
 const FALLEN_S: f64 = 3.0;
 /// Motors low and the vehicle at rest for so long: the ground, s.
 const REST_S: f64 = 0.6;
+/// Mean specific force of what falls with idle motors, m/s²: well below a weight, above the drag of a fall of 15 m/s.
+const FALLS: f64 = 7.0;
+/// Median rate of what neither lies nor is carried by hand, rad/s.
+const TURNS_RAD_S: f64 = 0.8;
+/// A fall takes its time to begin; what counts is after this, s.
+const FALL_BEGINS_S: f64 = 0.7;
+/// Thrust that racing quadrotors have, over their weight; beyond it a force along the thrust is a blow, too.
+const MOST_THRUST: f64 = 12.0 * 9.81;
+/// Motors that run and carry nothing: mean output from its 10 % to its 90 % level over the median …
+const CHANGES: f64 = 0.25;
+/// … and nothing moves, but for a tenth of the time at either end: deviation of force and rates.
+const UNMOVED_FORCE: f64 = 0.4;
+const UNMOVED_RATE_RAD_S: f64 = 0.05;
 /// Shorter runs are a motor test or a jerk of the throttle, s.
 const SHORTEST_FLIGHT_S: f64 = 1.5;
 /// Take-off and landing where no height tells, s.
@@ -36,6 +53,8 @@ const REST_FORCE: f64 = 0.6;
 const REST_RATE_RAD_S: f64 = 0.1;
 const REST_LEAN_RAD: f64 = 0.01;
 
+const UNMOVED_WHY: &str = "the motors run and the vehicle does not move (no propellers, or tied down)";
+
 /// All parts, without a hole but where the log has one.
 pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
     let bins = signals.bins();
@@ -51,13 +70,15 @@ pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
         )];
     };
     let level = ground_level(effort);
-    let on_ground = ground(signals, effort, level);
+    let (on_ground, unmoved) = ground(signals, effort, level);
     let mut found = Vec::new();
     let mut from = 0;
     for bin in 1..=bins {
-        if bin == bins || on_ground[bin] != on_ground[from] || signals.breaks_after(bin - 1) {
+        let same = |of: &[bool]| bin < bins && of[bin] == of[from];
+        if !same(&on_ground) || !same(&unmoved) || signals.breaks_after(bin - 1) {
             if on_ground[from] {
-                found.push(part(signals, from..bin, PartKind::Ground, ""));
+                let why = if unmoved[from] { UNMOVED_WHY } else { "" };
+                found.push(part(signals, from..bin, PartKind::Ground, why));
             } else {
                 flight(signals, from..bin, &on_ground, &mut found);
             }
@@ -113,6 +134,9 @@ fn ground_level(effort: &[f64]) -> f64 {
     sorted.sort_by(f64::total_cmp);
     let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
     let (low, high) = (at(0.02), at(0.9));
+    if at(0.995) < IDLES {
+        return f64::INFINITY;
+    }
     if low > IDLE_SHARE * high {
         IDLE
     } else {
@@ -120,7 +144,12 @@ fn ground_level(effort: &[f64]) -> f64 {
     }
 }
 
-fn ground(signals: &Signals, effort: &[f64], level: f64) -> Vec<bool> {
+/// Bins on the ground; and those of them in which motors run that carry nothing.
+fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool>) {
+    if level == f64::INFINITY {
+        // No motor ever leaves idle: whoever moves the vehicle, it does not fly.
+        return (vec![true; effort.len()], vec![false; effort.len()]);
+    }
     let smooth = signals.smooth(effort, 0.5);
     let still = at_rest(signals);
     let low: Vec<bool> = smooth.iter().map(|value| !beyond(*value, level)).collect();
@@ -135,11 +164,15 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> Vec<bool> {
             let resting = (from..bin).filter(|bin| still[*bin]).count();
             let at_end = from == 0 || bin == low.len();
             let lies = 2 * resting > bin - from && (length_s >= REST_S || at_end);
-            if !(lies || length_s >= FALLEN_S) {
+            if !(lies || length_s >= FALLEN_S && !falls(signals, from..bin) && !turns(signals, from..bin)) {
                 on_ground[from..bin].fill(false);
             }
         }
         from = bin;
+    }
+    let unmoved = stand_still(signals, effort, &on_ground);
+    for (on_ground, unmoved) in on_ground.iter_mut().zip(&unmoved) {
+        *on_ground |= unmoved;
     }
     // A jerk of the throttle is no flight.
     let mut from = 0;
@@ -153,7 +186,78 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> Vec<bool> {
         }
         from = bin;
     }
-    on_ground
+    (on_ground, unmoved)
+}
+
+/// Whether the accelerometer says of bins with idle motors that nothing carries the vehicle.
+fn falls(signals: &Signals, bins: Range<usize>) -> bool {
+    let Some(shock) = &signals.shock else {
+        return false;
+    };
+    let from_s = signals.start_s[bins.start] + FALL_BEGINS_S;
+    let fall = bins.filter(|bin| signals.start_s[*bin] >= from_s && shock[*bin].is_finite());
+    let mut forces: Vec<f64> = fall.map(|bin| shock[bin]).collect();
+    super::super::resample::median(&mut forces).is_some_and(|force| force < FALLS)
+}
+
+/// Whether the body turns for most of some bins, as nothing does that lies or is carried.
+fn turns(signals: &Signals, bins: Range<usize>) -> bool {
+    let Some([roll, pitch, yaw]) = &signals.rates else {
+        return false;
+    };
+    let rate = |bin: usize| (roll[bin].powi(2) + pitch[bin].powi(2) + yaw[bin].powi(2)).sqrt();
+    let mut rates: Vec<f64> = bins.map(rate).filter(|rate| rate.is_finite()).collect();
+    super::super::resample::median(&mut rates).is_some_and(|rate| rate > TURNS_RAD_S)
+}
+
+/// Runs of motors that change by much while force and rates do not move at all are on the ground.
+fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<bool> {
+    let mut found = vec![false; on_ground.len()];
+    let (Some(shock), Some(rates)) = (&signals.shock, &signals.rates) else {
+        return found;
+    };
+    let mut from = 0;
+    for bin in 1..=on_ground.len() {
+        if bin < on_ground.len() && on_ground[bin] == on_ground[from] && !signals.breaks_after(bin - 1) {
+            continue;
+        }
+        let run = from..bin;
+        from = bin;
+        if on_ground[run.start] {
+            continue;
+        }
+        let mut efforts: Vec<f64> = run.clone().map(|bin| effort[bin]).filter(|e| e.is_finite()).collect();
+        efforts.sort_by(f64::total_cmp);
+        let (Some(last), at) = (efforts.len().checked_sub(1), |share: f64| {
+            (share * efforts.len() as f64) as usize
+        }) else {
+            continue;
+        };
+        let [low, middle, high] = [0.1, 0.5, 0.9].map(|share| efforts[at(share).min(last)]);
+        let unmoved = |values: &[f64], most: f64| deviation(run.clone().map(|bin| values[bin])) < most;
+        if high - low > CHANGES * middle
+            && unmoved(shock, UNMOVED_FORCE)
+            && rates.iter().all(|rate| unmoved(rate, UNMOVED_RATE_RAD_S))
+        {
+            found[run].fill(true);
+        }
+    }
+    found
+}
+
+/// Of the values that are there, from their 10 % to their 90 % level: a jerk at an end does not count. 0 of none.
+fn deviation(values: impl Iterator<Item = f64>) -> f64 {
+    /// Deviations of a normal distribution between these levels.
+    const APART: f64 = 2.56;
+    let mut sorted: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        sorted
+            .get((share * sorted.len() as f64) as usize)
+            .copied()
+            .unwrap_or(0.0)
+    };
+    (at(0.9) - at(0.1)) / APART
 }
 
 /// Above a limit; what has no value is not.
@@ -307,7 +411,18 @@ impl Upset {
 
 fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     let tilt = |bin: usize| signals.tilt.as_ref().map_or(0.0, |tilt| tilt[bin]);
-    let shock = |bin: usize| signals.shock.as_ref().map_or(0.0, |shock| shock[bin]);
+    let pull = pulls(signals, run.clone());
+    // A force along the thrust is that of the motors, where they are asked for much.
+    let shock = |bin: usize| {
+        let (Some(shock), Some(force)) = (&signals.shock, &signals.force) else {
+            return 0.0;
+        };
+        if pull(bin) && force[bin] < MOST_THRUST {
+            (shock[bin].powi(2) - force[bin].powi(2)).max(0.0).sqrt()
+        } else {
+            shock[bin]
+        }
+    };
     let mut found: Vec<Upset> = Vec::new();
     for bin in run.clone() {
         let (tilt_rad, shock) = (tilt(bin), shock(bin));
@@ -333,6 +448,26 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
         }
     }
     found
+}
+
+/// Bins in which the motors are asked for more than usual, or were within the last tenth of a second.
+fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> bool {
+    const OVER_USUAL: f64 = 1.2;
+    const LAG_S: f64 = 0.15;
+    let effort = signals.effort.clone().unwrap_or_default();
+    let mut usual: Vec<f64> = run
+        .filter_map(|bin| effort.get(bin))
+        .copied()
+        .filter(|e| e.is_finite())
+        .collect();
+    let usual = super::super::resample::median(&mut usual).unwrap_or(f64::INFINITY);
+    let start_s = signals.start_s.clone();
+    move |bin| {
+        (0..=bin)
+            .rev()
+            .take_while(|before| start_s[bin] - start_s[*before] <= LAG_S)
+            .any(|before| effort.get(before).is_some_and(|effort| *effort > OVER_USUAL * usual))
+    }
 }
 
 /// Whether between two upsets the vehicle flies again: a second below 60°.

@@ -227,3 +227,145 @@ fn val_a_gap_parts_two_flights() {
     assert_eq!(parts.in_the_air().len(), 2, "{parts:?}");
     assert_eq!(parts.events[0].kind, EventKind::Gap);
 }
+
+#[test]
+fn regress_motors_that_only_idle_are_on_the_ground() {
+    let columns = [&DUTIES[..], &RATES, &["accel_z_m_s2"]].concat();
+    let log = flown_with(&columns, |_, row| Row {
+        duty: [0.048; 4],
+        rate: 0.0,
+        accel_z: -9.81,
+        ..row
+    });
+    assert_eq!(kinds(&log.flight_parts(None)), [PartKind::Ground]);
+    let off = flown_with(&DUTIES, |_, row| Row { duty: [0.0; 4], ..row });
+    assert_eq!(kinds(&off.flight_parts(None)), [PartKind::Ground]);
+    // Turned about by hand, as for the calibration of a compass.
+    let columns = [&columns[..], &ATTITUDE].concat();
+    let by_hand = flown_with(&columns, |t, row| Row { duty: [0.0; 4], rate: 2.0, roll: 2.0 * t.sin(), ..row });
+    assert_eq!(kinds(&by_hand.flight_parts(None)), [PartKind::Ground]);
+}
+
+/// As a racing quadrotor whose propellers are off: the controller winds up, nothing moves, and somebody takes it away in the end.
+#[test]
+fn regress_motors_that_carry_nothing_do_not_fly() {
+    let columns = [&DUTIES[..], &RATES, &["accel_z_m_s2"]].concat();
+    let log = flown_with(&columns, |t, row| Row {
+        duty: [(0.05 + 0.015 * (t - 5.0)).clamp(0.05, 0.35); 4],
+        rate: if t > 29.5 { 5.0 } else { 0.002 * (40.0 * t).sin() },
+        accel_z: -9.7 + 0.2 * (90.0 * t).sin(),
+        ..row
+    });
+    let parts = log.flight_parts(None);
+    assert_eq!(parts.air_s(), 0.0, "{parts:?}");
+    assert!(
+        parts.no_flight().is_some_and(|why| why.contains("does not move")),
+        "{parts:?}"
+    );
+    assert!(
+        parts.parts.iter().any(|part| part.why.contains("does not move")),
+        "{parts:?}"
+    );
+    // A hover, whose motors hardly change, stays a flight.
+    let hover = flown_with(&columns, |_, row| Row {
+        rate: 0.002 * row.rate,
+        accel_z: -9.81,
+        ..row
+    });
+    assert!(hover.flight_parts(None).air_s() > 10.0);
+}
+
+/// Telemetry at 1 Hz, every now and then some seconds late: each row was a part of its own, and a heading that turned between two rows a jump.
+#[test]
+fn regress_slow_telemetry_is_one_flight() {
+    let mut t = 0.0;
+    let mut time = Vec::new();
+    while t < 120.0 {
+        time.push(t);
+        t += if time.len() % 9 == 0 { 3.1 } else { 1.2 };
+    }
+    let flies = |t: f64| (30.0..90.0).contains(&t);
+    let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+    let mut columns: Vec<(String, Vec<f64>)> = DUTIES
+        .iter()
+        .map(|name| ((*name).to_owned(), of(&|t| if flies(t) { 0.5 } else { 0.0 })))
+        .collect();
+    for name in ["roll_rad", "pitch_rad"].iter().chain(&RATES) {
+        columns.push((
+            (*name).to_owned(),
+            of(&|t| if flies(t) { 0.05 * (7.0 * t).sin() } else { 0.0 }),
+        ));
+    }
+    columns.push((
+        "yaw_rad".to_owned(),
+        of(&|t| if (50.0..51.0).contains(&t) { 1.5 } else { 0.0 }),
+    ));
+    columns.push((
+        "position_down_m".to_owned(),
+        of(&|t| if flies(t) { -10.0 } else { 0.0 }),
+    ));
+    let log = FlightLog::from_columns("slow", time.clone(), columns).expect("a log");
+    let parts = log.flight_parts(None);
+    assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
+    assert!(parts.events.iter().all(|e| e.kind == EventKind::Gap), "{parts:?}");
+}
+
+/// A pilot pulls 6 g along the thrust, then falls with idle motors for 5 s, rolling; without attitude in the log this was a crash and a landing.
+#[test]
+fn regress_a_pull_and_a_fall_are_no_crash() {
+    let columns = [&DUTIES[..], &RATES, &["accel_z_m_s2"]].concat();
+    let fall = |turning: f64, force: f64| {
+        flown_with(&columns, move |t, row| match t {
+            12.0..12.6 => Row {
+                duty: [0.95; 4],
+                accel_z: -60.0,
+                ..row
+            },
+            12.6..17.6 => Row {
+                duty: [0.06; 4],
+                accel_z: -force,
+                rate: turning,
+                ..row
+            },
+            _ => row,
+        })
+    };
+    // What falls feels no weight; what rolls at 3 rad/s does not lie.
+    for log in [fall(0.0, 3.0), fall(3.0, 9.0)] {
+        let parts = log.flight_parts(None);
+        assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
+        assert!(parts.air_s() > 13.0, "{parts:?}");
+    }
+    // What lies feels its weight.
+    assert_ne!(kinds(&fall(0.0, 9.8).flight_parts(None)), WHOLE);
+    // A blow across the thrust ends a flight that does not go on.
+    let blow = flown_with(&columns, |t, row| match t {
+        12.0..12.1 => Row {
+            duty: [0.06; 4],
+            accel_z: -60.0,
+            ..row
+        },
+        12.1.. => Row {
+            duty: [0.0; 4],
+            accel_z: -9.81,
+            rate: 0.0,
+            ..row
+        },
+        _ => row,
+    });
+    let parts = blow.flight_parts(None);
+    assert!(parts.parts.iter().any(|part| part.kind == PartKind::Crash), "{parts:?}");
+}
+
+/// An attitude that lies on its back for half of the flight is no vehicle's.
+#[test]
+fn regress_an_attitude_that_ran_away_makes_no_crash() {
+    let columns = [&DUTIES[..], &ATTITUDE].concat();
+    let log = flown_with(&columns, |t, row| Row {
+        roll: 0.3 * (t - 5.0).max(0.0),
+        ..row
+    });
+    let parts = log.flight_parts(None);
+    assert!(parts.parts.iter().all(|part| part.kind != PartKind::Crash), "{parts:?}");
+    assert!(!parts.found_from.contains(&"attitude"), "{parts:?}");
+}

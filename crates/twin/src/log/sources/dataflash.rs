@@ -7,6 +7,7 @@
 //! `Instance`, or `C` of the estimator cores) becomes a stream per instance. Bytes that are no message are skipped and counted.
 
 use super::{Cursor, Number, RawStream, Room, SourceLog};
+use crate::log::happenings::{MOST_CHANGES, ParameterChange};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
@@ -165,6 +166,9 @@ fn read_message(message: &Message, payload: &[u8], gathered: &mut Gathered) -> R
 pub(super) struct Gathered {
     streams: BTreeMap<(String, u16), Gathering>,
     parameters: BTreeMap<String, f64>,
+    /// As they were set last.
+    set: BTreeMap<String, f64>,
+    changes: Vec<ParameterChange>,
     /// Messages so far.
     order: usize,
     room: Room,
@@ -206,6 +210,8 @@ impl Gathered {
         Self {
             streams: BTreeMap::new(),
             parameters: BTreeMap::new(),
+            set: BTreeMap::new(),
+            changes: Vec::new(),
             order: 0,
             room,
         }
@@ -221,6 +227,18 @@ impl Gathered {
             if let (Some(name), Some((_, value))) = (name, values.iter().find(|(label, _)| *label == "Value")) {
                 Room::parameter(self.parameters.len())?;
                 self.parameters.entry(name.to_owned()).or_insert(*value);
+                let before = self.set.insert(name.to_owned(), *value);
+                let time_us = values.iter().find(|(label, _)| *label == "TimeUS");
+                if let (Some(before), Some((_, time_us))) = (before.filter(|before| before != value), time_us)
+                    && self.changes.len() < MOST_CHANGES
+                {
+                    self.changes.push(ParameterChange {
+                        time_s: 1e-6 * time_us,
+                        name: name.to_owned(),
+                        before,
+                        after: *value,
+                    });
+                }
             }
             return Ok(());
         }
@@ -270,6 +288,7 @@ impl Gathered {
     pub(super) fn finish(mut self) -> SourceLog {
         let mut log = SourceLog {
             parameters: std::mem::take(&mut self.parameters),
+            parameter_changes: std::mem::take(&mut self.changes),
             ..SourceLog::default()
         };
         let untimed = self

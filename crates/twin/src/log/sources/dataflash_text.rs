@@ -46,7 +46,10 @@ pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
             let at = labels.iter().position(|label| *label == "Name").unwrap_or(0);
             let value = cells.get(at + 1).and_then(|cell| cell.parse().ok());
             if let Some(value) = value {
-                gathered.push(name, &[("Value", value)], Some(cells[at]))?;
+                let time = labels.iter().position(|label| *label == "TimeUS");
+                let time = time.and_then(|at| Some(("TimeUS", cells[at].parse().ok()?)));
+                let values: Vec<(&str, f64)> = time.into_iter().chain([("Value", value)]).collect();
+                gathered.push(name, &values, Some(cells[at]))?;
             }
             continue;
         }

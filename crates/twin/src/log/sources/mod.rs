@@ -16,6 +16,7 @@ mod ulog;
 mod usdlog;
 
 use super::MAX_COLUMNS;
+use super::happenings::ParameterChange;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Most descriptions of messages, streams, and topics that are logged twice; logs of real flights have some hundreds.
@@ -135,6 +136,8 @@ impl Asked<'_> {
 pub(crate) struct SourceLog {
     pub(crate) streams: Vec<RawStream>,
     pub(crate) parameters: BTreeMap<String, f64>,
+    /// In the order of time.
+    pub(crate) parameter_changes: Vec<ParameterChange>,
     pub(crate) notes: Vec<String>,
     /// What is in the file and was not read.
     pub(crate) unread: Vec<Unread>,

@@ -12,6 +12,7 @@
 //! Limits: a telemetry link gives 1 to 20 samples per second and loses frames; signed frames are read without checking the signature.
 
 use super::{Cursor, Number, RawStream, Room, SourceLog};
+use crate::log::happenings::{MOST_CHANGES, ParameterChange};
 use std::collections::BTreeMap;
 
 /// 2005 and 2100, µs since 1970: what a ground station's clock can say.
@@ -54,7 +55,7 @@ const U32: Number = Number::U32;
 const U8: Number = Number::U8;
 
 /// MAVLink's `common.xml`.
-const KINDS: [Kind; 10] = [
+const KINDS: [Kind; 12] = [
     Kind {
         id: 0,
         name: "HEARTBEAT",
@@ -163,6 +164,32 @@ const KINDS: [Kind; 10] = [
             ("vx", I16),
             ("vy", I16),
             ("vz", I16),
+        ],
+    },
+    Kind {
+        id: 35,
+        name: "RC_CHANNELS_RAW",
+        extra: 244,
+        stamp: Stamp::BootMs,
+        fields: &[
+            ("time_boot_ms", U32),
+            ("chan1_raw", U16),
+            ("chan2_raw", U16),
+            ("chan3_raw", U16),
+            ("chan4_raw", U16),
+        ],
+    },
+    Kind {
+        id: 65,
+        name: "RC_CHANNELS",
+        extra: 118,
+        stamp: Stamp::BootMs,
+        fields: &[
+            ("time_boot_ms", U32),
+            ("chan1_raw", U16),
+            ("chan2_raw", U16),
+            ("chan3_raw", U16),
+            ("chan4_raw", U16),
         ],
     },
     Kind {
@@ -310,6 +337,7 @@ pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
     let mut log = SourceLog::default();
     let mut cursor = Cursor { bytes };
     let (mut samples, mut vehicle) = (Vec::new(), None);
+    let mut changes: Vec<(u64, ParameterChange)> = Vec::new();
     let (mut lost_bytes, mut broken, mut others) = (0_usize, 0_usize, 0_usize);
     while !cursor.bytes.is_empty() {
         let Some(frame) = Frame::read(&mut cursor) else {
@@ -341,7 +369,18 @@ pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
                 && values[0].is_finite()
             {
                 Room::parameter(log.parameters.len())?;
-                log.parameters.insert(name.to_owned(), values[0]);
+                let before = log.parameters.insert(name.to_owned(), values[0]);
+                if let Some(before) = before.filter(|before| *before != values[0])
+                    && changes.len() < MOST_CHANGES
+                {
+                    let change = ParameterChange {
+                        time_s: 0.0,
+                        name: name.to_owned(),
+                        before,
+                        after: values[0],
+                    };
+                    changes.push((frame.received_us, change));
+                }
             }
             continue;
         }
@@ -374,6 +413,11 @@ pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
     );
     let (streams, unix_s) = streams(&samples);
     log.streams = streams;
+    let on_the_clock = |(received_us, change): (u64, ParameterChange)| ParameterChange {
+        time_s: 1e-6 * received_us as f64 - unix_s,
+        ..change
+    };
+    log.parameter_changes = changes.into_iter().map(on_the_clock).collect();
     log.utc = Some((unix_s, "the ground station's clock"));
     Ok(log)
 }

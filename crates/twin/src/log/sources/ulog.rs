@@ -9,6 +9,7 @@
 //! Limits: a topic may have [`MAX_COLUMNS`] numbers and texts, and types may nest [`MAX_DEPTH`] deep; the rest is in [`Room`].
 
 use super::{Cursor, MAX_COLUMNS, Number, RawStream, Room, SourceLog};
+use crate::log::happenings::{MOST_CHANGES, ParameterChange};
 use std::collections::BTreeMap;
 
 pub(super) const MAGIC: &[u8] = &[b'U', b'L', b'o', b'g', 0x01, 0x12, 0x35];
@@ -128,6 +129,10 @@ struct Parser {
     topics: BTreeMap<u16, Topic>,
     finished: Vec<RawStream>,
     log: SourceLog,
+    /// Of the last sample of any topic, s.
+    now_s: f64,
+    /// As they were set last.
+    set: BTreeMap<String, f64>,
     dropouts: usize,
     dropout_ms: u64,
     unknown_types: usize,
@@ -145,6 +150,8 @@ pub(super) fn parse(bytes: &[u8], room: Room) -> Result<SourceLog, String> {
         topics: BTreeMap::new(),
         finished: Vec::new(),
         log: SourceLog::default(),
+        now_s: f64::NEG_INFINITY,
+        set: BTreeMap::new(),
         dropouts: 0,
         dropout_ms: 0,
         unknown_types: 0,
@@ -227,6 +234,17 @@ impl Parser {
         let mut read = read;
         if let Some((name, value)) = read() {
             Room::parameter(self.log.parameters.len())?;
+            let before = self.set.insert(name.clone(), value);
+            if let Some(before) = before.filter(|before| *before != value && self.now_s.is_finite())
+                && self.log.parameter_changes.len() < MOST_CHANGES
+            {
+                self.log.parameter_changes.push(ParameterChange {
+                    time_s: self.now_s,
+                    name: name.clone(),
+                    before,
+                    after: value,
+                });
+            }
             self.log.parameters.entry(name).or_insert(value);
         }
         Ok(())
@@ -289,7 +307,8 @@ impl Parser {
         }
         match time_us {
             Some(time_us) if values.len() == topic.stream.fields.len() => {
-                topic.stream.time_s.push(time_us * 1e-6);
+                self.now_s = time_us * 1e-6;
+                topic.stream.time_s.push(self.now_s);
                 for ((_, column), value) in topic.stream.fields.iter_mut().zip(values) {
                     column.push(value);
                 }

@@ -88,6 +88,7 @@ pub(in crate::log) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, S
         return Err("no two lines with a time; a log decoded by blackbox_decode was expected".to_owned());
     }
     counts(&mut stream, &mut log);
+    battery(&mut stream, &mut log);
     motors(&stream, &mut log);
     log.notes.push(
         "decoded blackbox log: scales of its header are lost and taken from the numbers; the .bbl itself tells them"
@@ -129,6 +130,29 @@ fn counts(stream: &mut RawStream, log: &mut SourceLog) {
         fields::add(stream, "accSmooth", "acc", &[1.0 / one_g; 3]);
         log.notes.push(format!("accSmooth: 1 g taken as {one_g} counts"));
     }
+}
+
+/// The tool scales voltage and current by rules of one firmware; what comes out for another is not believed.
+fn battery(stream: &mut RawStream, log: &mut SourceLog) {
+    /// Less than one cell under load, more than any stack of a multirotor, V.
+    const VOLTS: std::ops::RangeInclusive<f64> = 2.5..=100.0;
+    let Some((_, volts)) = stream.fields.iter().find(|(name, _)| name == "voltage_v") else {
+        return;
+    };
+    let mut finite: Vec<f64> = volts.iter().copied().filter(|volts| volts.is_finite()).collect();
+    let Some(median) = crate::log::resample::median(&mut finite) else {
+        return;
+    };
+    // 0 V: no battery is connected to the sensor; that is no question of a scale.
+    if median == 0.0 || VOLTS.contains(&median) {
+        return;
+    }
+    stream
+        .fields
+        .retain(|(name, _)| !["voltage_v", "current_a"].contains(&name.as_str()));
+    log.notes.push(format!(
+        "voltage and current left out: the tool that decoded the log wrote a median of {median:.2} V, which flies nothing; the .bbl itself has them"
+    ));
 }
 
 /// The range of the motors by what they reach.
@@ -190,6 +214,15 @@ mod tests {
             (log.parameters["motor_low"], log.parameters["motor_high"]),
             (48.0, 2047.0)
         );
+    }
+
+    #[test]
+    fn regress_a_voltage_of_another_firmwares_scale_does_not_cost_the_log() {
+        let log = parse(text(50).replace("15.3", "1.53").as_bytes(), Room::new(1 << 16)).unwrap();
+        assert!(!has(&log.streams[0], "voltage_v") && has(&log.streams[0], "gyro[0]"));
+        assert!(log.notes.iter().any(|note| note.contains("1.53 V")), "{:?}", log.notes);
+        let flat = parse(text(50).replace("15.3", "0").as_bytes(), Room::new(1 << 16)).unwrap();
+        assert!(has(&flat.streams[0], "voltage_v"));
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
     } else {
         1.0
     };
-    let gyro_scale = header.number("gyro_scale").unwrap_or(1.0) * fine;
+    let gyro_scale = gyro_scale(header) * fine;
     add(stream, "gyroADC", "gyro", &[gyro_scale; 3]);
     let one_g = header
         .number("acc_1G")
@@ -38,6 +38,20 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
         add(stream, "attitude", "euler", &[0.1, -0.1, 0.1]);
         add(stream, "navPos", "position", &[0.01, 0.01, -0.01]);
         add(stream, "navVel", "velocity", &[0.01, 0.01, -0.01]);
+    }
+}
+
+/// Degrees per second of one count. Firmware before 2016 writes `gyro.scale`; Baseflight's is in radians per microsecond.
+fn gyro_scale(header: &Header) -> f64 {
+    /// No gyroscope has counts so small in degrees per second.
+    const LEAST_DEG_S: f64 = 1e-5;
+    let scale = ["gyro_scale", "gyro.scale"]
+        .into_iter()
+        .find_map(|key| header.number(key));
+    match scale.filter(|scale| *scale > 0.0) {
+        None => 1.0,
+        Some(scale) if scale < LEAST_DEG_S => (scale * 1e6).to_degrees(),
+        Some(scale) => scale,
     }
 }
 

@@ -129,3 +129,24 @@ fn prop_no_bytes_panic() {
         drop(parse_log(Format::Blackbox, &file, &asked()));
     }
 }
+
+/// Header lines of three generations, and the rate of one count that each means, deg/s.
+#[test]
+fn regress_firmware_before_2016_writes_the_scale_of_its_gyroscope_under_another_key() {
+    let whole: &[u8] = &[b'I', 4, 0xe8, 0x07, 2, 1, 4, 42, 10];
+    let end: &[u8] = b"E\xffEnd of log\0";
+    let later: &[u8] = &[b'I', 8, 0xd0, 0x0f, 2, 1, 4, 42, 10];
+    for (line, deg_s) in [
+        ("H gyro_scale:0x3f800000\n", 1.0),
+        // 1/16.4, of Cleanflight.
+        ("H gyro.scale:0x3d79c190\n", 1.0 / 16.4),
+        // (1/16.4)·π/180·10⁻⁶, of Baseflight.
+        ("H gyro.scale:0x30924418\n", 1.0 / 16.4),
+        ("", 1.0),
+    ] {
+        let header = HEADER.replace("H gyro_scale:0x3f800000\n", line);
+        let log = stream(&bytes(&header, &[whole, later, end]));
+        let rate = column(&log, "gyro[0]")[0];
+        assert!((rate / deg_s - 1.0).abs() < 1e-3, "{line}: {rate}");
+    }
+}

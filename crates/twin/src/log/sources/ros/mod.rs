@@ -220,6 +220,7 @@ impl<'a> Recording<'a> {
             .collect();
         choose::choose(&mut streams, self.asked, &mut self.notes);
         Ok(SourceLog {
+            parameter_changes: Vec::new(),
             streams,
             parameters: BTreeMap::new(),
             notes: self.notes,
