@@ -13,6 +13,7 @@
 //! * [`propose`]: what would explain an error that is in no catalogue.
 //! * [`improve`]: the loop over these, version by version.
 //! * [`identify`]: a vehicle with intervals from flight logs, mass and arm.
+//! * [`flight_picture`]: a flight as people look at it: trajectory, parts, events, motor outputs, vibration.
 //! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
@@ -23,6 +24,7 @@ pub mod bench_fit;
 pub mod compare;
 pub mod diagnose;
 pub mod estimation;
+pub mod flight_picture;
 pub mod identify;
 pub mod improve;
 pub mod log;

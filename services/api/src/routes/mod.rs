@@ -15,6 +15,7 @@ mod exports;
 mod fdi;
 mod fdi_reports;
 mod fdi_stream;
+mod flights;
 mod geometry;
 mod identifications;
 mod jobs;
@@ -150,6 +151,8 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .merge(classifiers::classifiers::routes())
         .routes(routes!(log_examples::generate))
         .routes(routes!(log_examples::truth))
+        .routes(routes!(flights::of_log))
+        .routes(routes!(flights::of_run))
         .routes(routes!(log_telemetry::channels))
         .routes(routes!(log_telemetry::telemetry))
         .routes(routes!(logs::again))
