@@ -15,6 +15,7 @@
 //! * [`identify`]: a vehicle with intervals from flight logs, mass and arm.
 //! * [`flight_picture`]: a flight as people look at it: trajectory, parts, events, motor outputs, vibration.
 //! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
+//! * [`sandbox`]: what an effect does to a flight, for people who look it up.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
@@ -32,6 +33,7 @@ pub mod model;
 pub mod next_flight;
 pub mod predict;
 pub mod propose;
+pub mod sandbox;
 mod schema;
 
 /// Half of a 95 % interval of a normal distribution, in standard deviations: what stands behind every `±`.

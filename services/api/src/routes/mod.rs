@@ -32,6 +32,7 @@ mod queries;
 mod residuals;
 mod results;
 mod runs;
+mod sandbox;
 mod server;
 mod session;
 mod submissions;
@@ -152,6 +153,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(log_examples::generate))
         .routes(routes!(log_examples::truth))
         .routes(routes!(flights::of_log))
+        .routes(routes!(sandbox::picture))
         .routes(routes!(flights::of_run))
         .routes(routes!(log_telemetry::channels))
         .routes(routes!(log_telemetry::telemetry))
