@@ -164,8 +164,14 @@ fn picture_text(picture: &EffectPicture) -> String {
             "\n{}: {:.3e} {} (root mean square of means over 0.25 s; noise {:.3e})\n",
             channel.channel, channel.rms, channel.unit, channel.noise
         );
-        let Some(over) = channel.conditions.first() else { continue };
-        let mut table = Grid::new([format!("{}, {}", over.title, over.unit), format!("what it does, {}", channel.unit)]).numbers([0, 1]);
+        let Some(over) = channel.conditions.first() else {
+            continue;
+        };
+        let mut table = Grid::new([
+            format!("{}, {}", over.title, over.unit),
+            format!("what it does, {}", channel.unit),
+        ])
+        .numbers([0, 1]);
         for (at, does) in over.at.iter().zip(&over.does) {
             table.add_row([format!("{at:.3}"), format!("{does:.4}")]);
         }

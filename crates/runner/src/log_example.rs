@@ -44,7 +44,9 @@ fn fly_one(job: &Job, out: &Path) -> Result<(FlightPlan, Vec<Row>, Nuisances), F
         let rotors = plan.vehicle.rotors.len();
         plan.effects = match (&job.effect, job.preset) {
             (Some(text), _) => example::effect(text, rotors, seed)?,
-            (None, preset) => preset.unwrap_or(Example::HiddenEffect).effects(rotors, job.duration_s, seed),
+            (None, preset) => preset
+                .unwrap_or(Example::HiddenEffect)
+                .effects(rotors, job.duration_s, seed),
         };
         draw += 1;
         match fly(&plan) {

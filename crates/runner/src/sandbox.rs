@@ -48,7 +48,8 @@ pub fn picture(
             Err(reason) => refused = Some(reason),
         }
     }
-    let (manoeuvre, channels) = best.ok_or_else(|| refused.unwrap_or_else(|| "no manoeuvre can be flown".to_owned()))?;
+    let (manoeuvre, channels) =
+        best.ok_or_else(|| refused.unwrap_or_else(|| "no manoeuvre can be flown".to_owned()))?;
     Ok(EffectPicture {
         effect: effect.effect.clone(),
         rotor: effect.rotor,
@@ -63,7 +64,9 @@ pub fn picture(
 }
 
 fn chosen(flight: Option<&str>) -> Result<Vec<&'static Manoeuvre>, String> {
-    let Some(name) = flight else { return Ok(MANOEUVRES.iter().collect()) };
+    let Some(name) = flight else {
+        return Ok(MANOEUVRES.iter().collect());
+    };
     let found = MANOEUVRES.iter().find(|manoeuvre| manoeuvre.name == name);
     found.map(|manoeuvre| vec![manoeuvre]).ok_or_else(|| {
         let names: Vec<&str> = MANOEUVRES.iter().map(|manoeuvre| manoeuvre.name).collect();
@@ -109,7 +112,11 @@ mod tests {
         let drag = EffectInstance::new("rotor-drag", &[("drag_n_s_m", 0.25)]);
         let picture = picture(&model, &catalogue, &drag, None).unwrap();
         let forward = picture.channels.iter().find(|one| one.channel == "fx").expect("fx");
-        let speed = forward.conditions.iter().find(|one| one.condition == "forward_speed").expect("speed");
+        let speed = forward
+            .conditions
+            .iter()
+            .find(|one| one.condition == "forward_speed")
+            .expect("speed");
         // a_x = −k_d/m v_x near hover; bins of a turning vehicle average over its tilts.
         let slope = (speed.does.last().unwrap() - speed.does[0]) / (speed.at.last().unwrap() - speed.at[0]);
         let expected = -0.25 / model.vehicle.body.mass_kg;
@@ -123,7 +130,10 @@ mod tests {
         let mut bare = Vec::new();
         for entry in catalogue.entries() {
             let rotor = entry.per_rotor.then_some(1);
-            let rival = Rival { effect: entry.id.to_owned(), rotor };
+            let rival = Rival {
+                effect: entry.id.to_owned(),
+                rotor,
+            };
             let effect = rival.typical(&catalogue).unwrap();
             match picture(&model, &catalogue, &effect, None) {
                 Ok(found) if found.channels.is_empty() => bare.push(entry.id.to_owned()),

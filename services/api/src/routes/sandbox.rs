@@ -51,11 +51,15 @@ pub(crate) async fn picture(
     let (Path(effect), Query(asked)) = (effect?, asked?);
     let library = app.library(&caller).await?;
     if library.catalogue()?.find(&effect).is_none() {
-        return Err(Problem::not_found(format!("there is no effect '{effect}' in the catalogue")));
+        return Err(Problem::not_found(format!(
+            "there is no effect '{effect}' in the catalogue"
+        )));
     }
     // Only to be refused by name.
     library.vehicle_documents(&asked.vehicle)?;
-    let named = asked.rotor.map_or_else(|| effect.clone(), |rotor| format!("{effect}#{rotor}"));
+    let named = asked
+        .rotor
+        .map_or_else(|| effect.clone(), |rotor| format!("{effect}#{rotor}"));
     let mut words: Vec<OsString> = vec![
         "effects".into(),
         "plot".into(),
@@ -80,15 +84,19 @@ pub(crate) async fn picture(
     }
     let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
-        return Err(Problem::unavailable("other questions are being answered; expected a later try"));
+        return Err(Problem::unavailable(
+            "other questions are being answered; expected a later try",
+        ));
     };
     let patience = Patience {
         memory: app.config.work.job_memory,
         wall: PATIENCE,
     };
-    let text = answer(&app.config.work.program, words, patience).await.map_err(|mut problem| {
-        problem.detail = library.without_root(&problem.detail);
-        problem
-    })?;
+    let text = answer(&app.config.work.program, words, patience)
+        .await
+        .map_err(|mut problem| {
+            problem.detail = library.without_root(&problem.detail);
+            problem
+        })?;
     Ok(([(CONTENT_TYPE, "application/json")], text).into_response())
 }
