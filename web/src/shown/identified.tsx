@@ -1,7 +1,7 @@
 /** A vehicle that was identified from flights: the plain answer, where its rotors are, each value with interval and source, what of the flights
  * was used, and how well each half of a flight is predicted by what the other half gave. Asks no server. */
 import { For, type JSX, Show } from "solid-js";
-import { count, percent, short } from "../format";
+import { count, short } from "../format";
 import { type Estimate, type Identification, adviceOf, adviceText, answerOf, bandWords, channelWords, predicted, groupsOf, knownHow, rotorsOf, sourceOf, usedLane } from "../model/identify";
 import { Panel } from "../parts/bits";
 import { VehiclePicture } from "../parts/vehicle-picture";
