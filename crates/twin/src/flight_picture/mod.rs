@@ -17,11 +17,8 @@ use crate::log::flight_parts::FlightParts;
 use crate::log::{FlightLog, names};
 use vibration::Vibration;
 
-/// Buckets of a series, at most: as many as a screen shows.
+/// Vec<Option<f64>> of a series, at most: as many as a screen shows.
 pub const BUCKETS: usize = 800;
-
-/// Values by bucket; `null`: none.
-pub type Buckets = Vec<Option<f64>>;
 
 /// A flight over time.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
@@ -41,11 +38,11 @@ pub struct FlightPicture {
     /// North and east, m; absent where the log has no position.
     pub track: Option<Track>,
     /// Above the zero of the log's position, or above the ground where it has only that, m.
-    pub height_m: Option<Buckets>,
+    pub height_m: Option<Vec<Option<f64>>>,
     /// Roll, pitch and yaw, degrees; yaw goes beyond 180° instead of jumping.
-    pub attitude_deg: Option<[Buckets; 3]>,
+    pub attitude_deg: Option<[Vec<Option<f64>>; 3]>,
     /// At the battery's terminals, V.
-    pub voltage_v: Option<Buckets>,
+    pub voltage_v: Option<Vec<Option<f64>>>,
     /// What each motor was told.
     pub outputs: Vec<MotorOutput>,
     /// Largest output: where motors are saturated.
@@ -58,9 +55,9 @@ pub struct FlightPicture {
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Track {
     /// m.
-    pub north_m: Buckets,
+    pub north_m: Vec<Option<f64>>,
     /// m.
-    pub east_m: Buckets,
+    pub east_m: Vec<Option<f64>>,
 }
 
 /// Duty of one motor.
@@ -69,11 +66,11 @@ pub struct MotorOutput {
     /// From 1, as in `duty_1`.
     pub output: usize,
     /// 1 is full.
-    pub mean: Buckets,
+    pub mean: Vec<Option<f64>>,
     /// Lowest sample.
-    pub low: Buckets,
+    pub low: Vec<Option<f64>>,
     /// Highest sample.
-    pub high: Buckets,
+    pub high: Vec<Option<f64>>,
 }
 
 impl FlightPicture {
@@ -138,7 +135,7 @@ impl Cut {
         }
     }
 
-    fn means(&self, values: impl IntoIterator<Item = f64>) -> Buckets {
+    fn means(&self, values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>> {
         let values: Vec<f64> = values.into_iter().collect();
         let mean = |bucket: &[f64]| {
             let known = bucket.iter().filter(|value| value.is_finite());
@@ -147,7 +144,7 @@ impl Cut {
         values.chunks(self.rows).map(mean).collect()
     }
 
-    fn extremes(&self, values: &[f64], pick: fn(f64, f64) -> f64) -> Buckets {
+    fn extremes(&self, values: &[f64], pick: fn(f64, f64) -> f64) -> Vec<Option<f64>> {
         let extreme = |bucket: &[f64]| {
             let known = bucket.iter().copied().filter(|value| value.is_finite());
             known.reduce(pick).and_then(rounded)
