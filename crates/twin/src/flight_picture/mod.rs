@@ -17,7 +17,7 @@ use crate::log::flight_parts::FlightParts;
 use crate::log::{FlightLog, names};
 use vibration::Vibration;
 
-/// Vec<Option<f64>> of a series, at most: as many as a screen shows.
+/// Buckets of a series, at most: as many as a screen shows.
 pub const BUCKETS: usize = 800;
 
 /// A flight over time.
