@@ -4,8 +4,12 @@ use crate::output;
 use clap::{Parser, Subcommand};
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, EffectDocument, ParameterKind, page};
 use rotortwin_runner::grid::{Grid, fold};
-use rotortwin_runner::text;
+use rotortwin_runner::next_flight::catalogue_of;
+use rotortwin_runner::{sandbox, text};
 use rotortwin_scenario::{ConfigError, effect_documents};
+use rotortwin_twin::model::ModelStore;
+use rotortwin_twin::next_flight::Rival;
+use rotortwin_twin::sandbox::EffectPicture;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -32,6 +36,27 @@ enum Command {
         /// Id of the effect
         id: String,
     },
+    /// What it does to a simulated flight, over the flight condition that excites it
+    Plot(PlotArgs),
+}
+
+/// Which effect, on which vehicle.
+#[derive(Debug, clap::Args)]
+struct PlotArgs {
+    /// Id of the effect; with the rotor where it has one: rotor-thrust-scale#3
+    id: String,
+    /// Vehicle or model: MODEL, MODEL@BRANCH, MODEL@v2, or a file
+    #[arg(long, value_name = "MODEL", default_value = "f550")]
+    model: String,
+    /// Folder of the models
+    #[arg(long, value_name = "DIR", default_value = "models")]
+    models: PathBuf,
+    /// Value of a parameter, such as drag_n_s_m=0.3; without it the typical one
+    #[arg(long, value_name = "NAME=VALUE")]
+    set: Vec<String>,
+    /// Manoeuvre to fly; without it all are flown, and the one that shows the effect best is taken
+    #[arg(long, value_name = "NAME")]
+    flight: Option<String>,
 }
 
 /// The built-in effects and those of the documents.
@@ -63,6 +88,14 @@ pub(crate) fn run(args: &Args) -> ExitCode {
                 catalogue.nearest(id)
             )),
         },
+        Some(Command::Plot(plot)) => match picture(plot, &args.effects) {
+            Ok(picture) if args.json => print_json(serde_json::to_string(&picture)),
+            Ok(picture) => {
+                print!("{}", output::fitted(&picture_text(&picture)));
+                ExitCode::SUCCESS
+            }
+            Err(sentence) => output::bad_input(sentence),
+        },
         None if args.json => print_json(serde_json::to_string_pretty(catalogue.entries())),
         None => {
             println!("{}", table(&catalogue));
@@ -79,6 +112,72 @@ fn print_json(text: serde_json::Result<String>) -> ExitCode {
         }
         Err(error) => output::failed(error),
     }
+}
+
+/// The effect at its typical values, with those that were set, on a flight of the vehicle.
+fn picture(args: &PlotArgs, files: &[PathBuf]) -> Result<EffectPicture, String> {
+    let found = ModelStore::new(&args.models).find(&args.model);
+    let version = found.map_err(|error| error.to_string())?.version;
+    let documents: Result<Vec<EffectDocument>, ConfigError> = files.iter().map(effect_documents::load).collect();
+    let version = version.with_documents(&documents.map_err(|error| error.to_string())?);
+    let catalogue = catalogue_of(&version)?;
+    let mut effect = Rival::parse(&args.id, &catalogue)?.typical(&catalogue)?;
+    for setting in &args.set {
+        let (name, value) = setting
+            .split_once('=')
+            .ok_or_else(|| format!("--set {setting}: expected NAME=VALUE"))?;
+        let number: f64 = value
+            .parse()
+            .map_err(|_| format!("--set {setting}: expected a number, got `{value}`"))?;
+        effect.parameters.insert(name.to_owned(), number);
+    }
+    sandbox::picture(&version, &catalogue, &effect, args.flight.as_deref())
+}
+
+/// Each channel over the condition that explains most of it.
+fn picture_text(picture: &EffectPicture) -> String {
+    let values: Vec<String> = picture
+        .parameters
+        .iter()
+        .map(|(name, value)| format!("{name} = {value}"))
+        .collect();
+    let mut out = format!(
+        "{}{}, {}\nFlight       {} ({:.0} s): {}\n",
+        picture.effect,
+        picture.rotor.map_or_else(String::new, |rotor| format!("#{rotor}")),
+        values.join(", "),
+        picture.flight,
+        picture.duration_s,
+        picture.description
+    );
+    if !picture.together_with.is_empty() {
+        out += &format!("Together with {}\n", picture.together_with.join(", "));
+    }
+    if picture.random {
+        out += "Random: what one flight with it leaves\n";
+    }
+    if picture.channels.is_empty() {
+        out += "No manoeuvre of the simulator shows anything of it.\n";
+    }
+    for channel in &picture.channels {
+        out += &format!(
+            "\n{}: {:.3e} {} (root mean square of means over 0.25 s; noise {:.3e})\n",
+            channel.channel, channel.rms, channel.unit, channel.noise
+        );
+        let Some(over) = channel.conditions.first() else {
+            continue;
+        };
+        let mut table = Grid::new([
+            format!("{}, {}", over.title, over.unit),
+            format!("what it does, {}", channel.unit),
+        ])
+        .numbers([0, 1]);
+        for (at, does) in over.at.iter().zip(&over.does) {
+            table.add_row([format!("{at:.3}"), format!("{does:.4}")]);
+        }
+        out += &format!("{table}\n");
+    }
+    out
 }
 
 fn channels(entry: &EffectDeclaration) -> String {

@@ -84,6 +84,7 @@ pub(crate) const EFFECTS: &str = "\
 Examples:
   rotortwin effects
   rotortwin effects show rotor-drag
+  rotortwin effects plot rotor-drag --model f550 --set drag_n_s_m=0.3
   rotortwin effects --effects my-effect.toml";
 
 pub(crate) const MODEL: &str = "\

@@ -12,8 +12,12 @@ use crate::fdi_service::DetectorArgs;
 use crate::output::{bad_input, failed, line};
 use judged::JudgedLog;
 use rotortwin_page::Report;
+use rotortwin_twin::compare::NamedModel;
+use rotortwin_twin::flight_picture::FlightPicture;
+use rotortwin_twin::flight_picture::over_time::OverTime;
 use rotortwin_twin::identify::read_for;
 use rotortwin_twin::log::ReadOptions;
+use rotortwin_twin::model::ModelVersion;
 use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge};
 use rotortwin_verdicts::score::LogScore;
 use rotortwin_verdicts::view::Obstruction;
@@ -36,6 +40,9 @@ pub struct LogArgs {
     /// With --json: every window of all detectors, too
     #[arg(long, requires = "json")]
     windows: bool,
+    /// With --json: trajectory, parts, motor outputs and vibration of the flight, too, as a page draws them
+    #[arg(long, requires = "json")]
+    flight: bool,
     /// Score the verdicts: a CSV file time_s,rotor,loss[,log], or the name of a column of the log (0 healthy, the damaged rotor, -1 several)
     #[arg(long, value_name = "FILE|COLUMN")]
     truth: Option<PathBuf>,
@@ -68,10 +75,12 @@ pub fn judge_logs(args: &LogArgs) -> ExitCode {
         // Only the score and the series needed them.
         logs.iter_mut().for_each(|log| log.report.windows = Vec::new());
     }
-    if let Some(path) = &args.report
-        && let Err(error) = std::fs::write(path, page_of(&logs))
-    {
-        return failed(format!("{}: cannot be written: {error}", path.display()));
+    if let Some(path) = &args.report {
+        if let Err(error) = std::fs::write(path, page_of(&logs)) {
+            return failed(format!("{}: cannot be written: {error}", path.display()));
+        }
+        // For the page only.
+        logs.iter_mut().for_each(|log| log.over_time = None);
     }
     if args.json {
         match json_of(&logs) {
@@ -116,10 +125,19 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
         let mut report =
             judge(&log, &detectors, every_window).map_err(|refusal| format!("{}: {refusal}", path.display()))?;
         report.notes.extend(note.clone());
+        report.flight = args.flight.then(|| FlightPicture::of(&log));
+        let over_time = args.report.is_some().then(|| {
+            let believed = NamedModel {
+                label: report.detectors.vehicle.clone(),
+                version: ModelVersion::first(report.detectors.vehicle.as_str(), detectors.vehicle().clone()),
+            };
+            OverTime::of(std::slice::from_ref(&log), &[believed])
+        });
         Ok(JudgedLog {
             file: path.display().to_string(),
             score: truth.as_ref().map(|truth| score::score_of(&report, truth)),
             report,
+            over_time,
             truth,
         })
     };

@@ -3,6 +3,7 @@
 use crate::output::{self, bad_input, failed};
 use rotortwin_runner::grid::Grid;
 use rotortwin_runner::log_import::{self, Imported, import as import_one, unique_names};
+use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::known_rotor_places;
 use rotortwin_twin::log::{FlightLog, draft};
 use rotortwin_verdicts::fleet::journal;
@@ -114,6 +115,9 @@ pub struct ShowArgs {
     /// Print the account of the import as JSON
     #[arg(long)]
     json: bool,
+    /// Print the flight over time as JSON instead, as pages draw it: trajectory, parts, events, motor outputs, vibration spectra
+    #[arg(long, requires = "json")]
+    flight: bool,
 }
 
 fn rate(text: &str) -> Result<f64, String> {
@@ -218,18 +222,15 @@ fn show(args: &ShowArgs) -> ExitCode {
         Ok(log) => log,
         Err(refusal) => return bad_input(refusal),
     };
+    if args.flight {
+        return printed(&FlightPicture::of(&log));
+    }
     let parts = log.flight_parts(known_rotor_places(&log).as_deref());
     if args.json {
         let account = serde_json::json!({
             "source": log.source, "segments": log.segments, "report": log.report, "flight_parts": parts,
         });
-        return match serde_json::to_string_pretty(&account) {
-            Ok(text) => {
-                println!("{text}");
-                ExitCode::SUCCESS
-            }
-            Err(error) => failed(error),
-        };
+        return printed(&account);
     }
     let mut text = format!("{}\n", log.headline());
     if let Some(clock) = log.report.clock_start_s {
@@ -250,6 +251,17 @@ fn show(args: &ShowArgs) -> ExitCode {
     text += &format!("\n{}\n\n{}", range_table(&log), log.account_with(&parts));
     print!("{}", output::fitted(&text));
     ExitCode::SUCCESS
+}
+
+/// A value as JSON.
+fn printed(value: &impl serde::Serialize) -> ExitCode {
+    match serde_json::to_string_pretty(value) {
+        Ok(text) => {
+            println!("{text}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => failed(error),
+    }
 }
 
 fn range_table(log: &FlightLog) -> Grid {

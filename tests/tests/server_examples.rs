@@ -49,6 +49,110 @@ fn scenario_each_example_of_a_first_visit_is_diagnosed_as_what_it_is() {
             assert_eq!(found["effect"], effect["id"], "{}", job["result"]["sentence"]);
             assert_eq!(found["rotor"], effect["rotor"]);
         }
+        if preset == "damaged-blade" {
+            seen_by_the_detectors(&server, &id, &hidden[0], &job["result"]["effects"][0]);
+        }
+    }
+}
+
+/// The blade breaks in mid-flight: the diagnosis dates it, and the FDI page names the rotor and when.
+fn seen_by_the_detectors(server: &Server, log: &str, hidden: &Value, found: &Value) {
+    let breaks = hidden["onset_s"].as_f64().expect("it breaks in mid-flight");
+    let dated = found["onset_s"]
+        .as_f64()
+        .unwrap_or_else(|| panic!("not dated: {found}"));
+    assert!((dated - breaks).abs() < 1.0, "{dated} s instead of {breaks} s");
+    let address = format!("/api/v1/fdi/reports?vehicle=f550&flight=true&log={log}");
+    let report = server.ask("POST", &address, &[], "").json();
+    let rotor = &hidden["rotor"];
+    let last = &report["final_window"]["sequential"];
+    assert_eq!(last["code"], *rotor, "{last:#}");
+    let changes = report["timeline"].as_array().expect("a list");
+    let named = changes.iter().find(|change| change["sequential"]["code"] == *rotor);
+    let named_s = named.and_then(|change| change["time_s"].as_f64()).expect("it is named");
+    assert!(
+        (breaks..breaks + 5.0).contains(&named_s),
+        "{named_s} s after {breaks} s"
+    );
+    let false_alarm = changes.iter().any(|change| {
+        change["time_s"].as_f64().is_some_and(|at| at < breaks) && change["sequential"]["code"].as_i64() > Some(0)
+    });
+    assert!(!false_alarm, "{changes:?}");
+    // The same flight, as the page draws it.
+    let picture = server.get(&format!("/api/v1/logs/{log}/flight"));
+    assert_eq!(report["flight"], picture);
+    assert_eq!(picture["outputs"].as_array().map(Vec::len), Some(6));
+    assert!(
+        picture["time_s"]
+            .as_array()
+            .is_some_and(|time| (100..=800).contains(&time.len()))
+    );
+    assert!(
+        picture["parts"]["parts"]
+            .as_array()
+            .is_some_and(|parts| parts.iter().any(|part| part["kind"] == "air"))
+    );
+    assert!(picture["vibration"]["gyroscope"].is_array(), "{}", picture["vibration"]);
+}
+
+#[test]
+fn scenario_an_effect_shows_what_it_does_to_a_flight() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let picture = |query: &str| server.ask("GET", &format!("/api/v1/catalogue/{query}"), &[], "");
+    let rms = |size: &str| {
+        let found = picture(&format!(
+            "rotor-drag/picture?vehicle=f550&flight=fast-circle&parameters=drag_n_s_m:{size}"
+        ))
+        .json();
+        let channel = found["channels"][0].clone();
+        assert!(
+            ["fx", "fy"].contains(&channel["channel"].as_str().unwrap_or_default()),
+            "{channel}"
+        );
+        assert!(
+            channel["conditions"][0]["at"]
+                .as_array()
+                .is_some_and(|at| at.len() >= 2),
+            "{channel}"
+        );
+        channel["rms"].as_f64().expect("a number")
+    };
+    let (one, two) = (rms("0.2"), rms("0.4"));
+    assert!(
+        (two / one - 2.0).abs() < 0.05,
+        "twice the drag, twice the force: {one} {two}"
+    );
+    let rotor = picture("rotor-thrust-scale/picture?vehicle=quad-x&rotor=3&flight=hover").json();
+    assert_eq!(
+        (&rotor["rotor"], &rotor["flight"]),
+        (&json!(3), &json!("hover")),
+        "{rotor}"
+    );
+    for (query, status, words) in [
+        ("nothing/picture?vehicle=f550", 404, "no effect"),
+        ("rotor-drag/picture?vehicle=nothing", 404, "f550"),
+        (
+            "rotor-drag/picture?vehicle=f550&parameters=nothing:1",
+            422,
+            "no such parameter",
+        ),
+        ("rotor-drag/picture?vehicle=f550&parameters=drag_n_s_m:x", 422, "number"),
+        (
+            "rotor-drag/picture?vehicle=f550&parameters=drag_n_s_m",
+            400,
+            "name:value",
+        ),
+        ("rotor-drag/picture?vehicle=f550&flight=nothing", 422, "no manoeuvre"),
+        ("rotor-drag/picture?vehicle=f550&rotor=1", 422, "whole vehicle"),
+    ] {
+        let answer = picture(query);
+        let (code, problem) = (answer.status, answer.json());
+        assert_eq!(code, status, "{query}: {problem}");
+        assert!(
+            problem["detail"].as_str().is_some_and(|detail| detail.contains(words)),
+            "{problem}"
+        );
     }
 }
 

@@ -171,8 +171,10 @@ fn reports(scratch: &Scratch) {
                 second_healthy,
                 third_healthy,
             ],
-            1,
+            8,
             &[
+                "The flight: measured against model",
+                "What each motor was told",
                 "Against the healthy flights",
                 "Thrust asked of the rotors over the healthy mean",
                 "(rotor 4)",
@@ -183,8 +185,10 @@ fn reports(scratch: &Scratch) {
         (
             "fdi-log",
             vec!["fdi-log", worn, first_healthy, "--model", &vehicle, "--report", &judged],
-            0,
+            16,
             &[
+                "The flight: measured against model",
+                "Vibration: gyroscope",
                 "flight-4.parquet",
                 "flight-1.parquet",
                 "At the end:",
@@ -235,8 +239,10 @@ fn reports(scratch: &Scratch) {
                 "--out",
                 &identified,
             ],
-            1,
+            8,
             &[
+                "The flight: measured against model",
+                "What each motor was told",
                 "constants are known",
                 "What is known, and from where",
                 "what would make it better",
@@ -261,8 +267,17 @@ fn reports(scratch: &Scratch) {
         (
             "diagnosis",
             vec!["diagnose", &drag, "--model", &vehicle],
-            1,
-            &["Rotor drag", "held-out", "could not be considered", "ln Bayes factor"],
+            9,
+            &[
+                "Rotor drag",
+                "with what was found",
+                "in the air",
+                "Trajectory from above",
+                "Vibration: accelerometer",
+                "held-out",
+                "could not be considered",
+                "ln Bayes factor",
+            ],
             "Not considered",
         ),
         (
@@ -386,6 +401,21 @@ fn scenario_a_branch_of_a_model_is_begun_left_and_taken_up_again() {
 #[test]
 fn scenario_a_run_is_forked_verified_and_compared_and_a_log_is_judged() {
     passes("clicks", &[]);
+}
+
+#[test]
+fn scenario_a_blade_that_breaks_is_named_and_dated_over_the_flight() {
+    passes("over_time", &[]);
+}
+
+#[test]
+fn scenario_an_effect_shows_what_it_does_as_large_as_the_slider_says() {
+    passes("sandbox", &[]);
+}
+
+#[test]
+fn scenario_a_seed_beyond_two_to_the_53_is_exact() {
+    passes("seeds", &[]);
 }
 
 #[test]

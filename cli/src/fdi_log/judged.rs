@@ -1,6 +1,7 @@
 //! A log and what was found in it, as JSON and pages hold it.
 
 use super::truth::Truth;
+use rotortwin_twin::flight_picture::over_time::OverTime;
 use rotortwin_verdicts::log::LogReport;
 use rotortwin_verdicts::score::LogScore;
 
@@ -11,6 +12,9 @@ pub(super) struct JudgedLog {
     pub(super) file: String,
     /// With all its windows, where they were needed.
     pub(super) report: LogReport,
+    /// The flight, for a page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) over_time: Option<OverTime>,
     /// Where the truth is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) score: Option<LogScore>,

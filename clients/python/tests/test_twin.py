@@ -38,6 +38,14 @@ def test_scenario_a_log_is_uploaded_once_and_read_back(client: Client, flown: Ru
     frame, slower = client.logs.frame(log.id), client.logs.frame(client.logs.wait(slow.id, check=True).id)
     assert flown.summary is not None and len(frame) == flown.summary["steps"]
     assert len(slower) < len(frame) / 3
+    pictures = client.logs.flight(log.id), client.runs.flight(flown.id)
+    assert all(len(one["outputs"]) == 6 and one["vibration"]["accelerometer"] and len(one["time_s"]) <= 800 for one in pictures)
+    with pytest.raises(NotFound):
+        client.runs.flight(log.id)
+    drag = client.effects.picture("rotor-drag", parameters={"drag_n_s_m": 0.3}, flight="fast-circle")
+    assert drag["channels"][0]["conditions"] and drag["parameters"] == {"drag_n_s_m": 0.3}
+    with pytest.raises(Unprocessable, match="no such parameter"):
+        client.effects.picture("rotor-drag", parameters={"nothing": 1.0})
     assert client.logs.table(log.id, ["time_s", "duty_1"]).column_names == ["time_s", "duty_1"]
     with pytest.raises(ValueError, match="name"):
         client.logs.submit(data)

@@ -18,6 +18,8 @@ pub const SHOWN: [&str; 6] = [
 ];
 /// Loss of thrust of a damaged blade, fraction.
 const LOSS: [f64; 2] = [0.04, 0.12];
+/// Share of the flight after which it breaks: before, detectors learn what healthy is; after, both are seen long enough.
+const BREAKS_AFTER: [f64; 2] = [0.35, 0.6];
 
 /// What an example shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -25,7 +27,7 @@ const LOSS: [f64; 2] = [0.04, 0.12];
 pub enum Example {
     /// One effect that the vehicle's model lacks
     HiddenEffect,
-    /// One rotor that has lost some of its thrust
+    /// One rotor that loses some of its thrust in mid-flight
     DamagedBlade,
     /// A vehicle as its model says
     Healthy,
@@ -41,8 +43,8 @@ impl Example {
         }
     }
 
-    /// What is hidden, drawn by the seed.
-    pub fn effects(self, rotors: usize, seed: u64) -> Vec<Hidden> {
+    /// What is hidden in a flight of `duration_s`, drawn by the seed.
+    pub fn effects(self, rotors: usize, duration_s: f64, seed: u64) -> Vec<Hidden> {
         let mut random = Stream::new(seed, "example");
         match self {
             Self::HiddenEffect => {
@@ -57,6 +59,9 @@ impl Example {
                 let effect = kind.map(|kind| {
                     let mut effect = Hidden::typical(kind, Some(rotor));
                     effect.parameters.insert("share".to_owned(), share);
+                    // To a tenth of a second: people read it.
+                    let breaks = duration_s * random.between(BREAKS_AFTER[0], BREAKS_AFTER[1]);
+                    effect.onset_s = Some((10.0 * breaks).round() / 10.0);
                     effect
                 });
                 effect.into_iter().collect()
@@ -97,17 +102,18 @@ mod tests {
         for seed in 0..40 {
             for rotors in [4, 6, 8] {
                 for example in [Example::HiddenEffect, Example::DamagedBlade, Example::Healthy] {
-                    let effects = example.effects(rotors, seed);
-                    assert_eq!(effects, example.effects(rotors, seed));
+                    let effects = example.effects(rotors, 60.0, seed);
+                    assert_eq!(effects, example.effects(rotors, 60.0, seed));
                     assert_eq!(effects.len(), usize::from(example != Example::Healthy));
                     assert!(effects.iter().all(|effect| effect.check(rotors).is_ok()));
                 }
-                let blade = &Example::DamagedBlade.effects(rotors, seed)[0];
+                let blade = &Example::DamagedBlade.effects(rotors, 60.0, seed)[0];
                 assert!((-LOSS[1]..=-LOSS[0]).contains(&blade.parameters["share"]));
+                assert!(blade.onset_s.is_some_and(|onset| (21.0..=36.0).contains(&onset)));
             }
         }
         let drawn: std::collections::BTreeSet<String> = (0..100)
-            .map(|seed| Example::HiddenEffect.effects(6, seed)[0].id.clone())
+            .map(|seed| Example::HiddenEffect.effects(6, 60.0, seed)[0].id.clone())
             .collect();
         assert_eq!(drawn.len(), SHOWN.len(), "every kind is drawn: {drawn:?}");
     }

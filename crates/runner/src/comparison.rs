@@ -7,6 +7,7 @@ use crate::logs::read_logs_for;
 use crate::text::significant;
 use rotortwin_jobs::Comparison as Job;
 use rotortwin_twin::compare::{self, ChannelVerdict, Comparison, LogComparison, ModelOnLog, NamedModel};
+use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::same_rotor_order;
 use rotortwin_twin::improve::report::short;
 use rotortwin_twin::log::RotorOrder;
@@ -63,7 +64,8 @@ pub fn compare(job: &Job) -> Result<Compared, Failure> {
     let text = text(&comparison);
     if let Some(folder) = folder.map(ResultFolder::keep) {
         let path = folder.path();
-        compare::files::write(path, &comparison, &series)
+        let flights: Vec<FlightPicture> = logs.iter().map(FlightPicture::of).collect();
+        compare::files::write(path, &comparison, &series, &flights)
             .map_err(|error| error.to_string())
             .and_then(|()| write_text(&path.join("comparison.txt"), &text))
             .map_err(|sentence| Failure::writing(path, sentence))?;

@@ -11,10 +11,13 @@ use rotortwin_page::Report;
 use rotortwin_plant::effects::EffectDocument;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
+use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search};
 use rotortwin_twin::estimation::parameters::FittedParameter;
+use rotortwin_twin::flight_picture::over_time::OverTime;
+use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::improve::report::quantity;
-use rotortwin_twin::model::ModelStore;
+use rotortwin_twin::model::{ModelStore, ModelVersion};
 use std::path::Path;
 use std::time::Instant;
 
@@ -66,7 +69,9 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
         text += &format!("Next flight  {advice}\n");
     }
     if let Some(folder) = folder.map(ResultFolder::keep) {
-        write(folder.path(), &text, &diagnosis).map_err(|sentence| Failure::writing(folder.path(), sentence))?;
+        let over_time = OverTime::of(&logs, &compared_models(&found.label(), &found.version, &diagnosis));
+        write(folder.path(), &text, &diagnosis, &over_time)
+            .map_err(|sentence| Failure::writing(folder.path(), sentence))?;
     }
     Ok(Diagnosed { diagnosis, text })
 }
@@ -89,28 +94,54 @@ pub fn proposed(diagnosis: &Diagnosis) -> Option<&EffectDocument> {
     diagnosis.proposal.as_ref()?.document.as_ref()
 }
 
-fn write(folder: &Path, text: &str, diagnosis: &Diagnosis) -> Result<(), String> {
+/// The model that was diagnosed, and, where something was found, the model with it: what a report draws of the flights.
+fn compared_models(label: &str, version: &ModelVersion, diagnosis: &Diagnosis) -> Vec<NamedModel> {
+    let mut models = vec![NamedModel {
+        label: label.to_owned(),
+        version: version.clone(),
+    }];
+    let effects = serde_json::to_value(diagnosis)
+        .map_err(|error| error.to_string())
+        .and_then(|json| from_diagnosis::effects(&json, &[]))
+        .unwrap_or_default();
+    if !effects.is_empty() {
+        models.push(NamedModel {
+            label: format!("{label} with what was found"),
+            version: version.with_effects(effects, "what a diagnosis found"),
+        });
+    }
+    models
+}
+
+fn write(folder: &Path, text: &str, diagnosis: &Diagnosis, over_time: &OverTime) -> Result<(), String> {
     let file = |name: &str, text: &str| {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
     };
     file("diagnosis.json", &format!("{}\n", json(diagnosis)))?;
     file("diagnosis.txt", text)?;
-    file("report.html", &report(text, diagnosis))?;
+    file("report.html", &report(text, diagnosis, over_time))?;
     match proposed(diagnosis) {
         Some(document) => file(PROPOSAL_FILE, &rotortwin_twin::propose::to_toml(document)),
         None => Ok(()),
     }
 }
 
+/// What the page of a diagnosis holds.
+#[derive(serde::Serialize)]
+struct Inside<'a> {
+    diagnosis: &'a Diagnosis,
+    over_time: &'a OverTime,
+}
+
 /// The diagnosis on a page.
-fn report(text: &str, diagnosis: &Diagnosis) -> String {
+fn report(text: &str, diagnosis: &Diagnosis, over_time: &OverTime) -> String {
     let page = Report {
         kind: "diagnosis",
         title: &format!("Diagnosis · {}", diagnosis.logs.join(", ")),
         summary: text,
         program: rotortwin_twin::model::TOOL,
-        data: diagnosis,
+        data: &Inside { diagnosis, over_time },
     };
     page.render().expect("text and numbers are JSON")
 }

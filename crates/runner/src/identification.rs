@@ -6,13 +6,13 @@ use crate::grid::Grid;
 use crate::logs::read_logs;
 use crate::text::significant;
 use rotortwin_jobs::Identification as Job;
-use rotortwin_page::{Report, rounded};
+use rotortwin_page::Report;
+use rotortwin_twin::compare::NamedModel;
+use rotortwin_twin::flight_picture::over_time::OverTime;
 use rotortwin_twin::identify::{
-    Bench, Estimate, Files, HeldOut, Identification, Identified, Part, Request, Source, files, held_out_with,
-    identify_with, known_rotor_places,
+    Bench, Estimate, Files, HeldOut, Identification, Identified, Request, Source, files, held_out_with, identify_with,
 };
-use rotortwin_twin::log::FlightLog;
-use rotortwin_twin::log::flight_parts::FlightParts;
+use rotortwin_twin::model::ModelVersion;
 use std::path::{Path, PathBuf};
 
 /// Identifies a vehicle, and writes its files where the job names one.
@@ -41,46 +41,10 @@ pub struct Found {
     vehicle: Identified,
     scores: Vec<HeldOut>,
     texts: Files,
-    /// What the report draws of each log.
-    flights: Vec<Flight>,
+    /// What the report draws of the logs; only where it is written.
+    over_time: Option<OverTime>,
     /// Name and paths of the files, where they are written.
     targets: Option<(String, [PathBuf; 4])>,
-}
-
-/// A flight on the time axis of the report.
-#[derive(serde::Serialize)]
-struct Flight {
-    name: String,
-    duration_s: f64,
-    clock_start_s: Option<f64>,
-    parts: FlightParts,
-    used: Vec<Part>,
-    time_s: Vec<Option<f64>>,
-    /// By rotor.
-    duty: Vec<Vec<Option<f64>>>,
-}
-
-/// Means of the motor outputs that a report draws, as many as a screen shows.
-const DRAWN: usize = 800;
-
-impl Flight {
-    fn of(log: &FlightLog, found: &Identified) -> Self {
-        let rows = log.time_s.len().div_ceil(DRAWN).max(1);
-        let means = |values: &[f64]| -> Vec<Option<f64>> {
-            let mean = |values: &[f64]| rounded(values.iter().sum::<f64>() / values.len() as f64);
-            values.chunks(rows).map(mean).collect()
-        };
-        let used = found.airborne.iter().filter(|part| part.log == log.name);
-        Self {
-            name: log.name.clone(),
-            duration_s: log.duration_s(),
-            clock_start_s: log.report.clock_start_s,
-            parts: log.flight_parts(known_rotor_places(log).as_deref()),
-            used: used.cloned().collect(),
-            time_s: means(&log.time_s),
-            duty: log.duties().into_iter().map(means).collect(),
-        }
-    }
 }
 
 fn find(job: &Job) -> Result<Found, String> {
@@ -108,15 +72,21 @@ fn find(job: &Job) -> Result<Found, String> {
     };
     let name = targets.as_ref().map_or("vehicle", |(name, _)| name.as_str());
     let texts = files(&vehicle, name);
-    texts
+    let documents = texts
         .documents()
         .map_err(|reason| format!("the identified vehicle is not valid, so nothing was written: {reason}"))?;
-    let flights = logs.iter().map(|log| Flight::of(log, &vehicle)).collect();
+    let over_time = targets.is_some().then(|| {
+        let identified = NamedModel {
+            label: name.to_owned(),
+            version: ModelVersion::first(name, documents),
+        };
+        OverTime::of(&logs, &[identified])
+    });
     Ok(Found {
         vehicle,
         scores,
         texts,
-        flights,
+        over_time,
         targets,
     })
 }
@@ -126,7 +96,7 @@ impl Found {
     fn report(&self) -> String {
         let name = self.targets.as_ref().map_or("vehicle", |(name, _)| name.as_str());
         let data = serde_json::json!({
-            "name": name, "identified": self.vehicle, "held_out": self.scores, "flights": self.flights,
+            "name": name, "identified": self.vehicle, "held_out": self.scores, "over_time": self.over_time,
             "vehicle": self.texts.vehicle, "blades": self.texts.blades,
         });
         let page = Report {

@@ -25,6 +25,7 @@ mod logs;
 pub mod named;
 pub mod next_flight;
 pub mod result;
+pub mod sandbox;
 pub mod text;
 pub mod training;
 pub mod verification;

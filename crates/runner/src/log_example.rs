@@ -44,7 +44,9 @@ fn fly_one(job: &Job, out: &Path) -> Result<(FlightPlan, Vec<Row>, Nuisances), F
         let rotors = plan.vehicle.rotors.len();
         plan.effects = match (&job.effect, job.preset) {
             (Some(text), _) => example::effect(text, rotors, seed)?,
-            (None, preset) => preset.unwrap_or(Example::HiddenEffect).effects(rotors, seed),
+            (None, preset) => preset
+                .unwrap_or(Example::HiddenEffect)
+                .effects(rotors, job.duration_s, seed),
         };
         draw += 1;
         match fly(&plan) {
@@ -96,12 +98,12 @@ mod tests {
         assert!(plan.seed > job.seed && plan.seed < job.seed + DRAWS, "{}", plan.seed);
         assert_eq!(
             plan.effects,
-            Example::HiddenEffect.effects(6, plan.seed),
+            Example::HiddenEffect.effects(6, 60.0, plan.seed),
             "the truth is that of the flight"
         );
         assert!(rows.len() > 20_000, "{}", rows.len());
         // What was asked for by its name is told as it ended.
-        let hidden = &Example::HiddenEffect.effects(6, job.seed)[0];
+        let hidden = &Example::HiddenEffect.effects(6, 60.0, job.seed)[0];
         let values = hidden
             .parameters
             .iter()

@@ -56,7 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     if let Some(out) = out {
-        compare::files::write(Path::new(&out), &comparison, &series)?;
+        compare::files::write(Path::new(&out), &comparison, &series, &[])?;
     }
     Ok(())
 }

@@ -13,8 +13,10 @@
 //! * [`propose`]: what would explain an error that is in no catalogue.
 //! * [`improve`]: the loop over these, version by version.
 //! * [`identify`]: a vehicle with intervals from flight logs, mass and arm.
+//! * [`flight_picture`]: a flight as people look at it: trajectory, parts, events, motor outputs, vibration.
 //! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
 //! * [`vibration`]: how strongly a flight shakes at the speed of each rotor, and against healthy flights.
+//! * [`sandbox`]: what an effect does to a flight, for people who look it up.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
@@ -24,6 +26,7 @@ pub mod bench_fit;
 pub mod compare;
 pub mod diagnose;
 pub mod estimation;
+pub mod flight_picture;
 pub mod identify;
 pub mod improve;
 pub mod log;
@@ -31,6 +34,7 @@ pub mod model;
 pub mod next_flight;
 pub mod predict;
 pub mod propose;
+pub mod sandbox;
 mod schema;
 pub mod vibration;
 

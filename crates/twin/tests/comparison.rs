@@ -92,7 +92,7 @@ fn val_rotor_drag_shows_in_fx_and_fy_with_speed_and_goes_when_it_is_added() {
     assert!(!after.worst.iter().any(|moment| moment.channel == "fx"));
 
     let folder = tempfile::tempdir().unwrap();
-    compare::files::write(folder.path(), &comparison, &series).unwrap();
+    compare::files::write(folder.path(), &comparison, &series, &[]).unwrap();
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert!(page.len() < 5_000_000, "{}", page.len());
     assert!(page.contains("v1 agrees with this flight"));

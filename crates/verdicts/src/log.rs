@@ -19,6 +19,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
+use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, RotorOrder, names};
 use serde::Serialize;
@@ -152,6 +153,9 @@ pub struct LogReport {
     pub suspicions: Vec<Suspicion>,
     /// What else a reader must know.
     pub notes: Vec<String>,
+    /// The flight as a page draws it; only where asked for (`fdi-log --flight`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flight: Option<FlightPicture>,
 }
 
 /// Why a log cannot be judged: one sentence.
@@ -336,6 +340,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
             })
             .collect(),
         notes,
+        flight: None,
     })
 }
 

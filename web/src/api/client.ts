@@ -4,6 +4,7 @@
  * A read that gets no answer waits for the server and asks again. A write carries an `Idempotency-Key`, so that asking again after an
  * answer that was lost cannot do the work twice. Every refusal is thrown as an [`ApiError`].
  */
+import { parseExact } from "../exact";
 import { back, lost } from "./connection";
 import { ApiError, problemOf } from "./problem";
 import { signedIn } from "./session";
@@ -77,16 +78,16 @@ async function send(url: string, init: RequestInit, what: string): Promise<Respo
   }
 }
 
-/** Any request with a JSON answer. `T` is the caller's word for what comes. */
+/** Any request with a JSON answer. `T` is the caller's word for what comes; a body that is a text is JSON already. */
 export async function ask<T>(method: string, url: string, body?: unknown, more: RequestInit = {}): Promise<T> {
   const headers: Record<string, string> = { accept: "application/json" };
   if (body !== undefined) headers["content-type"] = "application/json";
   if (method === "POST") headers["idempotency-key"] = freshKey();
   const init: RequestInit = { ...more, method, headers: { ...headers, ...(more.headers as Record<string, string> | undefined) } };
-  if (body !== undefined) init.body = JSON.stringify(body);
+  if (body !== undefined) init.body = typeof body === "string" ? body : JSON.stringify(body);
   const response = await send(url, init, `${method} ${url}`);
   if (response.status === 204) return undefined as T;
-  return (await response.json()) as T;
+  return parseExact(await response.text()) as T;
 }
 
 export function get<P extends keyof paths>(
@@ -130,7 +131,7 @@ export function upload<T>(url: string, file: Blob, onProgress: (share: number) =
     request.upload.onprogress = (event) => event.lengthComputable && onProgress(event.loaded / event.total);
     request.onload = () => {
       if (request.status >= 200 && request.status < 300) {
-        resolve(JSON.parse(request.responseText) as T);
+        resolve(parseExact(request.responseText) as T);
         return;
       }
       const headers = { "content-type": request.getResponseHeader("content-type") ?? "" };

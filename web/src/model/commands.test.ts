@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { type Wish, asCommand, asCurl, asPython, quoted } from "./commands";
 
-const wish: Wish = { scenario: "short-hover", seed: 7, set: ["initial.state_of_charge=0.6", "effect=[{effect='rotor-drag'}]"], pace: "fast", link: "in-process" };
+const wish: Wish = { scenario: "short-hover", seed: "7", set: ["initial.state_of_charge=0.6", "effect=[{effect='rotor-drag'}]"], pace: "fast", link: "in-process" };
 
 describe("the same run by other means", () => {
   it("quotes words for a shell", () => {

@@ -1,8 +1,10 @@
 /** The same run by other means: for curl, Python and the command line. */
+import { jsonWithSeed } from "../exact";
 
 export interface Wish {
   scenario: string;
-  seed: number | undefined;
+  /** Digits: a number would be another one beyond 2^53. */
+  seed: string | undefined;
   set: readonly string[];
   pace: "fast" | "real-time";
   link: "in-process" | "iceoryx2" | "zenoh";
@@ -32,7 +34,7 @@ export function quoted(word: string): string {
 }
 
 export function asCurl(wish: Wish, origin: string): string {
-  return `curl -s ${origin}/api/v1/runs -H 'content-type: application/json' -d ${quoted(JSON.stringify(submissionOf(wish)))}`;
+  return `curl -s ${origin}/api/v1/runs -H 'content-type: application/json' -d ${quoted(jsonWithSeed(submissionOf(wish)))}`;
 }
 
 export function asPython(wish: Wish, origin: string): string {
@@ -56,7 +58,7 @@ export function asPython(wish: Wish, origin: string): string {
 /** An autopilot is the server's: the command asks the server for it. */
 export function asCommand(wish: Wish, origin: string): string {
   const words = ["rotortwin", "fly", `config/scenarios/${wish.scenario}.toml`];
-  if (wish.seed !== undefined) words.push("--seed", String(wish.seed));
+  if (wish.seed !== undefined) words.push("--seed", wish.seed);
   for (const one of wish.set) words.push("--set", quoted(one));
   if (wish.model) words.push("--model", quoted(wish.model));
   if (wish.fdiModel) words.push("--fdi-model", quoted(wish.fdiModel));

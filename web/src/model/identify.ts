@@ -48,46 +48,10 @@ const SOURCE_WORDS: Record<Source, { words: string; kind: string }> = {
 };
 export const sourceOf = (source: Source) => SOURCE_WORDS[source] ?? { words: source, kind: "" };
 
-/** One flight on the time axis. */
-export interface FlightOf {
-  name: string;
-  duration_s: number;
-  /** What the log's own clock says at 0 s. */
-  clock_start_s: number | null;
-  parts: { parts: { kind: string; start_s: number; end_s: number; why: string }[]; events: { start_s: number; detail: string }[] };
-  /** What was fitted. */
-  used: { start_s: number; end_s: number }[];
-  /** Means over short intervals; `duty` by rotor. */
-  time_s: number[];
-  duty: (number | null)[][];
-}
-
-/** Kinds of parts: words, and how they look. In the air is good, what breaks is not. */
-const PARTS: Record<string, { words: string; look: "idle" | "healthy" | "unknown" }> = {
-  ground: { words: "on the ground", look: "idle" },
-  "take-off": { words: "taking off", look: "idle" },
-  air: { words: "in the air", look: "healthy" },
-  landing: { words: "landing", look: "idle" },
-  upset: { words: "upset", look: "unknown" },
-  crash: { words: "crash", look: "unknown" },
-};
-const partOf = (kind: string | undefined) => PARTS[kind ?? ""] ?? { words: "not known", look: "idle" as const };
-
-/** Parts of a flight; a code is the place of its kind, negative, for positive ones are rotors. */
-export function partLane(flight: FlightOf): Lane {
-  const kinds = [...new Set(flight.parts.parts.map((part) => part.kind))];
-  return {
-    name: "parts",
-    stretches: flight.parts.parts.map((part) => ({ from: part.start_s, to: part.end_s, code: -kinds.indexOf(part.kind) })),
-    words: (code) => partOf(kinds[-code]).words,
-    look: (code) => partOf(kinds[-code]).look,
-  };
-}
-
 /** What of a flight was fitted. */
-export const usedLane = (flight: FlightOf): Lane => ({
+export const usedLane = (found: Identification["identified"], log: string): Lane => ({
   name: "used",
-  stretches: flight.used.map((part) => ({ from: part.start_s, to: part.end_s, code: 0 })),
+  stretches: found.airborne.filter((part) => part.log === log).map((part) => ({ from: part.start_s, to: part.end_s, code: 0 })),
   words: () => "used",
 });
 

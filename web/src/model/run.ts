@@ -36,7 +36,7 @@ export interface Summary {
   status: string;
   run?: string;
   failure?: { sentence: string; peer: string; step: number; silence_ms: number };
-  seed?: number;
+  seed?: number | string;
   link?: string;
   pace?: string;
   started_at?: string;

@@ -2,6 +2,7 @@
 import { For, Show, createSignal } from "solid-js";
 import { type Schemas, ask } from "../api/client";
 import { ApiError, sentenceOf } from "../api/problem";
+import { jsonWithSeed } from "../exact";
 import { Panel, Problem } from "../parts/bits";
 import { navigate } from "../router";
 import { type BlindResult, BlindView } from "../shown/blind";
@@ -43,7 +44,7 @@ function NewBench(props: { onSubmitted: () => void }) {
     event.preventDefault();
     setRefusal(undefined);
     try {
-      const job = await ask<Schemas["JobView"]>("POST", "/api/v1/blind-benches", { presets: presets(), n: Number(n()), seed: Number(seed()) });
+      const job = await ask<Schemas["JobView"]>("POST", "/api/v1/blind-benches", jsonWithSeed({ presets: presets(), n: Number(n()), seed: seed() }));
       props.onSubmitted();
       navigate(`/blind/${job.id}`);
     } catch (error) {
@@ -70,7 +71,7 @@ function NewBench(props: { onSubmitted: () => void }) {
         <div class="fields">
           <label class="field">Cases of each preset<input type="number" min="1" max="10000" value={n()} onInput={(event) => setN(event.currentTarget.value)} /></label>
           <label class="field">Seed<input type="number" min="0" value={seed()} onInput={(event) => setSeed(event.currentTarget.value)} /></label>
-          <button type="submit" class="main" disabled={presets().length === 0 || !(Number(n()) >= 1)}>Begin</button>
+          <button type="submit" class="main" disabled={presets().length === 0 || !(Number(n()) >= 1) || !/^\d+$/.test(seed())}>Begin</button>
         </div>
         <Problem sentence={refusal()?.sentence} complaints={refusal()?.complaints} />
       </form>

@@ -53,7 +53,7 @@ function Judge() {
     void judge(async () => {
       const refusal = await tooLarge(file, true);
       if (refusal) throw new ApiError(0, refusal);
-      return upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle() } }), file, setShare);
+      return upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), flight: true } }), file, setShare);
     });
   };
   return (
@@ -72,7 +72,7 @@ function Judge() {
               <For each={logs.data()?.items ?? []}>{(one) => <option value={one.id} selected={one.id === log()}>{one.name} {one.id.slice(0, 8)}</option>}</For>
             </select>
           </label>
-          <button type="button" class="main" disabled={!log() || busy()} onClick={() => void judge(() => ask<Report>("POST", address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), log: log() } })))}>Judge</button>
+          <button type="button" class="main" disabled={!log() || busy()} onClick={() => void judge(() => ask<Report>("POST", address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), log: log(), flight: true } })))}>Judge</button>
         </div>
         <div
           class="drop" classList={{ over: over() }}

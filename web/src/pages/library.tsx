@@ -7,6 +7,7 @@ import { percent, short } from "../format";
 import { Figures, Loaded, Panel, Problem } from "../parts/bits";
 import { VehiclePicture } from "../parts/vehicle-picture";
 import { route, setQuery } from "../router";
+import { EffectSandbox } from "./effect-sandbox";
 import type { FullGeometry } from "./twin/vehicle";
 
 const KINDS = [
@@ -46,6 +47,7 @@ export default function Library() {
 
 function Catalogue() {
   const catalogue = createLoad(() => true, async (_, signal) => (await ask<{ items: Declaration[] }>("GET", "/api/v1/catalogue", undefined, { signal })).items);
+  const vehicles = createLoad(() => true, async (_, signal) => (await ask<Schemas["Names"]>("GET", "/api/v1/vehicles", undefined, { signal })).items);
   const wanted = () => (route().query.get("q") ?? "").toLowerCase();
   const shown = createMemo(() => (catalogue.data() ?? []).filter((one) => `${one.id} ${one.name} ${one.class} ${one.channels.join(" ")}`.toLowerCase().includes(wanted())));
   return (
@@ -69,6 +71,7 @@ function Catalogue() {
                       </tbody>
                     </table>
                   </div>
+                  <Show when={one.parameters.length > 0}><EffectSandbox effect={one} vehicles={vehicles.data() ?? ["f550"]} /></Show>
                   <p class="small muted">Acts on {one.channels.join(", ")}. Excited by {one.excited_by}. <Show when={one.confused_with.length > 0}>Confused with {one.confused_with.join(", ")}. </Show>Source: {one.source}.</p>
                 </article>
               )}

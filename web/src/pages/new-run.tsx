@@ -1,8 +1,9 @@
 /** The form of a new run: checked by the server while one types; shown as curl, Python and command line, too. */
 import { For, Show, createEffect, createMemo, createSignal, onCleanup } from "solid-js";
-import { type Schemas, get, post } from "../api/client";
+import { type Schemas, ask, get, post } from "../api/client";
 import { createLoad } from "../api/load";
 import { ApiError, sentenceOf } from "../api/problem";
+import { jsonWithSeed } from "../exact";
 import { type Wish, asCommand, asCurl, asPython, submissionOf } from "../model/commands";
 import { Copy, Panel, Problem } from "../parts/bits";
 import { navigate, route } from "../router";
@@ -35,7 +36,7 @@ export function NewRun(props: { onSubmitted: () => void }) {
   const seedWrong = () => (seed() === "" || /^\d+$/.test(seed()) ? undefined : `Seed: '${seed()}' is no whole number from 0.`);
   const wish = createMemo<Wish>(() => ({
     scenario: scenario(),
-    seed: seed() === "" || seedWrong() ? undefined : Number(seed()),
+    seed: seed() === "" || seedWrong() ? undefined : seed(),
     set: set().split("\n").map((line) => line.trim()).filter(Boolean),
     pace: pace(),
     link: link(),
@@ -67,7 +68,7 @@ export function NewRun(props: { onSubmitted: () => void }) {
     setRefusal(undefined);
     setSending(true);
     try {
-      const run = await post("/api/v1/runs", submissionOf(wish()) as Schemas["Submission"]);
+      const run = await ask<Schemas["Run"]>("POST", "/api/v1/runs", jsonWithSeed(submissionOf(wish())));
       props.onSubmitted();
       navigate(`/runs/${run.id}`);
     } catch (error) {

@@ -46,6 +46,10 @@ interface Props {
   xUnit?: string;
   /** x by its logarithm. */
   xLog?: boolean;
+  /** y by its logarithm. */
+  yLog?: boolean;
+  /** Intervals of x with a name, such as the frequency of a rotor. */
+  marks?: readonly { from: number; to: number; at: number; label: string; colour: string }[];
   lines: readonly Line[];
   bands?: readonly Band[];
   view?: View;
@@ -77,6 +81,7 @@ export function Chart(props: Props) {
       props.height,
       props.unit,
       props.view?.shades?.(),
+      props.marks,
     ]),
   );
   const data = createMemo(() => {
@@ -243,11 +248,11 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
     width,
     height: props.height ?? 190,
     legend: { show: false },
-    scales: { x: { time: false, ...(props.xLog ? { distr: 3 as const } : {}) }, y: { range: (_, least, largest) => rangeOf(least, largest) } },
+    scales: { x: { time: false, ...(props.xLog ? { distr: 3 as const } : {}) }, y: props.yLog ? { distr: 3 as const } : { range: (_, least, largest) => rangeOf(least, largest) } },
     axes: [
       // Time needs no name, only its unit.
       { ...axis, ...(props.xWhole ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {}), ...(props.xLabel ? { label: [xLabel, xUnit].filter(Boolean).join(", "), labelSize: 17, labelGap: 0, labelFont: font } : {}), size: 34, space: 70, values: (_, splits) => splits.map((split, place) => (split === null ? "" : `${tickText(split)}${!props.xLabel && xUnit && place === splits.length - 1 ? ` ${xUnit}` : ""}`)) },
-      { ...axis, size: 62, space: 34, values: (_, splits) => splits.map(tickText) },
+      { ...axis, size: 62, space: 34, values: (_, splits) => splits.map((split) => (split === null ? "" : tickText(split))) },
     ],
     cursor: {
       drag: { x: true, y: false, setScale: false },
@@ -310,6 +315,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
       ],
       draw: [
         (plot) => {
+          for (const mark of props.marks ?? []) drawMark(plot, mark);
           for (const level of levels) {
             const y = plot.valToPos(level.value, "y", true);
             if (y < plot.bbox.top || y > plot.bbox.top + plot.bbox.height) continue;
@@ -329,6 +335,26 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
       ],
     },
   };
+}
+
+/** An interval across the picture, its middle as a line, its name at the top; what is beyond the picture has none. */
+function drawMark(plot: uPlot, mark: NonNullable<Props["marks"]>[number]): void {
+  const box = plot.bbox;
+  const inside = (at: number) => Math.min(box.left + box.width, Math.max(box.left, at));
+  const [left, right, middle] = [mark.from, mark.to, mark.at].map((at) => plot.valToPos(at, "x", true));
+  if (left === undefined || right === undefined || middle === undefined || right < box.left || left > box.left + box.width) return;
+  const line = colour(mark.colour);
+  plot.ctx.save();
+  plot.ctx.fillStyle = faded(line, 0.16);
+  plot.ctx.fillRect(inside(left), box.top, Math.max(1, inside(right) - inside(left)), box.height);
+  if (middle >= box.left && middle <= box.left + box.width) {
+    plot.ctx.strokeStyle = line;
+    plot.ctx.beginPath();
+    plot.ctx.moveTo(middle, box.top);
+    plot.ctx.lineTo(middle, box.top + box.height);
+    plot.ctx.stroke();
+  }
+  plot.ctx.restore();
 }
 
 const faded = (rgb: string, opacity: number) => rgb.replace(/^rgb\(([^)]*)\)$/, `rgba($1, ${opacity})`);

@@ -11,7 +11,7 @@ export interface Lane {
   /** Words for a code, if they are not those of verdicts. */
   words?: (code: number) => string;
   /** How a code looks, if it is none of verdicts. */
-  look?: (code: number) => "idle" | "healthy" | "unknown";
+  look?: (code: number) => "idle" | "healthy" | "unknown" | "rotor";
 }
 
 interface Props {

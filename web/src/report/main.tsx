@@ -1,12 +1,13 @@
 /** A report: what the server's page shows of a result, in one file, with the result inside. Asks nobody for anything. */
 import { render } from "solid-js/web";
-import { Report } from "./report";
+import { parseExact } from "../exact";
+import { type Content, Report } from "./report";
 import "../style.css";
 
 const root = document.getElementById("root");
 const inside = document.getElementById("report");
 if (root && inside) {
-  const content = JSON.parse(inside.textContent ?? "");
+  const content = parseExact(inside.textContent ?? "") as Content;
   root.textContent = "";
   render(() => <Report {...content} />, root);
 }

@@ -1,11 +1,11 @@
 /** The frame of a report, and which result is shown how. */
 import { ErrorBoundary, Match, Show, Switch, createSignal, onCleanup } from "solid-js";
-import type { Diagnosis, Improvement } from "../model/twin";
+import type { Improvement } from "../model/twin";
 import { type BlindReport, BlindReportView } from "../shown/blind";
 import { type CampaignReport, CampaignReportView } from "../shown/campaign";
 import { ComparedView } from "../shown/compared";
 import type { ComparisonReport } from "../shown/compared-series";
-import { DiagnosisView } from "../shown/diagnosis";
+import { type DiagnosisReport, DiagnosisReportView } from "../shown/diagnosed";
 import { type FitResult, FitView } from "../shown/fit";
 import { type FleetVehicle, FleetView } from "../shown/fleet";
 import { type IdentifiedReport, IdentifiedReportView } from "../shown/identified";
@@ -13,7 +13,6 @@ import { ImprovementView } from "../shown/improvement";
 import { type JudgedLogs, JudgedView } from "../shown/judged";
 import { type Reproduction, ReproductionView } from "../shown/reproduction";
 import { type RunReport, RunReportView } from "../shown/run-report";
-import { Panel } from "../parts/bits";
 import { applyTheme, dark, setTheme } from "../theme";
 
 /** What is inside: kind and shape of `data` belong together. */
@@ -43,7 +42,7 @@ export function Report(props: Content) {
           <Switch fallback={<p class="say warn">This file holds a {props.kind}, which this page does not know.</p>}>
             <Match when={props.kind === "comparison"}><ComparedView report={props.data as ComparisonReport} /></Match>
             <Match when={props.kind === "diagnosis"}>
-              <Panel title="What is missing" note={(props.data as Diagnosis).model.name}><div class="stack"><DiagnosisView found={props.data as Diagnosis} /></div></Panel>
+              <DiagnosisReportView report={props.data as DiagnosisReport} />
             </Match>
             <Match when={props.kind === "campaign"}><CampaignReportView report={props.data as CampaignReport} /></Match>
             <Match when={props.kind === "blind"}><BlindReportView report={props.data as BlindReport} /></Match>

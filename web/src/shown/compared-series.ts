@@ -1,4 +1,5 @@
 /** Series of a comparison that are inside of its report. */
+import type { FlightPicture } from "../model/flight";
 import type { Comparison, Series } from "../model/twin";
 import type { Values } from "../plots/series";
 
@@ -15,6 +16,8 @@ export interface LogPictures {
 export interface ComparisonReport {
   comparison: Comparison;
   pictures: LogPictures[];
+  /** The same logs, as people look at them. */
+  flights?: FlightPicture[];
 }
 
 /** Only the buckets in which a flight condition is within bounds. */

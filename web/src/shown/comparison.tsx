@@ -3,9 +3,12 @@ import { type Accessor, For, type JSX, Show, createMemo, createSignal } from "so
 import type { Load } from "../api/load";
 import { short } from "../format";
 import { type ChannelResult, type Comparison, type LogComparison, type ModelOnLog, type Series, channelStrip, channelTitle, worstChannel } from "../model/twin";
+import type { FlightPicture } from "../model/flight";
 import { Chart } from "../plots/chart";
 import { Heat } from "../plots/heat";
+import type { Lane } from "../plots/lanes";
 import { type View, createView } from "../plots/view";
+import { FlightLanes, FlightPlots } from "./flight";
 import { ChannelSeries } from "./series";
 
 /** Length of a cell over time, s; as the comparison makes them. */
@@ -25,6 +28,10 @@ export interface Looks {
   channel: () => string | undefined;
   chooseChannel: (name: string) => void;
   series: (wanted: Accessor<Wanted>) => Load<Series>;
+  /** The flight of a log, where it is known: its parts, events, motors and vibration stand on the time axis of the channels. */
+  picture?: (log: number) => FlightPicture | undefined;
+  /** What else is said of the time of a log, by its name. */
+  lanes?: (log: string) => readonly Lane[];
   /** The vehicle in 3-D, where there is a server that knows its flight. */
   flight?: (view: View) => JSX.Element;
 }
@@ -89,6 +96,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
     return worstChannel(props.model.agrees ? (props.log.models[0] ?? props.model) : props.model);
   };
   const found = () => rows().find((one) => one.channel === channel());
+  const picture = () => props.looks.picture?.(props.looks.logAt());
   const [cell, setCell] = createSignal<number>();
   const conditions = createMemo(() => {
     const all = new Map<string, { title: string; unit: string; most: number }>();
@@ -151,6 +159,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
           <For each={rows()}>{(one) => <option value={one.channel} selected={one.channel === channel()}>{channelTitle(one.channel)}: {one.verdict}</option>}</For>
         </select>
       </label>
+      <Show when={picture()}>{(flight) => <FlightLanes flight={flight()} view={props.view} more={props.looks.lanes?.(props.log.log.name) ?? []} />}</Show>
       <div class="side">
         <ChannelSeries looks={props.looks} channel={channel()} model={props.model.model} view={props.view} />
         <Show when={(curve()?.bins.length ?? 0) > 1}>
@@ -166,6 +175,14 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
           />
         </Show>
       </div>
+      <Show when={picture()}>
+        {(flight) => (
+          <details class="whole" open>
+            <summary>The flight itself: trajectory, motors, vibration</summary>
+            <FlightPlots flight={flight()} view={props.view} />
+          </details>
+        )}
+      </Show>
       <details class="whole">
         <summary>Worst moments, all channels in numbers, what was assumed</summary>
         <div class="scroll" tabindex="0" role="region" aria-label="Worst moments">

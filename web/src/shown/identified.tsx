@@ -1,15 +1,14 @@
 /** A vehicle that was identified from flights: the plain answer, where its rotors are, each value with interval and source, what of the flights
  * was used, and how well each half of a flight is predicted by what the other half gave. Asks no server. */
 import { For, type JSX, Show } from "solid-js";
-import { count, percent, short } from "../format";
-import { type Estimate, type FlightOf, type Identification, adviceOf, adviceText, answerOf, bandWords, channelWords, predicted, groupsOf, knownHow, partLane, rotorsOf, sourceOf, usedLane } from "../model/identify";
+import { count, short } from "../format";
+import { type Estimate, type Identification, adviceOf, adviceText, answerOf, bandWords, channelWords, predicted, groupsOf, knownHow, rotorsOf, sourceOf, usedLane } from "../model/identify";
 import { Panel } from "../parts/bits";
 import { VehiclePicture } from "../parts/vehicle-picture";
-import { Chart } from "../plots/chart";
-import { Lanes } from "../plots/lanes";
+import { type OverTime, OverTimeView } from "./over-time";
 
 /** What the report of `vehicle from-log` holds. */
-export type IdentifiedReport = Identification & { name: string; flights: FlightOf[] };
+export type IdentifiedReport = Identification & { name: string; over_time: OverTime | null };
 
 export function IdentifiedReportView(props: { report: IdentifiedReport }) {
   const it = () => props.report.identified;
@@ -34,7 +33,7 @@ export function IdentifiedReportView(props: { report: IdentifiedReport }) {
       <Panel title="What is known, and from where" note="intervals are 95 %: another flight may tell any value within">
         <Values values={it().values} />
       </Panel>
-      <For each={props.report.flights}>{(flight) => <Panel title={`The flight ${flight.name}`} note={flight.clock_start_s === null ? "" : `0 s here is ${flight.clock_start_s.toFixed(2)} s of the log's own clock`}><Flight flight={flight} /></Panel>}</For>
+      <Show when={props.report.over_time}>{(data) => <OverTimeView data={data()} lanes={(log) => [usedLane(it(), log)]} />}</Show>
       <Panel title="How well it predicts what no fit has seen">
         <Show when={props.report.held_out.length > 0} fallback={<p>Not asked for: <code>--held-out</code> fits each half of each flight and scores it on the other.</p>}>
           <HeldOut scores={props.report.held_out} />
@@ -103,28 +102,6 @@ export function ValueTable(props: { values: readonly Estimate[]; label: string }
           </For>
         </tbody>
       </table>
-    </div>
-  );
-}
-
-/** Parts of a flight on the time axis, what of it was used, and the motor outputs above. */
-function Flight(props: { flight: FlightOf }) {
-  const it = () => props.flight;
-  const end = () => it().duration_s;
-  const used = () => it().used.reduce((sum, part) => sum + part.end_s - part.start_s, 0);
-  return (
-    <div class="stack">
-      <p class="small">
-        {short(used())} s of {short(end())} s were used: in the air, 3 s away from the ground ({percent(used() / Math.max(1e-9, end()), 0)}).
-      </p>
-      <Lanes title={`Parts of ${it().name}`} start={0} end={end()} lanes={[partLane(it()), usedLane(it())]} />
-      <Show when={it().parts.events.length > 0}>
-        <ul class="small"><For each={it().parts.events.slice(0, 12)}>{(event) => <li>{short(event.start_s, 4)} s: {event.detail}</li>}</For></ul>
-      </Show>
-      <Chart
-        title="Motor outputs, 1 is full" unit="" x={it().time_s} height={230}
-        lines={it().duty.map((values, rotor) => ({ label: `rotor ${rotor + 1}`, values, colour: `s${(rotor % 8) + 1}`, width: 1 }))}
-      />
     </div>
   );
 }

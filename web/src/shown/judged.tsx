@@ -3,23 +3,35 @@ import { For, Show } from "solid-js";
 import type { Schemas } from "../api/client";
 import { percent, plusMinus, short } from "../format";
 import { Figures, Panel } from "../parts/bits";
-import { Lanes } from "../plots/lanes";
+import { type Lane, Lanes } from "../plots/lanes";
 import type { Stretch } from "../plots/series";
+import { createView } from "../plots/view";
+import { FlightLanes, FlightPlots } from "./flight";
+import { type OverTime, OverTimeView } from "./over-time";
 
 type Report = Schemas["LogReport"];
 type Sequential = Schemas["SequentialView"];
 
 /** Logs that were judged, as the report of `fdi-log` has them. */
-export type JudgedLogs = readonly { file: string; report: Report }[];
+export type JudgedLogs = readonly { file: string; report: Report; over_time?: OverTime }[];
 
 export function JudgedView(props: { logs: JudgedLogs }) {
-  return <For each={props.logs}>{(one) => <Panel title={one.file} note={one.report.detectors.vehicle}><Judged report={one.report} /></Panel>}</For>;
+  return (
+    <For each={props.logs}>
+      {(one) => (
+        <>
+          <Panel title={one.file} note={one.report.detectors.vehicle}><Judged report={one.report} /></Panel>
+          <Show when={one.over_time}>{(data) => <OverTimeView data={data()} lanes={() => [verdictLane(one.report)]} />}</Show>
+        </>
+      )}
+    </For>
+  );
 }
 
 export function Judged(props: { report: Report }) {
   const it = () => props.report;
   const last = () => it().final_window?.sequential;
-  const stretches = (): Stretch[] => changesToStretches(it().timeline, it().log.duration_s);
+  const view = createView();
   return (
     <div class="stack">
       <Show when={last()}>{(word) => <div class={`say sentence ${word().verdict === "healthy" ? "good" : "bad"}`} role="status"><strong>At the end:</strong> {verdictWords(word())}</div>}</Show>
@@ -27,7 +39,12 @@ export function Judged(props: { report: Report }) {
         ["rows", it().log.rows.toLocaleString("en")], ["rate", `${short(it().log.rate_hz)} Hz${it().resampled ? ", resampled" : ""}`], ["length", `${short(it().log.duration_s)} s`],
         ["gaps", String(it().log.gaps)], ["rejected steps", String(it().rejected_steps)], ["calibrated", `${short(it().detectors.calibration_start_s)} – ${short(it().detectors.calibration_end_s)} s`],
       ]} />
-      <Lanes title="Verdicts of the sequential detector" start={0} end={it().log.duration_s} lanes={[{ name: "sequential", stretches: stretches() }]} />
+      <Show
+        when={it().flight}
+        fallback={<Lanes title="Verdicts of the sequential detector" start={it().log.start_s} end={it().log.start_s + it().log.duration_s} lanes={[verdictLane(it())]} />}
+      >
+        {(flight) => <FlightLanes flight={flight()} view={view} more={[verdictLane(it())]} />}
+      </Show>
       <div class="scroll" tabindex="0" role="region" aria-label="Detectors">
         <table class="small">
           <thead><tr><th scope="col">Detector</th><th class="r" scope="col">windows decided</th><th class="r" scope="col">healthy</th><th class="r" scope="col">alarms</th><th class="r" scope="col">first alarm, s</th></tr></thead>
@@ -45,8 +62,16 @@ export function Judged(props: { report: Report }) {
       <For each={it().suspicions}>{(one) => <div class={`say ${one.blocks ? "bad" : "warn"}`}>{one.finding}</div>}</For>
       <For each={it().lacks}>{(one) => <div class={`say ${one.prevents_verdicts ? "bad" : "warn"}`}>Missing<Show when={one.columns.length > 0}> <code>{one.columns.join(", ")}</code></Show>: {one.rules_out}</div>}</For>
       <ul class="small"><For each={it().notes}>{(one) => <li>{one}</li>}</For></ul>
+      <Show when={it().flight}>{(flight) => <FlightPlots flight={flight()} view={view} />}</Show>
     </div>
   );
+}
+
+/** Verdicts of the sequential detector on the log's time. */
+function verdictLane(report: Report): Lane {
+  const { start_s: start, duration_s: length } = report.log;
+  const stretches = changesToStretches(report.timeline, length).map((one) => ({ ...one, from: one.from + start, to: one.to + start }));
+  return { name: "verdict", stretches };
 }
 
 export function changesToStretches(changes: readonly Schemas["ChangeView"][], end: number): Stretch[] {

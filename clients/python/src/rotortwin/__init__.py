@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 from ._aio_resource import AsyncResource
 from ._resource import Resource
-from .aio import AsyncBlindBenches, AsyncCampaigns, AsyncClient, AsyncJobs, AsyncLibrary, AsyncModels, AsyncRuns, AsyncScenarios
+from .aio import AsyncBlindBenches, AsyncCampaigns, AsyncClient, AsyncEffects, AsyncJobs, AsyncLibrary, AsyncModels, AsyncRuns, AsyncScenarios
 from .aio_fdi import AsyncFdi, AsyncFdiSession
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .client import BlindBenches, Campaigns, Client, Jobs, Library, Models, Runs, Scenarios
+from .client import BlindBenches, Campaigns, Client, Effects, Jobs, Library, Models, Runs, Scenarios
 from .errors import (
     BadRequest,
     CampaignFailed,
@@ -92,6 +92,7 @@ __all__ = [
     "AsyncClient",
     "AsyncComparisons",
     "AsyncDiagnoses",
+    "AsyncEffects",
     "AsyncFdi",
     "AsyncFdiSession",
     "AsyncImprovements",
@@ -117,6 +118,7 @@ __all__ = [
     "ConnectionLost",
     "Diagnoses",
     "DiskFull",
+    "Effects",
     "Event",
     "Fdi",
     "FdiAnswer",

@@ -67,6 +67,12 @@ class JobOperations(Generic[J]):
         body = answer.json()
         return [self.parse(item) for item in body["items"]], body.get("next")
 
+    def flight(self, id: str) -> Operation[Json]:
+        # Read anew by a process of the server's.
+        answer = yield from self.settings.call("GET", self.path(id, "flight"), timeout_s=max(130.0, self.settings.timeout_s))
+        picture: Json = answer.json()
+        return picture
+
     def cancel(self, id: str) -> Operation[J]:
         # Ended between two tries: what was wanted.
         answer = yield from self.settings.call("POST", self.path(id, "cancel"), ok_when_repeated=(409,))
@@ -190,6 +196,16 @@ class LibraryOperations:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
+
+    def effect_picture(
+        self, effect: str, vehicle: str, rotor: int | None, parameters: Mapping[str, float], flight: str | None
+    ) -> Operation[Json]:
+        values = ",".join(f"{name}:{value!r}" for name, value in parameters.items())
+        params = {"vehicle": vehicle, "rotor": rotor, "parameters": values or None, "flight": flight}
+        path = f"/api/v1/catalogue/{in_path(effect)}/picture"
+        answer = yield from self.settings.call("GET", path, params=params, timeout_s=max(130.0, self.settings.timeout_s))
+        picture: Json = answer.json()
+        return picture
 
     def names(self, kind: str) -> Operation[list[str]]:
         answer = yield from self.settings.call("GET", f"/api/v1/{kind}")

@@ -213,6 +213,10 @@ class AsyncRuns(AsyncResource[Run]):
         """Its samples, every step, as a pandas data frame."""
         return as_frame(await self.artifact(id, "telemetry.parquet"), columns)
 
+    async def flight(self, id: str) -> Json:
+        """The flight as a page draws it: `track`, `height_m`, `parts` and events, `outputs` of the motors, `vibration`."""
+        return await self._do(self._operations.flight(id))
+
     async def ticket(self, id: str) -> Sequence[Ticket]:
         """How parts from elsewhere join; there once the plant waits for them (event `join`)."""
         return await self._do(self._operations.ticket(id))
@@ -270,6 +274,27 @@ class AsyncLibrary:
     async def check(self, document: str | Path) -> Validation:
         """All that is wrong with a document."""
         return await drive_async(self._transport.http, self._operations.check(self._kind, as_text(document)))
+
+
+class AsyncEffects(AsyncLibrary):
+    """Effects of one's own; and what each effect of the catalogue does."""
+
+    async def picture(
+        self,
+        effect: str,
+        vehicle: str = "f550",
+        *,
+        rotor: int | None = None,
+        parameters: Mapping[str, float] = MappingProxyType({}),
+        flight: str | None = None,
+    ) -> Json:
+        """What an effect does to the `channels` of a simulated flight, over time and over the conditions that excite it.
+
+        rotor: from 1, of an effect of one rotor. parameters: by name, typical values without them. flight: manoeuvre, the one that shows it
+        best without it.
+        """
+        operation = self._operations.effect_picture(effect, vehicle, rotor, parameters, flight)
+        return await drive_async(self._transport.http, operation)
 
 
 class AsyncScenarios(AsyncLibrary):
@@ -374,7 +399,7 @@ class AsyncClient:
         self.scenarios = AsyncScenarios(transport, "scenarios")
         self.vehicles = AsyncLibrary(transport, "vehicles")
         self.blades = AsyncLibrary(transport, "blades")
-        self.effects = AsyncLibrary(transport, "effects")
+        self.effects = AsyncEffects(transport, "effects")
         self.models = AsyncModels(transport)
 
     def jobs(self, kind: str) -> AsyncJobs:

@@ -53,6 +53,10 @@ class AsyncLogs(AsyncResource[Job]):
         """An imported log as an Arrow table."""
         return as_table(await self.artifact(id, _LOG), columns)
 
+    async def flight(self, id: str) -> Json:
+        """The flight as a page draws it: `track`, `height_m`, `parts` and events, `outputs` of the motors, `vibration`."""
+        return await self._do(self._operations.flight(id))
+
     async def frame(self, id: str, columns: Sequence[str] | None = None) -> pandas.DataFrame:
         """An imported log as a pandas data frame."""
         return as_frame(await self.artifact(id, _LOG), columns)

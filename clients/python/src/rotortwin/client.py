@@ -215,6 +215,10 @@ class Runs(Resource[Run]):
         """Its samples, every step, as a pandas data frame."""
         return as_frame(self.artifact(id, "telemetry.parquet"), columns)
 
+    def flight(self, id: str) -> Json:
+        """The flight as a page draws it: `track`, `height_m`, `parts` and events, `outputs` of the motors, `vibration`."""
+        return self._do(self._operations.flight(id))
+
     def ticket(self, id: str) -> Sequence[Ticket]:
         """How parts from elsewhere join; there once the plant waits for them (event `join`)."""
         return self._do(self._operations.ticket(id))
@@ -272,6 +276,27 @@ class Library:
     def check(self, document: str | Path) -> Validation:
         """All that is wrong with a document."""
         return drive(self._transport.http, self._operations.check(self._kind, as_text(document)))
+
+
+class Effects(Library):
+    """Effects of one's own; and what each effect of the catalogue does."""
+
+    def picture(
+        self,
+        effect: str,
+        vehicle: str = "f550",
+        *,
+        rotor: int | None = None,
+        parameters: Mapping[str, float] = MappingProxyType({}),
+        flight: str | None = None,
+    ) -> Json:
+        """What an effect does to the `channels` of a simulated flight, over time and over the conditions that excite it.
+
+        rotor: from 1, of an effect of one rotor. parameters: by name, typical values without them. flight: manoeuvre, the one that shows it
+        best without it.
+        """
+        operation = self._operations.effect_picture(effect, vehicle, rotor, parameters, flight)
+        return drive(self._transport.http, operation)
 
 
 class Scenarios(Library):
@@ -376,7 +401,7 @@ class Client:
         self.scenarios = Scenarios(transport, "scenarios")
         self.vehicles = Library(transport, "vehicles")
         self.blades = Library(transport, "blades")
-        self.effects = Library(transport, "effects")
+        self.effects = Effects(transport, "effects")
         self.models = Models(transport)
 
     def jobs(self, kind: str) -> Jobs:

@@ -55,6 +55,10 @@ class Logs(Resource[Job]):
         """An imported log as an Arrow table."""
         return as_table(self.artifact(id, _LOG), columns)
 
+    def flight(self, id: str) -> Json:
+        """The flight as a page draws it: `track`, `height_m`, `parts` and events, `outputs` of the motors, `vibration`."""
+        return self._do(self._operations.flight(id))
+
     def frame(self, id: str, columns: Sequence[str] | None = None) -> pandas.DataFrame:
         """An imported log as a pandas data frame."""
         return as_frame(self.artifact(id, _LOG), columns)

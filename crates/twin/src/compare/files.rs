@@ -10,6 +10,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
 use super::{Comparison, LogSeries};
+use crate::flight_picture::FlightPicture;
 use crate::model::document::plain_name;
 use crate::predict::{CHANNELS, NAMES, UNITS};
 
@@ -41,14 +42,19 @@ pub fn json(comparison: &Comparison) -> String {
 ///
 /// # Errors
 /// The file system refuses.
-pub fn write(folder: &Path, comparison: &Comparison, series: &[LogSeries]) -> Result<(), WriteError> {
+pub fn write(
+    folder: &Path,
+    comparison: &Comparison,
+    series: &[LogSeries],
+    flights: &[FlightPicture],
+) -> Result<(), WriteError> {
     std::fs::create_dir_all(folder).map_err(|error| failed(folder)(&error))?;
     let put = |name: &str, text: &str| {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(|error| failed(&path)(&error))
     };
     put("comparison.json", &json(comparison))?;
-    put("report.html", &super::report::render(comparison, series))?;
+    put("report.html", &super::report::render(comparison, series, flights))?;
     let names: Vec<&str> = comparison.logs.iter().map(|log| log.log.name.as_str()).collect();
     for (place, (log, series)) in comparison.logs.iter().zip(series).enumerate() {
         residuals(&folder.join(residuals_file(&names, place)), log, series)?;

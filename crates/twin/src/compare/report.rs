@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::statistics::block_means;
 use super::{Comparison, LogComparison, LogSeries};
+use crate::flight_picture::FlightPicture;
 use crate::predict::{CHANNELS, ChannelResiduals, NAMES, UNITS};
 
 /// Shortest bucket of the plots, s.
@@ -15,11 +16,27 @@ const BUCKET_S: f64 = 0.1;
 /// Most buckets of a plot.
 const MOST_BUCKETS: usize = 1800;
 
+/// A comparison with what a page draws of it.
+#[derive(Serialize)]
+pub struct Drawn {
+    comparison: Comparison,
+    pictures: Vec<LogPictures>,
+}
+
+impl Drawn {
+    /// Thins the series of a comparison to what a screen shows.
+    pub fn new(comparison: Comparison, series: &[LogSeries]) -> Self {
+        let pictures = pictures_of(&comparison, series);
+        Self { comparison, pictures }
+    }
+}
+
 /// What is inside of the page.
 #[derive(Serialize)]
 struct Inside<'a> {
     comparison: &'a Comparison,
     pictures: Vec<LogPictures>,
+    flights: &'a [FlightPicture],
 }
 
 /// One log over time.
@@ -68,11 +85,11 @@ struct Residual {
     high: Vec<Option<f64>>,
 }
 
-/// The page.
+/// The page; `flights` are the same logs, in the same order.
 ///
 /// # Panics
 /// Never: text and numbers are JSON.
-pub fn render(comparison: &Comparison, series: &[LogSeries]) -> String {
+pub fn render(comparison: &Comparison, series: &[LogSeries], flights: &[FlightPicture]) -> String {
     let logs: Vec<&str> = comparison.logs.iter().map(|log| log.log.name.as_str()).collect();
     let sentences = comparison.logs.iter().flat_map(|log| {
         let name = &log.log.name;
@@ -80,11 +97,6 @@ pub fn render(comparison: &Comparison, series: &[LogSeries]) -> String {
             .iter()
             .map(move |model| format!("{name}: {}", model.sentence()))
     });
-    let pictures = comparison
-        .logs
-        .iter()
-        .zip(series)
-        .map(|(log, series)| pictures(log, series));
     Report {
         kind: "comparison",
         title: &format!("Comparison · {}", logs.join(", ")),
@@ -92,11 +104,17 @@ pub fn render(comparison: &Comparison, series: &[LogSeries]) -> String {
         program: comparison.tool,
         data: &Inside {
             comparison,
-            pictures: pictures.collect(),
+            pictures: pictures_of(comparison, series),
+            flights,
         },
     }
     .render()
     .expect("text and numbers are JSON")
+}
+
+fn pictures_of(comparison: &Comparison, series: &[LogSeries]) -> Vec<LogPictures> {
+    let logs = comparison.logs.iter().zip(series);
+    logs.map(|(log, series)| pictures(log, series)).collect()
 }
 
 fn pictures(log: &LogComparison, series: &LogSeries) -> LogPictures {

@@ -180,32 +180,28 @@ impl Database {
 
     /// A statement with `@NOW` (ms since 1970 by the database's clock, so that hosts need not agree), `@SKIP` (rows that another one has
     /// just taken are passed over) and `@OPEN` (the smallest number of a transaction that writes now or later) in this database's words,
-    /// `@VEHICLE`, what lists show as a job's vehicle, and `@VERDICT`, what a run's sequential detector said at the end.
+    /// and `@VEHICLE`, what lists show as a job's vehicle.
     pub(crate) fn sql(&self, text: &str) -> AssertSqlSafe<String> {
-        let (now, skip, open, vehicle, verdict) = match self.dialect {
+        let (now, skip, open, vehicle) = match self.dialect {
             // Transactions that write follow one another: all have the number 0.
             Dialect::Sqlite => (
                 "CAST(unixepoch('subsec') * 1000 AS INTEGER)",
                 "",
                 "1",
                 "json_extract(facts, '$.vehicle')",
-                "CASE kind WHEN 'run' THEN json_extract(result, '$.intervals[#-1].scores.sequential.verdict_at_end') END",
             ),
             Dialect::Postgres => (
                 "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)",
                 "FOR UPDATE OF j SKIP LOCKED",
                 "CAST(pg_snapshot_xmin(pg_current_snapshot())::text AS BIGINT)",
                 "CAST(facts AS json) ->> 'vehicle'",
-                "CASE kind WHEN 'run' THEN \
-                 CAST(CAST(result AS json) -> 'intervals' -> -1 -> 'scores' -> 'sequential' ->> 'verdict_at_end' AS BIGINT) END",
             ),
         };
         AssertSqlSafe(
             text.replace("@NOW", now)
                 .replace("@SKIP", skip)
                 .replace("@OPEN", open)
-                .replace("@VEHICLE", vehicle)
-                .replace("@VERDICT", verdict),
+                .replace("@VEHICLE", vehicle),
         )
     }
 
@@ -345,6 +341,7 @@ fn migrations(dialect: Dialect) -> Migrator {
                 "needs_and_uploads",
                 include_str!("../../migrations/sqlite/0008_needs_and_uploads.sql"),
             ),
+            (9, "verdict", include_str!("../../migrations/sqlite/0009_verdict.sql")),
         ],
         Dialect::Postgres => &[
             (1, "jobs", include_str!("../../migrations/postgres/0001_jobs.sql")),
@@ -374,6 +371,7 @@ fn migrations(dialect: Dialect) -> Migrator {
                 "needs_and_uploads",
                 include_str!("../../migrations/postgres/0007_needs_and_uploads.sql"),
             ),
+            (8, "verdict", include_str!("../../migrations/postgres/0008_verdict.sql")),
         ],
     };
     Migrator::with_migrations(

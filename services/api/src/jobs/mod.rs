@@ -235,7 +235,7 @@ pub(crate) struct Job {
     pub(crate) result: Option<String>,
     /// JSON: the numbers of the result, flat.
     pub(crate) metrics: Option<String>,
-    /// What the sequential detector of a run said at the end; only in lists.
+    /// What the sequential detector of a run said at the end.
     pub(crate) verdict: Option<i32>,
 }
 

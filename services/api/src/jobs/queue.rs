@@ -6,7 +6,7 @@
 //! Statements write before they read: two transactions that read before they write cannot both go on in SQLite, and in Postgres the row that
 //! was written is held until the end, so that events are numbered without gaps.
 
-use super::table::{Transaction, job_of, metrics_of};
+use super::table::{Transaction, job_of, metrics_of, verdict_of};
 use super::{Job, NewJob, Outcome, Status};
 use crate::clock::now_ms;
 use crate::jobs::database::Database;
@@ -330,7 +330,8 @@ impl Database {
         let mut transaction = self.pool.begin().await?;
         let row = sqlx::query(self.sql(
             "UPDATE job SET status = $1, folder = $2, bytes = upload_bytes + $3, run_hash = $4, error = $5, result = $6, metrics = $7, \
-             finished_ms = @NOW, claim = NULL, claim_until_ms = NULL, ticket = NULL WHERE id = $8 AND claim = $9 RETURNING *",
+             verdict = CASE kind WHEN 'run' THEN $8 END, finished_ms = @NOW, claim = NULL, claim_until_ms = NULL, ticket = NULL \
+             WHERE id = $9 AND claim = $10 RETURNING *",
         ))
         .bind(outcome.status.as_str())
         .bind(&outcome.folder)
@@ -339,6 +340,7 @@ impl Database {
         .bind(&outcome.error)
         .bind(&outcome.result)
         .bind(outcome.result.as_deref().and_then(metrics_of))
+        .bind(outcome.result.as_deref().and_then(verdict_of))
         .bind(id)
         .bind(token)
         .fetch_optional(&mut *transaction)

@@ -74,8 +74,7 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn list(&self, filter: &Filter<'_>, limit: i64) -> Result<Vec<Job>, sqlx::Error> {
-        let columns = format!("{SHORT}, @VERDICT AS verdict");
-        self.select(&columns, filter, limit).await?.iter().map(job_of).collect()
+        self.select(SHORT, filter, limit).await?.iter().map(job_of).collect()
     }
 
     /// Jobs, latest first, with the numbers of their results.
@@ -99,7 +98,7 @@ impl Database {
         // Numbers need no place of their own.
         conditions.extend(filter.from_ms.map(|at| format!("submitted_ms >= {at}")));
         conditions.extend(filter.to_ms.map(|at| format!("submitted_ms < {at}")));
-        conditions.extend(filter.verdict.map(|code| format!("@VERDICT = {code}")));
+        conditions.extend(filter.verdict.map(|code| format!("verdict = {code}")));
         for (condition, value) in [
             ("kind =", filter.kind.map(JobKind::as_str)),
             ("tenant =", filter.tenant),

@@ -8,7 +8,8 @@ use sqlx::any::AnyRow;
 /// What lists need: not the specification and the result, which are long.
 pub(super) const SHORT: &str = "id, kind, name, tenant, status, priority, '' AS spec, facts, parent, part_of, waits_for, idempotency_key, \
      request_hash, submitted_ms, started_ms, finished_ms, attempts, failures, wall_limit_ms, worker, cancel_requested, NULL AS ticket, folder, \
-     bytes, run_hash, error, NULL AS result, NULL AS metrics, autopilot, upload_bytes";
+     bytes, run_hash, error, NULL AS result, NULL AS metrics, autopilot, upload_bytes, \
+     verdict";
 
 pub(super) use super::timed::Transaction;
 
@@ -50,12 +51,9 @@ pub(super) fn job_of(row: &AnyRow) -> Result<Job, sqlx::Error> {
         error: row.try_get("error")?,
         result: row.try_get("result")?,
         metrics: row.try_get("metrics")?,
-        // Only lists ask for it.
-        verdict: match row.try_get::<Option<i64>, _>("verdict") {
-            Ok(code) => code.and_then(|code| i32::try_from(code).ok()),
-            Err(sqlx::Error::ColumnNotFound(_)) => None,
-            Err(error) => return Err(error),
-        },
+        verdict: row
+            .try_get::<Option<i64>, _>("verdict")?
+            .and_then(|code| i32::try_from(code).ok()),
     })
 }
 
@@ -80,6 +78,13 @@ impl Database {
         .await?;
         self.tell(transaction, id).await
     }
+}
+
+/// What the sequential detector said at the end, of the result of a run; the migration that brought the column says the same in SQL.
+pub(super) fn verdict_of(result: &str) -> Option<i64> {
+    let result: serde_json::Value = serde_json::from_str(result).ok()?;
+    let last = result["intervals"].as_array()?.last()?;
+    last["scores"]["sequential"]["verdict_at_end"].as_i64()
 }
 
 /// The numbers, truth values and short texts of a result, flat: `detectors.sequential.delay_s`.

@@ -50,6 +50,9 @@ pub(crate) struct Which {
     calibration_start_s: Option<f64>,
     /// End of the calibration, s; the vehicle is taken for healthy until then.
     calibration_end_s: Option<f64>,
+    /// With `true` the answer holds `flight` as well: trajectory, parts, motor outputs and vibration, as a page draws them.
+    #[serde(default)]
+    flight: bool,
 }
 
 /// Judges a flight log, uploaded or imported before: verdicts over time, the last word, what the log lacks.
@@ -198,6 +201,9 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
         log.push(format!("@{part}"));
     }
     let mut words: Vec<OsString> = vec!["fdi-log".into(), log, "--json".into()];
+    if which.flight {
+        words.push("--flight".into());
+    }
     words.extend(["--most-cells".into(), MOST_CELLS.to_string().into()]);
     words.extend([
         "--model".into(),
@@ -281,18 +287,22 @@ impl Flight {
 
 /// The log of this id, or the folder of the run of this id.
 async fn stored(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem> {
-    let log = super::tasks::done(app, caller, JobKind::Log, id).await;
-    let (job, is_run) = match log {
+    match stored_as(app, caller, JobKind::Log, id).await {
         Err(problem) if problem.status == 404 => {
-            let run = super::tasks::done(app, caller, JobKind::Run, id).await;
-            let run = run.map_err(|problem| match problem.status {
+            let run = stored_as(app, caller, JobKind::Run, id).await;
+            run.map_err(|problem| match problem.status {
                 404 => Problem::not_found(format!("there is no log and no run {id}")),
                 _ => problem,
-            })?;
-            (run, true)
+            })
         }
-        other => (other?, false),
-    };
+        other => other,
+    }
+}
+
+/// The log, or the folder of the run, of this id.
+pub(super) async fn stored_as(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<PathBuf, Problem> {
+    let job = super::tasks::done(app, caller, kind, id).await?;
+    let is_run = kind == JobKind::Run;
     let (table, beside) = if is_run {
         ("telemetry.parquet".to_owned(), "summary.json".to_owned())
     } else {

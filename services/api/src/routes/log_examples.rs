@@ -34,7 +34,7 @@ const DURATION_S: [f64; 2] = [10.0, 600.0];
 pub(crate) enum ExamplePreset {
     /// One effect that the vehicle's model lacks.
     HiddenEffect,
-    /// One rotor that has lost some of its thrust.
+    /// One rotor that loses some of its thrust in mid-flight.
     DamagedBlade,
     /// A vehicle as its model says.
     Healthy,

@@ -15,6 +15,7 @@ mod exports;
 mod fdi;
 mod fdi_reports;
 mod fdi_stream;
+mod flights;
 mod geometry;
 mod identifications;
 mod jobs;
@@ -31,6 +32,7 @@ mod queries;
 mod residuals;
 mod results;
 mod runs;
+mod sandbox;
 mod server;
 mod session;
 mod submissions;
@@ -150,6 +152,9 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .merge(classifiers::classifiers::routes())
         .routes(routes!(log_examples::generate))
         .routes(routes!(log_examples::truth))
+        .routes(routes!(flights::of_log))
+        .routes(routes!(sandbox::picture))
+        .routes(routes!(flights::of_run))
         .routes(routes!(log_telemetry::channels))
         .routes(routes!(log_telemetry::telemetry))
         .routes(routes!(logs::again))

@@ -93,7 +93,7 @@ impl From<Job> for Run {
         let facts: Facts = serde_json::from_str(&job.new.facts).unwrap_or_default();
         let summary: Option<serde_json::Value> = job.result.and_then(|text| serde_json::from_str(&text).ok());
         Self {
-            verdict: job.verdict.or_else(|| verdict_of(summary.as_ref()?)),
+            verdict: job.verdict,
             id: job.id,
             name: job.new.name,
             vehicle: facts.vehicle,
@@ -120,13 +120,6 @@ impl From<Job> for Run {
             summary,
         }
     }
-}
-
-/// What the sequential detector said at the end, of a summary; [`Database::sql`](crate::jobs::database::Database::sql) has the same as `@VERDICT`.
-fn verdict_of(summary: &serde_json::Value) -> Option<i32> {
-    let last = summary["intervals"].as_array()?.last()?;
-    let code = last["scores"]["sequential"]["verdict_at_end"].as_i64()?;
-    i32::try_from(code).ok()
 }
 
 /// A page of runs, latest first.

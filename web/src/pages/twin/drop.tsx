@@ -13,7 +13,7 @@ import type { Twin } from "./state";
 
 const EXAMPLES = [
   { preset: "hidden-effect", title: "A hidden effect", text: "The independent simulator flies a hexarotor with physics that its model lacks. What is it, and how large?" },
-  { preset: "damaged-blade", title: "A damaged blade", text: "One rotor lost some lift. Which one, and how much?" },
+  { preset: "damaged-blade", title: "A damaged blade", text: "A blade breaks in mid-flight, and one rotor loses some lift. Which one, when, and how much?" },
   { preset: "healthy", title: "A healthy flight", text: "Nothing is hidden. Does the twin say so?" },
 ] as const;
 const ENDINGS = ".ulg,.bin,.log,.tlog,.bbl,.bfl,.txt,.mcap,.csv,.parquet,.usd";

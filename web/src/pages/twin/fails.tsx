@@ -2,7 +2,9 @@
 import { type Accessor, Show } from "solid-js";
 import { ask } from "../../api/client";
 import { createLoad } from "../../api/load";
+import type { FlightPicture } from "../../model/flight";
 import type { Series } from "../../model/twin";
+import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
 import { ComparisonView, type Looks, type Wanted } from "../../shown/comparison";
 import { Flight } from "./flight";
@@ -33,7 +35,12 @@ export function Fails(props: { twin: Twin }) {
         return ask<Series>("GET", `/api/v1/comparisons/${id}/series?${query}`, undefined, { signal });
       },
     );
+  const flight = createLoad(
+    () => (result() ? { log: [...props.twin.logs(), ...props.twin.held()][props.twin.logAt()], run: props.twin.runs()[0] } : undefined),
+    ({ log, run }, signal) => ask<FlightPicture>("GET", log === undefined ? `/api/v1/runs/${run}/flight` : `/api/v1/logs/${log}/flight`, undefined, { signal }),
+  );
   const looks: Looks = {
+    picture: () => flight.data(),
     logAt: () => props.twin.logAt(),
     chooseLog: (place) => props.twin.chooseLog(place),
     channel: () => props.twin.channel(),
@@ -44,6 +51,7 @@ export function Fails(props: { twin: Twin }) {
   return (
     <Step number={4} title="Where it fails" later="each measured channel against the model, over time and over the flight condition" state={state()} note={result() ? "each channel one step ahead, against its noise" : undefined}>
       <JobProgress job={props.twin.comparison} what="Comparing the model with the flight" retry={props.twin.again} />
+      <Problem sentence={flight.error() && `No picture of the flight: ${flight.error()}`} retry={flight.reload} />
       <Show when={result()}>{(found) => <ComparisonView result={found()} looks={looks} />}</Show>
     </Step>
   );

@@ -190,6 +190,13 @@ impl FlightLog {
     }
 }
 
+impl FlightLog {
+    /// Upper limit of the motor outputs: the largest value where it is held again and again, else 1.
+    pub fn output_limit(&self) -> f64 {
+        events::upper_limit(&Signals::of(self))
+    }
+}
+
 impl FlightParts {
     /// Seconds in which a model may be calibrated and judged: from, to.
     pub fn in_the_air(&self) -> Vec<(f64, f64)> {

@@ -242,7 +242,12 @@ fn regress_motors_that_only_idle_are_on_the_ground() {
     assert_eq!(kinds(&off.flight_parts(None)), [PartKind::Ground]);
     // Turned about by hand, as for the calibration of a compass.
     let columns = [&columns[..], &ATTITUDE].concat();
-    let by_hand = flown_with(&columns, |t, row| Row { duty: [0.0; 4], rate: 2.0, roll: 2.0 * t.sin(), ..row });
+    let by_hand = flown_with(&columns, |t, row| Row {
+        duty: [0.0; 4],
+        rate: 2.0,
+        roll: 2.0 * t.sin(),
+        ..row
+    });
     assert_eq!(kinds(&by_hand.flight_parts(None)), [PartKind::Ground]);
 }
 

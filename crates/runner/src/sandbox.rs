@@ -1,0 +1,147 @@
+//! What an effect of the catalogue does to a flight of a vehicle: the flight that shows it best, flown in the simulator.
+
+use crate::next_flight::{fly, with_companions};
+use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance};
+use rotortwin_twin::model::ModelVersion;
+use rotortwin_twin::next_flight::{MANOEUVRES, Manoeuvre, Rival};
+use rotortwin_twin::sandbox::{EffectPicture, MovedChannel, left, moved};
+
+/// Seed of the flights: the same question has the same answer.
+const SEED: u64 = 1;
+
+/// The picture of an effect on a vehicle.
+///
+/// * `flight`: name of a manoeuvre; without one all are flown and the one that shows the effect best is taken
+///
+/// # Errors
+/// One sentence: no such effect, parameter, rotor or manoeuvre; a vehicle that cannot fly it.
+pub fn picture(
+    model: &ModelVersion,
+    catalogue: &Catalogue,
+    effect: &EffectInstance,
+    flight: Option<&str>,
+) -> Result<EffectPicture, String> {
+    let declaration = effect
+        .check(catalogue, model.rotor_count())
+        .map_err(|refusal| match refusal.key.as_str() {
+            "" => refusal.reason,
+            key => format!("{key}: {}", refusal.reason),
+        })?;
+    let rival = Rival {
+        effect: effect.effect.clone(),
+        rotor: effect.rotor,
+    };
+    let complete = with_companions(model, &rival, &rival, catalogue);
+    let together_with = complete.effect[model.effect.len()..]
+        .iter()
+        .map(|effect| effect.label())
+        .collect();
+    let random = declaration.class == EffectClass::Noise;
+    let mut best: Option<(&Manoeuvre, Vec<MovedChannel>)> = None;
+    let mut refused = None;
+    for manoeuvre in chosen(flight)? {
+        match shown(manoeuvre, &complete, catalogue, effect, random) {
+            Ok(channels) if best.as_ref().is_none_or(|(_, found)| size(&channels) > size(found)) => {
+                best = Some((manoeuvre, channels));
+            }
+            Ok(_) => {}
+            Err(reason) => refused = Some(reason),
+        }
+    }
+    let (manoeuvre, channels) =
+        best.ok_or_else(|| refused.unwrap_or_else(|| "no manoeuvre can be flown".to_owned()))?;
+    Ok(EffectPicture {
+        effect: effect.effect.clone(),
+        rotor: effect.rotor,
+        parameters: effect.parameters.clone().into_iter().collect(),
+        together_with,
+        random,
+        flight: manoeuvre.name.to_owned(),
+        description: manoeuvre.description.to_owned(),
+        duration_s: manoeuvre.duration_s,
+        channels,
+    })
+}
+
+fn chosen(flight: Option<&str>) -> Result<Vec<&'static Manoeuvre>, String> {
+    let Some(name) = flight else {
+        return Ok(MANOEUVRES.iter().collect());
+    };
+    let found = MANOEUVRES.iter().find(|manoeuvre| manoeuvre.name == name);
+    found.map(|manoeuvre| vec![manoeuvre]).ok_or_else(|| {
+        let names: Vec<&str> = MANOEUVRES.iter().map(|manoeuvre| manoeuvre.name).collect();
+        format!("there is no manoeuvre `{name}`; expected one of {}", names.join(", "))
+    })
+}
+
+fn shown(
+    manoeuvre: &Manoeuvre,
+    model: &ModelVersion,
+    catalogue: &Catalogue,
+    effect: &EffectInstance,
+    random: bool,
+) -> Result<Vec<MovedChannel>, String> {
+    let hidden = if random { std::slice::from_ref(effect) } else { &[] };
+    let log = fly(manoeuvre, model, hidden, SEED)?;
+    let found = if random {
+        left(&log, model, catalogue)
+    } else {
+        moved(&log, model, catalogue, effect)
+    };
+    found.map_err(|error| error.to_string())
+}
+
+/// How well channels show an effect: the strongest one over its noise.
+fn size(channels: &[MovedChannel]) -> f64 {
+    channels.first().map_or(0.0, |channel| channel.rms / channel.noise)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn f550() -> ModelVersion {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml");
+        ModelVersion::load(&path).unwrap()
+    }
+
+    #[test]
+    fn val_rotor_drag_is_a_line_over_the_speed_with_its_slope() {
+        let (model, catalogue) = (f550(), Catalogue::built_in());
+        let drag = EffectInstance::new("rotor-drag", &[("drag_n_s_m", 0.25)]);
+        let picture = picture(&model, &catalogue, &drag, None).unwrap();
+        let forward = picture.channels.iter().find(|one| one.channel == "fx").expect("fx");
+        let speed = forward
+            .conditions
+            .iter()
+            .find(|one| one.condition == "forward_speed")
+            .expect("speed");
+        // a_x = −k_d/m v_x near hover; bins of a turning vehicle average over its tilts.
+        let slope = (speed.does.last().unwrap() - speed.does[0]) / (speed.at.last().unwrap() - speed.at[0]);
+        let expected = -0.25 / model.vehicle.body.mass_kg;
+        assert!((slope / expected - 1.0).abs() < 0.1, "{slope} {expected}");
+        assert!(speed.explained > 0.8, "{}", speed.explained);
+    }
+
+    #[test]
+    fn prop_every_effect_of_the_catalogue_has_a_picture_or_shows_nothing() {
+        let (model, catalogue) = (f550(), Catalogue::built_in());
+        let mut bare = Vec::new();
+        for entry in catalogue.entries() {
+            let rotor = entry.per_rotor.then_some(1);
+            let rival = Rival {
+                effect: entry.id.to_owned(),
+                rotor,
+            };
+            let effect = rival.typical(&catalogue).unwrap();
+            match picture(&model, &catalogue, &effect, None) {
+                Ok(found) if found.channels.is_empty() => bare.push(entry.id.to_owned()),
+                Ok(_) => {}
+                Err(reason) => bare.push(format!("{}: {reason}", entry.id)),
+            }
+        }
+        println!("without a picture: {}", bare.join("; "));
+        assert!(bare.len() <= 6, "{}", bare.join("\n"));
+    }
+}

@@ -1,0 +1,84 @@
+//! A flight as people look at it: trajectory, parts and events, motor outputs, vibration; of an imported log or of a run.
+
+use super::fdi_reports::stored_as;
+use super::jobs::Shared;
+use crate::App;
+use crate::access::Caller;
+use crate::jobs::JobKind;
+use crate::problem::Problem;
+use crate::worker::answer::{Patience, answer};
+use axum::extract::Path;
+use axum::extract::rejection::PathRejection;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse as _, Response};
+use rotortwin_twin::flight_picture::FlightPicture;
+use std::ffi::OsString;
+use std::time::Duration;
+
+/// Longest wait for the logs that are read before it, and for its own.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A flight over time, of an imported log.
+#[utoipa::path(get, path = "/api/v1/logs/{id}/flight", tag = "logs", operation_id = "log_flight", params(("id" = String, Path)), responses(
+    (status = 200, description = "the flight", body = FlightPicture),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such log", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it is not imported", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "it takes too much memory or time", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn of_log(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Response, Problem> {
+    picture(&app, &caller, JobKind::Log, &id?.0).await
+}
+
+/// A flight over time, of a run: what its sensors said, not the truth.
+#[utoipa::path(get, path = "/api/v1/runs/{id}/flight", tag = "telemetry", operation_id = "run_flight", params(("id" = String, Path)), responses(
+    (status = 200, description = "the flight", body = FlightPicture),
+    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "it takes too much memory or time", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn of_run(
+    app: Shared,
+    caller: Caller,
+    id: Result<Path<String>, PathRejection>,
+) -> Result<Response, Problem> {
+    picture(&app, &caller, JobKind::Run, &id?.0).await
+}
+
+/// Read by a process of its own, as every log.
+async fn picture(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<Response, Problem> {
+    let path = stored_as(app, caller, kind, id).await?;
+    let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
+    let Ok(Ok(_turn)) = turn else {
+        return Err(Problem::unavailable("other logs are being read; expected a later try"));
+    };
+    let words: [OsString; 5] = [
+        "log".into(),
+        "show".into(),
+        path.as_os_str().to_owned(),
+        "--json".into(),
+        "--flight".into(),
+    ];
+    let patience = Patience {
+        memory: app.config.work.job_memory,
+        wall: PATIENCE,
+    };
+    let text = answer(&app.config.work.program, words, patience)
+        .await
+        .map_err(|mut problem| {
+            let path = path.display().to_string();
+            problem.detail = problem
+                .detail
+                .replace(&format!("{path}: "), "the log: ")
+                .replace(&path, "the log");
+            problem
+        })?;
+    Ok(([(CONTENT_TYPE, "application/json")], text).into_response())
+}

@@ -1,0 +1,102 @@
+//! What an effect of the catalogue does to a flight of a vehicle, for chosen parameters: computed by the effect itself.
+
+use super::jobs::Shared;
+use crate::access::Caller;
+use crate::problem::Problem;
+use crate::worker::answer::{Patience, answer};
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::{Path, Query};
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse as _, Response};
+use rotortwin_twin::sandbox::EffectPicture;
+use serde::Deserialize;
+use std::ffi::OsString;
+use std::time::Duration;
+use utoipa::IntoParams;
+
+/// Longest wait for the questions before it, and for its own answer.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// On which vehicle, how large.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Asked {
+    /// Name of one of the server's vehicles.
+    vehicle: String,
+    /// Rotor, from 1, of an effect of one rotor; 1 without it.
+    rotor: Option<usize>,
+    /// Values as `name:value` with commas between them; typical ones without them.
+    #[param(example = "drag_n_s_m:0.3")]
+    parameters: Option<String>,
+    /// Manoeuvre to fly; without it all are flown, and the one that shows the effect best is taken.
+    #[param(example = "speed-runs")]
+    flight: Option<String>,
+}
+
+/// What an effect does to the channels of a simulated flight, over time and over the conditions that excite it.
+#[utoipa::path(get, path = "/api/v1/catalogue/{effect}/picture", tag = "library", operation_id = "effect_picture", params(("effect" = String, Path), Asked), responses(
+    (status = 200, description = "the channels that it moves most", body = EffectPicture),
+    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "no such effect or vehicle", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "no such parameter, rotor or manoeuvre; the vehicle cannot fly it", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many questions at once", body = Problem, content_type = "application/problem+json")
+))]
+pub(crate) async fn picture(
+    app: Shared,
+    caller: Caller,
+    effect: Result<Path<String>, PathRejection>,
+    asked: Result<Query<Asked>, QueryRejection>,
+) -> Result<Response, Problem> {
+    let (Path(effect), Query(asked)) = (effect?, asked?);
+    let library = app.library(&caller).await?;
+    if library.catalogue()?.find(&effect).is_none() {
+        return Err(Problem::not_found(format!(
+            "there is no effect '{effect}' in the catalogue"
+        )));
+    }
+    // Only to be refused by name.
+    library.vehicle_documents(&asked.vehicle)?;
+    let named = asked
+        .rotor
+        .map_or_else(|| effect.clone(), |rotor| format!("{effect}#{rotor}"));
+    let mut words: Vec<OsString> = vec![
+        "effects".into(),
+        "plot".into(),
+        named.into(),
+        "--json".into(),
+        "--model".into(),
+        library.file("vehicles", &asked.vehicle, "toml").into(),
+    ];
+    let pairs = asked.parameters.as_deref().unwrap_or_default();
+    for pair in pairs.split(',').filter(|pair| !pair.is_empty()) {
+        let (name, value) = pair
+            .split_once(':')
+            .ok_or_else(|| Problem::bad_request(format!("`parameters`: expected name:value, got '{pair}'")))?;
+        words.push(format!("--set={name}={value}").into());
+    }
+    if let Some(flight) = &asked.flight {
+        words.push(format!("--flight={flight}").into());
+    }
+    for name in library.names("effects") {
+        words.push("--effects".into());
+        words.push(library.file("effects", &name, "toml").into());
+    }
+    let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
+    let Ok(Ok(_turn)) = turn else {
+        return Err(Problem::unavailable(
+            "other questions are being answered; expected a later try",
+        ));
+    };
+    let patience = Patience {
+        memory: app.config.work.job_memory,
+        wall: PATIENCE,
+    };
+    let text = answer(&app.config.work.program, words, patience)
+        .await
+        .map_err(|mut problem| {
+            problem.detail = library.without_root(&problem.detail);
+            problem
+        })?;
+    Ok(([(CONTENT_TYPE, "application/json")], text).into_response())
+}
