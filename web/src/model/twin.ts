@@ -150,7 +150,15 @@ export interface Diagnosis {
   not_testable: Unseen[];
   not_considered: Unconsidered[];
   calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; blocking: boolean; how: string; better: string }[];
-  trim?: { sentence: string; thrust_change: number[]; spread: [number, number]; smallest_loss: number | null } | null;
+  trim?: {
+    sentence: string;
+    thrust_change: number[];
+    spread: [number, number];
+    smallest_loss: number | null;
+    with_more: { flights: number; smallest_loss?: number | null }[];
+    vibration?: { sentence: string } | null;
+    no_vibration?: string | null;
+  } | null;
   detectable: Unseen[];
   goodness: { explained_share: number | null; unexplained: string[] };
   held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number }[];
