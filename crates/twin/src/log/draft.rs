@@ -862,11 +862,21 @@ mod tests {
     #[test]
     fn regress_three_bare_axes_are_a_position() {
         let rows: Vec<String> = (0..50)
-            .map(|k| format!("{},0.1,0.2,{},0,0,0,1", 1_724_429_288.0 + 0.02 * f64::from(k), 0.01 * f64::from(k)))
+            .map(|k| {
+                format!(
+                    "{},0.1,0.2,{},0,0,0,1",
+                    1_724_429_288.0 + 0.02 * f64::from(k),
+                    0.01 * f64::from(k)
+                )
+            })
             .collect();
         let text = format!("t,x,y,z,qx,qy,qz,qw\n{}\n", rows.join("\n"));
         let found = draft(Path::new("mocap.csv"), text.as_bytes()).unwrap();
-        assert!(found.toml.contains("to = \"position\"\nfrom = \"csv:x,y,z\""), "{}", found.toml);
+        assert!(
+            found.toml.contains("to = \"position\"\nfrom = \"csv:x,y,z\""),
+            "{}",
+            found.toml
+        );
         assert!(!found.toml.contains("to = \"velocity\""), "{}", found.toml);
     }
 

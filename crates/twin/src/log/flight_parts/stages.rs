@@ -164,7 +164,8 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
             let resting = (from..bin).filter(|bin| still[*bin]).count();
             let at_end = from == 0 || bin == low.len();
             let lies = 2 * resting > bin - from && (length_s >= REST_S || at_end);
-            if !(lies || length_s >= FALLEN_S && !falls(signals, from..bin) && !turns(signals, from..bin)) {
+            let down = lies || length_s >= FALLEN_S;
+            if !down || falls(signals, from..bin) || turns(signals, from..bin) {
                 on_ground[from..bin].fill(false);
             }
         }
@@ -191,7 +192,8 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
 
 /// Whether the accelerometer says of bins with idle motors that nothing carries the vehicle.
 fn falls(signals: &Signals, bins: Range<usize>) -> bool {
-    let Some(shock) = &signals.shock else {
+    // Of a vehicle that lies tilted one axis alone reads less than its weight.
+    let Some(shock) = signals.shock.as_ref().filter(|_| signals.has_all_forces) else {
         return false;
     };
     let from_s = signals.start_s[bins.start] + FALL_BEGINS_S;
