@@ -146,7 +146,7 @@ fn ground_level(effort: &[f64]) -> f64 {
 
 /// Bins on the ground; and those of them in which motors run that carry nothing.
 fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool>) {
-    if level == f64::INFINITY {
+    if level.is_infinite() {
         // No motor ever leaves idle: whoever moves the vehicle, it does not fly.
         return (vec![true; effort.len()], vec![false; effort.len()]);
     }
