@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | PX4 ULog | `vehicle_status` | `P` after the first of its name | `manual_control_setpoint` |
 //! | ArduPilot DataFlash | `MODE`, `EV` 10 and 11 | `PARM` after the first of its name | `RCIN` |
-//! | MAVLink `.tlog` | `HEARTBEAT` | `PARAM_VALUE` | `RC_CHANNELS`, `RC_CHANNELS_RAW` |
+//! | MAVLink telemetry | `HEARTBEAT` | `PARAM_VALUE` | `RC_CHANNELS`, `RC_CHANNELS_RAW` |
 //! | Betaflight, INAV | – | – | `rcCommand` |
 //!
 //! They explain what a model cannot: a gain that changed, a pilot who pulled. Nothing is computed from them.
