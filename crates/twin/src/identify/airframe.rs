@@ -197,7 +197,7 @@ fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -
     let frame = frames[usize::from(scores[1] > scores[0])];
     let places = frame.places();
     let doubt = motion.and_then(|motion| motion.best.doubt());
-    if motion.is_some_and(|motion| doubt.is_none() && motion.against(&places).is_some()) {
+    if motion.is_some_and(|motion| motion.against(&places).is_some()) {
         return None;
     }
     let how = match (motion, doubt) {

@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | PX4 ULog | `vehicle_status` | `P` after the first of its name | `manual_control_setpoint` |
 //! | ArduPilot DataFlash | `MODE`, `EV` 10 and 11 | `PARM` after the first of its name | `RCIN` |
-//! | MAVLink `.tlog` | `HEARTBEAT` | `PARAM_VALUE` | `RC_CHANNELS`, `RC_CHANNELS_RAW` |
+//! | MAVLink telemetry | `HEARTBEAT` | `PARAM_VALUE` | `RC_CHANNELS`, `RC_CHANNELS_RAW` |
 //! | Betaflight, INAV | – | – | `rcCommand` |
 //!
 //! They explain what a model cannot: a gain that changed, a pilot who pulled. Nothing is computed from them.
@@ -12,7 +12,7 @@
 use super::flight_parts::{EventKind, FlightEvent};
 use super::sources::{RawStream, SourceLog};
 
-/// Most changes of parameters that are kept of a log.
+/// Most changes of parameters, and most events of all kinds, that are kept of a log.
 pub(crate) const MOST_CHANGES: usize = 10_000;
 /// A stick beyond this share of its travel is an input.
 const INPUT: f64 = 0.25;
@@ -47,6 +47,8 @@ pub(crate) fn of(log: &SourceLog, start_s: f64) -> Vec<FlightEvent> {
         event.end_s -= start_s;
     }
     found.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    // A mode that flickers from sample to sample is told by its first ten thousand changes.
+    found.truncate(MOST_CHANGES);
     found
 }
 

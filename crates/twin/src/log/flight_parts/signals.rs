@@ -34,6 +34,8 @@ pub(super) struct Signals {
     pub(super) force: Option<Vec<f64>>,
     /// Size of the specific force, m/s².
     pub(super) shock: Option<Vec<f64>>,
+    /// All three axes of it are there.
+    pub(super) has_all_forces: bool,
     /// Angle between the body's z and the vertical, rad.
     pub(super) tilt: Option<Vec<f64>>,
     /// Roll and pitch, rad.
@@ -114,6 +116,7 @@ impl Signals {
             let [x, y] = [0, 1].map(|axis| log.column(names::ACCEL[axis]));
             let of = |values: Option<&[f64]>| values.map(|values| mean(&|row| values[row]));
             let flat = [of(x), of(y)];
+            signals.has_all_forces = flat.iter().all(Option::is_some);
             let up = signals.force.clone().unwrap_or_default();
             let part = |axis: usize, bin: usize| flat[axis].as_ref().map_or(0.0, |values| values[bin]);
             signals.shock = Some(

@@ -146,7 +146,7 @@ fn ground_level(effort: &[f64]) -> f64 {
 
 /// Bins on the ground; and those of them in which motors run that carry nothing.
 fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool>) {
-    if level == f64::INFINITY {
+    if level.is_infinite() {
         // No motor ever leaves idle: whoever moves the vehicle, it does not fly.
         return (vec![true; effort.len()], vec![false; effort.len()]);
     }
@@ -164,7 +164,8 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
             let resting = (from..bin).filter(|bin| still[*bin]).count();
             let at_end = from == 0 || bin == low.len();
             let lies = 2 * resting > bin - from && (length_s >= REST_S || at_end);
-            if !(lies || length_s >= FALLEN_S && !falls(signals, from..bin) && !turns(signals, from..bin)) {
+            let down = lies || length_s >= FALLEN_S;
+            if !down || falls(signals, from..bin) || turns(signals, from..bin) {
                 on_ground[from..bin].fill(false);
             }
         }
@@ -191,7 +192,8 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
 
 /// Whether the accelerometer says of bins with idle motors that nothing carries the vehicle.
 fn falls(signals: &Signals, bins: Range<usize>) -> bool {
-    let Some(shock) = &signals.shock else {
+    // Of a vehicle that lies tilted one axis alone reads less than its weight.
+    let Some(shock) = signals.shock.as_ref().filter(|_| signals.has_all_forces) else {
         return false;
     };
     let from_s = signals.start_s[bins.start] + FALL_BEGINS_S;
@@ -417,7 +419,7 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
         let (Some(shock), Some(force)) = (&signals.shock, &signals.force) else {
             return 0.0;
         };
-        if pull(bin) && force[bin] < MOST_THRUST {
+        if force[bin] < pull(bin).min(MOST_THRUST) {
             (shock[bin].powi(2) - force[bin].powi(2)).max(0.0).sqrt()
         } else {
             shock[bin]
@@ -450,9 +452,11 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     found
 }
 
-/// Bins in which the motors are asked for more than usual, or were within the last tenth of a second.
-fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> bool {
+/// The force along the thrust that the motors can make in a bin, m/s²: half as much again as a hover's by the square of what they are or were
+/// asked for in the last tenths of a second; 0 where they are asked for no more than usual.
+fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> f64 {
     const OVER_USUAL: f64 = 1.2;
+    const HOVER: f64 = 1.5 * 9.81;
     const LAG_S: f64 = 0.15;
     let effort = signals.effort.clone().unwrap_or_default();
     let mut usual: Vec<f64> = run
@@ -463,10 +467,16 @@ fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> bool {
     let usual = super::super::resample::median(&mut usual).unwrap_or(f64::INFINITY);
     let start_s = signals.start_s.clone();
     move |bin| {
-        (0..=bin)
+        let most = (0..=bin)
             .rev()
             .take_while(|before| start_s[bin] - start_s[*before] <= LAG_S)
-            .any(|before| effort.get(before).is_some_and(|effort| *effort > OVER_USUAL * usual))
+            .filter_map(|before| effort.get(before))
+            .fold(0.0, |most: f64, effort| most.max(*effort));
+        if most > OVER_USUAL * usual {
+            HOVER * (most / usual).powi(2)
+        } else {
+            0.0
+        }
     }
 }
 
