@@ -48,16 +48,21 @@ fn samples(case: &FaultCase, cache: &str, key: &str) -> Vec<Sample> {
     all
 }
 
-fn windows(samples: &[Sample]) -> Vec<Window> {
+fn windows(samples: &[Sample]) -> (Vec<Window>, Vec<[f64; 12]>) {
     let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
     let detectors = Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration");
     let mut session = FdiSession::new(*detectors.config(), 1).expect("a good configuration");
     let mut windows = Vec::new();
-    for (part, rows) in samples.chunks(1000).enumerate() {
-        let chunk = Chunk { first_step: 1000 * part as u64, after_gap: false, samples: rows.to_vec() };
-        windows.extend(session.feed(&chunk).expect("taken").windows);
+    let mut debug = Vec::new();
+    for (part, rows) in samples.chunks(25).enumerate() {
+        let chunk = Chunk { first_step: 25 * part as u64, after_gap: false, samples: rows.to_vec() };
+        
+        for w in session.feed(&chunk).expect("taken").windows {
+            windows.push(w);
+            debug.push([0.0; 12]);
+        }
     }
-    windows
+    (windows, debug)
 }
 
 fn sample(row: &rotortwin_blind::flight::Row) -> Sample {
@@ -115,11 +120,23 @@ fn main() {
     let duration: f64 = get("duration", "60").parse().unwrap();
     let jobs: usize = get("jobs", "2").parse().unwrap();
     let cache = get("cache", "");
+    let stats = get("stats", "0") == "1";
     let trace = get("trace", "0") == "1";
     let all = draw_cases(n, seed, duration, &[(VEHICLE.to_owned(), 6)]);
     for class in classes.split(',') {
         let class: Class = serde_json::from_value(json!(class)).expect("a class");
         let cases: Vec<FaultCase> = all.iter().filter(|c| c.class == class).cloned().collect();
+        if get("print", "0") == "1" {
+            for c in &cases {
+                let text: Vec<String> = c.effects.iter().filter(|e| e.onset_s.is_none()).map(|e| {
+                    let mut parts: Vec<String> = e.rotor.map(|r| format!("rotor={r}")).into_iter().collect();
+                    parts.extend(e.parameters.iter().map(|(k, v)| format!("{k}={v}")));
+                    format!("--effect {}:{}", e.id, parts.join(","))
+                }).collect();
+                println!("{} {}", c.index, text.join(" "));
+            }
+            continue;
+        }
         let next = AtomicUsize::new(0);
         let rows: Mutex<Vec<(usize, FaultRow)>> = Mutex::new(Vec::new());
         let started = std::time::Instant::now();
@@ -130,10 +147,36 @@ fn main() {
                     let Some(case) = cases.get(k) else { break };
                     let flown = samples(case, &cache, &format!("{class:?}-{seed}-{}-{duration}", case.index));
                     if flown.is_empty() { continue; }
-                    let windows = windows(&flown);
+                    let (windows, debug) = windows(&flown);
+                    if stats {
+                        let mut alarmed = false;
+                        let onset = case.effects.iter().filter(|e| e.id == "rotor-thrust-scale").filter_map(|e| e.onset_s).fold(f64::INFINITY, f64::min);
+                        let rotor = case.effects.iter().find(|e| e.id == "rotor-thrust-scale").and_then(|e| e.rotor).unwrap_or(0);
+                        for (w, d) in windows.iter().zip(&debug) {
+                            let c = code(w);
+                            if c == -4 || c == -2 { continue; }
+                            if c != 0 && !alarmed {
+                                let kind = if time_s(w) < onset { "FALSE" } else { "true" };
+                                let what = if c == -3 { "sets" } else if c as usize == rotor { "right" } else { "other" };
+                                println!("S {class:?} {k} {kind} {what} t {:.2} z {:.1} share {:.3} sur {:.2} chi {:.0} R {:.2} R10 {:.2} peak {:.1} noth {:.4} now {:.1} eng {}", time_s(w), d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8], w.engine.sequential);
+                            }
+                            alarmed = c != 0;
+                        }
+                    }
                     let views: Vec<_> = windows.iter().map(view).collect();
                     let row = score(case, &json!({ "log": { "start_s": 0.0 }, "windows": views }).to_string()).expect("scored");
-                    if trace && (row.false_alarms > 0 || row.healthy_named) {
+                    if stats && (get("every", "0") == "1" || row.inside == Some(false)) || stats && row.announced == Some(false) {
+                        let e = case.effects.iter().find(|e| e.id == "rotor-thrust-scale").unwrap();
+                        let w = windows.iter().rfind(|w| w.report.thrust_loss.share > 0.0);
+                        let l = w.map(|w| w.report.thrust_loss).unwrap_or_default();
+                        let onset = e.onset_s.unwrap();
+                        let small = windows.iter().rfind(|w| time_s(w) < onset).and_then(|w| w.smallest_loss.get(e.rotor.unwrap() - 1).copied());
+                        let d = debug.iter().rfind(|d| d[9] != 0.0).copied().unwrap_or_default();
+                        println!("I {k} bias {:.4} gain {:.3} +- {:.3} {} truth {:.4} said {:.4} [{:.4} {:.4}] off {:.2} half widths, inside {:?} announced {:?} small {small:?} first {:?} {}", d[9], d[10], d[11], case.flight, -e.parameters["share"], l.share, l.share_low, l.share_high,
+                            (l.share as f64 + e.parameters["share"]) / (0.5 * (l.share_high - l.share_low) as f64), row.inside, row.announced, row.first_s,
+                            case.effects.iter().skip(3).map(|e| format!("{}{:?}", e.id, e.parameters.values().map(|x| (x * 1000.0).round() / 1000.0).collect::<Vec<_>>())).collect::<Vec<_>>().join(" "));
+                    }
+                    if trace && (row.false_alarms > 0 || row.healthy_named || row.announced == Some(false)) {
                         let mut text = format!("== {k} {:?} {} alarms {} named {}: {}\n", class, case.flight, row.false_alarms, row.healthy_named,
                             case.effects.iter().map(|e| format!("{}{}{:?}", e.id, e.onset_s.map_or(String::new(), |o| format!("@{o}")), e.parameters.values().map(|x| (x * 1000.0).round() / 1000.0).collect::<Vec<_>>())).collect::<Vec<_>>().join(" "));
                         let mut last = i32::MIN;
