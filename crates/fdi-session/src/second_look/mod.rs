@@ -63,7 +63,7 @@ const SURE_WINDOWS: u32 = 8;
 const SURE_WINDOWS_CAREFUL: u32 = 160;
 /// Its probability until then is at most this.
 const NOT_SURE: f64 = 0.94;
-/// A name is told at once, sets at all, if χ² of the lost wrench over the surprise of the last quarter of a second is above this.
+/// Once the model has proved itself a name is told at once, sets at all, if χ² of the lost wrench over the surprise of the last quarter of a second is above this.
 const STRONG: f64 = 32.0;
 const STRONG_SETS: f64 = 64.0;
 /// Where a name has to stand before it is told, its loss has to be so many standard deviations.
@@ -346,9 +346,9 @@ impl SecondLook {
             return said;
         }
         let evidence = sets::chi_square(&value, &variance, self.hover) / self.trust.now().max(1.0);
-        let is_strong = evidence > STRONG;
+        let is_strong = evidence > STRONG && self.trust.is_proven();
         let answer = match &said {
-            Ok(said) if said.sequential == AMBIGUOUS && evidence > STRONG_SETS => Answer::Sets,
+            Ok(said) if said.sequential == AMBIGUOUS && is_strong && evidence > STRONG_SETS => Answer::Sets,
             Ok(said) if said.sequential != AMBIGUOUS && self.is_real(is_strong) => Answer::Name(said.suspect_rotors),
             _ => Answer::Neither,
         };
@@ -361,7 +361,7 @@ impl SecondLook {
     fn begin_episode(&mut self) {
         let before = self.snapshots.front().map_or(&self.filter, |(filter, _)| filter);
         self.caution = [self.trust.worst().max(1.0), before.thrust_error()];
-        self.settling.begin(self.trust.is_earned());
+        self.settling.begin(self.trust.is_kept());
         self.trust.begin();
     }
 

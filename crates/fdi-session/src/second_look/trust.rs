@@ -13,7 +13,7 @@ const BLOCKS: usize = 4;
 const LATEST: usize = 16;
 /// Blocks that are remembered: a minute, and the latest.
 const REMEMBERED: usize = 960 + LATEST;
-/// The model has proved itself after so many blocks with verdicts: 5 s.
+/// The model has proved itself after so many blocks with verdicts, 5 s: a calibration seldom has the manoeuvres of the flight.
 const PROOF: usize = 80;
 /// Largest surprise of a model that holds.
 const MOST: f64 = 4.0;
@@ -74,9 +74,14 @@ impl Trust {
         self.blocks.iter().sum::<f64>() / self.blocks.len().max(1) as f64
     }
 
-    /// The model has explained the flight since the calibration, and for long enough.
-    pub(super) fn is_earned(&self) -> bool {
-        self.decided >= PROOF && self.worst() <= 1.0
+    /// The model has explained the flight since the calibration.
+    pub(super) fn is_kept(&self) -> bool {
+        self.worst() <= 1.0
+    }
+
+    /// The flight has been long enough to tell.
+    pub(super) fn is_proven(&self) -> bool {
+        self.decided >= PROOF
     }
 
     /// Largest surprise of the last minute over that of a model that holds.
@@ -97,18 +102,18 @@ mod tests {
     }
 
     #[test]
-    fn val_trust_is_earned_and_lost_for_a_minute() {
+    fn val_trust_is_proven_and_lost_for_a_minute() {
         let mut trust = Trust::calibrated(&[1.0; 80]);
-        assert!(!trust.is_earned());
+        assert!(trust.is_kept() && !trust.is_proven());
         flown(&mut trust, PROOF, 1.0);
-        assert!(trust.is_earned());
+        assert!(trust.is_kept() && trust.is_proven());
         flown(&mut trust, BLOCKS, 8.0);
-        assert!(trust.is_earned(), "that may be what is about to be found");
+        assert!(trust.is_kept(), "that may be what is about to be found");
         flown(&mut trust, LATEST, 1.0);
-        assert!(!trust.is_earned());
+        assert!(!trust.is_kept());
         assert!((trust.worst() - 2.0).abs() < 1e-9, "{}", trust.worst());
         flown(&mut trust, REMEMBERED, 1.0);
-        assert!(trust.is_earned());
+        assert!(trust.is_kept());
     }
 
     #[test]
@@ -123,7 +128,7 @@ mod tests {
                 trust.excuse();
             }
             flown(&mut trust, LATEST, 1.0);
-            assert_eq!(trust.is_earned(), explained);
+            assert_eq!(trust.is_kept(), explained);
         }
     }
 }
