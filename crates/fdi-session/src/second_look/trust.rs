@@ -2,7 +2,7 @@
 //!
 //! A vehicle that is not the model, or weather that the calibration did not have, shows before it imitates a loss: innovations e of the wrench
 //! filter are larger than their variance s says. The measure is their surprise q, the mean of e²/s over four axes and four blocks (1 where the
-//! model holds; up to 3.7 within a minute in 240 flights of a known vehicle), and of that the largest of the last minute. Surprise that a lasting
+//! model holds; up to 3.7 within a minute in 179 of 180 flights of a known vehicle), and of that the largest of the last minute. Surprise that a lasting
 //! loss explains, and of the second before it was found, does not count.
 
 use std::collections::VecDeque;
