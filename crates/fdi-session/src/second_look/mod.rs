@@ -10,12 +10,14 @@
 //! * severity comes from a lost wrench that may move (a ramp, a recovery), with the interval of the present, not of the moment of naming;
 //! * a name is given only as far as nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small losses, three
 //!   rotors, a changed load;
-//! * what is named for a moment only was a disturbance ([`settling`]).
+//! * what is named for a moment only was a disturbance ([`settling`]), and evidence counts as far as the model has explained the flight so far
+//!   ([`trust`]).
 
 mod joint;
 mod meter;
 mod sets;
 mod settling;
+mod trust;
 mod wrench;
 
 use super::validity::Obstacle;
@@ -29,6 +31,7 @@ use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
 use sets::{Explanation, Kind};
 use settling::{Answer, Settling};
 use std::collections::VecDeque;
+use trust::Trust;
 use wrench::{AtSpeed, WrenchFilter};
 
 /// Half the width of a 95 % interval in standard deviations.
@@ -56,8 +59,18 @@ const TWIN: f64 = 0.02;
 const SURE: f64 = 0.95;
 /// A name is sure only after so many windows: the first ones hardly tell a loss from its neighbours.
 const SURE_WINDOWS: u32 = 8;
+/// The same where the model has failed: 10 s.
+const SURE_WINDOWS_CAREFUL: u32 = 160;
 /// Its probability until then is at most this.
 const NOT_SURE: f64 = 0.94;
+/// Once the model has proved itself a name is told at once, sets at all, if χ² of the lost wrench over the surprise of the last quarter of a second is above this.
+const STRONG: f64 = 32.0;
+const STRONG_SETS: f64 = 64.0;
+/// Where a name has to stand before it is told, its loss has to be so many standard deviations.
+const REAL_SIGMAS: f64 = 3.0;
+/// Standard deviation of the slope of the thrust curve, in units of the error of the thrust in hover: somewhere between none of it (the mass is
+/// off) and all of it (the thrust is), 1/√3.
+const SLOPE_ERROR: f64 = 0.577;
 /// Low-pass of the unexplained wrench, s: as the engine's residuals have.
 const UNEXPLAINED_TIME: f64 = 0.2;
 /// Probability of nothing above which a fault is over, and below which it is back.
@@ -90,6 +103,9 @@ pub struct SecondLook {
     /// The engine has found something, and whether it is still there.
     alarm: Option<bool>,
     settling: Settling,
+    trust: Trust,
+    /// As the present episode began: factor of the variance of a severity, error of the thrust in hover as a share of it.
+    caution: [f64; 2],
 }
 
 impl SecondLook {
@@ -123,6 +139,8 @@ impl SecondLook {
             named: (0, 0),
             alarm: None,
             settling: Settling::default(),
+            trust: Trust::default(),
+            caution: [1.0, 0.0],
         }
     }
 
@@ -152,7 +170,7 @@ impl SecondLook {
             self.filter.calibrate(block);
         } else if decides {
             if !self.filter.is_ready() {
-                self.filter.start();
+                self.trust = Trust::calibrated(&self.filter.start());
             }
             if self.filter.is_ready() {
                 self.take(block);
@@ -179,7 +197,8 @@ impl SecondLook {
             self.snapshots
                 .push_back((self.filter.clone(), Vec::with_capacity(SNAPSHOT_BLOCKS)));
         }
-        self.filter.step(&block, self.demand(&block, u32::MAX));
+        let surprise = self.filter.step(&block, self.demand(&block, u32::MAX));
+        self.trust.take(surprise);
         let (phis, noise) = (self.filter.phis(&block), self.filter.noise());
         for tracked in &mut self.tracked {
             tracked.step(&block, &phis, &noise);
@@ -242,22 +261,25 @@ impl SecondLook {
     }
 
     /// Lost share of each tracked rotor now, and its standard deviation. It is not known better than to the disturbance that the calibration saw:
-    /// a loss that may move follows one that is as slow, whatever the filter says of its own variance.
+    /// a loss that may move follows one that is as slow, whatever the filter says of its own variance. The variance counts as often as the model has
+    /// been worse than it may be, and a thrust that is off in hover is off in its slope.
     fn severity(&self) -> Vec<[f64; 2]> {
         let Some(tracked) = self.tracked.first() else {
             return Vec::new();
         };
         let noise = self.filter.noise();
+        let [factor, thrust_error] = self.caution;
+        let relative = MODEL_ERROR.hypot(SLOPE_ERROR * thrust_error);
         let rotors = (0..self.rotor_count).filter(|rotor| tracked.rotors >> rotor & 1 == 1);
         tracked
             .lost()
             .into_iter()
             .zip(rotors)
             .map(|([share, variance], rotor)| {
-                let model = (MODEL_ERROR * share).powi(2) + MODEL_FLOOR.powi(2);
+                let model = (relative * share).powi(2) + MODEL_FLOOR.powi(2);
                 let information = self.information(rotor, &std::array::from_fn(|axis| noise[axis].gust));
                 let disturbance = 1.0 / (information * self.hover_thrust[rotor].powi(2));
-                [share, (variance.max(disturbance) + model).sqrt()]
+                [share, ((factor * variance).max(disturbance) + model).sqrt()]
             })
             .collect()
     }
@@ -275,10 +297,11 @@ impl SecondLook {
             return Vec::new();
         }
         let variance = self.filter.variance_of_a_sudden_loss();
+        let sigmas = SEEN_SIGMAS * self.trust.worst().max(1.0).sqrt();
         (0..self.rotor_count)
             .map(|rotor| {
                 let information = self.information(rotor, &variance);
-                let seen = (SEEN_SIGMAS / information.sqrt()).max(self.settling.size()[rotor]);
+                let seen = (sigmas / information.sqrt()).max(self.settling.size()[rotor]);
                 (seen / self.hover_thrust[rotor]) as f32
             })
             .collect()
@@ -292,7 +315,7 @@ impl SecondLook {
         }
         if !found {
             if self.alarm.take().is_some() {
-                self.settling.over();
+                self.end_episode();
                 self.snapshots.clear();
                 self.tracked.clear();
                 self.named = (0, 0);
@@ -314,20 +337,45 @@ impl SecondLook {
             None | Some(false) => nothing < BACK,
         };
         self.alarm = Some(is_there);
+        if is_there && !self.settling.is_open() {
+            self.begin_episode();
+        }
         let said = self.said(report, &found, nothing, value[0]);
         if !is_there {
-            self.settling.over();
+            self.end_episode();
             return said;
         }
+        let evidence = sets::chi_square(&value, &variance, self.hover) / self.trust.now().max(1.0);
+        let is_strong = evidence > STRONG && self.trust.is_proven();
         let answer = match &said {
-            Ok(said) if said.sequential == AMBIGUOUS => Answer::Sets,
-            Ok(said) => Answer::Name(said.suspect_rotors),
-            Err(_) => Answer::Neither,
+            Ok(said) if said.sequential == AMBIGUOUS && is_strong && evidence > STRONG_SETS => Answer::Sets,
+            Ok(said) if said.sequential != AMBIGUOUS && self.is_real(is_strong) => Answer::Name(said.suspect_rotors),
+            _ => Answer::Neither,
         };
-        match self.settling.take(answer, &self.column, &value) {
+        match self.settling.take(answer, is_strong, &self.column, &value) {
             true => said,
             false => Err(said.err().unwrap_or(Obstacle::Unclear)),
         }
+    }
+
+    fn begin_episode(&mut self) {
+        let before = self.snapshots.front().map_or(&self.filter, |(filter, _)| filter);
+        self.caution = [self.trust.worst().max(1.0), before.thrust_error()];
+        self.settling.begin(self.trust.is_kept());
+        self.trust.begin();
+    }
+
+    fn end_episode(&mut self) {
+        if self.settling.over() {
+            self.trust.excuse();
+        }
+    }
+
+    /// The loss of what is named is more than its own error, as far as that is asked for.
+    fn is_real(&self, is_strong: bool) -> bool {
+        let is_asked = self.settling.is_careful() || !is_strong;
+        let is_large = |[share, deviation]: &[f64; 2]| *share > REAL_SIGMAS * deviation;
+        !is_asked || self.severity().first().is_some_and(is_large)
     }
 
     /// What this window alone says.
@@ -385,7 +433,12 @@ impl SecondLook {
             };
             let windows = if self.named.0 == first { self.named.1 + 1 } else { 1 };
             self.named = (first, windows);
-            let most = if windows < SURE_WINDOWS || has_twins {
+            let enough_windows = if self.settling.is_careful() {
+                SURE_WINDOWS_CAREFUL
+            } else {
+                SURE_WINDOWS
+            };
+            let most = if windows < enough_windows || has_twins {
                 NOT_SURE
             } else {
                 1.0

@@ -75,7 +75,7 @@ pub(super) fn weigh(
 ) -> Vec<Explanation> {
     let mut base = [[0.0; AXES]; AXES];
     for axis in 0..AXES {
-        base[axis][axis] = variance[axis] + (GAIN_ERROR * value[axis]).powi(2) + (FLOOR * hover).powi(2);
+        base[axis][axis] = error(value[axis], variance[axis], hover);
     }
     let mut found = Vec::new();
     let mut add = |kind, rotors: u32, against: f64, parts: &[([f64; AXES], f64)], one_sided: usize| {
@@ -116,6 +116,18 @@ pub(super) fn weigh(
         .collect();
     found.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     found
+}
+
+/// χ² of a lost wrench if nothing is lost; arguments as above.
+pub(super) fn chi_square(value: &[f64; AXES], variance: &[f64; AXES], hover: f64) -> f64 {
+    (0..AXES)
+        .map(|axis| value[axis].powi(2) / error(value[axis], variance[axis], hover))
+        .sum()
+}
+
+/// V of an axis, N².
+fn error(value: f64, variance: f64, hover: f64) -> f64 {
+    variance + (GAIN_ERROR * value).powi(2) + (FLOOR * hover).powi(2)
 }
 
 /// ln p of a wrench that is the sum of `base` noise and of parts of a direction and a standard deviation each, the first of which are

@@ -1,15 +1,21 @@
 //! Tells a fault from a disturbance by what is said of it from window to window.
 //!
 //! A gust that the calibration did not have makes a wrench that some loss explains for a window or two, another one in the next, and at last none.
-//! An *episode* begins when something is found and ends when it is over. A name with which it begins is told at once; other names, and sets, once
-//! they have stood for [`LASTING`]. An episode that ends and never had one name for so long was a disturbance; for [`REMEMBERED_S`] after it only
-//! a name that lasts is told, and what a rotor seemed to have lost in it is no loss that would be seen ([`Settling::size`]).
+//! An *episode* begins when something is found and ends when it is over. Where the model has explained the flight so far ([`super::trust`]), a name
+//! with which it begins is told at once if the evidence is strong; other names, and sets, once they have stood for [`LASTING`]. Where it has not,
+//! names are told after [`LONG`] and sets after [`LONGEST`]: what the model lacks imitates a loss for as long as a manoeuvre lasts, a loss stays.
+//!
+//! An episode that ends and never had one name for [`LASTING`] was a disturbance; for [`REMEMBERED_S`] after it the model counts as one that fails,
+//! and what a rotor seemed to have lost in it is no loss that would be seen ([`Settling::size`]).
 
 use super::meter::AXES;
 use rotortwin_flight_core::MAX_ROTORS;
 
 /// Windows in a row with one name, or with sets of rotors: a disturbance seldom leaves the same kind of answer for longer.
 const LASTING: u32 = 6;
+/// The same where the model fails, 2 s and 6 s: a name, sets.
+const LONG: u32 = 32;
+const LONGEST: u32 = 96;
 /// An episode begins with so many windows: the engine may be a window ahead.
 const FIRST: u32 = 3;
 /// A disturbance is followed by others of the same weather for so long, s.
@@ -22,7 +28,7 @@ pub(super) enum Answer {
     Name(u32),
     /// One of several sets.
     Sets,
-    /// A load, something unknown, or too many sets.
+    /// A load, something unknown, too many sets, or too little evidence.
     Neither,
 }
 
@@ -36,8 +42,10 @@ pub(super) struct Settling {
     size: [f64; MAX_ROTORS],
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 struct Episode {
+    /// The model had failed before it.
+    is_careful: bool,
     windows: u32,
     last: Option<Answer>,
     /// Windows in a row with the same kind of answer, of names with the same name.
@@ -60,12 +68,45 @@ impl Settling {
         }
     }
 
-    /// Takes in the answer of a window; whether it may be told.
+    /// An episode goes on.
+    pub(super) fn is_open(&self) -> bool {
+        self.episode.is_some()
+    }
+
+    /// An episode begins.
     ///
-    /// * `column`: of each rotor, levers taken out   * `lost`: wrench, levers taken out, N
-    pub(super) fn take(&mut self, answer: Answer, column: &[[f64; AXES]; MAX_ROTORS], lost: &[f64; AXES]) -> bool {
-        let disturbed = self.since_disturbance.is_some();
-        let episode = self.episode.get_or_insert_default();
+    /// * `is_trusted`: the model has explained the flight so far
+    pub(super) fn begin(&mut self, is_trusted: bool) {
+        self.episode = Some(Episode {
+            is_careful: !is_trusted || self.since_disturbance.is_some(),
+            windows: 0,
+            last: None,
+            run: 0,
+            longest: 0,
+            is_told: false,
+            size: [0.0; MAX_ROTORS],
+        });
+    }
+
+    /// The episode needs more than usual to be told.
+    pub(super) fn is_careful(&self) -> bool {
+        self.episode.as_ref().is_some_and(|episode| episode.is_careful)
+    }
+
+    /// Takes in the answer of a window of an episode that has begun; whether it may be told.
+    ///
+    /// * `is_strong`: so much evidence that a name need not stand first   * `column`: of each rotor, levers taken out
+    /// * `lost`: wrench, levers taken out, N
+    pub(super) fn take(
+        &mut self,
+        answer: Answer,
+        is_strong: bool,
+        column: &[[f64; AXES]; MAX_ROTORS],
+        lost: &[f64; AXES],
+    ) -> bool {
+        let Some(episode) = &mut self.episode else {
+            return false;
+        };
         episode.windows += 1;
         episode.run = if episode.last == Some(answer) {
             episode.run + 1
@@ -83,25 +124,29 @@ impl Settling {
         if let Answer::Name(_) = answer {
             episode.longest = episode.longest.max(episode.run);
         }
-        episode.is_told |= match answer {
-            Answer::Name(_) => episode.run >= LASTING || !disturbed && episode.windows <= FIRST,
-            Answer::Sets => episode.run >= LASTING && !disturbed,
-            Answer::Neither => false,
+        episode.is_told |= match (answer, episode.is_careful) {
+            (Answer::Name(_), false) => episode.run >= LASTING || is_strong && episode.windows <= FIRST,
+            (Answer::Name(_), true) => episode.run >= LONG,
+            (Answer::Sets, false) => episode.run >= LASTING,
+            (Answer::Sets, true) => episode.run >= LONGEST,
+            (Answer::Neither, _) => false,
         };
         episode.is_told
     }
 
-    /// Nothing is wrong any more.
-    pub(super) fn over(&mut self) {
+    /// Nothing is wrong any more; whether a loss was.
+    pub(super) fn over(&mut self) -> bool {
         let Some(episode) = self.episode.take() else {
-            return;
+            return false;
         };
-        if episode.longest < LASTING {
+        let was_loss = episode.longest >= LASTING;
+        if !was_loss {
             self.since_disturbance = Some(0.0);
             for (size, seen) in self.size.iter_mut().zip(episode.size) {
                 *size = size.max(seen);
             }
         }
+        was_loss
     }
 
     /// What each rotor seemed to have lost in the disturbances that are remembered, N: a loss of that size would be taken for one.
@@ -117,11 +162,17 @@ mod tests {
     const COLUMN: [[f64; AXES]; MAX_ROTORS] = [[-1.0, 0.5, 0.0, 0.0]; MAX_ROTORS];
     const LOST: [f64; AXES] = [0.2, -0.1, 0.0, 0.0];
 
-    fn told(settling: &mut Settling, answers: &[Answer]) -> Vec<bool> {
+    /// What is told in an episode.
+    fn told(settling: &mut Settling, is_trusted: bool, is_strong: bool, answers: &[Answer]) -> Vec<bool> {
+        settling.begin(is_trusted);
         answers
             .iter()
-            .map(|answer| settling.take(*answer, &COLUMN, &LOST))
+            .map(|answer| settling.take(*answer, is_strong, &COLUMN, &LOST))
             .collect()
+    }
+
+    fn from(first: u32, windows: u32) -> Vec<bool> {
+        (1..=windows).map(|window| window >= first).collect()
     }
 
     #[test]
@@ -129,35 +180,37 @@ mod tests {
         use Answer::{Name, Neither, Sets};
         let gust = [Sets, Sets, Neither, Sets, Name(4), Name(2), Neither];
         let mut settling = Settling::default();
-        assert_eq!(told(&mut settling, &gust), [false; 7]);
-        settling.over();
-        assert_eq!(told(&mut settling, &gust), [false; 7]);
+        assert_eq!(told(&mut settling, true, true, &gust), [false; 7]);
+        assert!(!settling.over());
+        assert_eq!(told(&mut settling, true, true, &gust), [false; 7]);
         // An error along the column is what a loss of it would be.
         assert!((settling.size()[0] - 0.2).abs() < 1e-9, "{:?}", settling.size());
     }
 
     #[test]
     fn val_a_loss_is_named_at_once_and_after_a_gust_when_it_lasts() {
+        let name = [Answer::Name(1); 40];
         let mut settling = Settling::default();
-        assert_eq!(told(&mut settling, &[Answer::Name(1)]), [true]);
-        // Named for half a second, gone, and back: no gust.
-        told(&mut settling, &[Answer::Name(1); 8]);
-        settling.over();
-        assert_eq!(told(&mut settling, &[Answer::Name(1)]), [true]);
-        settling.over();
+        // Named for longer than any gust is, gone, and back.
+        assert_eq!(told(&mut settling, true, true, &name), from(1, 40));
+        assert!(settling.over());
+        assert_eq!(told(&mut settling, true, true, &name[..1]), [true]);
         // That one was too short to tell.
-        let expected: Vec<bool> = (1..=8).map(|run| run >= LASTING).collect();
-        assert_eq!(told(&mut settling, &[Answer::Name(1); 8]), expected);
-        settling.over();
+        assert!(!settling.over());
+        assert_eq!(told(&mut settling, true, true, &name), from(LONG, 40));
+        assert!(settling.over());
         settling.pass(REMEMBERED_S + 1.0);
-        assert_eq!(told(&mut settling, &[Answer::Name(2)]), [true]);
+        assert_eq!(told(&mut settling, true, true, &name[..1]), [true]);
         assert_eq!(settling.size(), &[0.0; MAX_ROTORS]);
     }
 
     #[test]
-    fn val_sets_that_stand_are_told() {
+    fn val_weak_evidence_and_a_model_that_fails_need_time() {
         let mut settling = Settling::default();
-        let expected: Vec<bool> = (1..=8).map(|run| run >= LASTING).collect();
-        assert_eq!(told(&mut settling, &[Answer::Sets; 8]), expected);
+        let (name, sets) = ([Answer::Name(1); 100], [Answer::Sets; 100]);
+        assert_eq!(told(&mut settling, true, false, &name), from(LASTING, 100));
+        assert_eq!(told(&mut settling, false, true, &name), from(LONG, 100));
+        assert_eq!(told(&mut settling, true, true, &sets), from(LASTING, 100));
+        assert_eq!(told(&mut settling, false, true, &sets), from(LONGEST, 100));
     }
 }

@@ -130,6 +130,7 @@ pub(super) struct AtSpeed {
 pub(super) struct WrenchFilter {
     /// Thrust of a rotor in hover, N.
     hover: f64,
+    rotor_count: f64,
     prior: [[f64; STATES]; AXES],
     centre_scale: [f64; AXES],
     gust_time: f64,
@@ -150,6 +151,7 @@ impl WrenchFilter {
         let longest = arm[1].max(arm[2]);
         Self {
             hover,
+            rotor_count: config.geometry.rotor_count() as f64,
             prior: std::array::from_fn(|axis| {
                 let second = match axis {
                     0 => square(c.drag_spread * config.mass),
@@ -211,11 +213,12 @@ impl WrenchFilter {
         !self.modes.is_empty()
     }
 
-    /// Ends the calibration.
-    pub(super) fn start(&mut self) {
+    /// Ends the calibration; the surprise of each of its blocks, mean of e²/s over the axes.
+    pub(super) fn start(&mut self) -> Vec<f64> {
         let blocks = std::mem::take(&mut self.blocks);
+        let mut surprise = vec![0.0; blocks.len()];
         if blocks.is_empty() {
-            return;
+            return surprise;
         }
         let count = blocks.len() as f64;
         let mut start = [Filter::new(&self.prior[0]); AXES];
@@ -226,6 +229,7 @@ impl WrenchFilter {
                 .sum::<f64>();
             let correlation = (-blocks[0].elapsed / self.gust_time).exp();
             let mut best = f64::NEG_INFINITY;
+            let mut least_surprise = Vec::new();
             for gust in 0..GUST_LEVELS {
                 for white in 0..WHITE_LEVELS {
                     let level =
@@ -241,25 +245,32 @@ impl WrenchFilter {
                     prior[GUST] = noise.gust;
                     let mut filter = Filter::new(&prior);
                     let mut log_likelihood = 0.0;
+                    let mut squares = Vec::with_capacity(blocks.len());
                     for block in &blocks {
                         let (e, s) = filter.step(&self.phi(axis, block, 0.0), &noise, 0.0, block.defect[axis]);
                         log_likelihood += log_density(e, s);
+                        squares.push(e * e / s);
                     }
                     if log_likelihood > best {
                         best = log_likelihood;
+                        least_surprise = squares;
                         (start[axis], self.noise[axis]) = (filter, noise);
                     }
                 }
             }
+            for (mean, square) in surprise.iter_mut().zip(&least_surprise) {
+                *mean += square / AXES as f64;
+            }
         }
         self.modes = vec![start; SPEEDS.len()];
         self.probability = std::array::from_fn(|speed| if speed == 0 { 0.97 } else { 0.01 });
+        surprise
     }
 
-    /// Takes in a block after the calibration.
+    /// Takes in a block after the calibration; its surprise, mean of e²/s over speeds and axes.
     ///
     /// * `demand`: ∫ of what the lost thrust is proportional to, 1 in hover, s
-    pub(super) fn step(&mut self, block: &Block, demand: f64) {
+    pub(super) fn step(&mut self, block: &Block, demand: f64) -> f64 {
         let phis: [_; AXES] = std::array::from_fn(|axis| self.phi(axis, block, demand));
         let count = SPEEDS.len();
         let mut next = [0.0; SPEEDS.len()];
@@ -300,6 +311,7 @@ impl WrenchFilter {
             self.scale[axis] *= 1.0 + SCALE_WEIGHT * (nis[axis].min(LIMIT) / 0.97 - 1.0);
             self.scale[axis] = self.scale[axis].clamp(0.5, 100.0);
         }
+        nis.iter().sum::<f64>() / AXES as f64
     }
 
     /// As it is now.
@@ -339,6 +351,13 @@ impl WrenchFilter {
             });
             (state, covariance)
         })
+    }
+
+    /// Bias of the vertical force over the weight: what the thrust of all rotors is off by, as far as it is not the mass that is.
+    pub(super) fn thrust_error(&self) -> f64 {
+        let weight = self.hover * self.rotor_count;
+        let [(vertical, _), ..] = self.healthy(true);
+        vertical[BIAS] / weight
     }
 
     /// Of the lost wrench at the highest speed: what it would be known to soon after a sudden loss, N².
