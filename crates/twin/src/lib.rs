@@ -15,6 +15,7 @@
 //! * [`identify`]: a vehicle with intervals from flight logs, mass and arm.
 //! * [`flight_picture`]: a flight as people look at it: trajectory, parts, events, motor outputs, vibration.
 //! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
+//! * [`over_time`]: flights of a report, with each channel against the model.
 //! * [`sandbox`]: what an effect does to a flight, for people who look it up.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
@@ -31,6 +32,7 @@ pub mod improve;
 pub mod log;
 pub mod model;
 pub mod next_flight;
+pub mod over_time;
 pub mod predict;
 pub mod propose;
 pub mod sandbox;
