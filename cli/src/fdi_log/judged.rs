@@ -1,7 +1,7 @@
 //! A log and what was found in it, as JSON and pages hold it.
 
 use super::truth::Truth;
-use rotortwin_twin::flight_picture::over_time::OverTime;
+use rotortwin_twin::over_time::OverTime;
 use rotortwin_verdicts::log::LogReport;
 use rotortwin_verdicts::score::LogScore;
 

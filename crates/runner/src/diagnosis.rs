@@ -14,10 +14,10 @@ use rotortwin_twin::baseline::Trim;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search};
 use rotortwin_twin::estimation::parameters::FittedParameter;
-use rotortwin_twin::flight_picture::over_time::OverTime;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::improve::report::quantity;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
+use rotortwin_twin::over_time::OverTime;
 use std::path::Path;
 use std::time::Instant;
 

@@ -8,11 +8,11 @@ use crate::text::significant;
 use rotortwin_jobs::Identification as Job;
 use rotortwin_page::Report;
 use rotortwin_twin::compare::NamedModel;
-use rotortwin_twin::flight_picture::over_time::OverTime;
 use rotortwin_twin::identify::{
     Bench, Estimate, Files, HeldOut, Identification, Identified, Request, Source, files, held_out_with, identify_with,
 };
 use rotortwin_twin::model::ModelVersion;
+use rotortwin_twin::over_time::OverTime;
 use std::path::{Path, PathBuf};
 
 /// Identifies a vehicle, and writes its files where the job names one.

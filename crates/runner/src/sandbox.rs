@@ -53,7 +53,7 @@ pub fn picture(
     Ok(EffectPicture {
         effect: effect.effect.clone(),
         rotor: effect.rotor,
-        parameters: effect.parameters.clone().into_iter().collect(),
+        parameters: effect.parameters.clone(),
         together_with,
         random,
         flight: manoeuvre.name.to_owned(),
@@ -122,26 +122,5 @@ mod tests {
         let expected = -0.25 / model.vehicle.body.mass_kg;
         assert!((slope / expected - 1.0).abs() < 0.1, "{slope} {expected}");
         assert!(speed.explained > 0.8, "{}", speed.explained);
-    }
-
-    #[test]
-    fn prop_every_effect_of_the_catalogue_has_a_picture_or_shows_nothing() {
-        let (model, catalogue) = (f550(), Catalogue::built_in());
-        let mut bare = Vec::new();
-        for entry in catalogue.entries() {
-            let rotor = entry.per_rotor.then_some(1);
-            let rival = Rival {
-                effect: entry.id.to_owned(),
-                rotor,
-            };
-            let effect = rival.typical(&catalogue).unwrap();
-            match picture(&model, &catalogue, &effect, None) {
-                Ok(found) if found.channels.is_empty() => bare.push(entry.id.to_owned()),
-                Ok(_) => {}
-                Err(reason) => bare.push(format!("{}: {reason}", entry.id)),
-            }
-        }
-        println!("without a picture: {}", bare.join("; "));
-        assert!(bare.len() <= 6, "{}", bare.join("\n"));
     }
 }

@@ -16,6 +16,7 @@
 //! * [`flight_picture`]: a flight as people look at it: trajectory, parts, events, motor outputs, vibration.
 //! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
 //! * [`vibration`]: how strongly a flight shakes at the speed of each rotor, and against healthy flights.
+//! * [`over_time`]: flights of a report, with each channel against the model.
 //! * [`sandbox`]: what an effect does to a flight, for people who look it up.
 //! * [`next_flight`]: the manoeuvre that would tell two effects apart.
 //!
@@ -32,6 +33,7 @@ pub mod improve;
 pub mod log;
 pub mod model;
 pub mod next_flight;
+pub mod over_time;
 pub mod predict;
 pub mod propose;
 pub mod sandbox;

@@ -5,7 +5,6 @@
 //!
 //! Frames: position north, east and up from where the log has its zero, m; attitude in degrees, ZYX. Nothing here depends on a model.
 
-pub mod over_time;
 pub mod vibration;
 
 use rotortwin_page::rounded;

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use super::FlightPicture;
 use crate::compare::report::Drawn;
 use crate::compare::{NamedModel, compare};
+use crate::flight_picture::FlightPicture;
 use crate::log::FlightLog;
 
 /// Rows of all logs beyond which a report compares nothing: it would hold gigabytes for a picture of a screen.
