@@ -14,7 +14,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin vibration`.
 #[derive(Debug, Parser)]
-pub struct Args {
+pub(crate) struct Args {
     /// Flight logs of one vehicle, of any source; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
@@ -41,7 +41,7 @@ struct Found {
 }
 
 /// Runs the command.
-pub fn run(args: &Args) -> ExitCode {
+pub(crate) fn run(args: &Args) -> ExitCode {
     match find(args) {
         Ok(found) if args.json => {
             println!(

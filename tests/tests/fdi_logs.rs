@@ -638,5 +638,6 @@ fn regress_a_loss_is_not_known_better_than_the_disturbance() {
         inside += number(&judged["score"]["inside"]);
         of += number(&judged["score"]["inside_of"]);
     }
-    assert!(of > 200.0 && inside > 0.93 * of, "{inside} of {of} windows");
+    // Of 320 windows after the onset 220 had named the rotor before a name had to be borne out where the model fails; 180 since.
+    assert!(of > 160.0 && inside > 0.93 * of, "{inside} of {of} windows");
 }

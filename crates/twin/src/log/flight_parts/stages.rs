@@ -35,6 +35,9 @@ const CHANGES: f64 = 0.25;
 /// … and nothing moves, but for a tenth of the time at either end: deviation of force and rates.
 const UNMOVED_FORCE: f64 = 0.4;
 const UNMOVED_RATE_RAD_S: f64 = 0.05;
+/// … of roll and pitch, which follow every step of a flight however gentle, rad; and of the height, m.
+const UNMOVED_LEAN_RAD: f64 = 0.005;
+const UNMOVED_HEIGHT_M: f64 = 0.4;
 /// Shorter runs are a motor test or a jerk of the throttle, s.
 const SHORTEST_FLIGHT_S: f64 = 1.5;
 /// Take-off and landing where no height tells, s.
@@ -212,7 +215,7 @@ fn turns(signals: &Signals, bins: Range<usize>) -> bool {
     super::super::resample::median(&mut rates).is_some_and(|rate| rate > TURNS_RAD_S)
 }
 
-/// Runs of motors that change by much while force and rates do not move at all are on the ground.
+/// Runs of motors that change by much while force, rates, attitude and height do not move at all are on the ground.
 fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<bool> {
     let mut found = vec![false; on_ground.len()];
     let (Some(shock), Some(rates)) = (&signals.shock, &signals.rates) else {
@@ -240,6 +243,8 @@ fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<boo
         if high - low > CHANGES * middle
             && unmoved(shock, UNMOVED_FORCE)
             && rates.iter().all(|rate| unmoved(rate, UNMOVED_RATE_RAD_S))
+            && signals.lean.iter().flatten().all(|lean| unmoved(lean, UNMOVED_LEAN_RAD))
+            && signals.height.iter().all(|height| unmoved(height, UNMOVED_HEIGHT_M))
         {
             found[run].fill(true);
         }
