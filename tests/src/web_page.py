@@ -1272,7 +1272,7 @@ def over_time(browser: Browser) -> None:
     for title in pictures:
         page.locator("#step-4 figure", has=page.locator("strong", has_text=title)).first.wait_for()
     # One time axis: what is chosen in one plot is shown in all.
-    page.locator("#step-4 .canvas").first.focus()
+    page.locator("#step-4 figure", has=page.locator("strong", has_text="What each motor was told")).locator(".canvas").first.focus()
     for _ in range(5):
         page.keyboard.press("ArrowRight")
     assert page.locator("#step-4 .lane b").count() >= 2, "the cursor of the lanes"
