@@ -128,7 +128,7 @@ fn picture(args: &PlotArgs, files: &[PathBuf]) -> Result<EffectPicture, String> 
             .ok_or_else(|| format!("--set {setting}: expected NAME=VALUE"))?;
         let number: f64 = value
             .parse()
-            .map_err(|_| format!("--set {setting}: expected a number, got `{value}`"))?;
+            .map_err(|_not_a_number| format!("--set {setting}: expected a number, got `{value}`"))?;
         effect.parameters.insert(name.to_owned(), number);
     }
     sandbox::picture(&version, &catalogue, &effect, args.flight.as_deref())

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 
 /// Arguments of `rotortwin vibration`.
 #[derive(Debug, Parser)]
-pub(crate) struct Args {
+pub struct Args {
     /// Flight logs of one vehicle, of any source; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,

@@ -5,7 +5,6 @@ use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::{Scratch, repository};
 use serde_json::Value;
 use std::f64::consts::TAU;
-use std::fmt::Write as _;
 
 const RATE_HZ: f64 = 500.0;
 const SPAN_S: f64 = 20.0;
@@ -34,9 +33,9 @@ fn log(scratch: &Scratch, name: &str, seed: u64, damaged: Option<usize>, speeds:
     }
     let mut text = "time_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2".to_owned();
     for rotor in 1..=6 {
-        write!(text, ",duty_{rotor}").unwrap();
+        text += &format!(",duty_{rotor}");
         if speeds {
-            write!(text, ",rotor_speed_{rotor}_rad_s").unwrap();
+            text += &format!(",rotor_speed_{rotor}_rad_s");
         }
     }
     text.push('\n');
@@ -55,20 +54,15 @@ fn log(scratch: &Scratch, name: &str, seed: u64, damaged: Option<usize>, speeds:
             for (axis, value) in accel.iter_mut().enumerate() {
                 *value += pull * 0.577 * (angles[rotor] + 2.0 * (axis + rotor) as f64).cos();
             }
-            write!(columns, ",{:.4}", 0.5 + 0.002 * draw.next()).unwrap();
+            columns += &format!(",{:.4}", 0.5 + 0.002 * draw.next());
             if speeds {
-                write!(columns, ",{:.3}", TAU * hz).unwrap();
+                columns += &format!(",{:.3}", TAU * hz);
             }
         }
-        writeln!(
-            text,
-            "{time:.4},{:.4},{:.4},{:.4}{columns}",
-            accel[0], accel[1], accel[2]
-        )
-        .unwrap();
+        text += &format!("{time:.4},{:.4},{:.4},{:.4}{columns}\n", accel[0], accel[1], accel[2]);
     }
     let path = scratch.path(name);
-    std::fs::write(&path, text).unwrap();
+    std::fs::write(&path, text).expect("it can be written");
     path.display().to_string()
 }
 

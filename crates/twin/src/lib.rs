@@ -42,3 +42,9 @@ pub mod vibration;
 
 /// Half of a 95 % interval of a normal distribution, in standard deviations: what stands behind every `±`.
 pub const Z95: f64 = 1.96;
+
+/// Fewest healthy flights of a vehicle whose spread tells a change.
+pub const LEAST_BASELINE: usize = 3;
+
+/// Posterior from which a change against healthy flights is named.
+pub const NAMED: f64 = 0.95;

@@ -27,13 +27,10 @@ use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{PredictError, Predictor, VehicleSize, allocation, mean_of};
 use crate::vibration;
+use crate::{LEAST_BASELINE, NAMED};
 
 use posterior::{Spread, Weighed};
 
-/// Fewest healthy flights that tell a spread.
-pub const LEAST_BASELINE: usize = 3;
-/// Posterior from which an answer is named.
-pub const NAMED: f64 = 0.95;
 /// Prior odds of two damaged rotors against one: both at once are rarer.
 const PAIR_PRIOR: f64 = 0.02;
 /// Spread, relative, of a rotor between days, of which healthy flights of a single day know nothing (batteries, propellers put on again, wind).

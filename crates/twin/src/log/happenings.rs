@@ -9,11 +9,9 @@
 //!
 //! They explain what a model cannot: a gain that changed, a pilot who pulled. Nothing is computed from them.
 
-use super::flight_parts::{EventKind, FlightEvent};
-use super::sources::{RawStream, SourceLog};
+use super::event::{EventKind, FlightEvent};
+use super::sources::{MOST_CHANGES, ParameterChange, RawStream, SourceLog};
 
-/// Most changes of parameters, and most events of all kinds, that are kept of a log.
-pub(crate) const MOST_CHANGES: usize = 10_000;
 /// A stick beyond this share of its travel is an input.
 const INPUT: f64 = 0.25;
 /// … for so long at least; two closer than the other are one, s.
@@ -24,15 +22,6 @@ const MOST_INPUTS: usize = 12;
 /// Parameters that change together are one event, s; more names than this are counted.
 const TOGETHER_S: f64 = 1.0;
 const MOST_NAMES: usize = 3;
-
-/// A parameter that changed while it was logged, on the clock of the streams.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct ParameterChange {
-    pub(crate) time_s: f64,
-    pub(crate) name: String,
-    pub(crate) before: f64,
-    pub(crate) after: f64,
-}
 
 /// What happened, in the order of time.
 ///

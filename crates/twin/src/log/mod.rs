@@ -22,6 +22,7 @@ mod csv;
 mod describe;
 mod draft;
 mod error;
+mod event;
 mod findings;
 pub mod flight_parts;
 mod gate;

@@ -1,7 +1,7 @@
 //! What an import did: nothing of an accepted log is dropped silently.
 
+use super::event::FlightEvent;
 use super::findings::Finding;
-use super::flight_parts::FlightEvent;
 use super::rotor_order::RotorOrder;
 use serde::{Deserialize, Serialize};
 

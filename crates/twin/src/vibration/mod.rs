@@ -15,11 +15,10 @@ mod growth;
 mod orders;
 mod speeds;
 
-use crate::Z95;
-use crate::baseline::{LEAST_BASELINE, NAMED};
 use crate::log::{FlightLog, names};
 use crate::model::ModelVersion;
 use crate::predict::PredictError;
+use crate::{LEAST_BASELINE, NAMED, Z95};
 use growth::Level;
 use orders::{LEAST_BLOCKS, Power, Shaken};
 use serde::Serialize;

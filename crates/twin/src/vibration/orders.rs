@@ -206,7 +206,7 @@ impl Lines {
             }
             let rotor = (j - SLOW) / 2;
             let (sin, cos) = angles[rotor][k].sin_cos();
-            gains[rotor][k] * if (j - SLOW) % 2 == 0 { cos } else { sin }
+            gains[rotor][k] * if (j - SLOW).is_multiple_of(2) { cos } else { sin }
         });
         let weighted = DMatrix::from_fn(count, unknowns, |k, j| weights[k] * design[(k, j)]);
         let inverse = (weighted.transpose() * &design).cholesky()?.inverse();

@@ -16,9 +16,10 @@ mod lost_rotor;
 mod signals;
 mod stages;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::FlightLog;
+pub use super::event::{EventKind, FlightEvent};
 use signals::Signals;
 
 /// Most events that are listed; a motor that rattles against its limit makes thousands.
@@ -71,44 +72,6 @@ pub struct FlightPart {
     pub end_s: f64,
     /// How that is known, one clause; empty where the kind says it all.
     pub why: String,
-}
-
-/// What happened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "kebab-case")]
-#[schema(as = FlightEventKind)]
-pub enum EventKind {
-    /// A motor output at its upper limit.
-    Saturated,
-    /// A motor at its limit while the attitude runs away.
-    LostRotor,
-    /// Position, velocity or heading jump while the vehicle does not.
-    EstimatorReset,
-    /// No rows.
-    Gap,
-    /// A blow at the end of a landing.
-    HardLanding,
-    /// Another flight mode; armed, disarmed.
-    Mode,
-    /// Parameters of the autopilot were changed.
-    Parameter,
-    /// A pilot's sticks away from their middle.
-    Pilot,
-}
-
-/// Something that happened.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-pub struct FlightEvent {
-    /// What.
-    pub kind: EventKind,
-    /// s, on the log's time.
-    pub start_s: f64,
-    /// s, on the log's time.
-    pub end_s: f64,
-    /// Motor output that it is about, from 1, as in `duty_1`.
-    pub output: Option<usize>,
-    /// One clause with figures.
-    pub detail: String,
 }
 
 /// Parts of a flight and what happened in it.

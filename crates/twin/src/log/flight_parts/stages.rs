@@ -243,7 +243,11 @@ fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<boo
         if high - low > CHANGES * middle
             && unmoved(shock, UNMOVED_FORCE)
             && rates.iter().all(|rate| unmoved(rate, UNMOVED_RATE_RAD_S))
-            && signals.lean.iter().flatten().all(|lean| unmoved(lean, UNMOVED_LEAN_RAD))
+            && signals
+                .lean
+                .iter()
+                .flatten()
+                .all(|lean| unmoved(lean, UNMOVED_LEAN_RAD))
             && signals.height.iter().all(|height| unmoved(height, UNMOVED_HEIGHT_M))
         {
             found[run].fill(true);

@@ -7,7 +7,7 @@
 //! `Instance`, or `C` of the estimator cores) becomes a stream per instance. Bytes that are no message are skipped and counted.
 
 use super::{Cursor, Number, RawStream, Room, SourceLog};
-use crate::log::happenings::{MOST_CHANGES, ParameterChange};
+use super::{MOST_CHANGES, ParameterChange};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 

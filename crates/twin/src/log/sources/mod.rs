@@ -16,7 +16,6 @@ mod ulog;
 mod usdlog;
 
 use super::MAX_COLUMNS;
-use super::happenings::ParameterChange;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Most descriptions of messages, streams, and topics that are logged twice; logs of real flights have some hundreds.
@@ -25,6 +24,18 @@ const MOST_STREAMS: usize = 4096;
 const MOST_FIELDS: usize = 1 << 16;
 /// Most parameters; real vehicles have some thousands.
 pub(crate) const MOST_PARAMETERS: usize = 1 << 14;
+
+/// Most changes of parameters, and most events of all kinds, that are kept of a log.
+pub(crate) const MOST_CHANGES: usize = 10_000;
+
+/// A parameter that changed while it was logged, on the clock of the streams.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ParameterChange {
+    pub(crate) time_s: f64,
+    pub(crate) name: String,
+    pub(crate) before: f64,
+    pub(crate) after: f64,
+}
 
 /// What a file may still make of itself. Each is counted where it would grow; the error is the reason of the refusal.
 #[derive(Clone, Copy, Debug)]

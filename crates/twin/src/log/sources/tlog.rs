@@ -12,7 +12,7 @@
 //! Limits: a telemetry link gives 1 to 20 samples per second and loses frames; signed frames are read without checking the signature.
 
 use super::{Cursor, Number, RawStream, Room, SourceLog};
-use crate::log::happenings::{MOST_CHANGES, ParameterChange};
+use super::{MOST_CHANGES, ParameterChange};
 use std::collections::BTreeMap;
 
 /// 2005 and 2100, µs since 1970: what a ground station's clock can say.

@@ -9,7 +9,7 @@
 //! Limits: a topic may have [`MAX_COLUMNS`] numbers and texts, and types may nest [`MAX_DEPTH`] deep; the rest is in [`Room`].
 
 use super::{Cursor, MAX_COLUMNS, Number, RawStream, Room, SourceLog};
-use crate::log::happenings::{MOST_CHANGES, ParameterChange};
+use super::{MOST_CHANGES, ParameterChange};
 use std::collections::BTreeMap;
 
 pub(super) const MAGIC: &[u8] = &[b'U', b'L', b'o', b'g', 0x01, 0x12, 0x35];
