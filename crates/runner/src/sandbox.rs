@@ -117,11 +117,10 @@ mod tests {
             .iter()
             .find(|one| one.condition == "forward_speed")
             .expect("speed");
-        // a_x = −k_d/m Σ Ω_i/(n Ω_h) v_x: in the middle of the speeds the rotors turn as in hover, at the ends faster.
-        let [low, high] = [speed.at.len() / 4, 3 * speed.at.len() / 4];
-        let slope = (speed.does[high] - speed.does[low]) / (speed.at[high] - speed.at[low]);
-        let expected = -0.25 / model.vehicle.body.mass_kg;
-        assert!((slope / expected - 1.0).abs() < 0.1, "{slope} {expected}");
+        // a_x = −k_d/m Σ Ω_i/(n Ω_h) v_x: in manoeuvres the rotors turn as fast as in hover in the mean, or up to a quarter faster (half as much thrust).
+        let slope = (speed.does.last().unwrap() - speed.does[0]) / (speed.at.last().unwrap() - speed.at[0]);
+        let of_hover = slope / (-0.25 / model.vehicle.body.mass_kg);
+        assert!((0.97..1.25).contains(&of_hover), "{of_hover}");
         assert!(speed.explained > 0.8, "{}", speed.explained);
     }
 }
