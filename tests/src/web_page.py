@@ -1264,7 +1264,8 @@ def over_time(browser: Browser) -> None:
     # In words: a summary and a table.
     track = page.locator("figure", has=page.locator("strong", has_text="Trajectory from above"))
     track.locator("summary").click()
-    assert track.locator("tbody tr").count() > 10 and "north from" in track.inner_text()
+    track.get_by_text("north from").wait_for()
+    track.locator("tbody tr").nth(10).wait_for()
     page.screenshot(path=FOLDER / "fdi-over-time-1600.png", full_page=True)
     page.goto(f"{SERVER}/twin?log={log}")
     page.locator("#step-5 article.card").first.wait_for()
@@ -1275,7 +1276,7 @@ def over_time(browser: Browser) -> None:
     page.locator("#step-4 figure", has=page.locator("strong", has_text="What each motor was told")).locator(".canvas").first.focus()
     for _ in range(5):
         page.keyboard.press("ArrowRight")
-    assert page.locator("#step-4 .lane b").count() >= 1, "the cursor of the lanes"
+    page.locator("#step-4 .lane b").first.wait_for(state="attached")
     page.screenshot(path=FOLDER / "twin-over-time-1600.png", full_page=True)
     watch.check()
 
