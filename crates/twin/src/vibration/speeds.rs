@@ -3,6 +3,7 @@
 use super::orders::{Comb, Shaken};
 use crate::log::{FlightLog, names};
 use crate::model::ModelVersion;
+use crate::predict::noise::median;
 use crate::predict::{PredictError, Predictor};
 use std::f64::consts::TAU;
 
@@ -86,14 +87,14 @@ pub(super) fn scale_of(shaken: &Shaken<'_>, rate_hz: f64) -> Option<f64> {
     let over: Vec<f64> = (0..power.len())
         .map(|k| {
             let near = |other: usize| (scales[other] / scales[k]).ln().abs() < NEIGHBOURS;
-            let neighbours: Vec<f64> = (0..power.len())
+            let mut neighbours: Vec<f64> = (0..power.len())
                 .filter(|other| near(*other))
                 .map(|other| power[other])
                 .collect();
-            power[k] - median(&neighbours)
+            power[k] - median(&mut neighbours)
         })
         .collect();
-    let typical = median(&over.iter().map(|x| x.abs()).collect::<Vec<_>>()).max(1e-12);
+    let typical = median(&mut over.iter().map(|x| x.abs()).collect::<Vec<_>>()).max(1e-12);
     let peak_near = |scale: f64| {
         let near = (0..scales.len()).filter(|k| (scales[*k] / scale).ln().abs() < SAME_SPEED);
         near.max_by(|a, b| over[*a].total_cmp(&over[*b]))
@@ -106,10 +107,4 @@ pub(super) fn scale_of(shaken: &Shaken<'_>, rate_hz: f64) -> Option<f64> {
         .into_iter()
         .find_map(|blades| peak_near(scales[best] / blades).filter(stands_out));
     Some(scales[slower.unwrap_or(best)])
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[sorted.len() / 2]
 }
