@@ -467,14 +467,14 @@ fn scenario_a_session_refuses_with_the_reason_and_ends() {
         "?first_step=150",
         json_kind,
         &spoilt("battery_voltage_v", Value::Null),
-        400,
+        422,
         "sample 2: invalid type: null",
     );
     feed(
         "?first_step=150",
         json_kind,
         &spoilt("duty", json!([0.5])),
-        400,
+        422,
         "sample 2: duty has 1 entries",
     );
     feed(
@@ -495,7 +495,7 @@ fn scenario_a_session_refuses_with_the_reason_and_ends() {
         "?first_step=150",
         "text/csv",
         &json!("time_s\n1"),
-        400,
+        422,
         "no column velocity_north_m_s",
     );
     feed("?first_step=150", json_kind, &json!("x".repeat(3 << 20)), 413, "");

@@ -16,12 +16,16 @@ use utoipa::ToSchema;
 pub(crate) struct SampleBody {
     /// North, east, down, m. The detectors do not use it.
     #[serde(default)]
+    #[schema(min_items = 3, max_items = 3)]
     pub(crate) position_ned_m: [f32; 3],
     /// North, east, down, m/s.
+    #[schema(min_items = 3, max_items = 3)]
     pub(crate) velocity_ned_m_s: [f32; 3],
     /// Roll, pitch, yaw (ZYX), rad, body in NED.
+    #[schema(min_items = 3, max_items = 3)]
     pub(crate) attitude_rad: [f32; 3],
     /// p, q, r, rad/s, forward, right, down.
+    #[schema(min_items = 3, max_items = 3)]
     pub(crate) body_rates_rad_s: [f32; 3],
     /// Duty of each rotor, held from this sample to the next, fraction; rotor 1 first.
     #[schema(max_items = 16)]
@@ -115,7 +119,7 @@ impl Form {
 /// Reads the samples of a chunk.
 ///
 /// # Errors
-/// 400 with the sample that cannot be read.
+/// 400: no text. 422, with the sample that cannot be read.
 pub(crate) fn read(form: Form, body: &[u8], rotor_count: usize) -> Result<Vec<Sample>, Problem> {
     let text = std::str::from_utf8(body)
         .map_err(|error| Problem::bad_request(format!("the chunk is no UTF-8 text: {error}")))?;
@@ -124,7 +128,7 @@ pub(crate) fn read(form: Form, body: &[u8], rotor_count: usize) -> Result<Vec<Sa
         Form::Lines => from_lines(text).and_then(|bodies| taken(bodies, rotor_count)),
         Form::Csv => from_csv(text, rotor_count),
     };
-    samples.map_err(Problem::bad_request)
+    samples.map_err(Problem::unprocessable)
 }
 
 fn from_json(text: &str) -> Result<Vec<SampleBody>, String> {
@@ -275,7 +279,7 @@ mod tests {
         ] {
             let problem = read(form, body.as_bytes(), 2).expect_err(words);
             assert!(
-                problem.status == 400 && problem.detail.contains(words),
+                problem.status == 422 && problem.detail.contains(words),
                 "{}",
                 problem.detail
             );

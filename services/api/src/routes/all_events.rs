@@ -31,6 +31,7 @@ const LOOK: Duration = Duration::from_secs(1);
 #[serde(deny_unknown_fields)]
 pub(crate) struct StreamQuery {
     /// Go on after this one (an `id` of the stream), as with `Last-Event-ID`.
+    #[param(pattern = "^[0-9]{1,18}[.][0-9]{1,18}$")]
     after: Option<String>,
     /// `false`: without the kind `progress`.
     #[param(default = true)]
@@ -57,7 +58,7 @@ pub(crate) struct AnyEvent {
 /// It begins with `open`, whose id is the place of now: what is listed after that has missed nothing. With `Last-Event-ID` it goes on after
 /// that event, without gaps and without repetition, also over restarts of the server. Parts of campaigns and benches are not told; their wholes are.
 #[utoipa::path(get, path = "/api/v1/events", tag = "server", operation_id = "all_events",
-    params(StreamQuery, ("Last-Event-ID" = Option<String>, Header, description = "id of the last event that was seen")),
+    params(StreamQuery, ("Last-Event-ID" = Option<String>, Header, pattern = "^[0-9]{1,18}[.][0-9]{1,18}$", description = "id of the last event that was seen")),
     responses(
         (status = 200, description = "a stream", body = AnyEvent, content_type = "text/event-stream"),
         (status = 400, description = "no id of an event, or no such parameter", body = Problem, content_type = "application/problem+json")

@@ -49,6 +49,7 @@ const USUAL_VEHICLE: &str = "f550";
 #[serde(deny_unknown_fields)]
 pub(crate) struct BenchVehicle {
     /// Name of one of the server's vehicles, or with `text`: what to call it.
+    #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     vehicle: String,
     /// A vehicle document (TOML), as it would be in the library's `vehicles`.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -34,6 +34,9 @@ const MOST_LOOKED_AT: u64 = 20_000;
 /// Runs of one campaign that a page can name.
 const MOST_RUNS: i64 = 20_000;
 
+/// Verdicts that a page can be asked for: more than there are of eight rotors.
+const MOST_VERDICTS: usize = 100;
+
 /// A detector of a campaign.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[schema(as = CampaignDetector)]
@@ -72,7 +75,7 @@ pub(crate) struct FlightsQuery {
     truth: Option<i32>,
     /// Only flights with windows of one of these verdicts, separated by commas: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown
     /// fault, −3 ambiguous.
-    #[param(max_length = 1000)]
+    #[param(pattern = "^ *-?[0-9]{1,9} *(, *-?[0-9]{1,9} *){0,99}$")]
     verdict: Option<String>,
     /// Only flights that ended so.
     status: Option<FlightStatus>,
@@ -146,10 +149,11 @@ struct Wanted {
 impl Wanted {
     fn of(query: &FlightsQuery) -> Result<Self, Problem> {
         let verdicts = query.verdict.as_deref().map(|text| {
-            let codes: Result<Vec<i32>, _> = text.split(',').map(|code| code.trim().parse()).collect();
-            codes.map_err(|_no_number| {
+            let codes = text.split(',').map(|code| code.trim().parse().ok());
+            let codes = codes.collect::<Option<Vec<i32>>>();
+            codes.filter(|codes| codes.len() <= MOST_VERDICTS).ok_or_else(|| {
                 Problem::bad_request(format!(
-                    "`verdict` is '{text}'; expected codes of verdicts, separated by commas, such as 3 or 102,103"
+                    "`verdict` is '{text}'; expected 1 to {MOST_VERDICTS} codes of verdicts, separated by commas, such as 3 or 102,103"
                 ))
             })
         });

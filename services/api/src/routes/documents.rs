@@ -152,8 +152,11 @@ pub(super) fn precondition(headers: &HeaderMap) -> Result<Precondition, Problem>
         (Some(tag), None) if tag.len() > 2 && tag.starts_with('"') && tag.ends_with('"') => {
             Ok(Precondition::Hash(tag.trim_matches('"').to_owned()))
         }
+        (Some(_), Some(_)) => Err(Problem::precondition_failed(
+            "`If-Match` and `If-None-Match` cannot both hold; expected at most one of them",
+        )),
         _ => Err(Problem::bad_request(
-            "expected at most one of `If-Match: \"ETAG\"` and `If-None-Match: *`",
+            "expected `If-Match: \"ETAG\"` or `If-None-Match: *`",
         )),
     }
 }
@@ -222,7 +225,8 @@ macro_rules! documents {
             /// It is checked as if it were there already. Your own hides the server's of the same name. `If-None-Match: *` only creates,
             /// `If-Match: ETAG` only replaces what one has seen.
             #[utoipa::path(put, path = $one, summary = concat!("Stores a ", $word, " in the library, for your tenant."), tag = "library", operation_id = concat!("put_", stringify!($module)),
-                params(("name" = String, Path), ("If-Match" = Option<String>, Header), ("If-None-Match" = Option<String>, Header)),
+                params(
+                    ("name" = String, Path, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$"), ("If-Match" = Option<String>, Header), ("If-None-Match" = Option<String>, Header)),
                 request_body(content = String, content_type = "application/toml"), responses(
                 (status = 201, description = "created", body = StoredDocument, headers(("Location" = String, description = "its address"), ("ETag" = String, description = "changes with the text"))),
                 (status = 200, description = "replaced", body = StoredDocument, headers(("ETag" = String, description = "changes with the text"))),

@@ -354,12 +354,12 @@ fn problem(refusal: &Refusal) -> Problem {
         (Vec<SampleBody> = "application/json"), (String = "application/x-ndjson"), (String = "text/csv"))),
     responses(
         (status = 200, description = "taken", body = ChunkAnswer),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "no text, or a parameter that is none", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "not the step that was to come", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "neither JSON, lines of JSON nor CSV", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "a number that cannot be, or another rate", body = Problem, content_type = "application/problem+json")
+        (status = 422, description = "a sample that cannot be read, a number that cannot be, or another rate", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn feed(
     State(app): State<Arc<App>>,

@@ -36,6 +36,7 @@ super::collection!(
 #[serde(deny_unknown_fields)]
 pub(crate) struct IdentificationSubmission {
     /// What to call the vehicle: the name that it gets in the library, if it is kept.
+    #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
     /// Flights of it, all with the same rotors.
     flights: Flights,

@@ -27,6 +27,7 @@ mod logs;
 mod model_views;
 mod models;
 mod next_flights;
+mod openapi;
 mod parts;
 mod queries;
 mod residuals;
@@ -59,9 +60,7 @@ use tower_http::cors::CorsLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 use tower_http::timeout::RequestBodyTimeoutLayer;
 use tower_http::trace::TraceLayer;
-use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::openapi::security::{ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityScheme};
-use utoipa::openapi::{Content, Ref, RefOr, ResponseBuilder};
 use utoipa::{Modify, OpenApi};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -212,71 +211,11 @@ fn described() -> OpenApiRouter<Arc<App>> {
 /// The OpenAPI 3.1 document, as served at `/api/v1/openapi.json`.
 pub fn openapi_document() -> String {
     let (_, mut api) = described().split_for_parts();
-    add_refusals_of_access(&mut api);
-    let schemas = api.components.iter_mut().flat_map(|all| &mut all.schemas);
-    for (_, schema) in schemas.filter(|(name, _)| name.starts_with("JobWithResult_")) {
-        allow_no_result(schema);
-    }
+    openapi::complete(&mut api);
     // The router's way to say "the rest of the path"; OpenAPI has none.
     let mut text = api.to_pretty_json().unwrap_or_default().replace("{*path}", "{path}");
     text.push('\n');
     text
-}
-
-/// The property `result` is null before a job is done. The derive macro forgets this where the type of a property is generic.
-fn allow_no_result(schema: &mut RefOr<Schema>) {
-    let RefOr::T(Schema::AllOf(parts)) = schema else { return };
-    for part in &mut parts.items {
-        if let RefOr::T(Schema::Object(object)) = part
-            && let Some(result) = object.properties.get_mut("result")
-        {
-            let null = ObjectBuilder::new().schema_type(SchemaType::Type(Type::Null));
-            let either = AnyOfBuilder::new().item(null).item(result.clone());
-            *result = RefOr::T(Schema::AnyOf(either.build()));
-        }
-    }
-}
-
-/// What every address below `/api/` can answer before its own function is asked.
-fn add_refusals_of_access(api: &mut utoipa::openapi::OpenApi) {
-    for (path, item) in &mut api.paths.paths {
-        if !path.starts_with("/api/") {
-            continue;
-        }
-        let operations = [
-            (&mut item.get, false),
-            (&mut item.post, true),
-            (&mut item.delete, true),
-            (&mut item.put, true),
-        ];
-        for (operation, writes) in operations {
-            let Some(operation) = operation else { continue };
-            let of_writes = writes.then_some(("415", "a body in a form that is not taken"));
-            let of_all = [
-                ("401", "no token, or one that is worth nothing"),
-                (
-                    "403",
-                    "the token does not allow this, or the request comes from a web page of another origin",
-                ),
-                ("421", "this server does not go by that name"),
-                ("429", "more than is allowed"),
-            ];
-            for (status, description) in of_all.into_iter().chain(of_writes) {
-                let content = Content::builder()
-                    .schema(Some(Ref::from_schema_name("Problem")))
-                    .build();
-                let response = ResponseBuilder::new()
-                    .description(description)
-                    .content("application/problem+json", content)
-                    .build();
-                operation
-                    .responses
-                    .responses
-                    .entry(status.to_owned())
-                    .or_insert(response.into());
-            }
-        }
-    }
 }
 
 /// Everything that is served.

@@ -33,6 +33,7 @@ const LONGEST_NOTE: usize = 1000;
 #[serde(deny_unknown_fields)]
 pub(crate) struct NewModel {
     /// Its name.
+    #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
     /// Its version 0, whatever that was elsewhere.
     model: ModelChoice,
@@ -90,6 +91,7 @@ pub(crate) struct Undo {
 #[serde(deny_unknown_fields)]
 pub(crate) struct NewBranch {
     /// Its name: as of a document, and none that could be taken for a version.
+    #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
     /// Where it begins: `v1`, or a branch; `main` without it.
     at: Option<String>,
@@ -111,8 +113,8 @@ pub(crate) struct Between {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct VersionQuery {
-    /// `toml`, the file that says everything, or `json`, in short.
-    #[param(inline, default = "toml")]
+    /// `toml`, the file that says everything, or `json`, in short; `toml` without it.
+    #[param(inline)]
     format: Option<VersionFormat>,
 }
 

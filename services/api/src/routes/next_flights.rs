@@ -38,6 +38,7 @@ pub(crate) struct NextFlightSubmission {
     /// The present model.
     model: ModelChoice,
     /// Ids in the catalogue; with the rotor where an effect has one: `rotor-thrust-scale#3`.
+    #[schema(min_items = 2, max_items = 2)]
     between: [String; 2],
 }
 

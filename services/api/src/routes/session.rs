@@ -13,6 +13,9 @@ use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// No token is longer; ours have some 50 characters.
+const LONGEST_TOKEN: usize = 200;
+
 /// A token to sign in with.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -88,6 +91,11 @@ pub(crate) async fn get(app: Shared, headers: HeaderMap) -> Result<Json<SignedIn
 ))]
 pub(crate) async fn sign_in(app: Shared, body: Result<JsonObject<SignIn>, Problem>) -> Result<Response, Problem> {
     let JsonObject(body) = body?;
+    if body.token.chars().count() > LONGEST_TOKEN {
+        return Err(Problem::unprocessable(format!(
+            "`token` has more than {LONGEST_TOKEN} characters; expected one that `rotortwin token create` printed"
+        )));
+    }
     if !app.database.has_tokens().await? {
         return Ok(Json(SignedIn::local()).into_response());
     }

@@ -33,6 +33,7 @@ const SUMMARY_SCHEMA: &str = "#/components/schemas/RunSummary";
 #[serde(deny_unknown_fields)]
 pub(crate) struct TableQuery {
     /// Numbers of the summary, separated by commas: `steps,detectors.sequential.delay_s`; without it only what columns there are.
+    #[param(min_length = 1)]
     columns: Option<String>,
     /// Only runs of this scenario.
     name: Option<String>,
@@ -43,8 +44,8 @@ pub(crate) struct TableQuery {
     /// Rows, 1 to 20000, the latest first.
     #[param(minimum = 1, maximum = 20_000, default = 20_000)]
     limit: Option<i64>,
-    /// `json` or `csv`.
-    #[param(inline, default = "json")]
+    /// `json` or `csv`; `json` without it.
+    #[param(inline)]
     format: Option<Format>,
 }
 
