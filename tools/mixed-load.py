@@ -86,6 +86,8 @@ class Load:
                         where = traceback.extract_tb(error.__traceback__)
                         line = next(one.lineno for one in where if one.filename == __file__ and one.name == action.__name__)
                         self.wrong.append(f"{action.__name__} (line {line}): {type(error).__name__}: {error}")
+                        if len(self.wrong) <= 20:
+                            print(f"wrong: {self.wrong[-1]}", flush=True)
                 self.over.wait(chance.uniform(0.5, 1.5) * pause_s)
 
     def fly(self, client: Client, chance: random.Random) -> None:
@@ -108,8 +110,8 @@ class Load:
     def campaign(self, client: Client, chance: random.Random) -> None:
         job = client.campaigns.submit(text=CAMPAIGN.format(seed=chance.randrange(1 << 31)))
         client.campaigns.wait(job.id, check=True)
-        rows = client.query("SELECT count(*) AS n FROM campaign", campaigns=[job.id])
-        assert rows.column("n").to_pylist() == [16], rows
+        answer = client.query("SELECT count(*) AS n FROM campaign", campaigns=[job.id])
+        assert answer.rows == [[16]], answer
         client.campaigns.delete(job.id)
 
     def find(self, client: Client, chance: random.Random) -> None:
@@ -278,9 +280,8 @@ def watch(server: subprocess.Popen, load: Load, data: Path, minutes: float) -> i
     load.over.set()
     for thread in threads:
         thread.join(timeout=60)
-    print(f"\n{minutes:g} minutes, seed {load.seed}: " + ", ".join(f"{name} {count}" for name, count in sorted(load.done.items())))
-    for text in load.wrong[:20]:
-        print(f"wrong: {text}")
+    print(f"\n{minutes:g} minutes, seed {load.seed}: " + ", ".join(f"{name} {count}" for name, count in sorted(load.done.items()))
+          + f"; {len(load.wrong)} wrong")
     grows = False
     first = len(times) // 4
     if len(times) - first < 2 * AVERAGES:

@@ -1,9 +1,9 @@
 //! A log and what was found in it, as JSON and pages hold it.
 
 use super::truth::Truth;
+use rotortwin_campaign::study::log_score::LogScore;
 use rotortwin_twin::over_time::OverTime;
 use rotortwin_verdicts::log::LogReport;
-use rotortwin_verdicts::score::LogScore;
 
 /// One log, and what was found.
 #[derive(serde::Serialize)]

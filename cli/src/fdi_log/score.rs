@@ -6,12 +6,12 @@
 
 use super::truth::Truth;
 use rotortwin_campaign::study::intervals::poisson_rate;
+use rotortwin_campaign::study::log_score::{LogScore, NamedScore};
 use rotortwin_campaign::study::score::{DetectorScore, DetectorScorer, Verdict, WindowTruth};
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
 use rotortwin_plant::STEP_S;
 use rotortwin_runner::grid::Grid;
 use rotortwin_verdicts::log::LogReport;
-use rotortwin_verdicts::score::{LogScore, ScoreOfDetector};
 use rotortwin_verdicts::view::WindowView;
 
 /// Detectors, in the order of a report.
@@ -54,35 +54,16 @@ pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
         if !sizes_are_known {
             score.by_severity.clear();
         }
-        wire(detector, score)
+        NamedScore {
+            detector: detector.to_owned(),
+            score,
+        }
     });
     LogScore {
         onset_s: truth.onset_s(),
         detectors: named.collect(),
         inside,
         inside_of,
-    }
-}
-
-/// As a report has it.
-fn wire(detector: &str, score: DetectorScore) -> ScoreOfDetector {
-    ScoreOfDetector {
-        detector: detector.to_owned(),
-        window_steps: score.window_steps,
-        windows: score.windows,
-        right: score.right,
-        missed: score.missed,
-        wrong_rotor: score.wrong_rotor,
-        unclear: score.unclear,
-        healthy_windows: score.healthy_windows,
-        false_alarm_windows: score.false_alarm_windows,
-        false_alarm_events: score.false_alarm_events,
-        detected_after_steps: score.detected_after_steps,
-        isolated_after_steps: score.isolated_after_steps,
-        settled_after_steps: score.settled_after_steps,
-        final_verdict: score.final_verdict,
-        confusion: score.confusion,
-        by_severity: score.by_severity,
     }
 }
 
@@ -122,7 +103,7 @@ pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
     ])
     .numbers_from(1);
     for (name, log) in names.iter().zip(scores) {
-        let score = &log.detectors[2];
+        let score = &log.detectors[2].score;
         table.add_row([
             name.clone(),
             score.windows.to_string(),
@@ -149,14 +130,21 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     .numbers_from(1);
     let damaged = scores.iter().filter(|score| score.onset_s.is_some()).count();
     for (index, detector) in DETECTORS.iter().enumerate() {
-        let of =
-            |number: fn(&ScoreOfDetector) -> u64| scores.iter().map(|log| number(&log.detectors[index])).sum::<u64>();
+        let of = |number: fn(&DetectorScore) -> u64| {
+            scores
+                .iter()
+                .map(|log| number(&log.detectors[index].score))
+                .sum::<u64>()
+        };
         let windows = of(|score| score.windows);
         if windows == 0 {
             continue;
         }
-        let delays = |delay: fn(&ScoreOfDetector) -> Option<f64>| {
-            let mut found: Vec<f64> = scores.iter().filter_map(|log| delay(&log.detectors[index])).collect();
+        let delays = |delay: fn(&DetectorScore) -> Option<f64>| {
+            let mut found: Vec<f64> = scores
+                .iter()
+                .filter_map(|log| delay(&log.detectors[index].score))
+                .collect();
             found.sort_by(f64::total_cmp);
             match found.get(found.len().saturating_sub(1) / 2) {
                 Some(median) => format!("{} of {damaged}, {median:.2} s", found.len()),
@@ -164,7 +152,11 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
             }
         };
         let events = of(|score| score.false_alarm_events);
-        let hours = scores.iter().map(|log| log.detectors[index].healthy_s()).sum::<f64>() / 3600.0;
+        let hours = scores
+            .iter()
+            .map(|log| log.detectors[index].score.healthy_s())
+            .sum::<f64>()
+            / 3600.0;
         let rate = poisson_rate(events, hours).map_or_else(
             || "–".to_owned(),
             |[low, high]| format!("{} [{}, {}]", short(events as f64 / hours), short(low), short(high)),
@@ -173,8 +165,8 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
             (*detector).to_owned(),
             windows.to_string(),
             share(of(|score| score.right), windows),
-            delays(ScoreOfDetector::isolated_after_s),
-            delays(ScoreOfDetector::settled_after_s),
+            delays(DetectorScore::isolated_after_s),
+            delays(DetectorScore::settled_after_s),
             rate,
         ]);
     }

@@ -60,14 +60,22 @@ impl Artifacts {
     pub(crate) async fn publish(&self, key: &str) -> io::Result<u64> {
         let files = files_below(&self.place(key))?;
         for file in &files {
-            let path = self.place(key).join(&file.path);
-            match &self.bucket {
-                // An accepted result survives a power cut.
-                None => tokio::fs::File::open(&path).await?.sync_all().await?,
-                Some(bucket) => bucket.upload(&format!("{key}/{}", file.path), &path).await?,
-            }
+            self.publish_file(key, &file.path).await?;
         }
         Ok(files.iter().map(|file| file.size).sum())
+    }
+
+    /// The same of one file below it.
+    ///
+    /// # Errors
+    /// It cannot be read or written.
+    pub(crate) async fn publish_file(&self, key: &str, relative: &str) -> io::Result<()> {
+        let path = self.place(key).join(relative);
+        match &self.bucket {
+            // An accepted result survives a power cut.
+            None => tokio::fs::File::open(&path).await?.sync_all().await,
+            Some(bucket) => bucket.upload(&format!("{key}/{relative}"), &path).await,
+        }
     }
 
     /// A local path of a file; `None`: there is none, or the path leads elsewhere.

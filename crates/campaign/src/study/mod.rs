@@ -7,7 +7,8 @@
 //! * [`document`]: the file. * [`plan`]: what flight i is. * [`engine`], [`score`], [`record`]: what became of it.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
-//! * [`merge`]: shards that were flown on other machines. * [`hunt`]: flights where the detector fails, shrunk to what matters.
+//! * [`log_score`]: the same counts of a log. [`merge`]: shards that were flown on other machines. [`hunt`]: flights where the detector
+//!   fails, shrunk to what matters.
 
 pub mod cell;
 pub mod document;
@@ -15,6 +16,7 @@ pub mod engine;
 pub mod folder;
 pub mod hunt;
 pub mod intervals;
+pub mod log_score;
 pub mod merge;
 pub mod plan;
 pub mod record;

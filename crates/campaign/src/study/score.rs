@@ -16,6 +16,7 @@ use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN};
 use rotortwin_plant::STEP_S;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use utoipa::ToSchema;
 
 /// Upper ends of the bins of severity, share of the hover thrust lost by the worst rotor. Blades b and d lose 3.1 to 3.7 %, c 7.6 to 8 %.
 pub const SEVERITY_BINS: [f64; 11] = [0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.2, 0.5, 1.0];
@@ -35,7 +36,8 @@ pub fn severity_name(bin: usize) -> String {
 }
 
 /// Counts of one detector over one flight.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = DetectorCounts)]
 pub struct DetectorScore {
     /// Steps of a window.
     pub window_steps: u64,

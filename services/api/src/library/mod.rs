@@ -263,6 +263,8 @@ impl Library {
         }
         // The marker last: a copy that was cut off is made again.
         files.push((marker.to_owned(), b"complete\n".to_vec()));
+        // Not all that lies there: another request may be writing the same copy, and its files beside these are gone in a moment.
+        let paths: Vec<String> = files.iter().map(|(path, _)| path.clone()).collect();
         let place = store.place(&key);
         let written = tokio::task::spawn_blocking(move || {
             files.into_iter().try_for_each(|(path, bytes)| {
@@ -274,7 +276,9 @@ impl Library {
             })
         });
         written.await.map_err(io::Error::other)??;
-        artifacts.publish(&key).await?;
+        for path in &paths {
+            artifacts.publish_file(&key, path).await?;
+        }
         Ok(key)
     }
 
@@ -386,4 +390,37 @@ fn copy_all(from: &Path, to: &Path) -> io::Result<()> {
         std::fs::copy(from.join(&file.path), target)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// First submissions of many clients at once.
+    #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+    async fn regress_requests_that_copy_the_same_library_at_once_do_not_disturb_each_other() {
+        let scratch = tempfile::tempdir().expect("a folder");
+        let artifacts = Artifacts::open(&scratch.path().join("artifacts"), None).expect("it opens");
+        let root = scratch.path().join("library");
+        std::fs::create_dir_all(root.join("scenarios")).expect("made");
+        for turn in 0..20 {
+            for file in 0..40 {
+                let text = format!("turn = {turn}\n");
+                std::fs::write(root.join(format!("scenarios/{file}.toml")), text).expect("written");
+            }
+            let library = Library { root: root.clone() };
+            let copies = (0..8).map(|_| {
+                let (library, artifacts) = (library.clone(), artifacts.clone());
+                tokio::spawn(async move { library.snapshot(&artifacts).await })
+            });
+            let keys: Vec<_> = futures_util::future::join_all(copies)
+                .await
+                .into_iter()
+                .map(|key| key.expect("no panic").expect("copied"))
+                .collect();
+            assert!(keys.iter().all(|key| *key == keys[0]));
+            let files = artifacts.list(&keys[0]).await.expect("listed");
+            assert_eq!(files.len(), 41, "the files and the marker, nothing else: {files:?}");
+        }
+    }
 }

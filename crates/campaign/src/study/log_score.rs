@@ -1,0 +1,30 @@
+//! How right the detectors were on a log whose truth is known, as JSON: what `rotortwin fdi-log --truth` prints and
+//! `POST /api/v1/fdi/scores` answers.
+
+use super::score::DetectorScore;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// How right the detectors were on one log.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LogScore {
+    /// First damage, s of the log's time.
+    pub onset_s: Option<f64>,
+    /// Each detector.
+    pub detectors: Vec<NamedScore>,
+    /// Windows of the sequential detector that name the rotors rightly, while the loss stands still, with each loss inside its 95 % interval.
+    pub inside: u64,
+    /// Of so many.
+    pub inside_of: u64,
+}
+
+/// Counts of one detector by its name; `by_severity` is empty where a loss is of unknown size.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub struct NamedScore {
+    /// `t_test`, `network` or `sequential`.
+    pub detector: String,
+    /// Its counts.
+    #[serde(flatten)]
+    pub score: DetectorScore,
+}
