@@ -112,7 +112,7 @@ pub(crate) struct Between {
 #[serde(deny_unknown_fields)]
 pub(crate) struct VersionQuery {
     /// `toml`, the file that says everything, or `json`, in short.
-    #[param(inline, default = "toml")]
+    #[param(inline)]
     format: Option<VersionFormat>,
 }
 

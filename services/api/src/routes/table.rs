@@ -43,8 +43,8 @@ pub(crate) struct TableQuery {
     /// Rows, 1 to 20000, the latest first.
     #[param(minimum = 1, maximum = 20_000, default = 20_000)]
     limit: Option<i64>,
-    /// `json` or `csv`.
-    #[param(inline, default = "json")]
+    /// `json` without it.
+    #[param(inline)]
     format: Option<Format>,
 }
 
