@@ -4,6 +4,7 @@ import { type Schemas, ask, get } from "../api/client";
 import { createLoad } from "../api/load";
 import { sentenceOf } from "../api/problem";
 import { count, percent, short } from "../format";
+import type { Diagnosis } from "../model/twin";
 import { Panel, Problem } from "../parts/bits";
 import { navigate, setQuery } from "../router";
 import { OUTCOMES } from "../shown/blind";
@@ -115,7 +116,7 @@ export function BlindCases(props: { id: string; cell: Cell | undefined; chosen: 
 
 /** What was hidden in a case, and what the diagnosis said of its log. */
 function OneCase(props: { id: string; number: number }) {
-  const load = createLoad(() => String(props.number), (_, signal) => get("/api/v1/blind-benches/{id}/cases/{case}", { path: { id: props.id, case: props.number }, signal }));
+  const load = createLoad(() => String(props.number), (_, signal) => get("/api/v1/blind-benches/{id}/cases/{case}", { path: { id: props.id, case: String(props.number) }, signal }));
   return (
     <>
       <Problem sentence={load.error()} retry={load.reload} />
@@ -137,7 +138,7 @@ function OneCase(props: { id: string; number: number }) {
             </Panel>
             <Panel title={`Answer to case ${one().case}`} note={one().outcome}>
               <Show when={one().diagnosis} fallback={<p>{one().failure ?? "none"}</p>}>
-                {(found) => <div class="stack"><DiagnosisView found={found()} /></div>}
+                {(found) => <div class="stack"><DiagnosisView found={found() as Diagnosis} /></div>}
               </Show>
             </Panel>
           </>

@@ -81,6 +81,6 @@ pub(crate) async fn picture(
         words.push("--effects".into());
         words.push(library.file("effects", &name, "toml").into());
     }
-    let for_callers = |sentence: &str| library.without_root(sentence);
+    let for_callers = |sentence: &str| library.without_root(&sentence);
     answered(&app, words, PATIENCE, for_callers).await.map(json)
 }
