@@ -1400,13 +1400,14 @@ def filled(browser: Browser) -> None:
     log = query(page, "log")
     assert [wait_for(f"/runs/{run}")["status"] for run in [*runs, failed]] == ["done", "done", "failed"]
     assert wait_for(f"/blind-benches/{bench}")["status"] == "done"
+    named = urllib.parse.quote(api(f"/blind-benches/{bench}/cases/0")["named"])
     watch.check()
     page.close()
     # Address, what must be there before it is looked at, and what it is called in a picture.
     places = [
         (twin, "#step-6 .bars", "twin-filled"),
         (f"/campaigns/{job}?detector=sequential&truth=5&verdict=5", "[aria-label='Flights of the cell'] tbody button", "campaign"),
-        (f"/blind/{bench}", "table.confusion", "blind"),
+        (f"/blind/{bench}?hidden=nothing&named={named}&case=0", "text=Answer to case 0", "blind"),
         (f"/runs/{runs[0]}?with={runs[1]}", "[aria-label='Compared with other runs'] canvas", "compared"),
         (f"/runs/{failed}", ".say.bad", "failed"),
         (f"/runs?status=failed", "tbody .tag.bad", "runs"),

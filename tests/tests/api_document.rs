@@ -46,7 +46,7 @@ fn prop_every_answer_is_one_that_the_document_describes() {
 }
 
 /// Schemas that say nothing of what they hold, each with why it cannot be said.
-const SAY_NOTHING: [(&str, &str); 6] = [
+const SAY_NOTHING: [(&str, &str); 7] = [
     (
         "/JobView/properties/result",
         "each kind of job has its own: `JobWithResult_…` of its address says which",
@@ -62,6 +62,10 @@ const SAY_NOTHING: [(&str, &str); 6] = [
     (
         "/ImprovementRow/properties/parameters/items",
         "a fitted parameter, or one of the truth, which has no interval",
+    ),
+    (
+        "/Proposal/properties/document",
+        "an effect document, which `POST /effects/validate` and docs/effects.md explain",
     ),
     (
         "/WorstMoment/properties/conditions/items/items",

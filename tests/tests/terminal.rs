@@ -488,7 +488,7 @@ fn regress_files_are_tried_before_the_work() {
         ("improve run --model f550 --yes --models run/models --out run".to_owned(), "run: the folder is not empty"),
         (format!("vehicle from-log run --mass 1.55 --arm 0.275 --out {nowhere}.toml"), nowhere),
         ("vehicle from-log run --mass 1.55 --arm 0.275 --out short.toml".to_owned(), "short.toml exists already"),
-        (format!("train --out {nowhere}"), nowhere),
+        (format!("train --out {nowhere}"), "short.toml"),
         (format!("reproduce --table 6 --out {nowhere}"), nowhere),
         (format!("reproduce --table 6 --out run/new --save-classifier {nowhere}"), nowhere),
         ("reproduce --table 6 --out run".to_owned(), "run: the folder is not empty"),

@@ -288,7 +288,7 @@ pub(crate) async fn log(
 fn flown_again(bench: &Job, row: Row, truth: &Truth) -> Result<Draft, Problem> {
     let other_version =
         || Problem::unprocessable("this version cannot read the bench that another one accepted; submit it again");
-    let stored = StoredJob::parse(&bench.new.spec).map_err(|_| other_version())?;
+    let stored = StoredJob::parse(&bench.new.spec).map_err(|_unreadable| other_version())?;
     let rotortwin_jobs::Job::BlindBench(spec) = stored.job else {
         return Err(other_version());
     };

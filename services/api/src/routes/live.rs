@@ -120,7 +120,6 @@ pub(crate) enum LiveMessage {
 
 /// A channel that is sent.
 #[derive(Serialize, ToSchema)]
-#[expect(dead_code, reason = "as above")]
 pub(crate) struct LiveChannel {
     /// Key in `values`.
     name: String,
