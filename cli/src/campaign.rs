@@ -1,6 +1,7 @@
 //! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; one of them again; or shards that were flown
 //! elsewhere, put together.
 
+use crate::named::typed;
 use crate::progress::{Lines, resumed_bar};
 use crate::{network, output};
 use clap::{Args as ClapArgs, Parser, Subcommand};
@@ -18,6 +19,7 @@ use rotortwin_flight::pace::Pace;
 use rotortwin_jobs::{JobEvent, Progress};
 use rotortwin_runner::campaign::{self as runner, Flown, folder_of};
 use rotortwin_runner::failure::Failure;
+use rotortwin_scenario::names::Kind;
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use std::num::NonZeroUsize;
@@ -431,8 +433,14 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
     let flown_text = format!("{}\n", totals.in_words(campaign.flights()));
     println!("{}", output::fitted(&flown_text));
     let listed = tables::listed_flights(campaign, totals);
-    for table in tables::tables(campaign, totals).iter().chain(&listed) {
-        println!("{}\n{}", output::fitted(&table.title), output::result_table(table));
+    let path = campaign.path().display().to_string();
+    let name = typed(Kind::Campaign, campaign.path());
+    for mut table in tables::tables(campaign, totals).into_iter().chain(listed) {
+        // A shipped campaign lies in a folder that nobody knows; its name does as well.
+        for cell in table.rows.iter_mut().flatten() {
+            *cell = cell.replace(&path, &name);
+        }
+        println!("{}\n{}", output::fitted(&table.title), output::result_table(&table));
         for note in &table.notes {
             println!("{}", output::wrapped(note));
         }
@@ -473,7 +481,7 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
 
 /// The command that goes on, as it would be typed.
 fn command_line(campaign: &Path, out: Option<&Path>) -> String {
-    let mut line = format!("rotortwin campaign {}", campaign.display());
+    let mut line = format!("rotortwin campaign {}", typed(Kind::Campaign, campaign));
     if let Some(out) = out {
         line += &format!(" --out {}", out.display());
     }

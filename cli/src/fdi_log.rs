@@ -13,6 +13,7 @@ use crate::output::{bad_input, failed, line};
 use judged::JudgedLog;
 use rotortwin_campaign::study::log_score::LogScore;
 use rotortwin_page::Report;
+use rotortwin_runner::destination::writable_file;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::read_for;
@@ -62,6 +63,11 @@ pub struct LogArgs {
 
 /// Judges logs; exit code 2 if one is none or lacks what every detector needs.
 pub fn judge_logs(args: &LogArgs) -> ExitCode {
+    // Looked at before the work: nothing computed is lost.
+    let files = [&args.series, &args.report].into_iter().flatten();
+    if let Err(sentence) = files.map(|path| writable_file(path)).collect::<Result<(), String>>() {
+        return bad_input(sentence);
+    }
     let mut logs = match judge_all(args) {
         Ok(logs) => logs,
         Err(sentence) => return bad_input(sentence),

@@ -2,6 +2,7 @@
 
 use crate::output;
 use clap::{Args as ClapArgs, Parser, Subcommand};
+use rotortwin_runner::destination::writable_file;
 use rotortwin_twin::bench_fit::{Fit, FitError, Mapping, Table, battery, lag, report, thrust, write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -114,8 +115,23 @@ impl Input {
         } else {
             report::text(fits)
         };
-        print!("{text}");
+        print!("{}", if self.json { text } else { output::fitted(&text) });
         Ok(())
+    }
+
+    /// Looks at what is to be written before the work: nothing computed is lost.
+    fn check_destinations(&self, target: Option<&Path>) -> Result<(), FitError> {
+        if let Some(report) = &self.report {
+            writable_file(report).map_err(FitError)?;
+        }
+        match target {
+            Some(path) if !path.is_file() => Err(FitError(format!(
+                "--write {}: there is no such file; expected the document that gets the value",
+                path.display()
+            ))),
+            Some(path) => writable_file(path).map_err(FitError),
+            None => Ok(()),
+        }
     }
 
     /// Where a written value comes from.
@@ -157,6 +173,7 @@ fn update(path: &Path, change: impl Fn(&str) -> Result<String, FitError>) -> any
 }
 
 fn fit_thrust(input: &Input, target: Option<&Path>, blade: Option<&str>) -> anyhow::Result<()> {
+    input.check_destinations(target)?;
     let fit = thrust::fit_thrust(&input.tables()?)?;
     input.show("Thrust over duty and voltage", std::slice::from_ref(&fit))?;
     if let (Some(path), Some(blade)) = (target, blade) {
@@ -172,6 +189,7 @@ fn fit_thrust(input: &Input, target: Option<&Path>, blade: Option<&str>) -> anyh
 }
 
 fn fit_battery(input: &Input, target: Option<&Path>) -> anyhow::Result<()> {
+    input.check_destinations(target)?;
     let fits = input
         .tables()?
         .iter()
@@ -203,6 +221,7 @@ fn fit_battery(input: &Input, target: Option<&Path>) -> anyhow::Result<()> {
 }
 
 fn fit_lag(input: &Input, target: Option<&Path>) -> anyhow::Result<()> {
+    input.check_destinations(target)?;
     let fits = lag::fit_lag(&input.tables()?)?;
     input.show("Motor lag", &fits)?;
     let pooled = lag::pooled_lag(&fits);

@@ -115,20 +115,20 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
     let version = found.map_err(|error| error.to_string())?.version;
     let (detectors, note) = args.detectors.detectors()?;
     if let Some(note) = note {
-        line(&format!("Note: {note}"));
+        line(&fitted(&format!("Note: {note}")));
     }
     for path in &args.logs {
         let log = read_for(path, &ReadOptions::default(), &version.vehicle)?;
         if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
-            line(&format!("Note: {note}"));
+            line(&fitted(&format!("Note: {note}")));
         }
         let known = |place: usize| {
-            line(&format!(
+            line(&fitted(&format!(
                 "{}: is flight {} of {} already, not counted again",
                 path.display(),
                 place + 1,
                 args.vehicle
-            ));
+            )));
         };
         let hash = &log.source.content_hash;
         if let Some(place) = fleet.place_of(&args.vehicle, (model, &version.hash()), hash)? {
@@ -145,7 +145,10 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
         let (vehicle, flight) = measure(&args.vehicle, (model, &version), &log, &detectors, date)?;
         let seconds = flight.air_s;
         match fleet.add(&vehicle, flight)? {
-            Added::New => line(&format!("{}: {seconds:.0} s in the air, {when}", path.display())),
+            Added::New => line(&fitted(&format!(
+                "{}: {seconds:.0} s in the air, {when}",
+                path.display()
+            ))),
             // Another process was faster.
             Added::Known(place) => known(place),
         }

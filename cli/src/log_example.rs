@@ -37,6 +37,7 @@ impl Args {
             effect: self.effect.clone(),
             seed: self.seed,
             duration_s: self.duration_s,
+            case: None,
             out: self.out.clone(),
         }
     }

@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         println!("{}", next_flight::json(&done.proposals));
         return ExitCode::SUCCESS;
     }
-    print!("{}", done.text);
+    print!("{}", output::fitted(&done.text));
     if let (Some(path), Some(vehicle)) = (&args.out, &done.vehicle) {
         println!("Written      {}, vehicle {vehicle}", path.display());
         println!("Fly it with  rotortwin fly {}", path.display());

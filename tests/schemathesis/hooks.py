@@ -85,6 +85,8 @@ def parameters(case: schemathesis.Case, choice: int) -> None:
         given["name"] = known[choice % len(known)]
     if "at" in given:
         given["at"] = ["main", "v0"][choice % 2]
+    if "case" in given:
+        given["case"] = choice % 2
     if kind == "fdi" and "id" in given:
         given["id"] = os.environ["FDI_SESSION"]
     if "path" in given and "id" in given:

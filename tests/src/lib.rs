@@ -29,6 +29,7 @@ pub mod bucket;
 pub mod cable;
 pub mod certificates;
 pub mod clock;
+pub mod columns;
 pub mod disk;
 pub mod foxglove;
 pub mod hosts;

@@ -1,10 +1,10 @@
 //! The OpenAPI document against the real server: whatever it allows to send, no 500 and no answer that it does not describe.
 
-use rotortwin_tests::program::{Call, Link};
+use rotortwin_tests::program::{Call, Link, read_json};
 use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
 use rotortwin_tests::server::Server;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::process::Command;
 
@@ -51,6 +51,180 @@ fn prop_every_answer_is_one_that_the_document_describes() {
 fn named(variable: &str, usual: &str) -> String {
     std::env::var(variable).unwrap_or_else(|_| usual.to_owned())
 }
+
+/// Schemas that say nothing of what they hold, each with why it cannot be said.
+const SAY_NOTHING: [(&str, &str); 7] = [
+    (
+        "/JobView/properties/result",
+        "each kind of job has its own: `JobWithResult_…` of its address says which",
+    ),
+    (
+        "/QueryAnswer/properties/rows/items/items",
+        "a cell of whatever SQL was asked for",
+    ),
+    (
+        "/Table/properties/rows/items/items",
+        "a number, a truth value or a text, by the column",
+    ),
+    (
+        "/ImprovementRow/properties/parameters/items",
+        "a fitted parameter, or one of the truth, which has no interval",
+    ),
+    (
+        "/Proposal/properties/document",
+        "an effect document, which `POST /effects/validate` and docs/effects.md explain",
+    ),
+    (
+        "/WorstMoment/properties/conditions/items/items",
+        "title, value, unit: a list, whose description says so",
+    ),
+    ("/artifacts/{path}/get/responses", "the bytes of a file of any type"),
+];
+
+/// `{"type": "object"}` without a word was the schema of seven properties; a list was called `Vec`.
+#[test]
+fn val_no_schema_of_the_document_is_a_bare_object() {
+    let document = read_json(&repository().join("tests/golden/openapi.json"));
+    let mut found = Vec::new();
+    say_nothing(&document, "", &mut found);
+    let unexplained: Vec<&String> = found
+        .iter()
+        .filter(|place| !SAY_NOTHING.iter().any(|(known, _)| place.contains(known)))
+        .collect();
+    assert_eq!(
+        unexplained,
+        Vec::<&String>::new(),
+        "expected properties, or `additionalProperties`"
+    );
+    for (known, why) in SAY_NOTHING {
+        assert!(
+            found.iter().any(|place| place.contains(known)),
+            "{known} ({why}) says something by now"
+        );
+    }
+    let schemas = document["components"]["schemas"].as_object().expect("schemas");
+    for name in ["Vec", "JobWithResult_Vec", "Object", "Value"] {
+        assert!(!schemas.contains_key(name), "{name} is no name for a schema");
+    }
+}
+
+/// Places of schemas that allow anything, or any object.
+fn say_nothing(value: &Value, place: &str, found: &mut Vec<String>) {
+    match value {
+        Value::Object(map) => {
+            let says = [
+                "properties",
+                "additionalProperties",
+                "allOf",
+                "oneOf",
+                "anyOf",
+                "enum",
+                "const",
+                "$ref",
+            ];
+            let is_bare_object =
+                map.get("type") == Some(&json!("object")) && !says.iter().any(|key| map.contains_key(*key));
+            let is_schema = ["/schema", "/items"].iter().any(|end| place.ends_with(end))
+                || place.rsplit('/').nth(1) == Some("properties");
+            let says_anything =
+                is_schema && !map.contains_key("type") && !says.iter().any(|key| map.contains_key(*key));
+            if is_bare_object || says_anything {
+                found.push(place.to_owned());
+            }
+            for (key, part) in map {
+                say_nothing(part, &format!("{place}/{key}"), found);
+            }
+        }
+        Value::Array(list) => {
+            for (at, part) in list.iter().enumerate() {
+                say_nothing(part, &format!("{place}/{at}"), found);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// What docs/jobs.md says of files and events is what their schemas say: each is read by a validator of JSON Schema.
+#[test]
+fn val_jobs_and_their_events_are_as_the_document_says() {
+    let Some(programs) = environment("python-schemathesis", &["schemathesis==4.32.5"]) else {
+        return;
+    };
+    let scratch = Scratch::new();
+    let flown = Call::fly(&scratch, Link::InProcess, &shipped_scenario("short-hover"), "flown")
+        .run()
+        .expect_code(0);
+    let summary = flown.summary();
+    let campaign = scratch.write(
+        "one.toml",
+        CAMPAIGN.replace("../scenarios/short-hover.toml", "short-hover"),
+    );
+    let jobs = [
+        json!({ "job": "run", "documents": summary.pointer("/scenario/text"), "seed": "7", "link": "in-process", "pace": "fast" }),
+        json!({ "job": "verification", "run": "out" }),
+        json!({ "job": "log-example", "vehicle": "f550", "seed": 3, "duration_s": 30.0, "out": "logs" }),
+        json!({ "job": "log-import", "file": "logs/log.parquet", "out": "again", "rate_hz": 50.0 }),
+        json!({ "job": "campaign", "campaign": campaign, "out": "campaign", "threads": 1 }),
+        json!({ "job": "campaign", "campaign": campaign, "out": "part", "shards": { "start": 0, "end": 1 } }),
+        json!({ "job": "blind-bench", "presets": ["null-hover"], "n": 1, "seed": 1, "vehicles": ["f550"], "duration_s": 10.0, "out": "bench" }),
+        json!({ "job": "diagnosis", "logs": ["logs/log.parquet"], "model": "f550", "models": "models" }),
+        json!({ "job": "training", "method": "paper", "scenario": "reference-flight", "seeds": 1, "first_seed": 1, "out": "c.json" }),
+        json!({ "job": "next-flight", "model": "f550", "models": "models", "between": ["mass", "air-density"] }),
+    ];
+    let mut values = Vec::new();
+    for job in jobs {
+        let file = json!({ "version": 2, "job": job });
+        let path = scratch.write("job.json", file.to_string());
+        let ended = Call::new(&scratch, ["job".into(), path.into_os_string()])
+            .run()
+            .expect_code(0);
+        values.push(json!({ "schema": "JobFile", "value": file, "valid": true }));
+        let schema = if job["job"] == "run" { "RunEvent" } else { "JobEvent" };
+        let lines = ended.stdout.lines().take_while(|line| line.contains("\"event\":"));
+        let events = lines.map(|line| serde_json::from_str::<Value>(line).expect("a line of JSON"));
+        values.extend(events.map(|event| json!({ "schema": schema, "value": event, "valid": true })));
+    }
+    let events = |schema: &str| values.iter().filter(|one| one["schema"] == schema).count();
+    assert!(events("JobEvent") > 3 && events("RunEvent") > 3, "{values:?}");
+    for wrong in [
+        json!({ "version": 2, "job": { "job": "verification" } }),
+        json!({ "version": 2, "job": { "job": "nothing", "run": "out" } }),
+        json!({ "job": { "job": "verification", "run": "out" } }),
+    ] {
+        values.push(json!({ "schema": "JobFile", "value": wrong, "valid": false }));
+    }
+    values.push(json!({ "schema": "JobEvent", "value": { "event": "progress", "share": "half" }, "valid": false }));
+    let file = scratch.write("values.json", json!(values).to_string());
+    let output = Command::new(programs.join("python"))
+        .args(["-c", VALIDATED])
+        .arg(repository().join("tests/golden/openapi.json"))
+        .arg(file)
+        .output()
+        .expect("it starts");
+    let words = [&output.stdout, &output.stderr]
+        .map(|text| String::from_utf8_lossy(text).into_owned())
+        .concat();
+    assert!(output.status.success(), "{words}");
+    print!("{words}");
+}
+
+/// Reads the document and the values; prints each that is not what it is said to be.
+const VALIDATED: &str = r##"
+import json, sys
+import jsonschema_rs
+
+document = json.load(open(sys.argv[1]))
+values = json.load(open(sys.argv[2]))
+wrong = 0
+for one in values:
+    schema = {"$ref": f"#/components/schemas/{one['schema']}", "components": document["components"]}
+    errors = [str(error) for error in jsonschema_rs.validator_for(schema).iter_errors(one["value"])]
+    if bool(errors) == one["valid"]:
+        wrong += 1
+        print(one["schema"], json.dumps(one["value"])[:400], errors[:3])
+print(f"{len(values)} values against their schemas")
+sys.exit(wrong > 0)
+"##;
 
 /// A job of each kind, a document of each kind, an open session (its id): what is asked for is there.
 fn something_of_everything(scratch: &Scratch, server: &Server) -> String {

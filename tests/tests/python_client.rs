@@ -1,7 +1,7 @@
 //! The Python client: its own tests against the program that was just built, and its types.
 
 use rotortwin_tests::program::program;
-use rotortwin_tests::python::{client_environment, client_folder};
+use rotortwin_tests::python::{client_environment, client_folder, environment};
 use std::process::Command;
 
 /// Runs a program of the environment in the client's folder; what it said if it failed.
@@ -29,4 +29,29 @@ fn scenario_its_tests_pass_against_the_real_server() {
 #[test]
 fn val_its_types_are_right() {
     passes("mypy", &["--cache-dir", "../../target/mypy-cache"]);
+}
+
+/// The stub of the native module, and a program that uses what runs in this process, in Pyright's strict mode (`pyrightconfig.json`).
+#[test]
+fn val_its_types_are_right_for_pyright() {
+    let Some(client) = client_environment() else { return };
+    // The package fetches Pyright itself; the Node that it runs on comes as a wheel.
+    let Some(programs) = environment("python-pyright", &["pyright[nodejs]==1.1.414"]) else {
+        return;
+    };
+    let output = Command::new(programs.join("pyright"))
+        .args(["--project", ".", "--pythonpath"])
+        .arg(client.join("python"))
+        .current_dir(client_folder())
+        .env("PYRIGHT_PYTHON_IGNORE_WARNINGS", "1")
+        .output()
+        .expect("it starts");
+    let words = [&output.stdout, &output.stderr]
+        .map(|text| String::from_utf8_lossy(text).into_owned())
+        .concat();
+    if !words.contains("errors, ") {
+        return rotortwin_tests::skip(&format!("Pyright cannot be had here: {}", words.trim()));
+    }
+    assert!(output.status.success(), "{words}");
+    print!("pyright: {words}");
 }

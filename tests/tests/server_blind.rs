@@ -156,6 +156,130 @@ fn scenario_a_blind_bench_over_two_workers_has_the_rows_of_the_command_line() {
     }
 }
 
+/// From a cell of the confusion matrix to its cases, to one with its truth and answer, and to its log: the one that was diagnosed.
+#[test]
+fn scenario_from_a_cell_of_a_bench_to_the_log_of_a_case() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let body = json!({ "presets": ["singles", "clutter"], "n": 2, "duration_s": DURATION_S, "seed": 11 });
+    let id = server.submit_to("blind-benches", &body);
+    let early = server.ask("GET", &format!("/api/v1/blind-benches/{id}/cases"), &[], "");
+    assert!([200, 409].contains(&early.status), "{}", early.json());
+    let job = server.ended_in("blind-benches", &id);
+    assert_eq!(job["status"], "done", "{job}");
+    let cases = |query: &str| server.get(&format!("/api/v1/blind-benches/{id}/cases?{query}"));
+    let numbers = |page: &Value| -> Vec<u64> {
+        let items = page["items"].as_array().expect("items");
+        items.iter().filter_map(|item| item["case"].as_u64()).collect()
+    };
+
+    // Every case is in the cell that the matrix counts it in, and in no other.
+    let mut seen = Vec::new();
+    for cell in job["result"]["confusion"].as_array().expect("a matrix") {
+        let [hidden, named] = [0, 1].map(|k| {
+            cell[k]
+                .as_str()
+                .expect("a word")
+                .replace(' ', "%20")
+                .replace('+', "%2B")
+        });
+        let page = cases(&format!("hidden={hidden}&named={named}"));
+        assert_eq!(
+            numbers(&page).len() as u64,
+            cell[2].as_u64().expect("a count"),
+            "{cell}: {page}"
+        );
+        seen.extend(numbers(&page));
+    }
+    seen.sort_unstable();
+    assert_eq!(seen, [0, 1, 2, 3]);
+    let mut paged = Vec::new();
+    let mut cursor = "0".to_owned();
+    loop {
+        let page = cases(&format!("limit=3&cursor={cursor}"));
+        paged.extend(numbers(&page));
+        match page["next"].as_str() {
+            Some(next) => cursor = next.to_owned(),
+            None => break,
+        }
+    }
+    assert_eq!(paged, [0, 1, 2, 3]);
+    assert_eq!(numbers(&cases("preset=clutter")), [2, 3]);
+    assert_eq!(numbers(&cases("hidden=no-such-effect")), Vec::<u64>::new());
+    assert_eq!(
+        server
+            .ask("GET", &format!("/api/v1/blind-benches/{id}/cases?limit=0"), &[], "")
+            .status,
+        400
+    );
+    assert_eq!(
+        server
+            .ask("GET", &format!("/api/v1/blind-benches/{id}/cases/4"), &[], "")
+            .status,
+        404
+    );
+    assert_eq!(
+        server
+            .ask("POST", &format!("/api/v1/blind-benches/{id}/cases/4/log"), &[], "")
+            .status,
+        404
+    );
+
+    // With clutter: what the generator draws by its seed is drawn again.
+    for number in [0, 2] {
+        let address = format!("/api/v1/blind-benches/{id}/cases/{number}");
+        let case = server.get(&address);
+        assert_eq!(case["truth"]["effects"], case["effects"], "{case}");
+        assert_eq!(case["log"], Value::Null);
+        let answer = server.ask("POST", &format!("{address}/log"), &[], "");
+        assert_eq!(answer.status, 202, "{}", answer.json());
+        let log = answer.json()["id"].as_str().expect("an id").to_owned();
+        let done = server.ended_in("logs", &log);
+        assert_eq!(
+            (&done["status"], &done["parent"]),
+            (&json!("done"), &json!(id)),
+            "{done}"
+        );
+        let again = server.ask("POST", &format!("{address}/log"), &[], "");
+        assert_eq!((again.status, again.json()["id"].as_str()), (200, Some(log.as_str())));
+        assert_eq!(server.get(&address)["log"], log.as_str());
+        assert_eq!(
+            server.get(&format!("/api/v1/logs/{log}/truth"))["effects"],
+            case["effects"]
+        );
+
+        let twin = json!({ "model": { "vehicle": "f550" }, "flights": { "logs": [log] } });
+        let found = server.submit_to("diagnoses", &twin);
+        let found = &server.ended_in("diagnoses", &found)["result"];
+        let before = &case["diagnosis"];
+        for key in ["verdict", "effects", "sensor_or_timing"] {
+            assert_eq!(
+                without_names(&found[key]),
+                without_names(&before[key]),
+                "case {number}, {key}"
+            );
+        }
+    }
+}
+
+/// A part of a diagnosis without what is named after the file.
+fn without_names(part: &Value) -> Value {
+    let mut part = part.clone();
+    fn strip(value: &mut Value) {
+        match value {
+            Value::Object(map) => {
+                map.remove("picture");
+                map.remove("log");
+                map.values_mut().for_each(strip);
+            }
+            Value::Array(list) => list.iter_mut().for_each(strip),
+            _ => {}
+        }
+    }
+    strip(&mut part);
+    part
+}
+
 #[test]
 fn scenario_a_worker_killed_in_mid_bench_loses_nothing() {
     let scratch = Scratch::new();

@@ -1,9 +1,11 @@
 //! What a terminal and its pipes see of the command.
 
+use rotortwin_tests::columns::too_wide;
 use rotortwin_tests::program::program;
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use std::io::PipeWriter;
 use std::process::{Command, Output, Stdio};
+use std::time::Instant;
 
 /// The writing end of a pipe whose reader has gone.
 fn closed() -> PipeWriter {
@@ -133,22 +135,6 @@ fn scenario_the_answer_does_not_fit_on_the_disk() {
     );
 }
 
-/// Lines that are wider than `width`, but for words that cannot be broken, such as paths.
-fn too_wide(text: &str, width: usize) -> Vec<&str> {
-    let breakable = |line: &&str| {
-        let widest = line
-            .split_whitespace()
-            .map(|word| word.chars().count())
-            .max()
-            .unwrap_or(0);
-        widest + 20 < width
-    };
-    text.lines()
-        .filter(|line| line.chars().count() > width)
-        .filter(breakable)
-        .collect()
-}
-
 /// All commands below `words`, by what their help says.
 fn all_commands(scratch: &Scratch, words: &[String], found: &mut Vec<Vec<String>>) {
     let args: Vec<&str> = words.iter().map(String::as_str).chain(["--help"]).collect();
@@ -212,6 +198,108 @@ fn regress_help_and_tables_fit_the_terminal() {
             std::fs::remove_dir_all(scratch.path(left)).unwrap();
         }
     }
+}
+
+/// A thrust bench of a rotor that follows Eq. 19 up to some noise: duty, voltage, thrust.
+fn bench() -> String {
+    let mut text = "duty,voltage_v,thrust_n\n".to_owned();
+    for voltage in [14.0, 15.0, 16.0] {
+        for step in 1..=20 {
+            let duty = f64::from(step) / 20.0;
+            let noise = 0.01 * (7.0 * f64::from(step) + voltage).sin();
+            text += &format!("{duty},{voltage},{:.4}\n", 0.03 * (duty * voltage).powi(2) + noise);
+        }
+    }
+    text
+}
+
+/// What commands print that compute for a while: the proposal of a next flight was one line of 134 letters, the models of a bench 104 wide, and
+/// a campaign named its own copy in the user's cache.
+#[test]
+fn regress_results_fit_the_terminal() {
+    let scratch = Scratch::new();
+    std::fs::write(scratch.path("short.toml"), short_flight()).unwrap();
+    std::fs::write(scratch.path("bench.csv"), bench()).unwrap();
+    let generate = "blind generate --effect rotor-drag --duration-s 60 --out log.parquet --truth truth.json";
+    let fly = "fly short.toml --link in-process --out run";
+    for line in [generate, fly] {
+        let words: Vec<&str> = line.split(' ').collect();
+        let output = command(&scratch, &words).output().expect("the program starts");
+        assert!(output.status.success(), "{line}: {}", self::words(&output));
+    }
+    let lines = [
+        "campaign detector-ideal --limit 32 --out @campaign",
+        "campaign detector-ideal --check",
+        "reproduce --table 1 --table 2 --table 3 --table 7 --seeds 1 --out @reproduced",
+        "diagnose log.parquet --model f550",
+        "improve log.parquet --model f550 --yes --truth truth.json --models @models --out @improved",
+        "fleet add hexa-07 run --model f550 --fleet @fleet",
+        "fleet show --fleet @fleet",
+        "controllers short.toml --controller own --out @flown",
+        "controllers --runs run @flown/1-own",
+        "fit thrust bench.csv --map thrust=thrust_n:N --map command=duty --map voltage=voltage_v:V",
+        "vehicle from-log log.parquet --mass 1.55 --arm 0.275 --held-out",
+        "next-flight --model f550 --between mass,air-density --models @models",
+        "blind --preset singles --n 2 --duration-s 30 --out @bench",
+        "effects plot rotor-drag",
+        "list",
+        "config",
+    ];
+    for width in [80, 120] {
+        for line in lines {
+            let line = line.replace('@', &format!("w{width}-"));
+            let words: Vec<&str> = line.split(' ').collect();
+            let output = command(&scratch, &words)
+                .env("COLUMNS", width.to_string())
+                .output()
+                .unwrap();
+            assert!(output.status.success(), "{line}: {}", self::words(&output));
+            let text = String::from_utf8(output.stdout).expect("the output is UTF-8");
+            assert!(!text.trim().is_empty(), "{line}");
+            assert_eq!(too_wide(&text, width), Vec::<&str>::new(), "{line} at {width}");
+            if line.contains("--limit") {
+                assert!(text.contains("rotortwin campaign detector-ideal"), "{text}");
+                assert!(!text.contains("campaigns/detector-ideal.toml"), "{text}");
+            }
+        }
+    }
+}
+
+/// `./run` on a machine that builds for minutes: how far it is, and how long it will take.
+#[test]
+fn val_a_build_tells_how_far_it_is() {
+    let scratch = Scratch::new();
+    let line = |log: &str, seconds: u32| {
+        std::fs::write(scratch.path("build.log"), log).unwrap();
+        let tool = repository().join("tools/build-progress.sh");
+        let script = format!(". {} && build_progress build.log {seconds} 30 20", tool.display());
+        let output = Command::new("bash")
+            .args(["-c", &script])
+            .current_dir(scratch.folder())
+            .output()
+            .expect("bash is there");
+        assert!(output.status.success(), "{}", words(&output));
+        words(&output)
+    };
+    let compiling =
+        "   Compiling serde v1.0.0\n   Compiling rotortwin-wire v0.1.0 (/x)\n   Compiling rotortwin-twin v0.1.0 (/x)\n";
+    assert_eq!(line("    Updating index\n", 3), "", "cargo has not counted yet");
+    assert_eq!(
+        line("    Building [>    ] 31/430: syn, quote     \r", 4),
+        "  31 of 430 units: syn, quote\n"
+    );
+    // 200 of 400 units since the start, and one of 20 of ours, which count ten times: 209 of 580 in 120 s.
+    let half = format!("{compiling}    Building [==>   ] 230/430: rotortwin-twin, zenoh   \r");
+    assert_eq!(
+        line(&half, 120),
+        "  230 of 430 units, about 4 min left: rotortwin-twin, zenoh\n"
+    );
+    let late = format!("{half}    Building [=====>] 428/430: rotortwin-twin(bin)  \r");
+    assert!(
+        line(&late, 200).starts_with("  428 of 430 units, about "),
+        "{}",
+        line(&late, 200)
+    );
 }
 
 #[test]
@@ -362,6 +450,60 @@ fn regress_results_never_go_over_others_and_folders_are_tried_before_the_work() 
         // Bad input leaves nothing.
         assert_eq!(call("absent.ulg", "left").status.code(), Some(2));
         assert!(!scratch.path("left").exists());
+    }
+}
+
+/// A thrust bench was fitted, a log judged, a manoeuvre searched for, before it was found that the result could not be written.
+#[test]
+fn regress_files_are_tried_before_the_work() {
+    let scratch = Scratch::new();
+    std::fs::write(scratch.path("short.toml"), short_flight()).unwrap();
+    std::fs::write(scratch.path("bench.csv"), bench()).unwrap();
+    let flown = command(&scratch, &["fly", "short.toml", "--link", "in-process", "--out", "run"])
+        .output()
+        .unwrap();
+    assert!(flown.status.success(), "{}", words(&flown));
+    let there = || -> Vec<_> {
+        let mut names: Vec<_> = std::fs::read_dir(scratch.folder())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name())
+            .collect();
+        names.sort();
+        names
+    };
+    let before = there();
+    // What is there already must not be: `run`; what cannot be made: below a file.
+    let nowhere = "short.toml/below";
+    for (line, said) in [
+        (format!("fit thrust bench.csv --map thrust=thrust_n:N --map command=duty --map voltage=voltage_v:V --report {nowhere}"), nowhere),
+        ("fit thrust bench.csv --map thrust=thrust_n:N --map command=duty --map voltage=voltage_v:V --write none.toml --blade x".to_owned(), "none.toml: there is no such file"),
+        (format!("fdi-log run --model f550 --series {nowhere}.csv"), nowhere),
+        (format!("fdi-log run --model f550 --report {nowhere}"), nowhere),
+        (format!("blind generate --duration-s 60 --out {nowhere}"), nowhere),
+        (format!("blind generate --duration-s 60 --out log.parquet --truth {nowhere}"), nowhere),
+        (format!("next-flight --model f550 --between mass,air-density --out {nowhere}"), nowhere),
+        ("next-flight --model f550 --between mass,air-density --out short.toml".to_owned(), "short.toml: already exists"),
+        (format!("improve run --model f550 --yes --models run/models --out {nowhere}"), nowhere),
+        (format!("improve run --model f550 --yes --models run/models --final {nowhere}"), nowhere),
+        ("improve run --model f550 --yes --models run/models --out run".to_owned(), "run: the folder is not empty"),
+        (format!("vehicle from-log run --mass 1.55 --arm 0.275 --out {nowhere}.toml"), nowhere),
+        ("vehicle from-log run --mass 1.55 --arm 0.275 --out short.toml".to_owned(), "short.toml exists already"),
+        (format!("train --out {nowhere}"), "short.toml"),
+        (format!("reproduce --table 6 --out {nowhere}"), nowhere),
+        (format!("reproduce --table 6 --out run/new --save-classifier {nowhere}"), nowhere),
+        ("reproduce --table 6 --out run".to_owned(), "run: the folder is not empty"),
+        (format!("export run --format csv --out {nowhere}"), nowhere),
+        ("export run --format csv --out short.toml".to_owned(), "short.toml: already exists"),
+    ] {
+        let args: Vec<&str> = line.split(' ').collect();
+        let begin = Instant::now();
+        let output = command(&scratch, &args).output().expect("the program starts");
+        let text = words(&output);
+        assert_eq!(output.status.code(), Some(2), "{line}: {text}");
+        assert!(text.contains(said), "{line}: {text}");
+        assert_eq!(text.trim_end().lines().count(), 1, "{line}: {text}");
+        println!("{line}: {:.2} s", begin.elapsed().as_secs_f64());
+        assert_eq!(there(), before, "{line}");
     }
 }
 

@@ -1,10 +1,12 @@
 //! `rotortwin vibration` and the line *Vibration* of `diagnose --baseline`, on logs with rotor speeds as a flight controller with ESC telemetry
 //! writes them: a propeller out of balance is named, healthy ones are left in peace, and what a log lacks is said.
 
-use rotortwin_tests::program::Call;
+use rotortwin_tests::columns::too_wide;
+use rotortwin_tests::program::{Call, program};
 use rotortwin_tests::scratch::{Scratch, repository};
 use serde_json::Value;
 use std::f64::consts::TAU;
+use std::process::Command;
 
 const RATE_HZ: f64 = 500.0;
 const SPAN_S: f64 = 20.0;
@@ -80,6 +82,16 @@ fn scenario_a_propeller_out_of_balance_is_named_against_healthy_flights() {
         said.contains("Against 3 healthy flights these shake more at their own speed: rotor 4 ("),
         "{said}"
     );
+    for width in [80, 120] {
+        let output = Command::new(program())
+            .args(&words)
+            .env("COLUMNS", width.to_string())
+            .output()
+            .expect("the program starts");
+        let text = String::from_utf8(output.stdout).expect("the output is UTF-8");
+        assert!(text.contains("rotor 4"), "{text}");
+        assert_eq!(too_wide(&text, width), Vec::<&str>::new(), "at {width}");
+    }
     words.push("--json".to_owned());
     let found: Value = serde_json::from_str(&Call::new(&scratch, words).run().expect_code(0).stdout).unwrap();
     let named = found["change"]["named"].as_array().unwrap();

@@ -389,6 +389,18 @@ fn scenario_a_cell_of_a_campaign_leads_to_its_flights_and_a_flight_to_its_run() 
 }
 
 #[test]
+fn scenario_a_cell_of_a_blind_bench_leads_to_its_cases_and_a_case_to_its_log() {
+    passes("bench", &[]);
+}
+
+/// What docs/web.md states of a quiet machine; no time of it fails.
+#[test]
+#[ignore = "a measurement: cargo test --release -p rotortwin-tests --test web -- --ignored --nocapture bench_"]
+fn bench_what_is_promised_of_a_quiet_machine() {
+    passes("promised", &["drag", "untold"]);
+}
+
+#[test]
 fn scenario_runs_are_found_by_vehicle_verdict_and_day() {
     passes("filters", &[]);
 }

@@ -158,6 +158,16 @@ def test_scenario_a_blind_bench_is_scored(client: Client, tmp_path: Path) -> Non
     vehicles = client.blind_benches.rows(done.id).column("vehicle").to_pylist()
     assert vehicles == ["config/vehicles/f550.toml", "config/vehicles/mine.toml"]
     assert "Blind bench" in client.blind_benches.report(done.id)
+
+    cases = list(client.blind_benches.cases(done.id, page_size=1))
+    assert [(one.case, one.vehicle, one.hidden, one.log) for one in cases] == [(0, "f550", "nothing", None), (1, "mine", "nothing", None)]
+    assert cases[1] in list(client.blind_benches.cases(done.id, hidden="nothing", named=cases[1].named, outcome=cases[1].outcome, preset="null-hover"))
+    assert not list(client.blind_benches.cases(done.id, hidden="mass"))
+    whole = client.blind_benches.case(done.id, 1)
+    assert whole.truth is not None and whole.truth["effects"] == [] and whole.diagnosis is not None and whole.diagnosis["verdict"]["kind"]
+    log = client.blind_benches.log(done.id, 1)
+    assert client.logs.wait(log.id, check=True).parent == done.id
+    assert client.blind_benches.log(done.id, 1).id == log.id == client.blind_benches.case(done.id, 1).log
     with pytest.raises(Unprocessable, match="nonsense"):
         client.blind_benches.submit(1, presets=["nonsense"])
     with pytest.raises(NotFound, match="vehicle"):

@@ -150,12 +150,28 @@ impl GenerateArgs {
 /// Flies and writes what the arguments ask for.
 pub fn generate(args: &GenerateArgs) -> Result<()> {
     let plan = args.plan()?;
+    // Looked at before the flight: what was flown would be lost.
+    [Some(&args.out), args.truth.as_ref()]
+        .into_iter()
+        .flatten()
+        .try_for_each(|path| writable(path))?;
     let (rows, nuisances) = fly(&plan)?;
     log_file::write(&args.out, &rows)?;
     if let Some(path) = &args.truth {
         Truth::new(&plan, &nuisances).write(path)?;
     }
     Ok(())
+}
+
+/// Tries whether a file can be written, and leaves everything as it was.
+fn writable(path: &Path) -> Result<()> {
+    let existed = path.exists();
+    std::fs::File::options()
+        .append(true)
+        .create(true)
+        .open(path)
+        .and_then(|_| if existed { Ok(()) } else { std::fs::remove_file(path) })
+        .map_err(|error| BlindError::input(path.display().to_string(), format!("cannot be written: {error}")))
 }
 
 fn list(json: bool) -> String {

@@ -6,6 +6,7 @@ use crate::error::{BlindError, Result};
 use crate::hidden::Hidden;
 use crate::random::Stream;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// Kinds that an excitation flight of a minute shows and tells apart from all others: the bench finds each of them by its name.
 pub const SHOWN: [&str; 6] = [
@@ -22,7 +23,8 @@ const LOSS: [f64; 2] = [0.04, 0.12];
 const BREAKS_AFTER: [f64; 2] = [0.35, 0.6];
 
 /// What an example shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[schema(as = LogExampleKind)]
 #[serde(rename_all = "kebab-case")]
 pub enum Example {
     /// One effect that the vehicle's model lacks

@@ -8,9 +8,11 @@ use crate::error::{BlindError, Result};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use utoipa::ToSchema;
 
 /// How the size of an effect goes on after its onset; without one it stays.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = HiddenProfile)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Profile {
     /// Grows along a straight line.
@@ -68,9 +70,10 @@ impl Profile {
 }
 
 /// One hidden effect.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = HiddenEffect)]
 pub struct Hidden {
-    /// Id in [`catalogue::KINDS`].
+    /// Id of the kind, as `rotortwin blind effects` lists them.
     pub id: String,
     /// Rotor from 1, where the kind acts on one.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -1,25 +1,32 @@
 //! Campaigns: many flights with statistics.
 
+use crate::span::Span;
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::PathBuf;
+use utoipa::ToSchema;
 
 /// A campaign, or some of its shards. What its folder holds already is not flown again: over the shards of all parts it only puts the
 /// results together.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = CampaignJob)]
 pub struct Campaign {
     /// The campaign document. Scenarios and vehicles are found relative to it.
+    #[schema(value_type = String)]
     pub campaign: PathBuf,
     /// Folder of the campaign; one that holds a part of it is continued.
+    #[schema(value_type = String)]
     pub out: PathBuf,
     /// Only these shards of 32 flights, which are left as they are; unset: the whole campaign.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Span>)]
     pub shards: Option<Range<u64>>,
     /// Stop after about this many flights; the same job continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<u64>,
     /// Threads; unset: as many as the machine has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<usize>, minimum = 1)]
     pub threads: Option<NonZeroUsize>,
 }

@@ -3,9 +3,10 @@
 use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::score::Outcome;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What a job says while it is done. In JSON, `event` says which.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum JobEvent {
     /// How far it is.
@@ -15,7 +16,8 @@ pub enum JobEvent {
 }
 
 /// How far a job is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = JobProgress)]
 #[serde(untagged)]
 pub enum Progress {
     /// By share of its work.
@@ -39,7 +41,8 @@ pub enum Progress {
 }
 
 /// A case of a blind bench, scored.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = BlindCaseDone)]
 pub struct CaseDone {
     /// Number within its preset.
     pub case: usize,

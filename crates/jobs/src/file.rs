@@ -10,7 +10,10 @@ use crate::Job;
 use crate::error::NotUnderstood;
 use crate::stored::StoredJob;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::path::PathBuf;
+use utoipa::openapi::{RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
 
 /// The version that is written.
 const VERSION: u64 = 2;
@@ -25,7 +28,8 @@ pub struct JobFile {
 }
 
 /// What belongs to the machine that does a job.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = JobPlace)]
 #[serde(deny_unknown_fields)]
 pub struct Here {
     /// Whoever started the process holds its standard input open: it ends when that does.
@@ -37,11 +41,13 @@ pub struct Here {
 }
 
 /// What a flight needs of the machine where the plant is.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = FlightPlace)]
 #[serde(deny_unknown_fields)]
 pub struct FlightHere {
     /// Run folder to write; unset: `out`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
     /// Samples of the telemetry to tell, a second of simulated time; unset: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -55,7 +61,8 @@ pub struct FlightHere {
 }
 
 /// Where the processes of a flight meet that are not on one host.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = FlightMeeting)]
 #[serde(rename_all = "kebab-case")]
 pub enum Meeting {
     /// The plant listens here: `tcp/10.0.0.2:7447`.
@@ -65,7 +72,8 @@ pub enum Meeting {
 }
 
 /// An autopilot that can be reached from here, as its operator has listed it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = AutopilotPlace)]
 pub struct AutopilotHere {
     /// `ardupilot:ADDR`, `px4:ADDR` or `betaflight:ADDR`.
     pub address: String,
@@ -74,11 +82,33 @@ pub struct AutopilotHere {
     pub pilot: Option<String>,
 }
 
-#[derive(Serialize)]
+/// A job as a file, for `rotortwin job FILE`. Paths are relative to the folder in which the process is started.
+#[derive(Serialize, ToSchema)]
 struct Written<'a> {
+    /// Of this form: 2.
     version: u64,
+    /// What is to be done.
+    #[schema(value_type = Job)]
     job: &'a Job,
+    /// What only the machine knows that does it; what is left out is as if somebody had typed the command.
+    #[schema(value_type = Option<Here>)]
     here: &'a Here,
+}
+
+impl PartialSchema for JobFile {
+    fn schema() -> RefOr<Schema> {
+        Written::schema()
+    }
+}
+
+impl ToSchema for JobFile {
+    fn name() -> Cow<'static, str> {
+        "JobFile".into()
+    }
+
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        Written::schemas(schemas);
+    }
 }
 
 /// What stands beside the job.

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// A flight.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = FlightJob)]
 pub struct Flight {
     /// Scenario, vehicle, blades, classifier in full (TOML): whatever becomes of files and of the library, the flight is the same.
     pub documents: String,

@@ -16,6 +16,7 @@ pub mod flight;
 pub mod input;
 pub mod log;
 pub mod part;
+mod span;
 pub mod stored;
 pub mod training;
 pub mod twin;
@@ -29,7 +30,7 @@ pub use event::{CaseDone, JobEvent, Progress};
 pub use file::{AutopilotHere, FlightHere, Here, JobFile, Meeting};
 pub use flight::Flight;
 pub use input::{Content, Input};
-pub use log::{LogExample, LogImport};
+pub use log::{ExampleCase, LogExample, LogImport};
 pub use part::{NextPart, PartAccepted, PartEnd, PartEvents, PartFile, PartHow, PartInput, PartOrder};
 pub use stored::StoredJob;
 pub use training::Training;
@@ -38,9 +39,10 @@ pub use verification::{Verification, Verified};
 
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
+use utoipa::ToSchema;
 
 /// Everything that can be asked for. In JSON, `job` says which.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "job", rename_all = "kebab-case")]
 pub enum Job {
     /// One flight.

@@ -3,13 +3,17 @@
 use rotortwin_blind::example::Example;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use utoipa::ToSchema;
 
 /// A flight log is brought into canonical form: `log.csv` gives `log.parquet`, `log.toml`, and the account of the import `log.import.json`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LogImportJob)]
 pub struct LogImport {
     /// The log; its ending says what it is.
+    #[schema(value_type = String)]
     pub file: PathBuf,
     /// Folder for them.
+    #[schema(value_type = String)]
     pub out: PathBuf,
     /// Take what can be read of a file whose checksum is wrong.
     #[serde(default)]
@@ -19,9 +23,11 @@ pub struct LogImport {
     pub truth: bool,
     /// Vehicle document to hold the log against: number and order of the rotors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub vehicle: Option<PathBuf>,
     /// Mapping file whose rows go before the built-in ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub mapping: Option<PathBuf>,
     /// Bring every column to this constant rate, Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -32,9 +38,11 @@ pub struct LogImport {
 }
 
 /// A flight of the independent simulator as a log: what [`LogImport`] leaves under the name `log`, and `truth.json`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LogExampleJob)]
 pub struct LogExample {
     /// Vehicle document.
+    #[schema(value_type = String)]
     pub vehicle: PathBuf,
     /// What it is to show; unset: `effect`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -46,6 +54,24 @@ pub struct LogExample {
     pub seed: u64,
     /// s.
     pub duration_s: f64,
+    /// A case of a blind bench, flown again with its seed; unset: an excitation flight with what `preset` or `effect` says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub case: Option<ExampleCase>,
     /// Folder for the files.
+    #[schema(value_type = String)]
     pub out: PathBuf,
+}
+
+/// What the generator is asked for in a case of a blind bench, but for vehicle, length and seed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LogExampleCase)]
+pub struct ExampleCase {
+    /// Built-in flight.
+    pub flight: String,
+    /// What is hidden, each as `id:parameter=value,…`, a companion before the effect that needs it.
+    pub effects: Vec<String>,
+    /// With small deviations of every other parameter.
+    pub clutter: bool,
+    /// Times the generator's white force and torque.
+    pub disturbance: f64,
 }

@@ -6,20 +6,24 @@ use std::path::PathBuf;
 use utoipa::ToSchema;
 
 /// A classifier to be trained: the same seeds give the same bits.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = TrainingJob)]
 pub struct Training {
     /// What the network reads and how it is trained.
     pub method: Method,
     /// Scenario that gives vehicle, controller, sensors and detector settings.
+    #[schema(value_type = String)]
     pub scenario: PathBuf,
     /// Number of data sets (one per seed).
     pub seeds: u32,
     /// First seed; the others follow.
     pub first_seed: u64,
     /// Classifier file to write.
+    #[schema(value_type = String)]
     pub out: PathBuf,
     /// Threads; unset: as many as the machine has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<usize>, minimum = 1)]
     pub threads: Option<NonZeroUsize>,
 }
 

@@ -5,11 +5,14 @@
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use utoipa::ToSchema;
 
 /// Models compared with flights: where, when and how much they disagree.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ComparisonJob)]
 pub struct Comparison {
     /// The flights.
+    #[schema(value_type = Vec<String>)]
     pub logs: Vec<PathBuf>,
     /// The models.
     pub model: Vec<String>,
@@ -17,29 +20,37 @@ pub struct Comparison {
     #[serde(default)]
     pub label: Vec<String>,
     /// Folder of the models.
+    #[schema(value_type = String)]
     pub models: PathBuf,
     /// Folder for the report and its files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
 }
 
 /// Which effects a model lacks on flights of one vehicle.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = DiagnosisJob)]
 pub struct Diagnosis {
     /// The flights.
+    #[schema(value_type = Vec<String>)]
     pub logs: Vec<PathBuf>,
     /// The model.
     pub model: String,
     /// Folder of the models.
+    #[schema(value_type = String)]
     pub models: PathBuf,
     /// Effect documents of the caller's own that may be named, too.
     #[serde(default)]
+    #[schema(value_type = Vec<String>)]
     pub effects: Vec<PathBuf>,
     /// Healthy flights of the same vehicle; none, or three at least.
     #[serde(default)]
+    #[schema(value_type = Vec<String>)]
     pub baseline: Vec<PathBuf>,
     /// Folder for the diagnosis and what it proposes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
     /// Seconds after which the search begins nothing further, and answers with what it has proved until then; absent: ten minutes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -47,32 +58,41 @@ pub struct Diagnosis {
 }
 
 /// Compare, diagnose, add what is missing, compare again, until the model agrees or the reason why it does not is known.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ImprovementJob)]
 pub struct Improvement {
     /// Flights of one vehicle to learn from.
+    #[schema(value_type = Vec<String>)]
     pub logs: Vec<PathBuf>,
     /// Flights of the same vehicle that no fit sees.
     #[serde(default)]
+    #[schema(value_type = Vec<String>)]
     pub held_out: Vec<PathBuf>,
     /// `MODEL` or `MODEL@BRANCH`; a vehicle file begins a model of its name.
     pub model: String,
     /// Folder of the models; accepted versions are kept there.
+    #[schema(value_type = String)]
     pub models: PathBuf,
     /// What is really missing, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub truth: Option<PathBuf>,
     /// Folder for the report and its files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
     /// File for the final version.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub final_version: Option<PathBuf>,
 }
 
 /// A vehicle from flight logs, mass and arm: `vehicle.toml`, its blades and its intervals.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = IdentificationJob)]
 pub struct Identification {
     /// Flights of one vehicle.
+    #[schema(value_type = Vec<String>)]
     pub logs: Vec<PathBuf>,
     /// With battery, kg.
     pub mass_kg: f64,
@@ -95,23 +115,28 @@ pub struct Identification {
     pub held_out: bool,
     /// Thrust benches of one rotor, or datasheet tables.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(value_type = Vec<String>)]
     pub bench: Vec<PathBuf>,
     /// `NAME.toml`, the document of the vehicle; its blades, intervals and report stand beside it; unset: nothing is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
 }
 
 /// The manoeuvre that would tell two effects apart.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = NextFlightJob)]
 pub struct NextFlight {
     /// The model as it stands.
     pub model: String,
     /// Folder of the models.
+    #[schema(value_type = String)]
     pub models: PathBuf,
     /// The two effects: `mass`, `rotor-thrust-scale#3`.
     pub between: [String; 2],
     /// File for the best manoeuvre as a scenario; unset: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
     /// Seed of that scenario.
     #[serde(default = "first_seed")]

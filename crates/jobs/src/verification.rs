@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use utoipa::ToSchema;
 
 /// A run that was done is flown again, in one process, and its run hash compared.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = VerificationJob)]
 pub struct Verification {
     /// Its folder: the summary, and what an autopilot sent if one flew.
+    #[schema(value_type = String)]
     pub run: PathBuf,
 }
 

@@ -75,6 +75,14 @@ pub fn writable_file(path: &Path) -> Result<(), String> {
         .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
+/// As [`writable_file`], of a file that must not exist.
+pub fn new_file(path: &Path) -> Result<(), String> {
+    if path.exists() {
+        return Err(format!("{}: already exists; expected another name", path.display()));
+    }
+    writable_file(path)
+}
+
 /// Writes a text that was also printed.
 pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
     std::fs::write(path, text).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
@@ -134,6 +142,8 @@ mod tests {
         std::fs::write(&path, "before").unwrap();
         writable_file(&path).unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "before");
+        let refusal = new_file(&path).unwrap_err();
+        assert!(refusal.contains("already exists"), "{refusal}");
         let refusal = writable_file(&place.path().join("no/such/folder")).unwrap_err();
         assert!(refusal.contains("no/such/folder: cannot be written"), "{refusal}");
     }

@@ -35,12 +35,16 @@ pub fn make(job: &Job) -> Result<FlightLog, Failure> {
     Ok(log)
 }
 
-/// The flight that was asked for; of a preset whose flight is lost the one of the next seed, as its truth says.
+/// The flight that was asked for, a case of a blind bench as it is; of a preset whose flight is lost the one of the next seed, as its truth says.
 fn fly_one(job: &Job, out: &Path) -> Result<(FlightPlan, Vec<Row>, Nuisances), Failure> {
     let mut draw = 0;
     loop {
         let seed = job.seed.wrapping_add(draw);
         let mut plan = generator(job, seed, out).plan()?;
+        if job.case.is_some() {
+            let (rows, nuisances) = fly(&plan)?;
+            return Ok((plan, rows, nuisances));
+        }
         let rotors = plan.vehicle.rotors.len();
         plan.effects = match (&job.effect, job.preset) {
             (Some(text), _) => example::effect(text, rotors, seed)?,
@@ -59,18 +63,19 @@ fn fly_one(job: &Job, out: &Path) -> Result<(FlightPlan, Vec<Row>, Nuisances), F
     }
 }
 
-/// The generator's own arguments, all but what is hidden.
+/// The generator's own arguments; of an example all but what is hidden.
 fn generator(job: &Job, seed: u64, out: &Path) -> GenerateArgs {
+    let case = job.case.as_ref();
     GenerateArgs {
         vehicle: Some(job.vehicle.clone()),
-        effects: Vec::new(),
-        clutter: false,
-        flight: "excitation".to_owned(),
+        effects: case.map_or_else(Vec::new, |case| case.effects.clone()),
+        clutter: case.is_some_and(|case| case.clutter),
+        flight: case.map_or_else(|| "excitation".to_owned(), |case| case.flight.clone()),
         duration_s: job.duration_s,
         idle_s: None,
         seed,
         noise_scale: 1.0,
-        disturbance: 1.0,
+        disturbance: case.map_or(1.0, |case| case.disturbance),
         state_of_charge: None,
         out: out.to_owned(),
         truth: None,
@@ -92,6 +97,7 @@ mod tests {
             effect: None,
             seed: 15_504,
             duration_s: 60.0,
+            case: None,
             out: folder.path().to_owned(),
         };
         let (plan, rows, _) = fly_one(&job, Path::new("unused")).unwrap();

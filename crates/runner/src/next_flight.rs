@@ -1,5 +1,6 @@
 //! The manoeuvre that would tell two effects apart, and the simulated flights that say so.
 
+use crate::destination;
 use crate::failure::Failure;
 use crate::grid::Grid;
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
@@ -20,7 +21,8 @@ use rotortwin_twin::next_flight::{
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 
 /// What to fly next, with the same as text.
 #[derive(Debug)]
@@ -52,10 +54,17 @@ fn between(job: &Job, found: &Found) -> Result<Proposed, String> {
             a.label()
         ));
     }
+    let scenario = job.out.as_deref().map(|path| ScenarioFiles::beside(path, found, job));
+    if let Some(files) = &scenario {
+        files.can_be_written()?;
+    }
     let proposals = proposals(&found.version, &a, &b, &catalogue)?;
     let text = format!("{}\n{}\n", table(&proposals, &a, &b), advice(&proposals, &a, &b));
-    let vehicle = match (&job.out, proposals.first()) {
-        (Some(path), Some(best)) => Some(write_scenario(path, best, found, job)?),
+    let vehicle = match (scenario, proposals.first()) {
+        (Some(files), Some(best)) => {
+            files.write(best, found, job.seed)?;
+            Some(files.vehicle)
+        }
         _ => None,
     };
     Ok(Proposed {
@@ -190,43 +199,66 @@ fn table(proposals: &[Proposal], a: &Rival, b: &Rival) -> Grid {
     table
 }
 
-/// Writes the scenario, and the vehicle beside it if the model is not a vehicle file. The vehicle's path.
-fn write_scenario(path: &Path, best: &Proposal, found: &Found, job: &Job) -> Result<String, String> {
-    let fail = |path: &Path, error: std::io::Error| format!("{}: cannot be written: {error}", path.display());
-    let manoeuvre = MANOEUVRES
-        .iter()
-        .find(|m| m.name == best.manoeuvre)
-        .expect("a proposal names a manoeuvre of the list");
-    let create = |path: &Path, text: &str| -> Result<(), String> {
-        use std::io::Write as _;
-        std::fs::File::create_new(path)
-            .and_then(|mut file| file.write_all(text.as_bytes()))
-            .map_err(|error| fail(path, error))
-    };
-    let given = Path::new(&job.model);
-    let vehicle = if given.is_file() && found.version.effect.is_empty() {
-        given
-            .canonicalize()
-            .map_err(|error| fail(given, error))?
-            .display()
-            .to_string()
-    } else {
-        let stem = path
+/// Files of a proposal: a scenario, and the vehicle and blades that it flies where those are no files yet.
+struct ScenarioFiles<'a> {
+    scenario: &'a Path,
+    /// As the scenario names it.
+    vehicle: String,
+    /// Vehicle and blades to write; none: the vehicle is the file that was given as the model.
+    own: Option<[PathBuf; 2]>,
+}
+
+impl<'a> ScenarioFiles<'a> {
+    fn beside(scenario: &'a Path, found: &Found, job: &Job) -> Self {
+        let given = Path::new(&job.model);
+        if found.version.effect.is_empty()
+            && let Some(file) = given.is_file().then(|| given.canonicalize().ok()).flatten()
+        {
+            let vehicle = file.display().to_string();
+            return Self {
+                scenario,
+                vehicle,
+                own: None,
+            };
+        }
+        let stem = scenario
             .file_stem()
-            .map_or_else(|| "scenario".into(), |s| s.to_string_lossy());
-        let (vehicle_name, blades_name) = (format!("{stem}-vehicle.toml"), format!("{stem}-blades.toml"));
-        let mut vehicle = found.version.vehicle.clone();
-        vehicle.rotors.blades.clone_from(&blades_name);
+            .map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy());
+        let vehicle = format!("{stem}-vehicle.toml");
+        let blades = scenario.with_file_name(format!("{stem}-blades.toml"));
+        Self {
+            scenario,
+            own: Some([scenario.with_file_name(&vehicle), blades]),
+            vehicle,
+        }
+    }
+
+    /// Looked at before the work: none of them exists, and all can be written.
+    fn can_be_written(&self) -> Result<(), String> {
+        let own = self.own.iter().flatten().map(PathBuf::as_path);
+        own.chain([self.scenario]).try_for_each(destination::new_file)
+    }
+
+    fn write(&self, best: &Proposal, found: &Found, seed: u64) -> Result<(), String> {
+        let manoeuvre = MANOEUVRES
+            .iter()
+            .find(|m| m.name == best.manoeuvre)
+            .expect("a proposal names a manoeuvre of the list");
+        let create = |path: &Path, text: &str| -> Result<(), String> {
+            std::fs::File::create_new(path)
+                .and_then(|mut file| file.write_all(text.as_bytes()))
+                .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
+        };
         let text = |value: Result<String, toml::ser::Error>| value.map_err(|error| error.to_string());
-        create(&path.with_file_name(&vehicle_name), &text(toml::to_string(&vehicle))?)?;
-        create(
-            &path.with_file_name(&blades_name),
-            &text(toml::to_string(&found.version.blades))?,
-        )?;
-        vehicle_name
-    };
-    create(path, &scenario_text(manoeuvre, &vehicle, job.seed))?;
-    Ok(vehicle)
+        if let Some([vehicle_path, blades_path]) = &self.own {
+            let mut vehicle = found.version.vehicle.clone();
+            let blades = blades_path.file_name().unwrap_or_default();
+            vehicle.rotors.blades = blades.to_string_lossy().into_owned();
+            create(vehicle_path, &text(toml::to_string(&vehicle))?)?;
+            create(blades_path, &text(toml::to_string(&found.version.blades))?)?;
+        }
+        create(self.scenario, &scenario_text(manoeuvre, &self.vehicle, seed))
+    }
 }
 
 /// One flight in this process, as a log.

@@ -99,11 +99,52 @@ fn size(channels: &[MovedChannel]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rotortwin_twin::log::FlightLog;
+    use std::collections::BTreeMap;
     use std::path::Path;
 
     fn f550() -> ModelVersion {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml");
         ModelVersion::load(&path).unwrap()
+    }
+
+    /// Effects that no manoeuvre shows on a hexarotor above the noise, each with why: none.
+    const WITHOUT_A_PICTURE: [(&str, &str); 0] = [];
+
+    #[test]
+    fn val_every_effect_of_the_catalogue_has_a_picture() {
+        let (model, catalogue) = (f550(), Catalogue::built_in());
+        let mut flown: BTreeMap<(String, &str), Option<FlightLog>> = BTreeMap::new();
+        let mut without = Vec::new();
+        for declaration in catalogue.entries() {
+            let rival = Rival {
+                effect: declaration.id.to_owned(),
+                rotor: declaration.per_rotor.then_some(1),
+            };
+            let effect = rival.typical(&catalogue).unwrap();
+            let complete = with_companions(&model, &rival, &rival, &catalogue);
+            let random = declaration.class == EffectClass::Noise;
+            // A manoeuvre that this vehicle cannot fly shows nothing.
+            let best = MANOEUVRES.iter().map(|manoeuvre| {
+                if random {
+                    let channels = shown(manoeuvre, &complete, &catalogue, &effect, random);
+                    return channels.map_or(0.0, |channels| size(&channels));
+                }
+                let log = flown
+                    .entry((complete.hash(), manoeuvre.name))
+                    .or_insert_with(|| fly(manoeuvre, &complete, &[], SEED).ok());
+                let channels = log
+                    .as_ref()
+                    .and_then(|log| moved(log, &complete, &catalogue, &effect).ok());
+                channels.map_or(0.0, |channels| size(&channels))
+            });
+            let best = best.fold(0.0, f64::max);
+            println!("{}: {best:.1} times its noise", declaration.id);
+            if best < 1.0 {
+                without.push(declaration.id);
+            }
+        }
+        assert_eq!(without, WITHOUT_A_PICTURE.map(|(effect, _)| effect));
     }
 
     #[test]

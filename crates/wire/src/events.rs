@@ -1,9 +1,10 @@
 //! What a run says of itself while it goes on: one JSON object a line on the plant's standard output.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// One event of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum RunEvent {
     /// The link is being opened: the peers are waited for.
@@ -24,7 +25,7 @@ pub enum RunEvent {
 }
 
 /// A row of the telemetry.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LiveSample {
     /// Step number, from 0.
     pub step: u64,
@@ -35,7 +36,8 @@ pub struct LiveSample {
 }
 
 /// How far the flight is, and what it shows.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RunProgress)]
 pub struct Progress {
     /// Complete steps.
     pub step: u64,
@@ -58,7 +60,8 @@ pub struct Progress {
 }
 
 /// Something worth a line.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RunChange)]
 #[serde(tag = "what", rename_all = "kebab-case")]
 pub enum Change {
     /// The truth changed: a fault began or ended.
@@ -115,7 +118,8 @@ pub enum Change {
 }
 
 /// What goes wrong on the ground.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = GroundMishap)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Mishap {
     /// Touched down too fast.

@@ -4,8 +4,9 @@ import { type Schemas, ask } from "../api/client";
 import { ApiError, sentenceOf } from "../api/problem";
 import { jsonWithSeed } from "../exact";
 import { Panel, Problem } from "../parts/bits";
-import { navigate } from "../router";
+import { navigate, route, setQuery } from "../router";
 import { type BlindResult, BlindView } from "../shown/blind";
+import { BlindCases, type Cell } from "./blind-cases";
 import { JobList, JobPage } from "./jobs";
 
 /** Kinds of cases, and what is hidden in them (docs/blind-bench.md). */
@@ -28,12 +29,23 @@ export default function Blind(props: { id: string | undefined }) {
     <Show when={props.id} fallback={<JobList collection="blind-benches" path="/blind" title="Blind benches" form={(reload) => <NewBench onSubmitted={reload} />} />} keyed>
       {(id) => (
         <JobPage<BlindResult> collection="blind-benches" path="/blind" id={id} counted="case" total={(facts) => facts["cases"] as number | undefined}>
-          {(result) => <BlindView result={result} />}
+          {(result) => <BlindView result={result} cell={cell()} choose={choose} cases={<BlindCases id={id} cell={cell()} chosen={chosen()} />} />}
         </JobPage>
       )}
     </Show>
   );
 }
+
+/** What is looked at stands in the address. */
+function cell(): Cell | undefined {
+  const [hidden, named] = [route().query.get("hidden"), route().query.get("named")];
+  return hidden !== null && named !== null ? { hidden, named } : undefined;
+}
+function chosen(): number | undefined {
+  const number = route().query.get("case");
+  return number !== null && /^\d+$/.test(number) ? Number(number) : undefined;
+}
+const choose = (cell: Cell | undefined) => setQuery({ hidden: cell?.hidden, named: cell?.named, case: undefined });
 
 function NewBench(props: { onSubmitted: () => void }) {
   const [presets, setPresets] = createSignal<readonly string[]>(["singles"]);

@@ -1,5 +1,5 @@
 /** A blind bench: what was hidden, what was named, and how often that was right. */
-import { For, Show, createMemo } from "solid-js";
+import { For, type JSX, Show, createMemo } from "solid-js";
 import { count, percent, short } from "../format";
 import { confusionOf } from "../model/confusion";
 import { Panel } from "../parts/bits";
@@ -39,8 +39,16 @@ export interface BlindResult {
 
 const shareText = (share: Share) => (share.of === 0 ? "–" : `${share.count} of ${share.of}: ${percent(share.share)} [${percent(share.low, 0)}, ${percent(share.high, 0)}]`);
 
-export function BlindView(props: { result: BlindResult }) {
+export function BlindView(props: { result: BlindResult; /** Row and column that are looked at. */ cell?: { hidden: string; named: string } | undefined; choose: (cell: { hidden: string; named: string } | undefined) => void; /** Of that cell. */ cases?: JSX.Element }) {
   const confusion = createMemo(() => confusionOf(props.result.confusion));
+  const chosen = (): [number, number] | undefined => {
+    const [row, column] = [confusion().truths.indexOf(props.cell?.hidden ?? ""), confusion().names.indexOf(props.cell?.named ?? "")];
+    return row < 0 || column < 0 ? undefined : [row, column];
+  };
+  const choose = (row: number, column: number) => {
+    const again = chosen()?.[0] === row && chosen()?.[1] === column;
+    props.choose(again ? undefined : { hidden: confusion().truths[row] ?? "", named: confusion().names[column] ?? "" });
+  };
   return (
     <>
       <Panel title="Score" note="[ ]: 95 % interval">
@@ -60,9 +68,10 @@ export function BlindView(props: { result: BlindResult }) {
           </table>
         </div>
       </Panel>
-      <Panel title="Confusion matrix" note="row: what was hidden; column: what was named; the diagonal is right">
-        <ConfusionTable confusion={confusion()} corner="hidden / named" />
+      <Panel title="Confusion matrix" note="cases; row: what was hidden; column: what was named; the diagonal is right; a click on a cell lists its cases">
+        <ConfusionTable confusion={confusion()} corner="hidden / named" what="cases" choose={choose} chosen={chosen()} />
       </Panel>
+      {props.cases}
     </>
   );
 }
@@ -99,7 +108,8 @@ const SHARES: readonly (readonly [string, keyof Group & ("right_or_not_testable"
   ["95 % intervals that cover the truth", "coverage"],
   ["onset within 1 s", "onset_within_1_s"],
 ];
-const KINDS: Record<string, string> = { right: "good", flagged: "good", "in-group": "warn", "wrong-flagged": "warn", missed: "warn", "confidently-wrong": "bad", "false-alarm": "bad", failed: "bad" };
+/** How an outcome is coloured. */
+export const OUTCOMES: Record<string, string> = { right: "good", flagged: "good", "in-group": "warn", "wrong-flagged": "warn", missed: "warn", "confidently-wrong": "bad", "false-alarm": "bad", failed: "bad" };
 
 export function BlindReportView(props: { report: BlindReport }) {
   const it = () => props.report.request;
@@ -151,7 +161,7 @@ export function BlindReportView(props: { report: BlindReport }) {
                 {(row) => (
                   <tr>
                     <td class="r">{row.case.index}</td><td>{row.case.preset}</td><td>{row.case.flight}</td><td class="r">{row.case.seed}</td>
-                    <td class="break">{row.hidden}</td><td>{row.failure ?? row.named}</td><td><span class={`tag ${KINDS[row.outcome] ?? ""}`}>{row.outcome}</span></td>
+                    <td class="break">{row.hidden}</td><td>{row.failure ?? row.named}</td><td><span class={`tag ${OUTCOMES[row.outcome] ?? ""}`}>{row.outcome}</span></td>
                     <td class="r">{row.evidence === null ? "" : row.evidence.toFixed(1)}</td><td class="r">{largest(row.parameter_errors)}</td><td class="r">{row.seconds.toFixed(2)}</td>
                   </tr>
                 )}

@@ -42,6 +42,7 @@ from .fdi import Fdi, FdiSession
 from .models import (
     Artifact,
     Autopilot,
+    BlindCase,
     CampaignFlight,
     Channel,
     Complaint,
@@ -107,6 +108,7 @@ __all__ = [
     "CampaignFlight",
     "BadRequest",
     "BlindBenches",
+    "BlindCase",
     "CampaignFailed",
     "Campaigns",
     "Channel",

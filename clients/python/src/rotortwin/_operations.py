@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, Union
 from ._exchange import Operation, Settings
 from ._stream import in_path
 from .errors import JobFailed, RotortwinError, UnexpectedAnswer
-from .models import Artifact, Autopilot, CampaignFlight, Channel, Event, Job, Json, QueryAnswer, Run, Ticket, Validation, Verification, read
+from .models import Artifact, Autopilot, BlindCase, CampaignFlight, Channel, Event, Job, Json, QueryAnswer, Run, Ticket, Validation, Verification, read
 
 if TYPE_CHECKING:
     import pandas
@@ -133,6 +133,32 @@ def campaign_flight(item: Json) -> CampaignFlight:
     """A row of the flights of a campaign."""
     parameters = {one["axis"]: one["value"] for one in item["parameters"]}
     return read(CampaignFlight, {**item, "seed": int(item["seed"]), "parameters": parameters})
+
+
+class BlindBenchOperations(JobOperations[Job]):
+    """What only blind benches have."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, "blind-benches", lambda data: read(Job, data))
+
+    def cases(self, id: str, filters: Mapping[str, Any], cursor: str | None) -> Operation[tuple[list[BlindCase], str | None]]:
+        answer = yield from self.settings.call("GET", self.path(id, "cases"), params={**filters, "cursor": cursor})
+        body = answer.json()
+        return [blind_case(item) for item in body["items"]], body.get("next")
+
+    def case(self, id: str, number: int) -> Operation[BlindCase]:
+        answer = yield from self.settings.call("GET", self.path(id, "cases", str(number)))
+        return blind_case(answer.json())
+
+    def log(self, id: str, number: int) -> Operation[Job]:
+        # The address says which: asked twice, it is the same log.
+        answer = yield from self.settings.call("POST", self.path(id, "cases", str(number), "log"))
+        return read(Job, answer.json())
+
+
+def blind_case(item: Json) -> BlindCase:
+    """A row of the cases of a blind bench."""
+    return read(BlindCase, {**item, "seed": int(item["seed"])})
 
 
 def verdict_codes(verdict: int | Sequence[int] | None) -> str | None:

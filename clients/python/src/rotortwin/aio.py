@@ -13,6 +13,7 @@ from ._aio_resource import AsyncResource
 from ._exchange import Operation, Settings, drive_async
 from ._models import MAIN, ModelOperations
 from ._operations import (
+    BlindBenchOperations,
     CampaignOperations,
     LibraryOperations,
     RunOperations,
@@ -29,7 +30,7 @@ from ._operations import (
 from ._transport import AsyncTransport
 from .aio_fdi import AsyncFdi
 from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .models import Autopilot, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
+from .models import Autopilot, BlindCase, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
@@ -104,6 +105,11 @@ class AsyncCampaigns(AsyncResource[Job]):
 class AsyncBlindBenches(AsyncResource[Job]):
     """Does the diagnosis find what is missing in a model? Logs with hidden effects, diagnosed and scored."""
 
+    _operations: BlindBenchOperations
+
+    def __init__(self, transport: AsyncTransport) -> None:
+        super().__init__(transport, BlindBenchOperations(transport.settings))
+
     async def submit(
         self,
         n: int,
@@ -123,6 +129,37 @@ class AsyncBlindBenches(AsyncResource[Job]):
         """
         body = bench_body(presets, n, seed, vehicles, duration_s) | {"priority": priority, "max_wall_s": max_wall_s}
         return await self._do(self._operations.submit(body, idempotency_key))
+
+    async def cases(
+        self,
+        id: str,
+        *,
+        hidden: str | None = None,
+        named: str | None = None,
+        outcome: str | None = None,
+        preset: str | None = None,
+        page_size: int = 100,
+    ) -> AsyncIterator[BlindCase]:
+        """Its cases, or those in a cell of the confusion matrix, page by page as they are asked for.
+
+        hidden: a row of the matrix, such as `rotor-drag`. named: a column, such as `nothing`. outcome: `right`, `missed`, `false-alarm`, …
+        """
+        filters = {"hidden": hidden, "named": named, "outcome": outcome, "preset": preset, "limit": page_size}
+        cursor: str | None = None
+        while True:
+            items, cursor = await self._do(self._operations.cases(id, filters, cursor))
+            for item in items:
+                yield item
+            if cursor is None:
+                return
+
+    async def case(self, id: str, number: int) -> BlindCase:
+        """One of its cases, with `truth` and `diagnosis`."""
+        return await self._do(self._operations.case(id, number))
+
+    async def log(self, id: str, number: int) -> Job:
+        """The log of one of its cases, flown again with its seed: a job of `logs`. Asked for again, the same log."""
+        return await self._do(self._operations.log(id, number))
 
     async def rows(self, id: str) -> pyarrow.Table:
         """What became of each case, as an Arrow table."""
@@ -389,7 +426,7 @@ class AsyncClient:
         self._transport = transport
         self.runs = AsyncRuns(transport)
         self.campaigns = AsyncCampaigns(transport)
-        self.blind_benches = AsyncBlindBenches(transport, job_operations(settings, "blind-benches"))
+        self.blind_benches = AsyncBlindBenches(transport)
         self.logs = AsyncLogs(transport)
         self.comparisons = AsyncComparisons(transport)
         self.diagnoses = AsyncDiagnoses(transport)

@@ -15,6 +15,7 @@ from ._resource import Resource
 from ._exchange import Operation, Settings, drive
 from ._models import MAIN, ModelOperations
 from ._operations import (
+    BlindBenchOperations,
     CampaignOperations,
     LibraryOperations,
     RunOperations,
@@ -31,7 +32,7 @@ from ._operations import (
 from ._transport import Transport
 from .fdi import Fdi
 from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
-from .models import Autopilot, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
+from .models import Autopilot, BlindCase, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
 
 if TYPE_CHECKING:
     import pandas
@@ -106,6 +107,11 @@ class Campaigns(Resource[Job]):
 class BlindBenches(Resource[Job]):
     """Does the diagnosis find what is missing in a model? Logs with hidden effects, diagnosed and scored."""
 
+    _operations: BlindBenchOperations
+
+    def __init__(self, transport: Transport) -> None:
+        super().__init__(transport, BlindBenchOperations(transport.settings))
+
     def submit(
         self,
         n: int,
@@ -125,6 +131,37 @@ class BlindBenches(Resource[Job]):
         """
         body = bench_body(presets, n, seed, vehicles, duration_s) | {"priority": priority, "max_wall_s": max_wall_s}
         return self._do(self._operations.submit(body, idempotency_key))
+
+    def cases(
+        self,
+        id: str,
+        *,
+        hidden: str | None = None,
+        named: str | None = None,
+        outcome: str | None = None,
+        preset: str | None = None,
+        page_size: int = 100,
+    ) -> Iterator[BlindCase]:
+        """Its cases, or those in a cell of the confusion matrix, page by page as they are asked for.
+
+        hidden: a row of the matrix, such as `rotor-drag`. named: a column, such as `nothing`. outcome: `right`, `missed`, `false-alarm`, …
+        """
+        filters = {"hidden": hidden, "named": named, "outcome": outcome, "preset": preset, "limit": page_size}
+        cursor: str | None = None
+        while True:
+            items, cursor = self._do(self._operations.cases(id, filters, cursor))
+            for item in items:
+                yield item
+            if cursor is None:
+                return
+
+    def case(self, id: str, number: int) -> BlindCase:
+        """One of its cases, with `truth` and `diagnosis`."""
+        return self._do(self._operations.case(id, number))
+
+    def log(self, id: str, number: int) -> Job:
+        """The log of one of its cases, flown again with its seed: a job of `logs`. Asked for again, the same log."""
+        return self._do(self._operations.log(id, number))
 
     def rows(self, id: str) -> pyarrow.Table:
         """What became of each case, as an Arrow table."""
@@ -391,7 +428,7 @@ class Client:
         self._transport = transport
         self.runs = Runs(transport)
         self.campaigns = Campaigns(transport)
-        self.blind_benches = BlindBenches(transport, job_operations(settings, "blind-benches"))
+        self.blind_benches = BlindBenches(transport)
         self.logs = Logs(transport)
         self.comparisons = Comparisons(transport)
         self.diagnoses = Diagnoses(transport)

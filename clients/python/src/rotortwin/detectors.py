@@ -91,7 +91,7 @@ class Flight:
     @property
     def window_end_s(self) -> NDArray[np.float64]:
         """Shape (windows,)."""
-        return np.asarray((np.arange(self.window_count) + 1) * WINDOW_S)
+        return np.asarray((np.arange(self.window_count) + 1) * WINDOW_S, dtype=np.float64)
 
 
 @dataclass(frozen=True)

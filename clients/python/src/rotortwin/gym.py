@@ -231,7 +231,7 @@ class FlightVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         if len(begun):
             # The step of an episode that had ended is its reset: the action is not flown.
             drawn = [self._episodes.draw(self.np_random) for _ in begun]
-            self._batch.reset(list(begun), [number for _, number in drawn], [scenario for scenario, _ in drawn])
+            self._batch.reset([int(place) for place in begun], [number for _, number in drawn], [scenario for scenario, _ in drawn])
             sensed = self._batch.observation
             self._start_v[begun] = sensed[begun, 19]
             taken[begun] = 0.0

@@ -202,6 +202,50 @@ class CampaignFlight:
 
 
 @dataclass(frozen=True)
+class BlindCase:
+    """A case of a blind bench: what was hidden in a log, and what the diagnosis said of it."""
+
+    #: From 0, over all presets.
+    case: int
+    #: What it belongs to, such as `singles`.
+    preset: str
+    #: Name of the vehicle.
+    vehicle: str
+    #: Built-in flight.
+    flight: str
+    #: Of the flight.
+    seed: int
+    #: Row of the confusion matrix.
+    hidden: str
+    #: Column of the confusion matrix.
+    named: str
+    #: The effects that were named, with their rotors; empty: none.
+    answer: str
+    #: What the answer is worth, such as `right`, `missed`.
+    outcome: str
+    #: That the diagnosis took, s.
+    seconds: float
+    #: What was hidden: `id`, `rotor`, `onset_s`, `parameters`.
+    effects: Sequence[Json] = ()
+    #: With small deviations of every other parameter.
+    clutter: bool = False
+    #: ln of the Bayes factor of the first named effect.
+    evidence: float | None = None
+    #: Largest relative error of the parameters of each rightly named effect.
+    parameter_errors: Sequence[float] = ()
+    #: Of the onset, s.
+    onset_error_s: float | None = None
+    #: Why there is no answer.
+    failure: str | None = None
+    #: Id of the log that it was flown again as.
+    log: str | None = None
+    #: What was hidden, with the lift biases and the charge at the start; only of a single case.
+    truth: Json | None = None
+    #: The diagnosis in full; only of a single case.
+    diagnosis: Json | None = None
+
+
+@dataclass(frozen=True)
 class Ticket:
     """How a controller or an FDI engine from elsewhere joins a run."""
 

@@ -5,9 +5,11 @@ use crate::draw::{draw_effect, same_group};
 use crate::hidden::{Hidden, Profile};
 use crate::random::Stream;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What a set of cases is to show.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[schema(as = BlindPreset)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// One effect of the catalogue, excitation and waypoint flights

@@ -6,9 +6,11 @@ use crate::catalogue;
 use crate::draw::same_group;
 use crate::hidden::Hidden;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What became of a case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[schema(as = BlindOutcome)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
     /// Exactly the hidden effects, or rightly none.

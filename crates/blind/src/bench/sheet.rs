@@ -180,6 +180,30 @@ fn group(name: String, rows: &[&Row]) -> Group {
     }
 }
 
+/// Row and column of the confusion matrix that a case is counted in: what was hidden, what was named.
+pub fn cell(row: &Row) -> (String, String) {
+    let strip = |text: &str| {
+        let ids: Vec<String> = text
+            .split(" + ")
+            .map(|part| label(part.split(' ').next().unwrap_or(""), None))
+            .collect();
+        if text.is_empty() {
+            "nothing".to_owned()
+        } else {
+            ids.join(" + ")
+        }
+    };
+    let named = match row.outcome {
+        Outcome::Failed => "no answer".to_owned(),
+        Outcome::NotFlown => "no flight".to_owned(),
+        Outcome::Flagged | Outcome::WrongFlagged if row.named.is_empty() => "outside the catalogue".to_owned(),
+        Outcome::Flagged => format!("outside the catalogue, besides {}", strip(&row.named)),
+        Outcome::NotTestable if row.named.is_empty() => "not testable".to_owned(),
+        _ => strip(&row.named),
+    };
+    (strip(&row.truth), named)
+}
+
 /// Sums up the rows.
 pub fn sum_up(rows: &[Row]) -> Sheet {
     let mut presets: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
@@ -205,26 +229,8 @@ pub fn sum_up(rows: &[Row]) -> Sheet {
     let mut confusion: BTreeMap<(bool, String, String), usize> = BTreeMap::new();
     for row in rows {
         let right = matches!(row.outcome, Outcome::Right | Outcome::Flagged);
-        let strip = |text: &str| {
-            let ids: Vec<String> = text
-                .split(" + ")
-                .map(|part| label(part.split(' ').next().unwrap_or(""), None))
-                .collect();
-            if text.is_empty() {
-                "nothing".to_owned()
-            } else {
-                ids.join(" + ")
-            }
-        };
-        let named = match row.outcome {
-            Outcome::Failed => "no answer".to_owned(),
-            Outcome::NotFlown => "no flight".to_owned(),
-            Outcome::Flagged | Outcome::WrongFlagged if row.named.is_empty() => "outside the catalogue".to_owned(),
-            Outcome::Flagged => format!("outside the catalogue, besides {}", strip(&row.named)),
-            Outcome::NotTestable if row.named.is_empty() => "not testable".to_owned(),
-            _ => strip(&row.named),
-        };
-        *confusion.entry((right, strip(&row.truth), named)).or_default() += 1;
+        let (hidden, named) = cell(row);
+        *confusion.entry((right, hidden, named)).or_default() += 1;
     }
     Sheet {
         groups,

@@ -47,7 +47,7 @@ impl Default for FdiLimits {
 pub(crate) struct FdiSessions {
     limits: FdiLimits,
     open: Mutex<HashMap<String, Arc<Entry>>>,
-    /// Logs that are judged at the same time.
+    /// Processes that read a log or fly an effect while the caller waits: as many at the same time.
     pub(crate) reports: tokio::sync::Semaphore,
     link: Option<TopicSession>,
 }

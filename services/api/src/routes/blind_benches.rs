@@ -1,6 +1,7 @@
 //! Blind benches: submit. The cases are done in parts by all workers, and then put together.
 
 use super::documents::checked_name;
+use super::facts::{BlindBenchFacts, BlindBenchPartFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, OUT, laid_out, submit_in_parts};
 use crate::access::Caller;
@@ -16,7 +17,6 @@ use rotortwin_blind::error::BlindError;
 use rotortwin_blind::vehicle::Vehicle;
 use rotortwin_jobs::{BlindBench, Input, StoredJob};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use utoipa::ToSchema;
@@ -176,19 +176,27 @@ pub(crate) async fn submit(
     let draft = |part: Option<&Range<u64>>| {
         let (kind, name, facts) = match part {
             None => {
-                let named: Vec<&str> = vehicles.iter().map(|vehicle| vehicle.vehicle.as_str()).collect();
-                let facts = json!({
-                    "cases": cases, "presets": body.presets, "n": body.n, "seed": body.seed, "vehicles": named,
-                    "duration_s": body.duration_s,
-                });
-                (JobKind::BlindBench, name.clone(), facts)
+                let named = vehicles.iter().map(|vehicle| vehicle.vehicle.clone()).collect();
+                let facts = BlindBenchFacts {
+                    cases,
+                    presets: body.presets.clone(),
+                    n: body.n,
+                    seed: body.seed,
+                    vehicles: named,
+                    duration_s: body.duration_s,
+                    parts: None,
+                };
+                (JobKind::BlindBench, name.clone(), JobFacts::BlindBench(facts))
             }
             Some(part) => {
-                let facts = json!({ "first_case": part.start, "cases": part.end - part.start });
+                let facts = BlindBenchPartFacts {
+                    first_case: part.start,
+                    cases: part.end - part.start,
+                };
                 (
                     JobKind::BlindBenchShard,
                     format!("{name} {}..{}", part.start, part.end),
-                    facts,
+                    JobFacts::BlindBenchPart(facts),
                 )
             }
         };
@@ -333,6 +341,7 @@ fn stored(library: &Input, request: &Request, part: Option<&Range<u64>>) -> Stor
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     fn submission(body: serde_json::Value) -> Result<BlindBenchSubmission, serde_json::Error> {
         serde_json::from_value(body)

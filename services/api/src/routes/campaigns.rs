@@ -1,5 +1,6 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
 
+use super::facts::{CampaignFacts, CampaignPartFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, LIBRARY, OUT, laid_out, submit_in_parts};
 use crate::App;
@@ -14,7 +15,6 @@ use rotortwin_campaign::study::Campaign;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
 use rotortwin_jobs::{Input, StoredJob};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use std::ops::Range;
 use utoipa::ToSchema;
 
@@ -146,17 +146,24 @@ pub(super) async fn accept(
     let draft = |shards: Option<&Range<u64>>| {
         let (kind, name, facts) = match shards {
             None => {
-                let facts = json!({ "flights": flights, "seed": campaign.document().seed, "classifier": classifier });
-                (JobKind::Campaign, name.clone(), facts)
+                let facts = CampaignFacts {
+                    flights,
+                    seed: campaign.document().seed,
+                    classifier: classifier.map(str::to_owned),
+                    parts: None,
+                };
+                (JobKind::Campaign, name.clone(), JobFacts::Campaign(facts))
             }
             Some(part) => {
                 let first = part.start * SHARD_FLIGHTS;
-                let facts =
-                    json!({ "first_flight": first, "flights": (part.end * SHARD_FLIGHTS).min(flights) - first });
+                let facts = CampaignPartFacts {
+                    first_flight: first,
+                    flights: (part.end * SHARD_FLIGHTS).min(flights) - first,
+                };
                 (
                     JobKind::CampaignShard,
                     format!("{name} {}..{}", part.start, part.end),
-                    facts,
+                    JobFacts::CampaignPart(facts),
                 )
             }
         };

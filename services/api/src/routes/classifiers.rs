@@ -1,5 +1,6 @@
 //! Classifiers: train, evaluate. The file is an artifact, `classifier.json`; a run takes it by the job's id.
 
+use super::facts::{ClassifierFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{CLASSIFIER, Draft, LIBRARY, OUT, done, laid_out};
 use crate::access::Caller;
@@ -13,7 +14,6 @@ use axum::response::Response;
 use rotortwin_jobs::StoredJob;
 use rotortwin_jobs::training::Method;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
@@ -115,7 +115,12 @@ pub(crate) async fn submit(
     let draft = Draft {
         kind: JobKind::Classifier,
         name: format!("{}-{method}", body.scenario),
-        facts: json!({ "method": method, "scenario": body.scenario, "seeds": body.seeds, "first_seed": body.first_seed }),
+        facts: JobFacts::Classifier(ClassifierFacts {
+            method: body.method,
+            scenario: body.scenario.clone(),
+            seeds: body.seeds,
+            first_seed: body.first_seed,
+        }),
         stored: StoredJob {
             job,
             inputs: vec![laid_out(&app, &library).await?],
@@ -189,8 +194,8 @@ pub(crate) async fn evaluate(
             body.repeats
         )));
     }
-    let facts: serde_json::Value = serde_json::from_str(&job.new.facts).unwrap_or_default();
-    let trained_with = facts["scenario"].as_str().unwrap_or_default();
+    let facts: Option<ClassifierFacts> = serde_json::from_str(&job.new.facts).ok();
+    let trained_with = facts.as_ref().map_or("", |facts| facts.scenario.as_str());
     let scenario = body.scenario.as_deref().unwrap_or(trained_with);
     let library = app.library(&caller).await?;
     library.text("scenarios", scenario)?;

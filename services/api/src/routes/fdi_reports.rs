@@ -5,14 +5,13 @@ use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::problem::Problem;
-use crate::worker::answer::{Patience, answer};
+use crate::worker::answer::{answered, json};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, RawQuery, State};
 use axum::http::Uri;
-use axum::http::header::CONTENT_TYPE;
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
 use rotortwin_campaign::study::log_score::LogScore;
 use rotortwin_scenario::DetectorSettings;
 use rotortwin_verdicts::log::LogReport;
@@ -28,8 +27,6 @@ use utoipa::{IntoParams, ToSchema};
 pub(super) const LARGEST_LOG: u64 = 128 << 20;
 /// Cells of its table, at most: 256 MiB of numbers.
 const MOST_CELLS: usize = 1 << 25;
-/// Longest wait for those that came before.
-const PATIENCE: Duration = Duration::from_secs(60);
 /// Longest time that a log takes: four hours of flight at 400 Hz take a fifth of it.
 const LONGEST: Duration = Duration::from_secs(120);
 
@@ -79,8 +76,7 @@ pub(crate) async fn judge(
     body: Body,
 ) -> Result<Response, Problem> {
     let Query(which) = which?;
-    let report = judged(&app, &caller, &which, body, &Truth::Unknown).await?;
-    Ok(([(CONTENT_TYPE, "application/json")], report).into_response())
+    judged(&app, &caller, &which, body, &Truth::Unknown).await.map(json)
 }
 
 /// What is true; the rest of the query is [`Which`].
@@ -190,12 +186,6 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
         Some(id) => Flight::Stored(stored(app, caller, id).await?),
         None => Flight::Uploaded(received(app, body).await?),
     };
-    let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
-    let Ok(Ok(_turn)) = turn else {
-        return Err(Problem::unavailable(
-            "other logs are being judged; expected a later try",
-        ));
-    };
     let mut log = file.path().as_os_str().to_owned();
     if let Some(part) = part {
         log.push(format!("@{part}"));
@@ -234,25 +224,19 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
         (_, Some(rows)) => words.extend(["--truth".into(), rows.path().into()]),
         _ => {}
     }
-    let patience = Patience {
-        memory: app.config.work.job_memory,
-        wall: LONGEST,
-    };
-    let answered = answer(&app.config.work.program, words, patience).await;
-    answered.map_err(|mut problem| {
-        let path = file.path().display().to_string();
-        let truth = rows.map_or_else(String::new, |rows| format!("{}: ", rows.path().display()));
-        let detail = match truth.as_str() {
-            "" => problem.detail.clone(),
-            path => problem.detail.replace(path, "the truth: "),
-        };
-        problem.detail = library
-            .without_root(&detail)
+    let path = file.path().display().to_string();
+    let truth = rows.as_ref().map(|rows| format!("{}: ", rows.path().display()));
+    let for_callers = |sentence: &str| {
+        let sentence = truth
+            .as_ref()
+            .map_or_else(|| sentence.to_owned(), |truth| sentence.replace(truth, "the truth: "));
+        library
+            .without_root(&sentence)
             .replace(&format!("{path}: the log "), "the log ")
             .replace(&format!("{path}: "), "the log: ")
-            .replace(&path, "the log");
-        problem
-    })
+            .replace(&path, "the log")
+    };
+    answered(app, words, LONGEST, for_callers).await
 }
 
 /// Rows of the truth as the file that the command reads.

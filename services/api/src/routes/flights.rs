@@ -6,16 +6,15 @@ use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::problem::Problem;
-use crate::worker::answer::{Patience, answer};
+use crate::worker::answer::{answered, json};
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
-use axum::http::header::CONTENT_TYPE;
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
 use rotortwin_twin::flight_picture::FlightPicture;
 use std::ffi::OsString;
 use std::time::Duration;
 
-/// Longest wait for the logs that are read before it, and for its own.
+/// Longest time that a log takes.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A flight over time, of an imported log.
@@ -55,10 +54,6 @@ pub(crate) async fn of_run(
 /// Read by a process of its own, as every log.
 async fn picture(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<Response, Problem> {
     let path = stored_as(app, caller, kind, id).await?;
-    let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
-    let Ok(Ok(_turn)) = turn else {
-        return Err(Problem::unavailable("other logs are being read; expected a later try"));
-    };
     let words: [OsString; 5] = [
         "log".into(),
         "show".into(),
@@ -66,19 +61,11 @@ async fn picture(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<
         "--json".into(),
         "--flight".into(),
     ];
-    let patience = Patience {
-        memory: app.config.work.job_memory,
-        wall: PATIENCE,
+    let path = path.display().to_string();
+    let for_callers = |sentence: &str| {
+        sentence
+            .replace(&format!("{path}: "), "the log: ")
+            .replace(&path, "the log")
     };
-    let text = answer(&app.config.work.program, words, patience)
-        .await
-        .map_err(|mut problem| {
-            let path = path.display().to_string();
-            problem.detail = problem
-                .detail
-                .replace(&format!("{path}: "), "the log: ")
-                .replace(&path, "the log");
-            problem
-        })?;
-    Ok(([(CONTENT_TYPE, "application/json")], text).into_response())
+    answered(app, words, PATIENCE, for_callers).await.map(json)
 }

@@ -1,6 +1,7 @@
 //! A vehicle from flight logs, mass and arm: submitted as a job, and kept in the library once it was looked at.
 
 use super::documents::{self, checked_name};
+use super::facts::{IdentificationFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, Flights, OUT, done};
 use crate::access::Caller;
@@ -15,7 +16,6 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_jobs::{Identification, Input, StoredJob};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use utoipa::ToSchema;
 
 super::collection!(
@@ -192,7 +192,12 @@ pub(crate) async fn submit(
     let draft = Draft {
         kind: JobKind::Identification,
         name: body.name.clone(),
-        facts: json!({ "vehicle": body.name, "flights": body.flights, "mass_kg": body.mass_kg, "arm_m": body.arm_m }),
+        facts: JobFacts::Identification(IdentificationFacts {
+            vehicle: body.name.clone(),
+            flights: body.flights.clone(),
+            mass_kg: body.mass_kg,
+            arm_m: body.arm_m,
+        }),
         stored: StoredJob {
             job: rotortwin_jobs::Job::Identification(job),
             inputs,

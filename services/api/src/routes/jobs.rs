@@ -1,5 +1,6 @@
 //! What all kinds of jobs share: accept, find, list, cancel, delete.
 
+use super::facts::{JobFacts, UploadFacts};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::queue::{Deleted, Submitted};
@@ -40,7 +41,7 @@ pub(crate) struct JobView {
     /// Larger goes first among the jobs of a tenant.
     priority: i64,
     /// The request, in short.
-    #[schema(value_type = Object)]
+    #[schema(value_type = JobFacts)]
     facts: serde_json::Value,
     /// The job that it was made from.
     parent: Option<String>,
@@ -387,8 +388,7 @@ pub(super) async fn delete(app: &App, job: &Job) -> Result<StatusCode, Problem> 
             .and_then(|folder| folder.strip_prefix("runs/"))
             .map(|_| format!("runs/{}", job.id)),
     );
-    let facts: serde_json::Value = serde_json::from_str(&job.new.facts).unwrap_or_default();
-    keys.extend(facts["upload"].as_str().map(str::to_owned));
+    keys.extend(UploadFacts::of(&job.new.facts).map(|facts| facts.upload));
     for key in keys {
         if let Err(error) = app.artifacts.delete(&key).await {
             tracing::warn!(key, %error, "files of a deleted job cannot be deleted");

@@ -23,6 +23,7 @@ use rotortwin_store::telemetry_columns;
 use rotortwin_wire::events::LiveSample;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
@@ -71,9 +72,8 @@ pub(crate) enum LiveMessage {
         run: String,
         /// State of the run.
         status: String,
-        /// `name` and `unit` of each channel.
-        #[schema(value_type = Vec<Object>)]
-        channels: Vec<Value>,
+        /// In the order of the columns of the telemetry.
+        channels: Vec<LiveChannel>,
         /// Most samples a second of wall clock.
         rate_hz: f64,
     },
@@ -84,8 +84,7 @@ pub(crate) enum LiveMessage {
         /// Step number of each row.
         step: Vec<u64>,
         /// Values by channel, one a row; `null`: none.
-        #[schema(value_type = Object)]
-        values: Value,
+        values: BTreeMap<String, Vec<Option<f64>>>,
         /// The flight is long: only every so many samples were kept, evenly.
         thinned: bool,
     },
@@ -96,8 +95,7 @@ pub(crate) enum LiveMessage {
         /// Step number. It falls back if the run is flown again.
         step: u64,
         /// Value by channel; `null`: none.
-        #[schema(value_type = Object)]
-        values: Value,
+        values: BTreeMap<String, Option<f64>>,
     },
     /// The client was too slow for some samples.
     Lost {
@@ -118,6 +116,15 @@ pub(crate) enum LiveMessage {
         /// Samples that the client was too slow for.
         lost: u64,
     },
+}
+
+/// A channel that is sent.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct LiveChannel {
+    /// Key in `values`.
+    name: String,
+    /// Of its values; 1: none.
+    unit: String,
 }
 
 /// What is sent to one client.

@@ -1,5 +1,6 @@
 //! Example logs for a first visit: flown by the independent simulator in a process of its own, with the truth kept apart.
 
+use super::facts::{ExampleFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, LIBRARY, OUT, done, laid_out};
 use crate::access::Caller;
@@ -13,10 +14,11 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_blind::error::BlindError;
 use rotortwin_blind::example::{self, Example};
+use rotortwin_blind::hidden::Hidden;
+use rotortwin_blind::truth::Truth;
 use rotortwin_blind::vehicle::Vehicle;
 use rotortwin_jobs::{LogExample, StoredJob};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 /// What is hidden, among the files of the log.
@@ -123,12 +125,18 @@ pub(crate) async fn generate(
         effect: body.effect.clone(),
         seed,
         duration_s,
+        case: None,
         out: OUT.into(),
     };
     let draft = Draft {
         kind: JobKind::Log,
         name: format!("example-{:04x}.parquet", rand::random::<u16>()),
-        facts: json!({ "example": true, "vehicle": name, "duration_s": duration_s }),
+        facts: JobFacts::Example(ExampleFacts {
+            example: true,
+            vehicle: name.to_owned(),
+            duration_s,
+            case: None,
+        }),
         stored: StoredJob {
             job: rotortwin_jobs::Job::LogExample(example),
             inputs: vec![laid_out(&app, &library).await?],
@@ -141,9 +149,8 @@ pub(crate) async fn generate(
 /// What was hidden in an example.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct HiddenTruth {
-    /// Hidden effects (`id`, `rotor`, `onset_s`, `parameters`); empty: none.
-    #[schema(value_type = Vec<Object>)]
-    effects: Value,
+    /// Hidden effects; empty: none.
+    effects: Vec<Hidden>,
     /// Name of the vehicle.
     vehicle: String,
     /// Of every random stream.
@@ -154,6 +161,19 @@ pub(crate) struct HiddenTruth {
     state_of_charge: f64,
     /// Lift bias of each rotor, N: what the comparison takes as nuisance.
     lift_biases_n: Vec<f64>,
+}
+
+impl From<Truth> for HiddenTruth {
+    fn from(truth: Truth) -> Self {
+        Self {
+            effects: truth.effects,
+            vehicle: truth.vehicle,
+            seed: truth.seed,
+            duration_s: truth.duration_s,
+            state_of_charge: truth.state_of_charge,
+            lift_biases_n: truth.lift_biases_n,
+        }
+    }
 }
 
 /// Reveals what was hidden in an example log.
@@ -177,13 +197,6 @@ pub(crate) async fn truth(
             "the log {id} is no example: what is hidden in it is for the diagnosis to say"
         ))
     })?;
-    let truth = rotortwin_blind::truth::Truth::load(&file).map_err(|error| Problem::internal(&error))?;
-    Ok(Json(HiddenTruth {
-        effects: serde_json::to_value(truth.effects).map_err(|error| Problem::internal(&error))?,
-        vehicle: truth.vehicle,
-        seed: truth.seed,
-        duration_s: truth.duration_s,
-        state_of_charge: truth.state_of_charge,
-        lift_biases_n: truth.lift_biases_n,
-    }))
+    let truth = Truth::load(&file).map_err(|error| Problem::internal(&error))?;
+    Ok(Json(truth.into()))
 }

@@ -1,5 +1,6 @@
 //! Flight logs: upload and import.
 
+use super::facts::{JobFacts, UploadFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, LIBRARY, OUT, STEM, laid_out};
 use super::uploads::Upload;
@@ -116,7 +117,7 @@ pub(crate) async fn submit(
         let draft = Draft {
             kind: JobKind::Log,
             name: import.name.clone(),
-            facts: facts(&import, size, &hash, incoming.key()),
+            facts: JobFacts::Upload(facts(&import, size, &hash, incoming.key())),
             stored: StoredJob {
                 job: rotortwin_jobs::Job::LogImport(job),
                 inputs,
@@ -137,12 +138,14 @@ pub(crate) async fn submit(
 }
 
 /// What lists show of an upload.
-fn facts(import: &Import, size: u64, hash: &str, key: &str) -> serde_json::Value {
-    let mut facts = serde_json::json!({ "file": import.name, "bytes": size, "xxh3": hash, "upload": key });
-    if let Some(vehicle) = &import.vehicle {
-        facts["vehicle"] = vehicle.clone().into();
+fn facts(import: &Import, size: u64, hash: &str, key: &str) -> UploadFacts {
+    UploadFacts {
+        file: import.name.clone(),
+        bytes: size,
+        xxh3: hash.to_owned(),
+        upload: key.to_owned(),
+        vehicle: import.vehicle.clone(),
     }
-    facts
 }
 
 /// How an uploaded log is to be read again.
@@ -199,10 +202,9 @@ pub(crate) async fn again(
             "`mapping` is longer than {LONGEST_MAPPING} bytes; expected the rows that differ"
         )));
     }
-    let facts: serde_json::Value = serde_json::from_str(&log.new.facts).unwrap_or_default();
     let gone = || Problem::not_found(format!("the log {} has no upload that could be read again", log.id));
-    let upload = facts["upload"].as_str().ok_or_else(gone)?;
-    let file = file_name(facts["file"].as_str().unwrap_or_default())?;
+    let facts = UploadFacts::of(&log.new.facts).ok_or_else(gone)?;
+    let (upload, file) = (&facts.upload, file_name(&facts.file)?);
     // A copy of its own: the first log may be deleted.
     let source = app.artifacts.file(upload, &file).await;
     let source = source.map_err(|error| Problem::of_files(&error))?.ok_or_else(gone)?;
@@ -237,15 +239,15 @@ pub(crate) async fn again(
             inputs.push(laid_out(&app, &library).await?);
             job.vehicle = Some(format!("{LIBRARY}/vehicles/{vehicle}.toml").into());
         }
-        let mut facts = facts.clone();
-        facts["upload"] = key.clone().into();
-        if let Some(vehicle) = &body.vehicle {
-            facts["vehicle"] = vehicle.clone().into();
-        }
+        let facts = UploadFacts {
+            upload: key.clone(),
+            vehicle: body.vehicle.clone().or_else(|| facts.vehicle.clone()),
+            ..facts.clone()
+        };
         let draft = Draft {
             kind: JobKind::Log,
             name: log.new.name.clone(),
-            facts,
+            facts: JobFacts::Upload(facts),
             stored: StoredJob {
                 job: rotortwin_jobs::Job::LogImport(job),
                 inputs,

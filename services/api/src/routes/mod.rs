@@ -4,6 +4,7 @@ mod all_events;
 mod artifacts;
 mod autopilots;
 mod blind_benches;
+mod blind_cases;
 mod campaign_flights;
 mod campaigns;
 mod classifiers;
@@ -12,6 +13,7 @@ mod controllers;
 mod documents;
 mod events;
 mod exports;
+mod facts;
 mod fdi;
 mod fdi_reports;
 mod fdi_stream;
@@ -95,6 +97,7 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "verifications", description = "Runs that are flown again, to compare their hashes"),
         (name = "server", description = "How the server is")
     ),
+    components(schemas(rotortwin_jobs::JobFile, rotortwin_jobs::JobEvent, rotortwin_wire::events::RunEvent)),
     modifiers(&SignIn),
     security((), ("token" = []), ("session" = []))
 )]
@@ -146,6 +149,9 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(campaign_flights::fly))
         .routes(routes!(blind_benches::submit))
         .merge(blind_benches::blind_benches::routes())
+        .routes(routes!(blind_cases::list))
+        .routes(routes!(blind_cases::get))
+        .routes(routes!(blind_cases::log))
         .routes(routes!(classifiers::submit))
         .routes(routes!(classifiers::evaluate))
         .merge(classifiers::classifiers::routes())

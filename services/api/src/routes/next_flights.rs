@@ -1,5 +1,6 @@
 //! What to fly next: the manoeuvre that would tell two effects apart.
 
+use super::facts::{JobFacts, NextFlightFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, ModelChoice, OUT};
 use crate::access::Caller;
@@ -10,7 +11,6 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::{NextFlight, StoredJob};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use utoipa::ToSchema;
 
 super::collection!(
@@ -90,7 +90,10 @@ pub(crate) async fn submit(
     let draft = Draft {
         kind: JobKind::NextFlight,
         name,
-        facts: json!({ "model": body.model, "between": body.between }),
+        facts: JobFacts::NextFlight(NextFlightFacts {
+            model: body.model.clone(),
+            between: body.between.clone(),
+        }),
         stored: StoredJob {
             job: rotortwin_jobs::Job::NextFlight(job),
             inputs,

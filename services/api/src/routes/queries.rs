@@ -6,9 +6,8 @@ use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
-use crate::worker::answer::{Patience, Said};
-use axum::http::header::CONTENT_TYPE;
-use axum::response::{IntoResponse as _, Response};
+use crate::worker::answer::{Patience, Said, json};
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::ffi::OsString;
@@ -157,8 +156,7 @@ pub(crate) async fn query(
         )));
     }
     // As it is: 32 MiB of JSON as values would be several times as much memory of this process.
-    let answer = said.answer(patience)?;
-    Ok(([(CONTENT_TYPE, "application/json")], answer).into_response())
+    said.answer(patience).map(json)
 }
 
 /// Id and key of each job, whose Parquet files are local files after this.

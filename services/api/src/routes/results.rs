@@ -15,8 +15,16 @@ pub(crate) use rotortwin_twin::improve::Improvement as ImprovementResult;
 
 pub(crate) type LogResult = rotortwin_twin::log::ImportAccount<'static>;
 pub(crate) type IdentificationResult = rotortwin_twin::identify::Identification<'static>;
-/// The best manoeuvre first.
-pub(crate) type NextFlightResult = Vec<rotortwin_twin::next_flight::Proposal>;
+
+/// Manoeuvres, the best one first.
+#[derive(ToSchema)]
+#[schema(as = NextFlightProposals)]
+#[expect(
+    dead_code,
+    reason = "for the OpenAPI document: the list alone would be called `Vec` there"
+)]
+pub(crate) struct NextFlightResult(Vec<rotortwin_twin::next_flight::Proposal>);
+
 pub(crate) type ClassifierResult = rotortwin_scenario::classifier::TrainedClassifier<'static>;
 
 /// A job with what came out of it.

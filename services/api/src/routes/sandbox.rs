@@ -3,18 +3,17 @@
 use super::jobs::Shared;
 use crate::access::Caller;
 use crate::problem::Problem;
-use crate::worker::answer::{Patience, answer};
+use crate::worker::answer::{answered, json};
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
-use axum::http::header::CONTENT_TYPE;
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
 use rotortwin_twin::sandbox::EffectPicture;
 use serde::Deserialize;
 use std::ffi::OsString;
 use std::time::Duration;
 use utoipa::IntoParams;
 
-/// Longest wait for the questions before it, and for its own answer.
+/// Longest time that a picture takes.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// On which vehicle, how large.
@@ -82,21 +81,6 @@ pub(crate) async fn picture(
         words.push("--effects".into());
         words.push(library.file("effects", &name, "toml").into());
     }
-    let turn = tokio::time::timeout(PATIENCE, app.fdi.reports.acquire()).await;
-    let Ok(Ok(_turn)) = turn else {
-        return Err(Problem::unavailable(
-            "other questions are being answered; expected a later try",
-        ));
-    };
-    let patience = Patience {
-        memory: app.config.work.job_memory,
-        wall: PATIENCE,
-    };
-    let text = answer(&app.config.work.program, words, patience)
-        .await
-        .map_err(|mut problem| {
-            problem.detail = library.without_root(&problem.detail);
-            problem
-        })?;
-    Ok(([(CONTENT_TYPE, "application/json")], text).into_response())
+    let for_callers = |sentence: &str| library.without_root(&sentence);
+    answered(&app, words, PATIENCE, for_callers).await.map(json)
 }

@@ -1,5 +1,6 @@
 //! What submissions share that are no runs: jobs over the library, logs, runs and models.
 
+use super::facts::JobFacts;
 use super::jobs::{self, JobView, Terms};
 use crate::App;
 use crate::access::Caller;
@@ -37,7 +38,7 @@ const MOST_LOGS: usize = 64;
 pub(super) struct Draft {
     pub(super) kind: JobKind,
     pub(super) name: String,
-    pub(super) facts: serde_json::Value,
+    pub(super) facts: JobFacts,
     pub(super) stored: StoredJob,
     pub(super) terms: Terms,
 }
@@ -54,7 +55,7 @@ impl Draft {
             tenant: caller.tenant.clone(),
             priority: self.terms.priority,
             spec: self.stored.to_json().map_err(|error| Problem::internal(&error))?,
-            facts: self.facts.to_string(),
+            facts: serde_json::to_string(&self.facts).map_err(|error| Problem::internal(&error))?,
             parent: None,
             idempotency_key: None,
             request_hash: String::new(),
@@ -129,7 +130,7 @@ pub(super) async fn submit_in_parts(
         .map(|part| draft(Some(part)).into_job(caller))
         .collect::<Result<Vec<NewJob>, Problem>>()?;
     let mut whole = draft(None);
-    whole.facts["parts"] = parts.len().into();
+    whole.facts = whole.facts.with_parts(parts.len());
     whole.submit(app, caller, headers, body, parts).await
 }
 

@@ -169,10 +169,10 @@ pub(crate) struct Telemetry {
     /// There are fewer rows than samples.
     decimated: bool,
     /// Unit by channel.
-    #[schema(value_type = Object)]
+    #[schema(value_type = BTreeMap<String, String>)]
     units: serde_json::Value,
     /// Values by channel, `time_s` first; `null`: none.
-    #[schema(value_type = Object)]
+    #[schema(value_type = BTreeMap<String, Vec<Option<f64>>>)]
     data: serde_json::Value,
 }
 

@@ -1,5 +1,6 @@
 //! A model compared with flights: comparisons, diagnoses, improvements.
 
+use super::facts::{JobFacts, TwinFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, FINAL_MODEL, Flights, ModelChoice, OUT};
 use crate::App;
@@ -11,7 +12,6 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::{Comparison, Diagnosis, Improvement, Input, StoredJob};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
@@ -217,7 +217,11 @@ async fn submit(
     let draft = Draft {
         kind,
         name,
-        facts: facts(body),
+        facts: JobFacts::Twin(TwinFacts {
+            model: body.model.clone(),
+            flights: body.flights.clone(),
+            more_models: body.more_models.clone(),
+        }),
         stored: StoredJob { job, inputs },
         terms: Terms {
             priority: body.priority,
@@ -225,15 +229,6 @@ async fn submit(
         },
     };
     draft.submit(app, caller, headers, body, Vec::new()).await
-}
-
-/// What lists show.
-fn facts(body: &TwinSubmission) -> serde_json::Value {
-    let mut facts = json!({ "model": body.model, "flights": body.flights });
-    if !body.more_models.is_empty() {
-        facts["more_models"] = json!(body.more_models);
-    }
-    facts
 }
 
 fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem> {

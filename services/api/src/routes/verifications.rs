@@ -1,5 +1,6 @@
 //! Runs flown again: a job as any other, so that it is shared fairly and begun again if its worker is gone. The request waits for its end.
 
+use super::facts::{JobFacts, VerificationFacts};
 use super::jobs::{self, Shared, Terms};
 use super::runs;
 use super::tasks::Draft;
@@ -17,7 +18,6 @@ use rotortwin_jobs::{Input, StoredJob, Verification as VerificationJob, Verified
 use rotortwin_sim::commands::COMMANDS_FILE;
 use rotortwin_store::files::SUMMARY_FILE;
 use serde::Serialize;
-use serde_json::json;
 use std::time::Duration;
 use utoipa::ToSchema;
 
@@ -103,7 +103,7 @@ pub(crate) async fn verify(
     let draft = Draft {
         kind: JobKind::Verification,
         name: run.new.name.clone(),
-        facts: json!({ "run": run.id }),
+        facts: JobFacts::Verification(VerificationFacts { run: run.id.clone() }),
         stored: StoredJob {
             job: rotortwin_jobs::Job::Verification(VerificationJob { run: RUN.into() }),
             inputs,

@@ -1,7 +1,10 @@
 //! A command whose output answers a request while its caller waits: what it reads costs this request, never the server.
 
 use super::child::{self, Limits};
+use crate::App;
 use crate::problem::Problem;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse as _, Response};
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::{Output, Stdio};
@@ -20,18 +23,45 @@ pub(crate) struct Patience {
     pub(crate) wall: Duration,
 }
 
-/// Runs `program WORDS…` and gives what it wrote: JSON.
+/// Longest wait for the questions that came before.
+const QUEUE: Duration = Duration::from_secs(60);
+
+/// Runs `rotortwin WORDS…` when its turn has come, and answers with the JSON that it writes.
 ///
 /// A command that has both an answer and a complaint, such as a log that lacks what every detector needs, has answered.
 ///
+/// * `wall`: its longest time
+/// * `for_callers`: a complaint without what is only the server's matter, such as paths
+///
 /// # Errors
-/// 422 with the command's sentence if its input is bad, or it reached a limit; 500 if it gave no answer for another reason.
-pub(crate) async fn answer<W: AsRef<OsStr>>(
-    program: &Path,
+/// 422 with the command's sentence if its input is bad, or it reached a limit; 500 if it gave no answer for another reason; 503 if too many
+/// questions came before.
+pub(crate) async fn answered<W: AsRef<OsStr>>(
+    app: &App,
     words: impl IntoIterator<Item = W>,
-    patience: Patience,
+    wall: Duration,
+    for_callers: impl Fn(&str) -> String,
 ) -> Result<String, Problem> {
-    Said::by(program, words, patience, None).await?.answer(patience)
+    let turn = tokio::time::timeout(QUEUE, app.fdi.reports.acquire()).await;
+    let Ok(Ok(_turn)) = turn else {
+        return Err(Problem::unavailable(
+            "other logs and effects are being looked at; expected a later try",
+        ));
+    };
+    let patience = Patience {
+        memory: app.config.work.job_memory,
+        wall,
+    };
+    let said = Said::by(&app.config.work.program, words, patience, None).await;
+    said.and_then(|said| said.answer(patience)).map_err(|mut problem| {
+        problem.detail = for_callers(&problem.detail);
+        problem
+    })
+}
+
+/// JSON as a response.
+pub(crate) fn json(text: String) -> Response {
+    ([(CONTENT_TYPE, "application/json")], text).into_response()
 }
 
 /// What a command has said.
@@ -81,7 +111,7 @@ impl Said {
         sentence.strip_prefix("rotortwin: ").unwrap_or(&sentence).to_owned()
     }
 
-    /// See [`answer`].
+    /// The JSON that it wrote: see [`answered`].
     ///
     /// # Errors
     /// 422, 500.
