@@ -24,13 +24,13 @@ pub struct Readings {
     pub pressure_hpa: f64,
     /// Altitude of that pressure in the standard atmosphere, m.
     pub pressure_altitude_m: f64,
-    /// The fix received since the last readings.
+    /// °C.
     pub temperature_c: f64,
-    /// Distance to the ground along the body's down axis, m; `None`: out of range.
+    /// The fix received since the last readings.
     pub gps: Option<Fix>,
-    /// At the battery's terminals, V; 0: unknown.
+    /// Distance to the ground along the body's down axis, m; `None`: out of range.
     pub range_m: Option<f64>,
-    /// At the battery's terminals, V; 0: nobody says.
+    /// At the battery's terminals, V; 0: unknown.
     pub battery_voltage_v: f64,
     /// Discharge positive, A.
     pub battery_current_a: f64,
