@@ -4,10 +4,10 @@
 //!  document ─▶ plan ─▶ engine (one record per flight) ─▶ runner ─▶ folder: shards ─▶ totals ─▶ tables, report, summary
 //! ```
 //!
-//! * [`document`]: the file. * [`plan`]: what flight i is. * [`engine`], [`score`], [`record`]: what became of it.
+//! * [`document`]: the file. * [`plan`]: the parameters of flight i. * [`engine`], [`score`], [`record`]: its results.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
-//! * [`merge`]: shards that were flown on other machines. * [`hunt`]: flights where the detector fails, shrunk to what matters.
+//! * [`merge`]: shards flown on other machines. * [`hunt`]: flights in which the detector fails, shrunk to what matters.
 
 pub mod cell;
 pub mod document;
