@@ -1,4 +1,4 @@
-//! Blind benches: logs with hidden effects from a foreign simulator, each diagnosed, and the answers scored.
+//! Blind benches: logs with hidden effects from an independent simulator, each diagnosed, and the answers scored.
 
 use rotortwin_blind::bench::cases::Preset;
 use serde::{Deserialize, Serialize};
@@ -6,10 +6,11 @@ use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// A blind bench, or some of its cases. What its folder holds already is not done again: over the rows of all parts it only makes the score.
+/// A blind bench, or some of its cases. Existing results in its folder are not recomputed: with the rows of all parts it only computes the
+/// score.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BlindBench {
-    /// What is to be shown: one after the other.
+    /// Presets to run, one after another.
     pub presets: Vec<Preset>,
     /// Cases of each preset.
     pub n: usize,
@@ -19,7 +20,7 @@ pub struct BlindBench {
     pub vehicles: Vec<String>,
     /// Length of a flight, s.
     pub duration_s: f64,
-    /// Folder of the results; a bench that was stopped is continued there.
+    /// Folder of the results; an interrupted bench resumes there.
     pub out: PathBuf,
     /// Only these cases, counted over all presets; unset: all, and the score.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -1,10 +1,10 @@
-//! A job as a file, for the process that does it: `rotortwin job FILE`.
+//! A job as a file, for the process that executes it: `rotortwin job FILE`.
 //!
 //! ```json
 //! {"version": 2, "job": {"job": "diagnosis", "logs": ["hover.parquet"], "model": "f550.toml", "models": "models"}}
 //! ```
-//! A worker writes one for each job. `here` is what only the machine knows that does the job; whatever is left out there is as if somebody had
-//! typed the command.
+//! A worker writes one for each job. `here` contains what only the executing machine knows; keys omitted there default to those of the
+//! command line.
 
 use crate::Job;
 use crate::error::NotUnderstood;
@@ -12,23 +12,23 @@ use crate::stored::StoredJob;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// The version that is written.
+/// Version written.
 const VERSION: u64 = 2;
 
-/// A job, and what belongs to the machine that does it. Paths are relative to the folder in which the process is started.
+/// A job, and the settings of the machine that executes it. Paths are relative to the folder in which the process is started.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobFile {
-    /// What is to be done.
+    /// The job.
     pub job: Job,
-    /// Where.
+    /// Settings of the machine.
     pub here: Here,
 }
 
-/// What belongs to the machine that does a job.
+/// Machine-specific settings of a job.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Here {
-    /// Whoever started the process holds its standard input open: it ends when that does.
+    /// The process ends when its standard input is closed; the parent process holds it open.
     #[serde(default)]
     pub until_input_ends: bool,
     /// For a flight.
@@ -36,25 +36,25 @@ pub struct Here {
     pub flight: FlightHere,
 }
 
-/// What a flight needs of the machine where the plant is.
+/// Machine-specific settings of a flight, on the plant's machine.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FlightHere {
     /// Run folder to write; unset: `out`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
-    /// Samples of the telemetry to tell, a second of simulated time; unset: none.
+    /// Telemetry samples to report per second of simulated time; unset: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub live_hz: Option<f64>,
-    /// Where processes on other hosts meet the plant; unset: a free port of this host's loopback address.
+    /// Where processes on other hosts connect to the plant; unset: a free port of this host's loopback address.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub meeting: Option<Meeting>,
-    /// Where the autopilot is that the job names.
+    /// Address of the autopilot named by the job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub autopilot: Option<AutopilotHere>,
 }
 
-/// Where the processes of a flight meet that are not on one host.
+/// Meeting point of a flight's processes on different hosts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Meeting {
@@ -64,12 +64,12 @@ pub enum Meeting {
     Connect(String),
 }
 
-/// An autopilot that can be reached from here, as its operator has listed it.
+/// An autopilot reachable from here, as listed by its operator.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AutopilotHere {
     /// `ardupilot:ADDR`, `px4:ADDR` or `betaflight:ADDR`.
     pub address: String,
-    /// Where it takes commands, or `none`; unset: where such an autopilot usually does.
+    /// Its command address, or `none`; unset: the default of such an autopilot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pilot: Option<String>,
 }
@@ -81,7 +81,7 @@ struct Written<'a> {
     here: &'a Here,
 }
 
-/// What stands beside the job.
+/// Keys next to the job.
 #[derive(Deserialize)]
 struct Beside {
     #[serde(default)]
@@ -89,7 +89,7 @@ struct Beside {
 }
 
 impl JobFile {
-    /// As a text: a JSON object.
+    /// As a JSON object.
     ///
     /// # Errors
     /// A path is not UTF-8.
@@ -101,10 +101,10 @@ impl JobFile {
         })
     }
 
-    /// Reads a file of any version up to this one's, or a row of the queue that needs nothing laid out.
+    /// Reads a file of any version up to this one's, or a row of the queue without inputs to be laid out.
     ///
     /// # Errors
-    /// It is none, or a later version's, or names inputs that only a worker can lay out.
+    /// It is invalid, has a later version, or names inputs that only a worker can lay out.
     pub fn parse(text: &str) -> Result<Self, NotUnderstood> {
         let StoredJob { job, inputs } = StoredJob::parse(text)?;
         if let Some(input) = inputs.first() {

@@ -1,16 +1,16 @@
-//! Classifiers are trained.
+//! Training of classifiers.
 
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// A classifier to be trained: the same seeds give the same bits.
+/// Training of a classifier: the same seeds give bit-identical results.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Training {
-    /// What the network reads and how it is trained.
+    /// Inputs and training of the network.
     pub method: Method,
-    /// Scenario that gives vehicle, controller, sensors and detector settings.
+    /// Scenario that provides vehicle, controller, sensors and detector settings.
     pub scenario: PathBuf,
     /// Number of data sets (one per seed).
     pub seeds: u32,
@@ -35,7 +35,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// As JSON and the command line have it.
+    /// Name in JSON and on the command line.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Paper => "paper",

@@ -1,13 +1,13 @@
-//! A run that was done is flown again.
+//! Replay of a recorded run.
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// A run that was done is flown again, in one process, and its run hash compared.
+/// Replay of a recorded run, in one process, with comparison of the run hash.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Verification {
-    /// Its folder: the summary, and what an autopilot sent if one flew.
+    /// Its folder: the summary, and the recorded commands if an autopilot flew.
     pub run: PathBuf,
 }
 

@@ -1,9 +1,9 @@
-//! What the detectors say, as data, and whole flight logs judged by them.
+//! Verdicts of the detectors as data, and evaluation of whole flight logs.
 //!
-//! * [`view`]: a verdict, a window, a session's answer as JSON, for everything that shows one: the API, the command, Python.
-//! * [`log`]: a flight log judged: verdicts over time, the last word, what could not be judged and why.
-//! * [`score`]: how right that was, where the truth is known.
-//! * [`detectors`]: which detectors, of a model and settings.
+//! * [`view`]: verdicts, windows and session results as JSON, for the API, the command line and Python.
+//! * [`log`]: evaluation of a flight log: verdicts over time, the final verdict, what could not be evaluated and why.
+//! * [`score`]: its accuracy, if the truth is known.
+//! * [`detectors`]: detectors for a model and settings.
 
 pub mod detectors;
 pub mod fleet;

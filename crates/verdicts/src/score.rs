@@ -1,5 +1,5 @@
-//! How right the detectors were on a log whose truth is known, as JSON: what `rotortwin fdi-log --truth` prints and
-//! `POST /api/v1/fdi/scores` answers. Definitions: docs/campaigns.md.
+//! Accuracy of the detectors on a log with known truth, as JSON: printed by `rotortwin fdi-log --truth` and returned by
+//! `POST /api/v1/fdi/scores`. Definitions: docs/campaigns.md.
 
 use rotortwin_plant::STEP_S;
 use serde::{Deserialize, Serialize};
