@@ -118,7 +118,7 @@ impl Input {
         Ok(())
     }
 
-    /// Where a written value comes from.
+    /// Provenance of a written value.
     fn provenance(&self, what: &str) -> String {
         let names: Vec<String> = self
             .files
